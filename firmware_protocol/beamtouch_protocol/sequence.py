@@ -1,0 +1,37 @@
+"""The device's counters, which wrap, made whole again on the host."""
+
+
+def missing_between(previous: int, current: int) -> int:
+    """Return how many readings were lost between two that arrived one after the other.
+
+    Parameters
+    ----------
+    previous, current
+        Their `sequence`, modulo 2**16.
+
+    Returns
+    -------
+    int
+        0 to 65535. Exact as long as fewer than 2**16 readings were lost; a longer silence is for the host's own clock
+        to notice.
+    """
+    return (current - previous - 1) % (1 << 16)
+
+
+class DeviceClock:
+    """Extends `device_us`, which wraps every 71.6 minutes, to a count that does not.
+
+    Never runs backwards. It holds for one boot of the device, and for readings less than 71.6 minutes apart: make a
+    new one after a Hello with another boot id, and after any longer silence.
+    """
+
+    def __init__(self) -> None:
+        self._us: int | None = None
+
+    def extend(self, device_us: int) -> int:
+        """Return the device time in microseconds; the first value stands as it is, the others count on from there."""
+        if self._us is None:
+            self._us = device_us
+        else:
+            self._us += (device_us - self._us) % (1 << 32)
+        return self._us

@@ -1,0 +1,81 @@
+"""A daemon config for a model, ready to run against the rig; the daemon owns its format and checks it."""
+
+import json
+import secrets
+from pathlib import Path
+
+from beamtouch_models.modelfile import FilterChoice, Metadata
+
+TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
+RIG_PORT = 5020
+SERVICE_URL = "http://127.0.0.1:8420"
+
+
+def daemon_config(metadata: Metadata) -> str:
+    """Return the TOML text of a config with one surface, named and calibrated as the model says."""
+    return "\n".join(
+        [_head(metadata), _filter(metadata), *(_channel(metadata, i) for i in range(len(metadata.layout)))]
+    )
+
+
+def write_token_if_absent(folder: Path) -> Path:
+    """Write a random token that only its owner may read, unless there is one; returns its path."""
+    path = folder / TOKEN_FILE
+    if not path.exists():
+        path.touch(mode=0o600)
+        path.write_text(secrets.token_urlsafe(32) + "\n", encoding="ascii")
+    return path
+
+
+def _head(metadata: Metadata) -> str:
+    name = json.dumps(metadata.name)
+    return f"""\
+# Acquisition for the surface {name}. Check it with `beamtouch-daemon check` on this file.
+
+[publish]
+url = "{SERVICE_URL}"
+token_file = "{TOKEN_FILE}"       # the same file that `beamtouch-service run --token-file` is given
+
+[surfaces.{name}]
+rate_hz = {metadata.sensor.rate_hz!r}
+
+[surfaces.{name}.source]
+kind = "modbus-tcp"                   # the rig: beamtouch-rig ... --modbus-tcp 127.0.0.1:{RIG_PORT}
+host = "127.0.0.1"
+port = {RIG_PORT}
+unit = 1
+# kind = "modbus-rtu"                 # or a serial bus:
+# port = "/dev/ttyUSB0"
+# baud = 115200
+# unit = 1
+# kind = "serial"                     # or a device that speaks PROTOCOL.md:
+# port = "/dev/ttyACM0"
+# baud = 1000000
+"""
+
+
+def _filter(metadata: Metadata) -> str:
+    chosen: FilterChoice = metadata.filter
+    lines = [
+        f"[surfaces.{json.dumps(metadata.name)}.filter]    # the model was made for this filter",
+        f'kind = "{chosen.kind}"',
+    ]
+    if chosen.kind == "moving-average":
+        lines.append(f"window = {chosen.window}")
+    if chosen.spike_mm is not None:
+        lines.append(f"spike_mm = {chosen.spike_mm!r}")
+    return "\n".join(lines) + "\n"
+
+
+def _channel(metadata: Metadata, index: int) -> str:
+    sensor, channel = metadata.sensor, metadata.layout[index]
+    return f"""\
+[[surfaces.{json.dumps(metadata.name)}.channels]]
+name = {json.dumps(channel.name)}                           # mounted {channel.position_mm:g} mm from the left end
+register = {index}
+gain_mm_per_count = {sensor.gain_mm_per_count!r}
+offset_mm = {sensor.offset_mm!r}
+rest_gap_mm = {sensor.standoff_mm!r}
+range_mm = [{sensor.range_mm[0]!r}, {sensor.range_mm[1]!r}]
+adc_bits = {sensor.adc_bits}
+"""

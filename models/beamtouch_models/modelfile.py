@@ -1,0 +1,266 @@
+"""The one deployable file: an ONNX graph whose metadata says everything that is needed to run it.
+
+The service takes this module and no other of the package, so it imports onnxruntime, numpy and pydantic only.
+Writing a model file is in `export`.
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError
+
+SCHEMA_VERSION: Literal[1] = 1
+METADATA_PREFIX = "beamtouch."
+INPUTS = ("deflection_mm", "valid")
+POSITION_OUTPUTS = ("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds")
+FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
+
+GOLDEN_TOLERANCE = 1e-3
+"""How far a golden answer may come out from what the file states, in mm, N and nats; float32 needs a tenth of it."""
+
+Answers = dict[str, NDArray[np.float32]]
+
+
+class ModelFileError(ValueError):
+    """A file that is not a model, or a model that does not give its own golden answers."""
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Channel(_Strict):
+    """One sensor of the layout."""
+
+    name: str = Field(min_length=1, max_length=64)
+    position_mm: FiniteFloat
+    """From the left end of the beam."""
+
+
+class Ranges(_Strict):
+    """What the model was made for; outside of it, it knows nothing."""
+
+    position_mm: tuple[FiniteFloat, FiniteFloat]
+    force_n: tuple[PositiveFloat, PositiveFloat]
+    """Equal ends: the force is known."""
+
+
+class Noise(_Strict):
+    """Standard deviations in mm."""
+
+    reading_mm: float = Field(ge=0)
+    sample_mm: float = Field(ge=0)
+    """After the filter; what the model was trained with."""
+
+
+class FilterChoice(_Strict):
+    """The filter between reading and sample that the model was made for."""
+
+    kind: Literal["none", "moving-average"] = "none"
+    window: int = Field(default=1, ge=1)
+    spike_mm: PositiveFloat | None = None
+    """A reading further than this from the median of the last three is a spike; null: no spike filter."""
+    settling_ms: float = Field(default=0.0, ge=0)
+    """From the first reading of a new load to the first sample that knows only that load."""
+
+
+class Sensor(_Strict):
+    """What every channel has in common."""
+
+    rate_hz: PositiveFloat
+    range_mm: tuple[PositiveFloat, PositiveFloat]
+    standoff_mm: PositiveFloat
+    """Gap at rest."""
+    adc_bits: int = Field(ge=6, le=16)
+    gain_mm_per_count: FiniteFloat
+    offset_mm: FiniteFloat
+    """gap in mm = offset + gain x counts, the nominal characteristic."""
+
+
+class Accuracy(_Strict):
+    """Mean |position error| in percent of the length (eq. 5 of the paper), over the scene's ranges."""
+
+    error_percent: float
+    error_standard_error: float
+    limit_percent: float
+    limit_standard_error: float
+
+    @property
+    def ratio(self) -> float:
+        """Error over the accuracy limit; 1 is the best that any estimator can do."""
+        return self.error_percent / self.limit_percent if self.limit_percent else float("nan")
+
+
+class Golden(_Strict):
+    """Inputs with the answers that the graph gave when it was made."""
+
+    deflection_mm: list[list[FiniteFloat]] = Field(min_length=1)
+    valid: list[list[bool]] = Field(min_length=1)
+    answers: dict[str, list[FiniteFloat]]
+
+
+class Metadata(_Strict):
+    """Everything the file says of itself; each field is one metadata entry, as JSON, under `beamtouch.<field>`."""
+
+    schema_version: Literal[1] = SCHEMA_VERSION
+    name: str = Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")
+    """Of the scene; the surface's name unless a config gives another."""
+    estimator: str
+    length_mm: PositiveFloat
+    layout: Annotated[list[Channel], Field(min_length=1)]
+    """In input order."""
+    min_channels: int = Field(ge=1)
+    """With fewer working channels than this the model gives no position."""
+    ranges: Ranges
+    max_deflection_mm: PositiveFloat
+    """The largest in the scene, anywhere on the beam, at the largest force."""
+    noise: Noise
+    filter: FilterChoice
+    sensor: Sensor
+    contact_threshold: FiniteFloat
+    """Contact is stated when `contact_log_odds` exceeds this."""
+    seed: int
+    accuracy: Accuracy
+    golden: Golden
+    scene: str
+    """The scene's TOML text, so that a model can be rebuilt from itself."""
+
+    def to_entries(self) -> dict[str, str]:
+        """Return the ONNX metadata entries, key to JSON text."""
+        fields = self.model_dump(mode="json")
+        return {METADATA_PREFIX + key: json.dumps(value, sort_keys=True) for key, value in fields.items()}
+
+    @classmethod
+    def from_entries(cls, entries: dict[str, str]) -> "Metadata":
+        """Read the ONNX metadata entries; raises ModelFileError naming the first entry that is wrong."""
+        ours = {
+            key.removeprefix(METADATA_PREFIX): text for key, text in entries.items() if key.startswith(METADATA_PREFIX)
+        }
+        if not ours:
+            message = "it is an ONNX file but not a Beamtouch model: it has no beamtouch metadata"
+            raise ModelFileError(message)
+        try:
+            return cls.model_validate({key: json.loads(text) for key, text in ours.items()})
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            message = f"metadata entry {METADATA_PREFIX}{where}: {first['msg']}"
+            raise ModelFileError(message) from None
+        except json.JSONDecodeError:
+            message = "its metadata is not JSON"
+            raise ModelFileError(message) from None
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A loaded model, ready to answer."""
+
+    metadata: Metadata
+    identity: str
+    """`name@` and the first six hex digits of the file's SHA-256."""
+    outputs: tuple[str, ...]
+    session: Any
+    """The onnxruntime session; onnxruntime ships no types."""
+
+    @property
+    def channels(self) -> list[str]:
+        """Channel names in input order."""
+        return [channel.name for channel in self.metadata.layout]
+
+    def estimate(self, deflection_mm: NDArray[np.float32], valid: NDArray[np.bool_]) -> Answers:
+        """Answer a batch.
+
+        Parameters
+        ----------
+        deflection_mm : (batch, channels) float32, mm, in the order of the layout; what invalid channels hold is ignored
+        valid : (batch, channels) bool
+
+        Returns
+        -------
+        One float32 array (batch,) per output name.
+        """
+        values = self.session.run(None, {"deflection_mm": deflection_mm, "valid": valid})
+        return dict(zip(self.outputs, values, strict=True))
+
+
+def load(path: Path) -> ModelFile:
+    """Load a model file and reproduce its golden answers.
+
+    Raises
+    ------
+    ModelFileError
+        The file cannot be read, is damaged, is no Beamtouch model, or gives other answers than it states.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        message = f"{path}: {error.strerror}"
+        raise ModelFileError(message) from None
+    return load_bytes(content, str(path))
+
+
+def load_bytes(content: bytes, origin: str) -> ModelFile:
+    """Load a model from memory; `origin` is named in errors. Raises ModelFileError as `load` does."""
+    try:
+        session = ort.InferenceSession(content, _session_options(), providers=["CPUExecutionProvider"])
+    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
+        message = f"{origin}: damaged or not an ONNX file; build it again with `design-sensors build` ({first_line})"
+        raise ModelFileError(message) from None
+    try:
+        metadata = Metadata.from_entries(session.get_modelmeta().custom_metadata_map)
+        model = ModelFile(
+            metadata=metadata,
+            identity=f"{metadata.name}@{hashlib.sha256(content).hexdigest()[:6]}",
+            outputs=tuple(output.name for output in session.get_outputs()),
+            session=session,
+        )
+        _check_signature(model)
+        _check_golden(model)
+    except ModelFileError as error:
+        message = f"{origin}: {error}"
+        raise ModelFileError(message) from None
+    return model
+
+
+def _session_options() -> ort.SessionOptions:
+    """One thread that does not spin: an answer takes microseconds, and waiting must cost nothing."""
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    options.log_severity_level = 4
+    return options
+
+
+def _check_signature(model: ModelFile) -> None:
+    inputs = tuple(entry.name for entry in model.session.get_inputs())
+    if inputs != INPUTS:
+        message = f"its inputs are {', '.join(inputs)} where {', '.join(INPUTS)} are expected"
+        raise ModelFileError(message)
+    if "position_mm" not in model.outputs:
+        message = "it has no output position_mm"
+        raise ModelFileError(message)
+
+
+def _check_golden(model: ModelFile) -> None:
+    golden = model.metadata.golden
+    count = len(model.channels)
+    rows: list[list[float] | list[bool]] = [*golden.deflection_mm, *golden.valid]
+    if any(len(row) != count for row in rows):
+        message = f"its golden inputs do not have {count} channels"
+        raise ModelFileError(message)
+    answers = model.estimate(np.array(golden.deflection_mm, np.float32), np.array(golden.valid, np.bool_))
+    for name in model.outputs:
+        expected = np.array(golden.answers.get(name, []), np.float32)
+        if expected.shape != answers[name].shape or not np.allclose(
+            answers[name], expected, rtol=GOLDEN_TOLERANCE, atol=GOLDEN_TOLERANCE
+        ):
+            message = f"its golden answers for {name} do not come out on this machine"
+            raise ModelFileError(message)

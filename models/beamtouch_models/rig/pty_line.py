@@ -1,0 +1,81 @@
+"""Serial lines without hardware: pseudo-terminals with a name that stays."""
+
+import asyncio
+import os
+import termios
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from beamtouch_models.errors import SceneError
+
+_CHUNK = 4096
+
+
+@contextmanager
+def _raw_pty() -> Iterator[tuple[int, str]]:
+    """Open a pseudo-terminal that passes bytes as they are; yields the master and the path of the other end."""
+    # The slave stays open as long as the master: without it the master reports a hang-up between two clients.
+    master, slave = os.openpty()
+    try:
+        tty.setraw(slave, termios.TCSANOW)
+        os.set_blocking(master, False)
+        yield master, os.ttyname(slave)
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+@contextmanager
+def named_line(path: Path) -> Iterator[int]:
+    """Make a serial line that others open at `path`; yields the descriptor of this end, which does not block.
+
+    Raises
+    ------
+    SceneError
+        Something else already has that name.
+    """
+    with _raw_pty() as (master, name):
+        _link(path, name)
+        try:
+            yield master
+        finally:
+            path.unlink(missing_ok=True)
+
+
+@contextmanager
+def joined_line(path: Path) -> Iterator[str]:
+    """Make a pair of pseudo-terminals joined to one line: others open `path`, this process opens the yielded path.
+
+    For libraries that insist on opening a path themselves. Needs a running event loop.
+    """
+    with _raw_pty() as (near, near_name), named_line(path) as far:
+        loop = asyncio.get_running_loop()
+        loop.add_reader(near, _copy, near, far)
+        loop.add_reader(far, _copy, far, near)
+        try:
+            yield near_name
+        finally:
+            loop.remove_reader(near)
+            loop.remove_reader(far)
+
+
+def _link(path: Path, target: str) -> None:
+    if path.is_symlink() and not path.exists():
+        path.unlink()  # what an earlier rig left when it was killed
+    try:
+        path.symlink_to(target)
+    except FileExistsError:
+        message = f"{path}: exists already; give a new name, or take the file away"
+        raise SceneError(message) from None
+    except OSError as error:
+        message = f"{path}: {error.strerror}"
+        raise SceneError(message) from None
+
+
+def _copy(source: int, target: int) -> None:
+    try:
+        os.write(target, os.read(source, _CHUNK))
+    except BlockingIOError:
+        return  # nobody reads the other end; a real line would lose the bytes as well

@@ -1,0 +1,120 @@
+"""Runs the rig: a script drives the virtual surface, a device speaks for it, the truth goes to a file."""
+
+import asyncio
+import signal
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer
+
+from beamtouch_models.errors import SceneError
+from beamtouch_models.rig import modbus_device
+from beamtouch_models.rig.pty_line import joined_line, named_line
+from beamtouch_models.rig.script import Load, Script
+from beamtouch_models.rig.serial_device import SerialDevice
+from beamtouch_models.rig.surface import VirtualSurface
+
+TRUTH_PERIOD_S = 0.01
+TRUTH_HEADER = "unix_time_s,position_mm,force_n"
+
+Convert = Callable[[], list[int]]
+
+
+@dataclass(frozen=True)
+class Device:
+    """How the surface is reached; exactly one is given."""
+
+    modbus_tcp: tuple[str, int] | None = None
+    modbus_rtu: Path | None = None
+    serial: Path | None = None
+
+
+async def run(surface: VirtualSurface, script: Script, device: Device, truth: Path | None) -> None:
+    """Serve until SIGINT or SIGTERM.
+
+    Raises
+    ------
+    SceneError
+        The port or the path cannot be had.
+    OSError
+        The truth file cannot be written.
+    """
+    started = time.monotonic()
+
+    def load() -> Load:
+        return script.at(time.monotonic() - started)
+
+    def convert() -> list[int]:
+        return surface.counts(load())
+
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    with ExitStack() as resources:
+        serve = await _device(device, surface, convert, resources)
+        tasks: list[asyncio.Future[Any]] = [asyncio.ensure_future(serve)]
+        if truth is not None:
+            tasks.append(asyncio.ensure_future(_write_truth(truth, load)))
+        tasks.append(asyncio.ensure_future(stop.wait()))
+        done, pending = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in pending:
+            task.cancel()
+        await asyncio.gather(*pending, return_exceptions=True)
+        for task in done:
+            task.result()
+
+
+async def _device(device: Device, surface: VirtualSurface, convert: Convert, resources: ExitStack) -> Awaitable[None]:
+    """Open the device, say where it is, and return what serves it."""
+    if device.modbus_tcp is not None:
+        host, port = device.modbus_tcp
+        tcp = modbus_device.tcp_server(convert, surface.channels, host, port)
+        await _listen(tcp, f"{host}:{port}")
+        if isinstance(tcp.transport, asyncio.Server):  # port 0 lets the system choose; say which it chose
+            port = tcp.transport.sockets[0].getsockname()[1]
+        _announce(f"modbus-tcp {host}:{port}")
+        return tcp.serving
+    if device.modbus_rtu is not None:
+        rtu = modbus_device.rtu_server(convert, surface.channels, _port(device.modbus_rtu, resources))
+        await _listen(rtu, str(device.modbus_rtu))
+        _announce(f"modbus-rtu {device.modbus_rtu}")
+        return rtu.serving
+    if device.serial is not None:
+        line = resources.enter_context(named_line(device.serial))
+        _announce(f"serial {device.serial}")
+        return SerialDevice(line, convert, surface.channels, surface.sensor.adc_bits).serve()
+    message = "no device given"
+    raise AssertionError(message)
+
+
+async def _listen(server: ModbusTcpServer | ModbusSerialServer, where: str) -> None:
+    try:
+        await server.serve_forever(background=True)
+    except RuntimeError:  # pymodbus's way of saying that it cannot listen
+        message = f"cannot listen on {where}; is it in use?"
+        raise SceneError(message) from None
+
+
+def _port(path: Path, resources: ExitStack) -> str:
+    """Return the path that the Modbus server opens: the serial device itself, or our end of a virtual line."""
+    return str(path) if path.is_char_device() else resources.enter_context(joined_line(path))
+
+
+def _announce(where: str) -> None:
+    print(f"listening on {where}", flush=True)
+
+
+async def _write_truth(path: Path, load: Callable[[], Load]) -> None:
+    """Write what really touches, a row each 10 ms, each row at once so that it can be followed live."""
+    with path.open("w", encoding="ascii", buffering=1) as file:
+        file.write(TRUTH_HEADER + "\n")
+        while True:
+            now = load()
+            position = "" if now.position_mm is None else f"{now.position_mm:.4f}"
+            file.write(f"{time.time():.6f},{position},{now.force_n:.4f}\n")
+            await asyncio.sleep(TRUTH_PERIOD_S)

@@ -1,0 +1,117 @@
+"""What happens to the virtual surface: loads touch, move and lift, as a script says."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, NamedTuple, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from beamtouch_models.errors import SceneError
+from beamtouch_models.scene import Scene
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class Load(NamedTuple):
+    """What touches at one instant; no position where nothing does."""
+
+    position_mm: float | None
+    force_n: float
+
+
+class Step(BaseModel):
+    """One stretch of time: at rest without a position, resting with one, moving with two."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    seconds: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    position_mm: Finite | tuple[Finite, Finite] | None = None
+    force_n: NotNegative | tuple[NotNegative, NotNegative] | None = None
+
+    @model_validator(mode="after")
+    def _both_or_neither(self) -> Self:
+        if (self.position_mm is None) != (self.force_n is None):
+            message = "give position_mm and force_n together, or neither for a beam at rest"
+            raise ValueError(message)
+        return self
+
+    def at(self, fraction: float) -> Load:
+        """Load at a fraction 0..1 of the step."""
+        if self.position_mm is None or self.force_n is None:
+            return Load(None, 0.0)
+        return Load(_between(self.position_mm, fraction), _between(self.force_n, fraction))
+
+
+class Script(BaseModel):
+    """Steps one after the other; from the start again after the last if `repeat`, else at rest for good."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    repeat: bool = True
+    step: Annotated[list[Step], Field(min_length=1)]
+
+    def at(self, seconds: float) -> Load:
+        """Load at a time since the start."""
+        total = sum(step.seconds for step in self.step)
+        if seconds >= total and not self.repeat:
+            return Load(None, 0.0)
+        rest = seconds % total
+        for step in self.step:
+            if rest < step.seconds:
+                return step.at(rest / step.seconds)
+            rest -= step.seconds
+        return self.step[-1].at(1.0)
+
+
+def load_script(path: Path, length_mm: float) -> Script:
+    """Read a script file for a beam of `length_mm`; raises SceneError with the reason in one line."""
+    try:
+        script = Script.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        message = f"{path}: {error.strerror}"
+        raise SceneError(message) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        message = f"{path}: not valid TOML: {error}"
+        raise SceneError(message) from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        message = f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg'].removeprefix('Value error, ')}"
+        raise SceneError(message) from None
+    for number, step in enumerate(script.step, start=1):
+        ends = step.position_mm if isinstance(step.position_mm, tuple) else (step.position_mm,)
+        if any(end is not None and not 0 <= end <= length_mm for end in ends):
+            message = f"{path}: step {number}: position_mm lies beyond the beam, 0..{length_mm:g} mm"
+            raise SceneError(message)
+    return script
+
+
+def default_script(scene: Scene) -> Script:
+    """Touch, rest, move and lift all over the range of a scene, in about 20 s."""
+    low, high = scene.contact.position_mm
+    weak, strong = scene.contact.force_range_n
+    middle = (weak + strong) / 2
+
+    def at(fraction: float) -> float:
+        return low + fraction * (high - low)
+
+    return Script(
+        step=[
+            Step(seconds=1.0),
+            Step(seconds=2.0, position_mm=at(0.25), force_n=middle),
+            Step(seconds=3.0, position_mm=(at(0.25), at(0.75)), force_n=middle),
+            Step(seconds=1.5, position_mm=at(0.75), force_n=middle),
+            Step(seconds=1.0),
+            Step(seconds=2.0, position_mm=at(0.5), force_n=strong),
+            Step(seconds=3.0, position_mm=(at(0.5), at(0.2)), force_n=(strong, middle)),
+            Step(seconds=1.0),
+            Step(seconds=1.5, position_mm=at(0.4), force_n=(weak + middle) / 2),
+            Step(seconds=2.5, position_mm=(at(0.4), at(0.8)), force_n=(middle, strong)),
+        ]
+    )
+
+
+def _between(ends: float | tuple[float, float], fraction: float) -> float:
+    if not isinstance(ends, tuple):
+        return ends
+    return ends[0] + fraction * (ends[1] - ends[0])

@@ -1,0 +1,95 @@
+"""A device that measures the virtual surface and speaks the serial protocol (PROTOCOL.md)."""
+
+import asyncio
+import os
+import secrets
+import time
+from collections.abc import Callable
+
+from beamtouch_protocol.framing import DELIMITER, Decoder, encode
+from beamtouch_protocol.messages import (
+    PROTOCOL_VERSION,
+    SCHEMA_HASH,
+    Hello,
+    HelloRequest,
+    Message,
+    Reading,
+    Start,
+    Stop,
+)
+
+MAX_RATE_HZ = 2000
+_CHUNK = 4096
+
+
+class SerialDevice:
+    """Answers a host on a file descriptor that does not block; sends readings at the rate it is told.
+
+    Parameters
+    ----------
+    line : descriptor of the device's end of the line
+    convert : converts all channels now; counts
+    channels, adc_bits : stated in the hello
+    """
+
+    def __init__(self, line: int, convert: Callable[[], list[int]], channels: int, adc_bits: int) -> None:
+        self._line = line
+        self._convert = convert
+        self._hello = Hello(PROTOCOL_VERSION, SCHEMA_HASH, secrets.randbits(32), channels, adc_bits, MAX_RATE_HZ)
+        self._decoder = Decoder()
+        self._stream: asyncio.Task[None] | None = None
+        self._sequence = 0
+        self._boot = time.monotonic()
+
+    async def serve(self) -> None:
+        """Say hello, then serve until cancelled."""
+        loop = asyncio.get_running_loop()
+        loop.add_reader(self._line, self._receive)
+        os.write(self._line, DELIMITER)  # ends what noise may have begun
+        self._send(self._hello)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            loop.remove_reader(self._line)
+            self._stop()
+
+    def _receive(self) -> None:
+        try:
+            data = os.read(self._line, _CHUNK)
+        except BlockingIOError:
+            return
+        for message in self._decoder.feed(data):
+            self._handle(message)
+
+    def _handle(self, message: Message) -> None:
+        match message:
+            case HelloRequest():
+                self._send(self._hello)
+            case Start(rate_hz=rate) if 1 <= rate <= MAX_RATE_HZ:
+                self._stop()
+                self._stream = asyncio.get_running_loop().create_task(self._send_readings(rate))
+            case Stop():
+                self._stop()
+            case _:
+                pass  # what a host must not send is ignored, as PROTOCOL.md says
+
+    def _stop(self) -> None:
+        if self._stream is not None:
+            self._stream.cancel()
+            self._stream = None
+
+    async def _send_readings(self, rate_hz: int) -> None:
+        """Send readings on a schedule that does not drift; a slot that was missed is left out."""
+        start, slot = time.monotonic(), 0
+        while True:
+            now = time.monotonic()
+            self._send(Reading(self._sequence, round((now - self._boot) * 1e6) % 2**32, tuple(self._convert())))
+            self._sequence = (self._sequence + 1) % 2**16
+            slot = max(slot + 1, int((now - start) * rate_hz))
+            await asyncio.sleep(max(0.0, start + slot / rate_hz - time.monotonic()))
+
+    def _send(self, message: Message) -> None:
+        try:
+            os.write(self._line, encode(message))
+        except BlockingIOError:
+            return  # nobody reads: the frame is lost, as on a real line

@@ -1,0 +1,49 @@
+"""The virtual surface: from a load to the counts that the device would send. Pure; no I/O."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.beam import influence
+from beamtouch_models.modelfile import Metadata, Sensor
+from beamtouch_models.noise import sensor_noise_mm
+from beamtouch_models.rig.script import Load
+from beamtouch_models.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+class VirtualSurface:
+    """A beam with its sensors, their characteristic, their noise and an ADC."""
+
+    def __init__(self, scene: Scene, model: Metadata, seed: int) -> None:
+        self.sensor = model.sensor
+        self.channels = len(model.layout)
+        self._scene = scene
+        self._sensor_mm = np.array([channel.position_mm for channel in model.layout])
+        self._noise_mm = sensor_noise_mm(scene)
+        self._rng = np.random.default_rng(seed)
+
+    def counts(self, load: Load) -> list[int]:
+        """Convert all channels once under a load; (channels,) counts."""
+        gap = self.sensor.standoff_mm - self._deflection_mm(load)
+        noisy = gap + self._rng.normal(scale=self._noise_mm, size=gap.shape)
+        return [int(count) for count in counts_of_gap(self.sensor, noisy)]
+
+    def _deflection_mm(self, load: Load) -> Array:
+        if load.position_mm is None:
+            return np.zeros(self.channels)
+        deflection: Array = load.force_n * influence(self._scene.beam, self._sensor_mm, load.position_mm)[0]
+        return deflection
+
+
+def counts_of_gap(sensor: Sensor, gap_mm: Array) -> NDArray[np.int64]:
+    """Characteristic of a proximity sensor with its ADC, as the paper's figure 2: linear, then levelling off.
+
+    The linear range takes the middle 80 % of the scale; beyond it the output approaches the end of the scale.
+    """
+    full_scale = 2**sensor.adc_bits - 1
+    linear = (gap_mm - sensor.offset_mm) / sensor.gain_mm_per_count / full_scale
+    inside = np.clip(linear, 0.1, 0.9)
+    levelled = inside + 0.1 * np.tanh((linear - inside) / 0.1)
+    counts: NDArray[np.int64] = np.rint(levelled * full_scale).astype(np.int64)
+    return counts
