@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from beamtouch_models.beam import influence
 from beamtouch_models.scene import Scene
@@ -142,6 +143,12 @@ def train(simulator: Simulator, seed: int, steps: int, progress: Callable[[int],
 
     `progress` is called with the number of steps done, about a hundred times.
     """
+    # The matrices are small: a second thread costs more than it saves, and leaves the order of sums to chance.
+    with threadpool_limits(1, user_api="blas"):
+        return _train(simulator, seed, steps, progress)
+
+
+def _train(simulator: Simulator, seed: int, steps: int, progress: Callable[[int], None]) -> Network:
     rng = np.random.default_rng(seed)
     network = _initial(simulator, rng)
     parameters = [array.copy() for layer in network.layers for array in layer]
@@ -234,11 +241,9 @@ def _pinball_gradient(raw: Float32, target: Float32) -> Float32:
 
 def sigmoid(value: Float32) -> Float32:
     """1 / (1 + exp(-value)), without overflow."""
-    result: Float32 = (np.tanh(value / 2) + 1) / 2
-    return result
+    return np.asarray((np.tanh(value / 2) + 1) / 2, np.float32)
 
 
 def softplus(value: Float32) -> Float32:
     """log(1 + exp(value)), without overflow."""
-    result: Float32 = np.logaddexp(value, np.float32(0), dtype=np.float32)
-    return result
+    return np.asarray(np.maximum(value, 0) + np.log1p(np.exp(-np.abs(value))), np.float32)

@@ -1,0 +1,97 @@
+"""The command `design-sensors`, run as a user runs it."""
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from beamtouch_models import modelfile
+from example_scenes import PAPER, SCENES
+
+
+def design_sensors(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "beamtouch_models.cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=150)
+
+
+def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(tmp_path: Path) -> None:
+    model, config = tmp_path / "press.onnx", tmp_path / "daemon.toml"
+    done = design_sensors(
+        "build", SCENES / "paper.toml", "-o", model, "--sensors", 3, "--seed", 7, "--json", "--daemon-config", config
+    )
+    assert done.returncode == 0, done.stderr
+    described = json.loads(done.stdout)
+    assert len(described["positions_mm"]) == 3
+    assert described["channels"] == ["s1", "s2", "s3"]
+    assert described["seed"] == 7
+    assert described["max_deflection_mm"] == pytest.approx(1.1287477954, rel=1e-9)
+    assert described["noise_mm"] == pytest.approx(0.02 * 1.1287477954, rel=1e-9)
+    assert described["outputs"] == ["position_mm", "position_low_mm", "position_high_mm", "contact_log_odds"]
+    assert described["accuracy"]["ratio"] < 1.3
+    assert modelfile.load(model).identity == described["model"]
+    channels = tomllib.loads(config.read_text())["surfaces"]["paper"]["channels"]
+    assert [channel["name"] for channel in channels] == described["channels"]
+    token = tmp_path / "beamtouch.token"
+    assert token.stat().st_mode & 0o777 == 0o600
+    assert len(token.read_text().strip()) >= 32
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["beamtouch.token", "daemon.toml", "press.onnx"]
+    inspected = design_sensors("inspect", model, "--json")
+    assert inspected.returncode == 0
+    assert json.loads(inspected.stdout) == described
+
+
+def test_inspect_for_a_person(bench_model: Path) -> None:
+    done = design_sensors("inspect", bench_model)
+    assert done.returncode == 0
+    assert "s1 68, s2 156, s3 244, s4 332 mm" in done.stdout
+    assert "error over limit" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("[beam]", "[beam]\ncolour = 3", "unknown key beam.colour"),
+        ("length_mm = 400", "length_mm = -400", "beam.length_mm"),
+        ("count = 2", "count = 2\nrange_mm = [1, 4]\nstandoff_mm = 0.5", "standoff_mm = 0.5 lies outside range_mm"),
+        ("count = 2", "count = 2\nrange_mm = [1, 2]", "leaves sensors.range_mm"),
+        ("force_n = 10.0", "force_n = 300", "small-angle theory"),
+        ("noise_percent_of_max = 2", "noise_mm = 0", "a noise of 0"),
+        ("count = 2", 'count = "auto"', "position_error_mm"),
+        ("count = 2", "count = 2\nfixed_mm = [100, 200, 300]", "more than the 2 to be placed"),
+    ],
+)
+def test_a_bad_scene_is_one_line_exit_2_and_nothing_written(tmp_path: Path, old: str, new: str, said: str) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(PAPER.replace(old, new))
+    done = design_sensors("build", scene, "-o", tmp_path / "model.onnx", "--daemon-config", tmp_path / "daemon.toml")
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
+
+
+def test_other_bad_input(tmp_path: Path, bench_model: Path) -> None:
+    half = tmp_path / "half.onnx"
+    half.write_bytes(bench_model.read_bytes()[: bench_model.stat().st_size // 2])
+    cases = {
+        "damaged or not an ONNX file": ("inspect", half),
+        "No such file": ("inspect", tmp_path / "absent.onnx"),
+        "no such folder": ("build", SCENES / "paper.toml", "-o", tmp_path / "absent" / "model.onnx"),
+        "absent.toml": ("build", tmp_path / "absent.toml", "-o", tmp_path / "model.onnx"),
+    }
+    for said, arguments in cases.items():
+        done = design_sensors(*arguments)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+        assert said in done.stderr
+
+
+def test_the_number_of_sensors_may_be_left_to_the_requirement(tmp_path: Path) -> None:
+    scene = tmp_path / "open.toml"
+    scene.write_text(PAPER.replace("count = 2", "count = [2, 3]") + "\n[requirements]\nposition_error_mm = 0.01\n")
+    done = design_sensors("build", scene, "-o", tmp_path / "model.onnx")
+    assert done.returncode == 2
+    assert "not even 3 sensors reach requirements.position_error_mm" in done.stderr

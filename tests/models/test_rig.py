@@ -1,0 +1,180 @@
+"""The virtual surface: script, sensor characteristic, and the device behind a pseudo-terminal."""
+
+import asyncio
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beamtouch_models.beam import influence
+from beamtouch_models.errors import SceneError
+from beamtouch_models.modelfile import ModelFile, Sensor
+from beamtouch_models.rig.pty_line import joined_line, named_line
+from beamtouch_models.rig.script import Load, Script, default_script, load_script
+from beamtouch_models.rig.serial_device import SerialDevice
+from beamtouch_models.rig.surface import VirtualSurface, counts_of_gap
+from beamtouch_models.scene import load_scene
+from beamtouch_protocol.framing import Decoder, encode
+from beamtouch_protocol.messages import Hello, HelloRequest, Message, Reading, Start, Stop
+from example_scenes import SCENES
+
+scene, _ = load_scene(SCENES / "bench.toml")
+
+TOUCH_MOVE_LIFT = """
+repeat = false
+[[step]]
+seconds = 1
+[[step]]
+seconds = 2
+position_mm = 100
+force_n = 10
+[[step]]
+seconds = 4
+position_mm = [100, 300]
+force_n = [10, 20]
+"""
+
+
+def script_of(tmp_path: Path, text: str) -> Script:
+    (tmp_path / "script.toml").write_text(text)
+    return load_script(tmp_path / "script.toml", 400.0)
+
+
+def test_a_load_touches_moves_and_lifts(tmp_path: Path) -> None:
+    script = script_of(tmp_path, TOUCH_MOVE_LIFT)
+    assert script.at(0.5) == Load(None, 0.0)
+    assert script.at(1.0) == Load(100, 10)
+    assert script.at(5.0) == Load(200, 15)
+    assert script.at(7.0) == Load(None, 0.0)
+    assert script.at(1e9) == Load(None, 0.0)
+
+
+def test_a_script_repeats_unless_told_otherwise(tmp_path: Path) -> None:
+    script = script_of(tmp_path, TOUCH_MOVE_LIFT.replace("repeat = false", ""))
+    assert script.at(7.0 + 5.0) == Load(200, 15)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[[step]]\nseconds = 0", "seconds"),
+        ("[[step]]\nseconds = 1\nposition_mm = 3", "together"),
+        ("[[step]]\nseconds = 1\nposition_mm = 401\nforce_n = 1", "beyond the beam"),
+        ("[[step]]\nseconds = 1\nspeed = 3", "speed"),
+        ("", "step"),
+        ("[[", "not valid TOML"),
+    ],
+)
+def test_a_bad_script_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(SceneError, match=said):
+        script_of(tmp_path, text)
+
+
+def test_the_default_script_stays_in_the_scene() -> None:
+    script = default_script(scene)
+    loads = [script.at(time) for time in np.arange(0, 19, 0.01)]
+    touching = [load for load in loads if load.position_mm is not None]
+    assert 0.6 < len(touching) / len(loads) < 0.95
+    assert all(1 <= (load.position_mm or 0) <= 399 and 2 <= load.force_n <= 20 for load in touching)
+
+
+def sensor_of(bits: int) -> Sensor:
+    """Linear from 1 to 4 mm over the middle 80 % of the scale, worked out by hand."""
+    full_scale = 2**bits - 1
+    gain = 3 / (0.8 * full_scale)
+    return Sensor(
+        rate_hz=100, range_mm=(1, 4), standoff_mm=3.5, adc_bits=bits, gain_mm_per_count=gain, offset_mm=1 - 0.375
+    )
+
+
+@pytest.mark.parametrize("bits", [8, 12, 16])
+def test_the_characteristic_is_linear_from_1_to_4_mm_and_levels_off_beyond(bits: int) -> None:
+    sensor, full_scale = sensor_of(bits), 2**bits - 1
+    gap = np.linspace(1, 4, 1001)
+    linear = 0.1 + 0.8 * (gap - 1) / 3
+    assert np.abs(counts_of_gap(sensor, gap) - linear * full_scale).max() <= 0.5 + 1e-6
+    assert counts_of_gap(sensor, np.array([-1e6, 1e6])).tolist() == [0, full_scale]
+    beyond = counts_of_gap(sensor, np.array([0.8, 4.2])) / full_scale
+    assert 0 < beyond[0] < 0.1
+    assert 0.9 < beyond[1] < 1
+
+
+def test_counts_come_back_as_the_deflection_with_the_noise_of_the_scene(bench: ModelFile) -> None:
+    surface = VirtualSurface(scene, bench.metadata, seed=1)
+    sensor = bench.metadata.sensor
+    counts = np.array([surface.counts(Load(150.0, 12.0)) for _ in range(4000)])
+    deflection = sensor.standoff_mm - (sensor.offset_mm + sensor.gain_mm_per_count * counts)
+    expected = 12.0 * influence(scene.beam, [68, 156, 244, 332], [150.0])[0]
+    noise = 0.002 * bench.metadata.max_deflection_mm
+    assert deflection.mean(axis=0) == pytest.approx(expected, abs=5 * noise / np.sqrt(4000))
+    assert deflection.std(axis=0) == pytest.approx(np.full(4, noise), rel=0.06)
+    assert VirtualSurface(scene, bench.metadata, seed=1).counts(Load(150.0, 12.0)) == counts[0].tolist()
+
+
+def exchange(path: Path, sent: list[Message], enough: int) -> list[Message]:
+    """Talk to a serial device on a pseudo-terminal as a host would; return what it said."""
+
+    async def talk() -> list[Message]:
+        received: list[Message] = []
+        with named_line(path) as line:
+            device = asyncio.create_task(SerialDevice(line, lambda: [1, 2, 65535], 3, 16).serve())
+            await asyncio.sleep(0)
+            host = os.open(path, os.O_RDWR | os.O_NOCTTY)
+            try:
+                decoder = Decoder()
+                for message in sent:
+                    await asyncio.to_thread(os.write, host, encode(message))
+                async with asyncio.timeout(5):
+                    while len(received) < enough:
+                        received += decoder.feed(await asyncio.to_thread(os.read, host, 4096))
+            finally:
+                os.close(host)
+                device.cancel()
+        return received
+
+    return asyncio.run(talk())
+
+
+def test_the_serial_device_says_hello_and_streams_until_stopped(tmp_path: Path) -> None:
+    received = exchange(tmp_path / "line", [HelloRequest(), Start(500)], 52)
+    hellos = [message for message in received if isinstance(message, Hello)]
+    readings = [message for message in received if isinstance(message, Reading)]
+    assert len(hellos) == 2
+    assert hellos[0] == hellos[1]
+    assert (hellos[0].channel_count, hellos[0].adc_bits, hellos[0].is_compatible) == (3, 16, True)
+    assert [reading.sequence for reading in readings] == list(range(len(readings)))
+    assert all(reading.counts == (1, 2, 65535) for reading in readings)
+    clocks = [reading.device_us for reading in readings]
+    assert clocks == sorted(clocks)
+    assert clocks[-1] - clocks[0] == pytest.approx((len(readings) - 1) * 2000, rel=0.3)
+
+
+def test_a_stopped_device_sends_nothing_but_answers(tmp_path: Path) -> None:
+    received = exchange(tmp_path / "line", [Start(500), Stop(), HelloRequest(), HelloRequest()], 3)
+    assert isinstance(received[-1], Hello)
+    assert sum(isinstance(message, Reading) for message in received) <= 1
+
+
+def test_a_line_disappears_with_its_name_and_never_takes_another_file(tmp_path: Path) -> None:
+    with named_line(tmp_path / "line"):
+        assert (tmp_path / "line").is_char_device()
+    assert not (tmp_path / "line").is_symlink()
+    (tmp_path / "file").write_text("keep me")
+    with pytest.raises(SceneError, match="exists already"), named_line(tmp_path / "file"):
+        pass
+    assert (tmp_path / "file").read_text() == "keep me"
+
+
+def test_a_joined_line_carries_bytes_both_ways(tmp_path: Path) -> None:
+    async def carry() -> None:
+        with joined_line(tmp_path / "line") as near_name:
+            ends = [os.open(name, os.O_RDWR | os.O_NOCTTY) for name in (near_name, tmp_path / "line")]
+            for one, other in (ends, ends[::-1]):
+                await asyncio.to_thread(os.write, one, b"\x00\x11\x13\x03\r\n")
+                async with asyncio.timeout(5):
+                    assert await asyncio.to_thread(os.read, other, 100) == b"\x00\x11\x13\x03\r\n"
+            for end in ends:
+                os.close(end)
+
+    asyncio.run(carry())

@@ -1,0 +1,58 @@
+from pathlib import Path
+
+import pytest
+
+from beamtouch_models.errors import SceneError
+from beamtouch_models.scene import load_scene, parse_scene
+from example_scenes import PAPER, SCENES
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_shipped_scene_is_valid(path: Path) -> None:
+    scene, text = load_scene(path)
+    assert scene.beam.length_mm > 0
+    assert text == path.read_text()
+
+
+def test_rigidity_of_a_rectangular_section() -> None:
+    # 210 GPa, 25 x 3 mm: I = 56.25 mm^4 (b h^3 / 12), E I = 1.18125e7 N mm^2.
+    assert parse_scene(PAPER, "x").beam.rigidity_n_mm2 == pytest.approx(1.18125e7, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("width_mm = 25", "width_mm = 25\nwidht_mm = 3", "unknown key beam.widht_mm"),
+        ("length_mm = 400", "length_mm = -400", "beam.length_mm: Input should be greater than 0 (given: -400)"),
+        ("length_mm = 400", "length_mm = nan", "beam.length_mm"),
+        ("length_mm = 400", "length_mm = inf", "beam.length_mm"),
+        ("length_mm = 400", "", "beam.length_mm: Field required"),
+        ("count = 2", "count = 2\nstandoff_mm = 5\nrange_mm = [1, 4]", "standoff_mm = 5 lies outside range_mm"),
+        ("count = 2", "count = 0", "sensors.count"),
+        ("count = 2", "count = [5, 2]", "first must not exceed the second"),
+        ("noise_percent_of_max = 2", "", "give either noise_mm or noise_percent_of_max"),
+        ("noise_percent_of_max = 2", "noise_percent_of_max = 2\nnoise_mm = 1", "give either noise_mm or"),
+        ("noise_percent_of_max = 2", "noise_mm = -1", "sensors.noise_mm"),
+        ("position_mm = [1, 399]", "position_mm = [1, 401]", "reaches beyond the beam, 0..400 mm"),
+        ("position_mm = [1, 399]", "position_mm = [399, 1]", "the first must be less than the second"),
+        ("force_n = 10.0", "force_n = [20.0, 2.0]", "the first must not exceed the second"),
+        ("force_n = 10.0", "force_n = 0", "contact.force_n"),
+        ("thickness_mm = 3", "", "give youngs_modulus_gpa, width_mm and thickness_mm, or flexural_rigidity_n_mm2"),
+        ("[beam]", "[beam", "not valid TOML"),
+    ],
+)
+def test_a_bad_scene_is_refused_in_one_line_that_names_the_key(old: str, new: str, said: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        parse_scene(PAPER.replace(old, new), "press.toml")
+    message = str(caught.value)
+    assert message.startswith("press.toml: ")
+    assert said in message
+    assert "\n" not in message
+
+
+def test_a_file_that_is_not_there_or_not_text(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="No such file"):
+        load_scene(tmp_path / "absent.toml")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(SceneError, match="not a text file in UTF-8"):
+        load_scene(tmp_path / "binary.toml")
