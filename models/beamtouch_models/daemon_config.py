@@ -38,6 +38,7 @@ token_file = "{TOKEN_FILE}"       # the same file that `beamtouch-service run --
 
 [surfaces.{name}]
 rate_hz = {metadata.sensor.rate_hz!r}
+noise_mm = {metadata.noise.reading_mm!r}        # of one reading; `tare` refuses a surface that moves more
 
 [surfaces.{name}.source]
 kind = "modbus-tcp"                   # the rig: beamtouch-rig ... --modbus-tcp 127.0.0.1:{RIG_PORT}

@@ -1,0 +1,194 @@
+"""The main job, live: rigs, service and daemon as real processes, and a table of true against reported contacts.
+
+Two surfaces of the same model run side by side, one read over Modbus TCP, the other over the serial protocol.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import httpx2
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from line import Line, Surface, Truth
+
+ROOT = Path(__file__).parent.parent
+SCENE = ROOT / "models" / "scenes" / "bench.toml"
+BUILT = ROOT / "build" / "demo"
+SURFACES = (Surface("modbus", "modbus-tcp"), Surface("serial", "serial"))
+PERIOD_S = 0.1
+TRUTH_DELAY_S = 0.05
+"""The rig writes the truth every 10 ms; a contact is compared once its moment has been written."""
+LENGTH_MM = 400.0
+MIDDLE_MM = (60.0, 340.0)
+
+
+@dataclass
+class Watched:
+    """One surface on the screen and its errors so far."""
+
+    surface: Surface
+    truth: Truth
+    answer: dict[str, Any] = field(default_factory=dict)
+    true_position_mm: float | None = None
+    true_force_n: float = 0.0
+    errors_mm: list[float] = field(default_factory=list)
+    middle_errors_mm: list[float] = field(default_factory=list)
+
+    @property
+    def error_mm(self) -> float | None:
+        """Reported minus true position, where there is contact in both."""
+        if self.answer.get("state") != "contact" or self.true_position_mm is None:
+            return None
+        return float(self.answer["position_mm"]) - self.true_position_mm
+
+    def ask(self, client: httpx2.Client) -> None:
+        """Get the contact and what really touched when its sample was taken."""
+        response = client.get(f"/surfaces/{self.surface.name}/contact")
+        self.answer = response.json()
+        time.sleep(TRUTH_DELAY_S)
+        self.truth.read()
+        moment = self.truth.at(_unix(self.answer["sampled_at"])) if response.is_success else None
+        self.true_position_mm, self.true_force_n = moment or (None, 0.0)
+        error = self.error_mm
+        if error is not None and self.true_position_mm is not None:
+            self.errors_mm.append(abs(error))
+            if MIDDLE_MM[0] <= self.true_position_mm <= MIDDLE_MM[1]:
+                self.middle_errors_mm.append(abs(error))
+
+
+def main() -> int:
+    """Run the demo; returns 0 if contacts were reported and nothing failed."""
+    parser = argparse.ArgumentParser(description="Show live contacts of two virtual surfaces.")
+    parser.add_argument("--seconds", type=float, default=20.0, help="how long to watch (default 20)")
+    options = parser.parse_args()
+    console = Console(width=None if sys.stdout.isatty() else 80)
+    try:
+        model, daemon_config = _model(console)
+        with tempfile.TemporaryDirectory(prefix="beamtouch-demo-") as folder:
+            line = Line(Path(folder), SCENE, model, daemon_config, SURFACES)
+            with line:
+                watched = _watch(line, console, options.seconds)
+                failed = line.dead()
+                for name in failed:
+                    console.print(f"{name} ended by itself:\n{line.log(name)}")
+            summary = json.loads(line.summary.read_text())["surfaces"] if line.summary.exists() else {}
+    except KeyboardInterrupt:
+        console.print("stopped")
+        return 0
+    except (RuntimeError, subprocess.CalledProcessError) as error:
+        console.print(f"demo: {error}")
+        return 1
+    return _summarise(console, watched, summary) if not failed else 1
+
+
+def _model(console: Console) -> tuple[Path, Path]:
+    """Build the model and the daemon's config of the scene if they are not there; returns their paths."""
+    model, config = BUILT / "bench.onnx", BUILT / "daemon.toml"
+    if not model.exists() or not config.exists():
+        BUILT.mkdir(parents=True, exist_ok=True)
+        console.print(f"building the model of {SCENE.relative_to(ROOT)} (once, about 20 s)")
+        program = Path(sys.executable).parent / "design-sensors"
+        command = [program, "build", SCENE, "-o", model, "--daemon-config", config, "--json"]
+        subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
+    return model, config
+
+
+def _watch(line: Line, console: Console, seconds: float) -> list[Watched]:
+    """Ask for contacts until the time is up or Ctrl-C; returns what was seen."""
+    watched = [Watched(surface, Truth(line.truth(surface.name))) for surface in line.surfaces]
+    start = time.monotonic()
+    next_print = 0.0
+    live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+    try:
+        with httpx2.Client(base_url=line.url) as client:
+            if live:
+                live.start()
+            while (elapsed := time.monotonic() - start) < seconds and not line.dead():
+                for one in watched:
+                    one.ask(client)
+                if live:
+                    live.update(_table(watched, elapsed), refresh=True)
+                elif elapsed >= next_print:
+                    console.print(_table(watched, elapsed))
+                    next_print += 2.0
+                time.sleep(max(0.0, PERIOD_S - (time.monotonic() - start - elapsed)))
+    except KeyboardInterrupt:
+        console.print("stopped early")
+    finally:
+        if live:
+            live.stop()
+        for one in watched:
+            one.truth.close()
+    return watched
+
+
+def _table(watched: list[Watched], elapsed: float) -> Table:
+    table = Table(title=f"contacts, {elapsed:4.1f} s", box=SIMPLE)
+    for heading in ("surface", "true mm", "found mm", "95 % interval", "error", "true N", "found N", "age ms"):
+        table.add_column(heading, justify="left" if heading == "surface" else "right", no_wrap=True)
+    for one in watched:
+        table.add_row(one.surface.name, *_cells(one))
+    return table
+
+
+def _cells(one: Watched) -> list[str]:
+    answer = one.answer
+    if "state" not in answer:
+        return ["", "none", str(answer["type"]).rpartition(":")[2], "", "", "", ""]
+    true = ("", "") if one.true_position_mm is None else (f"{one.true_position_mm:.1f}", f"{one.true_force_n:.1f}")
+    age = f"{answer['age_ms']:.0f}"
+    if answer["state"] == "clear":
+        return [true[0], "clear", "", "", true[1], "", age]
+    interval = f"{answer['position_low_mm']:.1f}..{answer['position_high_mm']:.1f}"
+    error = "" if one.error_mm is None else f"{one.error_mm:+.1f}"
+    force = f"{answer['force_n']:.1f}"
+    return [true[0], f"{answer['position_mm']:.1f}", interval, error, true[1], force, age]
+
+
+def _summarise(console: Console, watched: list[Watched], summary: dict[str, dict[str, int]]) -> int:
+    """Print what was measured; returns the exit code."""
+    table = Table(title="summary: mean error of contacts, samples", box=SIMPLE)
+    for heading in ("surface", "contacts", "whole beam", "60..340 mm", "published", "lost"):
+        table.add_column(heading, justify="left" if heading == "surface" else "right", no_wrap=True)
+    complete = True
+    for one in watched:
+        counts = summary.get(one.surface.name, {})
+        table.add_row(
+            one.surface.name,
+            str(len(one.errors_mm)),
+            _mean(one.errors_mm),
+            _mean(one.middle_errors_mm),
+            str(counts.get("samples_published", "unknown")),
+            str(counts.get("samples_dropped", "unknown")),
+        )
+        complete = complete and bool(one.errors_mm) and bool(counts)
+    console.print(table)
+    if not complete:
+        console.print("no contact was reported on one of the surfaces, or the daemon left no counts")
+    return 0 if complete else 1
+
+
+def _mean(errors_mm: list[float]) -> str:
+    if not errors_mm:
+        return "none"
+    mean = sum(errors_mm) / len(errors_mm)
+    return f"{mean:.2f} mm {mean / LENGTH_MM * 100:.2f} %"
+
+
+def _unix(text: str) -> float:
+    return datetime.fromisoformat(text).timestamp()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,196 @@
+"""The whole line as real processes: rigs, one service, one daemon. The demo and the system tests start it."""
+
+import bisect
+import os
+import secrets
+import selectors
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import tomli_w
+
+Kind = Literal["modbus-tcp", "modbus-rtu", "serial"]
+START_TIMEOUT_S = 30.0
+STOP_TIMEOUT_S = 10.0
+
+
+@dataclass(frozen=True)
+class Surface:
+    """One surface of the line: a rig, and how the daemon reaches it."""
+
+    name: str
+    kind: Kind
+    script: Path | None = None
+
+
+class Line:
+    """Rigs, service and daemon for some surfaces of one model; a context manager that ends all of them.
+
+    Parameters
+    ----------
+    folder : for config, token, truth and log files
+    scene, model : scene file and the model file built from it
+    daemon_config : the config that `design-sensors build --daemon-config` wrote for the model
+    surfaces : what to run
+    """
+
+    def __init__(
+        self, folder: Path, scene: Path, model: Path, daemon_config: Path, surfaces: Sequence[Surface]
+    ) -> None:
+        self.folder, self.surfaces = folder, surfaces
+        self.url = ""
+        """Base URL of the service, once started."""
+        self.summary = folder / "summary.json"
+        """Where the daemon writes its counts when it ends."""
+        self._scene, self._model, self._generated = scene, model, daemon_config
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+
+    def truth(self, surface: str) -> Path:
+        """The CSV file in which the rig of a surface writes what really touches."""
+        return self.folder / f"{surface}.csv"
+
+    def __enter__(self) -> Self:
+        try:
+            (self.folder / "token").write_text(secrets.token_urlsafe(32))
+            sources = {surface.name: self._start_rig(surface) for surface in self.surfaces}
+            self.url = self._start_service()
+            self._start_daemon(sources)
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """End what still runs, the daemon first so that it can deliver what it has."""
+        for name in reversed(list(self._processes)):
+            self.end(name)
+
+    def end(self, name: str) -> int:
+        """End one process, "daemon", "service" or "rig-NAME", as Ctrl-C would; returns its exit code."""
+        process = self._processes.pop(name)
+        process.terminate()
+        try:
+            return process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            raise
+        finally:
+            if process.stdout is not None:
+                process.stdout.close()
+
+    def dead(self) -> list[str]:
+        """Names of the processes that have ended by themselves."""
+        return [name for name, process in self._processes.items() if process.poll() is not None]
+
+    def log(self, name: str) -> str:
+        """What a process wrote to stderr."""
+        return (self.folder / f"{name}.log").read_text()
+
+    def _start_rig(self, surface: Surface) -> dict[str, Any]:
+        """Start the rig of a surface; returns the `source` table of the daemon's config."""
+        path = self.folder / f"{surface.name}.line"
+        where = "127.0.0.1:0" if surface.kind == "modbus-tcp" else str(path)
+        options = ["--script", str(surface.script)] if surface.script else []
+        command = ["beamtouch-rig", str(self._scene), "--model", str(self._model), f"--{surface.kind}", where]
+        self._start(f"rig-{surface.name}", [*command, "--truth", str(self.truth(surface.name)), *options])
+        said = self._first_line(f"rig-{surface.name}")
+        if surface.kind == "modbus-tcp":
+            return {"kind": surface.kind, "host": "127.0.0.1", "port": int(said.rpartition(":")[2])}
+        return {"kind": surface.kind, "port": str(path), "baud": 115_200 if surface.kind == "modbus-rtu" else 1_000_000}
+
+    def _start_service(self) -> str:
+        surfaces = {surface.name: {"model": str(self._model)} for surface in self.surfaces}
+        config = {"server": {"port": 0, "token_file": "token"}, "surfaces": surfaces}
+        (self.folder / "service.toml").write_text(tomli_w.dumps(config))
+        self._start("service", ["beamtouch-service", "run", "--config", str(self.folder / "service.toml")])
+        return self._first_line("service").rpartition(" ")[2]
+
+    def _start_daemon(self, sources: dict[str, dict[str, Any]]) -> None:
+        config = tomllib.loads(self._generated.read_text())
+        (template,) = config["surfaces"].values()
+        config["publish"].update({"url": self.url, "token_file": "token"})
+        config["surfaces"] = {name: {**template, "source": source} for name, source in sources.items()}
+        path = self.folder / "daemon.toml"
+        path.write_text(tomli_w.dumps(config))
+        self._start("daemon", ["beamtouch-daemon", "run", str(path), "--summary", str(self.summary)])
+
+    def _start(self, name: str, command: list[str]) -> None:
+        program = str(Path(sys.executable).parent / command[0])
+        with (self.folder / f"{name}.log").open("w") as log:
+            self._processes[name] = subprocess.Popen(
+                [program, *command[1:]],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=log,
+                text=True,
+                start_new_session=True,  # a Ctrl-C on the terminal reaches the demo, which ends them in order
+            )
+
+    def _first_line(self, name: str) -> str:
+        """Wait for the line in which a process says where it listens."""
+        process = self._processes[name]
+        if process.stdout is None:
+            message = f"{name} has no stdout"
+            raise AssertionError(message)
+        received = b""
+        with selectors.DefaultSelector() as selector:
+            selector.register(process.stdout, selectors.EVENT_READ)
+            deadline = time.monotonic() + START_TIMEOUT_S
+            while b"\n" not in received:
+                if not selector.select(max(0.0, deadline - time.monotonic())):
+                    message = f"{name} did not start within {START_TIMEOUT_S:g} s: {self.log(name)}"
+                    raise RuntimeError(message)
+                chunk = os.read(process.stdout.fileno(), 4096)
+                if not chunk:
+                    message = f"{name} did not start: {self.log(name)}"
+                    raise RuntimeError(message)
+                received += chunk
+        return received.decode().splitlines()[0].strip()
+
+
+class Truth:
+    """Follows the file in which a rig writes what really touches."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open(encoding="ascii")
+        self._rest = ""
+        self._times: list[float] = []
+        self._loads: list[tuple[float | None, float]] = []
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def read(self) -> None:
+        """Take in what the rig has written since the last call."""
+        *lines, self._rest = (self._rest + self._file.read()).split("\n")
+        for line in lines:
+            seconds, position, force = line.split(",")
+            if seconds != "unix_time_s":
+                self._times.append(float(seconds))
+                self._loads.append((float(position) if position else None, float(force)))
+
+    def at(self, unix_s: float) -> tuple[float | None, float] | None:
+        """Position in mm (None where nothing touched) and force in N at a time; None outside of what is known."""
+        index = bisect.bisect_right(self._times, unix_s) - 1
+        if index < 0 or unix_s > self._times[-1] + 0.02:
+            return None
+        return self._loads[index]
+
+    def steady(self, unix_s: float, seconds: float) -> bool:
+        """Whether the same load, not moving, has been there for so long."""
+        now, before = self.at(unix_s), self.at(unix_s - seconds)
+        return now is not None and now == before

@@ -1,0 +1,171 @@
+"""The whole line, as real processes: rig, daemon and service, over each kind of line, against the rig's own truth."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import numpy as np
+import pytest
+
+from beamtouch_models import modelfile
+from beamtouch_models.daemon_config import daemon_config
+from example_scenes import SCENES
+from line import Kind, Line, Surface, Truth
+
+SCENE = SCENES / "bench.toml"
+RESTS = 14
+REST_S, LIFTED_S = 0.6, 0.3
+SETTLED_S = 0.1
+"""How long a load must have rested before its contact is compared; the filter takes 20 ms of it."""
+APART_S = 0.05
+"""Between two compared contacts: the filter's window lies between, so their noise is independent."""
+
+
+@pytest.fixture(scope="session")
+def generated_config(bench_model: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The daemon config that belongs to the model."""
+    path = tmp_path_factory.mktemp("config") / "daemon.toml"
+    path.write_text(daemon_config(modelfile.load(bench_model).metadata))
+    return path
+
+
+@pytest.fixture
+def start(tmp_path: Path, bench_model: Path, generated_config: Path) -> Iterator[Callable[[Kind, str], Line]]:
+    """A function that starts a line of one surface, "bench", with a script; ended after the test."""
+    started: list[Line] = []
+
+    def start_line(kind: Kind, script: str) -> Line:
+        (tmp_path / "script.toml").write_text(script)
+        line = Line(tmp_path, SCENE, bench_model, generated_config, [Surface("bench", kind, tmp_path / "script.toml")])
+        line.__enter__()
+        started.append(line)
+        return line
+
+    yield start_line
+    for line in started:
+        line.stop()
+
+
+def resting_loads() -> str:
+    """A script of loads that rest for a while, drawn from all of the scene's positions and forces."""
+    rng = np.random.default_rng(20)
+    steps = [
+        f"[[step]]\nseconds = {LIFTED_S}\n"
+        f"[[step]]\nseconds = {REST_S}\nposition_mm = {position:.2f}\nforce_n = {force:.2f}\n"
+        for position, force in zip(rng.uniform(1, 399, RESTS), rng.uniform(2, 20, RESTS), strict=True)
+    ]
+    return "".join(steps)
+
+
+@dataclass
+class Compared:
+    """One contact beside the truth."""
+
+    true_mm: float
+    true_n: float
+    contact: dict[str, Any]
+
+    @property
+    def inside(self) -> bool:
+        return bool(self.contact["position_low_mm"] <= self.true_mm <= self.contact["position_high_mm"])
+
+    @property
+    def excess(self) -> float:
+        """Error over the width of the stated interval on the side of the truth."""
+        position = self.contact["position_mm"]
+        end = self.contact["position_low_mm" if self.true_mm < position else "position_high_mm"]
+        return float(abs(self.true_mm - position) / max(abs(end - position), 1e-3))
+
+
+def compare(line: Line, seconds: float) -> tuple[list[Compared], int]:
+    """Ask for contacts; returns those of settled loads beside the truth, and how often touch was mistaken for clear."""
+    truth, found, mistaken = Truth(line.truth("bench")), [], 0
+    deadline = time.monotonic() + seconds
+    last = 0.0
+    with httpx2.Client(base_url=line.url) as client:
+        while time.monotonic() < deadline:
+            response = client.get("/contact")
+            time.sleep(0.02)  # the rig writes the truth every 10 ms
+            truth.read()
+            if not response.is_success:
+                continue
+            contact = response.json()
+            moment = datetime.fromisoformat(contact["sampled_at"]).timestamp()
+            if moment - last < APART_S or not truth.steady(moment, SETTLED_S):
+                continue
+            last = moment
+            load = truth.at(moment)
+            assert load is not None
+            position, force = load
+            if (position is not None) != (contact["state"] == "contact"):
+                mistaken += 1
+            elif position is not None:
+                found.append(Compared(position, force, contact))
+    truth.close()
+    return found, mistaken
+
+
+@pytest.mark.parametrize("kind", ["modbus-tcp", "modbus-rtu", "serial"])
+def test_contact_agrees_with_the_truth_position_by_position(kind: Kind, start: Callable[[Kind, str], Line]) -> None:
+    line = start(kind, resting_loads())
+    found, mistaken = compare(line, RESTS * (REST_S + LIFTED_S) + 1.5)
+    assert line.dead() == []
+    positions = {one.true_mm for one in found}
+    assert len(found) >= 50
+    assert len(positions) >= RESTS - 2, sorted(positions)
+    for one in found:
+        # Half a 95 % interval is about two standard deviations: three halves are passed once in 1e8.
+        assert one.excess < 3, one
+    outside = sum(not one.inside for one in found)
+    # One in twenty may lie outside; the bound is passed by chance less than once in a million.
+    assert outside <= 0.05 * len(found) + 5 * (0.05 * 0.95 * len(found)) ** 0.5, (outside, len(found))
+    assert mistaken <= 0.02 * len(found)
+    assert np.mean([abs(one.contact["force_n"] - one.true_n) / one.true_n for one in found]) < 0.2
+
+
+def test_the_five_answers_of_contact(start: Callable[[Kind, str], Line], bench_model: Path) -> None:
+    line = start("modbus-tcp", "[[step]]\nseconds = 1.5\nposition_mm = 120\nforce_n = 10\n[[step]]\nseconds = 1.5\n")
+    rests = wait_for(line.url, lambda response: response.is_success and response.json()["state"] == "contact")
+    assert abs(rests["position_mm"] - 120) < 15
+    assert rests["model"] == modelfile.load(bench_model).identity
+    lifted = wait_for(line.url, lambda response: response.is_success and response.json()["state"] == "clear")
+    assert lifted["position_mm"] is None
+    assert lifted["force_n"] is None
+    assert line.end("daemon") == 0
+    stale = wait_for(line.url, lambda response: response.status_code == 503)
+    assert stale["type"].endswith("stale")
+    assert stale["age_ms"] > 500
+    line.stop()
+
+    service = str(Path(sys.executable).parent / "beamtouch-service")
+    answers = []
+    for options in ([], ["--model", str(bench_model)]):
+        with subprocess.Popen([service, "run", "--port", "0", *options], stdout=subprocess.PIPE, text=True) as process:
+            try:
+                assert process.stdout is not None
+                url = process.stdout.readline().split()[-1]
+                answers.append(wait_for(url, lambda response: response.status_code == 503))
+            finally:
+                process.terminate()
+    before_any_model, before_any_sample = answers
+    types = {answer["type"] for answer in (before_any_model, before_any_sample, stale)}
+    assert len(types) == 3, types
+    assert "sample" in before_any_sample["title"]
+
+
+def wait_for(url: str, accept: Callable[[httpx2.Response], bool]) -> dict[str, Any]:
+    """Ask for the contact until the answer is the one wanted, for at most 10 s; returns its body."""
+    deadline = time.monotonic() + 10
+    while True:
+        response = httpx2.get(f"{url}/contact")
+        if accept(response):
+            body: dict[str, Any] = response.json()
+            return body
+        assert time.monotonic() < deadline, response.text
+        time.sleep(0.02)
