@@ -1,53 +1,81 @@
-"""The command `design-sensors`: from a scene to a model file, and what a model file says of itself."""
+"""The command `design-sensors`: arguments here, what each command does in `commands`."""
 
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
+
+from beamtouch_models.errors import InputError
+
+DONE, FAILED, WRONG_INPUT = 0, 1, 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `design-sensors`; returns the exit code: 0 done, 1 failed, 2 wrong input."""
     options = _parser().parse_args(arguments)
     try:
-        # Imported here so that a missing extra is one clear line.
-        from beamtouch_models import commands  # noqa: PLC0415
+        # Imported only now, so that --help is quick and a missing extra is one clear line.
+        import_module(f"beamtouch_models.commands.{options.command}").run(options)
     except ModuleNotFoundError as error:
-        print(f"design-sensors needs {error.name}: pip install 'beamtouch[design]'", file=sys.stderr)
-        return 2
-    return commands.run(options)
+        return _fail(f"needs {error.name}: pip install 'beamtouch[design]'", WRONG_INPUT)
+    except InputError as error:
+        return _fail(error, WRONG_INPUT)
+    except OSError as error:
+        return _fail(f"{error.filename}: {error.strerror}", WRONG_INPUT)
+    except KeyboardInterrupt:
+        return _fail("interrupted; nothing was written", FAILED)
+    return DONE
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="design-sensors", description="Design a touch-sensing beam, offline.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-
-    build = commands.add_parser("build", help="place the sensors, train the estimator, write the model file")
-    build.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
-    build.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
-    build.add_argument("--sensors", type=_sensor_count, metavar="N", help="number of sensors, instead of the scene's")
-    build.add_argument("--seed", type=_seed, default=0, metavar="S", help="of everything random (default 0)")
-    build.add_argument("--daemon-config", type=Path, metavar="FILE", help="also write a config for beamtouch-daemon")
-    build.add_argument("--json", action="store_true", help="print one JSON object on stdout")
-
-    inspect = commands.add_parser("inspect", help="print what a model file says of itself")
-    inspect.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
-    inspect.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    _add_build(commands.add_parser("build", help="place the sensors, train the estimator, write the model file"))
+    _add_inspect(commands.add_parser("inspect", help="print what a model file says of itself"))
     return parser
 
 
+def _add_build(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
+    parser.add_argument("--sensors", type=_sensor_count, metavar="N", help="number of sensors, instead of the scene's")
+    parser.add_argument("--daemon-config", type=Path, metavar="FILE", help="also write a config for beamtouch-daemon")
+    _add_seed(parser)
+    _add_json(parser)
+
+
+def _add_inspect(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
+    _add_json(parser)
+
+
+def _add_seed(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seed", type=_seed, default=0, metavar="S", help="of everything random (default 0)")
+
+
+def _add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+
+
 def _sensor_count(text: str) -> int:
-    value = int(text)
-    if not 1 <= value <= 64:
-        raise argparse.ArgumentTypeError(f"{value} is not between 1 and 64")
-    return value
+    return _whole_number(text, 1, 64)
 
 
 def _seed(text: str) -> int:
-    value = int(text)
-    if not 0 <= value < 2**32:
-        raise argparse.ArgumentTypeError(f"{value} is not between 0 and {2**32 - 1}")
-    return value
+    return _whole_number(text, 0, 2**32 - 1)
+
+
+def _whole_number(text: str, low: int, high: int) -> int:
+    if not text.isdecimal() or not low <= int(text) <= high:
+        message = f"{text!r} is not a whole number from {low} to {high}"
+        raise argparse.ArgumentTypeError(message)
+    return int(text)
+
+
+def _fail(reason: object, code: int) -> int:
+    print(f"design-sensors: {reason}", file=sys.stderr)
+    return code
 
 
 if __name__ == "__main__":

@@ -15,6 +15,8 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError
 
+from beamtouch_models.errors import InputError
+
 SCHEMA_VERSION: Literal[1] = 1
 METADATA_PREFIX = "beamtouch."
 INPUTS = ("deflection_mm", "valid")
@@ -27,7 +29,7 @@ GOLDEN_TOLERANCE = 1e-3
 Answers = dict[str, NDArray[np.float32]]
 
 
-class ModelFileError(ValueError):
+class ModelFileError(InputError):
     """A file that is not a model, or a model that does not give its own golden answers."""
 
 

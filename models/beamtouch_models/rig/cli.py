@@ -13,7 +13,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         # Imported here so that a missing extra is one clear line.
         from beamtouch_models import modelfile  # noqa: PLC0415
-        from beamtouch_models.errors import SceneError  # noqa: PLC0415
+        from beamtouch_models.errors import InputError  # noqa: PLC0415
         from beamtouch_models.rig.run import Device, run  # noqa: PLC0415
         from beamtouch_models.rig.script import default_script, load_script  # noqa: PLC0415
         from beamtouch_models.rig.surface import VirtualSurface  # noqa: PLC0415
@@ -27,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         surface = VirtualSurface(scene, model.metadata, options.seed)
         device = Device(options.modbus_tcp, options.modbus_rtu, options.serial)
         asyncio.run(run(surface, script, device, options.truth))
-    except (SceneError, modelfile.ModelFileError) as error:
+    except InputError as error:
         return _fail(str(error))
     except OSError as error:
         return _fail(f"{error.filename}: {error.strerror}")

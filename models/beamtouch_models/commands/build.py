@@ -1,0 +1,43 @@
+"""`design-sensors build`: from a scene to a model file, with a daemon config if wanted."""
+
+import argparse
+import re
+import sys
+from pathlib import Path
+
+from beamtouch_models import modelfile
+from beamtouch_models.build import build
+from beamtouch_models.commands import inspect
+from beamtouch_models.commands.progress import shown_progress
+from beamtouch_models.daemon_config import daemon_config, write_token_if_absent
+from beamtouch_models.errors import SceneError
+from beamtouch_models.export import write_whole
+from beamtouch_models.scene import load_scene
+
+
+def run(options: argparse.Namespace) -> None:
+    """Build, write what was asked for, and print what the model says of itself."""
+    scene, text = load_scene(options.scene)
+    for path in (options.output, options.daemon_config):
+        if path is not None and not path.parent.is_dir():
+            message = f"{path.parent}: no such folder; make it first"
+            raise SceneError(message)
+    name = _surface_name(options.scene)
+    with shown_progress() as progress:
+        built = build(scene, text, name, count=options.sensors, seed=options.seed, progress=progress)
+    write_whole(options.output, built.content)
+    if options.daemon_config is not None:
+        write_whole(options.daemon_config, daemon_config(built.metadata).encode())
+        token = write_token_if_absent(options.daemon_config.parent)
+        print(
+            f"try it:  beamtouch-rig {options.scene} --model {options.output} --modbus-tcp 127.0.0.1:5020\n"
+            f"         beamtouch-service run --model {options.output} --token-file {token}\n"
+            f"         beamtouch-daemon run {options.daemon_config}",
+            file=sys.stderr,
+        )
+    inspect.show(modelfile.load_bytes(built.content, str(options.output)), as_json=options.json)
+
+
+def _surface_name(scene: Path) -> str:
+    """Name the surface after the scene file."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "-", scene.stem)[:64] or "surface"
