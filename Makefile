@@ -15,11 +15,11 @@ install: $(INSTALLED)  ## make .venv with everything, editable
 
 $(INSTALLED): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	touch $@
 
 demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live contacts for about 20 s
-	@$(BIN)/python demo/demo.py
+	@$(BIN)/python demo/demo.py $(DEMO)
 
 test: $(INSTALLED)  ## all tests
 	$(BIN)/python -m pytest --numprocesses $(WORKERS)

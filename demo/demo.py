@@ -32,6 +32,17 @@ TRUTH_DELAY_S = 0.05
 LENGTH_MM = 400.0
 MIDDLE_MM = (60.0, 340.0)
 
+PICTURE = """<svg viewBox="0 0 {width} {height}" xmlns="http://www.w3.org/2000/svg">
+<style>.{unique_id}-matrix {{ font-family: monospace; font-size: {char_height}px; line-height: {line_height}px; }}
+{styles}</style>
+<defs>{lines}</defs>
+<rect width="100%" height="100%" rx="8" fill="#292929"/>
+<g transform="translate({terminal_x}, {terminal_y})">{backgrounds}
+<g class="{unique_id}-matrix">{matrix}</g></g>
+</svg>
+"""
+"""A drawing that needs nothing from elsewhere, unlike the one that rich draws by default."""
+
 
 @dataclass
 class Watched:
@@ -71,14 +82,22 @@ def main() -> int:
     """Run the demo; returns 0 if contacts were reported and nothing failed."""
     parser = argparse.ArgumentParser(description="Show live contacts of two virtual surfaces.")
     parser.add_argument("--seconds", type=float, default=20.0, help="how long to watch (default 20)")
+    parser.add_argument("--picture", type=Path, metavar="FILE.svg", help="also draw what was printed")
     options = parser.parse_args()
-    console = Console(width=None if sys.stdout.isatty() else 80)
+    console = Console(width=None if sys.stdout.isatty() else 80, record=options.picture is not None)
+    code = _run(console, options.seconds)
+    if options.picture is not None:
+        console.save_svg(str(options.picture), title="make demo", code_format=PICTURE)
+    return code
+
+
+def _run(console: Console, seconds: float) -> int:
     try:
         model, daemon_config = _model(console)
         with tempfile.TemporaryDirectory(prefix="beamtouch-demo-") as folder:
             line = Line(Path(folder), SCENE, model, daemon_config, SURFACES)
             with line:
-                watched = _watch(line, console, options.seconds)
+                watched = _watch(line, console, seconds)
                 failed = line.dead()
                 for name in failed:
                     console.print(f"{name} ended by itself:\n{line.log(name)}")
@@ -107,11 +126,12 @@ def _model(console: Console) -> tuple[Path, Path]:
 def _watch(line: Line, console: Console, seconds: float) -> list[Watched]:
     """Ask for contacts until the time is up or Ctrl-C; returns what was seen."""
     watched = [Watched(surface, Truth(line.truth(surface.name))) for surface in line.surfaces]
-    start = time.monotonic()
     next_print = 0.0
     live = Live(console=console, auto_refresh=False) if console.is_terminal else None
     try:
         with httpx2.Client(base_url=line.url) as client:
+            _wait_until_ready(line, client)
+            start = time.monotonic()
             if live:
                 live.start()
             while (elapsed := time.monotonic() - start) < seconds and not line.dead():
@@ -133,9 +153,16 @@ def _watch(line: Line, console: Console, seconds: float) -> list[Watched]:
     return watched
 
 
+def _wait_until_ready(line: Line, client: httpx2.Client) -> None:
+    """Wait until both surfaces have samples, for at most 10 s."""
+    deadline = time.monotonic() + 10
+    while not client.get("/health/ready").is_success and time.monotonic() < deadline and not line.dead():
+        time.sleep(0.05)
+
+
 def _table(watched: list[Watched], elapsed: float) -> Table:
-    table = Table(title=f"contacts, {elapsed:4.1f} s", box=SIMPLE)
-    for heading in ("surface", "true mm", "found mm", "95 % interval", "error", "true N", "found N", "age ms"):
+    table = Table(title=f"contacts after {elapsed:.1f} s (age in ms)", box=SIMPLE)
+    for heading in ("surface", "true mm", "found", "95 % interval", "error", "true N", "found", "age"):
         table.add_column(heading, justify="left" if heading == "surface" else "right", no_wrap=True)
     for one in watched:
         table.add_row(one.surface.name, *_cells(one))

@@ -8,12 +8,12 @@ import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError, model_validator
 
 from beamtouch_models.errors import InputError
 
@@ -25,6 +25,8 @@ FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
 
 GOLDEN_TOLERANCE = 1e-3
 """How far a golden answer may come out from what the file states, in mm, N and nats; float32 needs a tenth of it."""
+
+_NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 
 Answers = dict[str, NDArray[np.float32]]
 
@@ -40,7 +42,7 @@ class _Strict(BaseModel):
 class Channel(_Strict):
     """One sensor of the layout."""
 
-    name: str = Field(min_length=1, max_length=64)
+    name: str = Field(pattern=_NAME)
     position_mm: FiniteFloat
     """From the left end of the beam."""
 
@@ -111,7 +113,7 @@ class Metadata(_Strict):
     """Everything the file says of itself; each field is one metadata entry, as JSON, under `beamtouch.<field>`."""
 
     schema_version: Literal[1] = SCHEMA_VERSION
-    name: str = Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")
+    name: str = Field(pattern=_NAME)
     """Of the scene; the surface's name unless a config gives another."""
     estimator: str
     length_mm: PositiveFloat
@@ -133,6 +135,21 @@ class Metadata(_Strict):
     scene: str
     """The scene's TOML text, so that a model can be rebuilt from itself."""
 
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        names = [channel.name for channel in self.layout]
+        if len(set(names)) != len(names):
+            message = "layout: a channel name occurs twice"
+            raise ValueError(message)
+        if self.min_channels > len(names):
+            message = f"min_channels: {self.min_channels} of {len(names)} channels"
+            raise ValueError(message)
+        rows: list[list[float] | list[bool]] = [*self.golden.deflection_mm, *self.golden.valid]
+        if len(self.golden.valid) != len(self.golden.deflection_mm) or any(len(row) != len(names) for row in rows):
+            message = f"golden: its inputs are not rows of {len(names)} channels"
+            raise ValueError(message)
+        return self
+
     def to_entries(self) -> dict[str, str]:
         """Return the ONNX metadata entries, key to JSON text."""
         fields = self.model_dump(mode="json")
@@ -152,7 +169,8 @@ class Metadata(_Strict):
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"])
-            message = f"metadata entry {METADATA_PREFIX}{where}: {first['msg']}"
+            reason = first["msg"].removeprefix("Value error, ")
+            message = f"metadata entry {METADATA_PREFIX}{where}: {reason}" if where else f"metadata: {reason}"
             raise ModelFileError(message) from None
         except json.JSONDecodeError:
             message = "its metadata is not JSON"
@@ -253,16 +271,22 @@ def _check_signature(model: ModelFile) -> None:
 
 def _check_golden(model: ModelFile) -> None:
     golden = model.metadata.golden
-    count = len(model.channels)
-    rows: list[list[float] | list[bool]] = [*golden.deflection_mm, *golden.valid]
-    if any(len(row) != count for row in rows):
-        message = f"its golden inputs do not have {count} channels"
-        raise ModelFileError(message)
-    answers = model.estimate(np.array(golden.deflection_mm, np.float32), np.array(golden.valid, np.bool_))
+    rows = [_one_row(model, *row) for row in zip(golden.deflection_mm, golden.valid, strict=True)]
     for name in model.outputs:
+        found = np.array([row[name] for row in rows], np.float32)
         expected = np.array(golden.answers.get(name, []), np.float32)
-        if expected.shape != answers[name].shape or not np.allclose(
-            answers[name], expected, rtol=GOLDEN_TOLERANCE, atol=GOLDEN_TOLERANCE
+        if expected.shape != found.shape or not np.allclose(
+            found, expected, rtol=GOLDEN_TOLERANCE, atol=GOLDEN_TOLERANCE
         ):
             message = f"its golden answers for {name} do not come out on this machine"
             raise ModelFileError(message)
+
+
+def _one_row(model: ModelFile, deflection_mm: list[float], valid: list[bool]) -> dict[str, float]:
+    """Answer one sample as a service does; a graph that cannot is refused."""
+    try:
+        answers = model.estimate(np.array([deflection_mm], np.float32), np.array([valid], np.bool_))
+        return {name: float(values.reshape(())) for name, values in answers.items()}
+    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        message = f"its graph cannot be run on one sample ({(str(error).splitlines() or [''])[0]})"
+        raise ModelFileError(message) from None

@@ -1,0 +1,1 @@
+"""The contact service: samples in, `GET /contact` out."""

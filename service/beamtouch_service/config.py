@@ -1,0 +1,189 @@
+"""What the service is told: a TOML file, the command line over it, and the token file."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from beamtouch_service.samples import SurfaceName
+
+MIN_TOKEN_CHARACTERS = 16
+_MAX_TOKEN_BYTES = 4096
+_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+Port = Annotated[int, Field(ge=0, le=65535)]
+StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
+_Text = Annotated[str, Field(min_length=1)]
+
+
+class ConfigError(ValueError):
+    """Wrong input; the message is one line that says what to do."""
+
+
+class ServerSection(BaseModel):
+    """`[server]`: where to listen, and who may write."""
+
+    model_config = _STRICT
+
+    host: _Text = "127.0.0.1"
+    """Beyond loopback only together with a token file."""
+    port: Port = 8420
+    """0 picks a free one."""
+    token_file: _Text | None = None
+    """Without one every write is refused."""
+
+
+class SurfaceSection(BaseModel):
+    """`[surfaces.NAME]`: one surface."""
+
+    model_config = _STRICT
+
+    model: _Text | None = None
+    """Model file; without one the surface takes samples and gives no contact."""
+    stale_ms: StaleMs = 500.0
+    """No contact is given from a sample older than this."""
+
+
+class ConfigFile(BaseModel):
+    """The whole file; relative paths in it are relative to it."""
+
+    model_config = _STRICT
+
+    server: ServerSection = ServerSection()
+    surfaces: dict[SurfaceName, SurfaceSection] = Field(default_factory=dict)
+
+
+class Overrides(BaseModel):
+    """What the command line says; None where it says nothing."""
+
+    model_config = _STRICT
+
+    host: _Text | None = None
+    port: Port | None = None
+    token_file: _Text | None = None
+    model: _Text | None = None
+    stale_ms: StaleMs | None = None
+
+
+@dataclass(frozen=True)
+class SurfaceSettings:
+    """One surface as it is to be set up."""
+
+    name: str
+    """Empty: named by its model."""
+    model: Path | None
+    stale_ms: float
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything the service is told, checked."""
+
+    host: str
+    port: int
+    token: str | None = field(repr=False)
+    surfaces: tuple[SurfaceSettings, ...]
+
+
+def load_settings(config: Path | None, options: Mapping[str, object]) -> Settings:
+    """Merge a config file and the command line, which wins, and read the token.
+
+    Parameters
+    ----------
+    config : the file, if there is one
+    options : fields of `Overrides`
+
+    Raises
+    ------
+    ConfigError
+        Anything in it is wrong; the message names the place.
+    """
+    overrides = _validate(Overrides, options, "--", "command line")
+    file = _read(config) if config else ConfigFile()
+    folder = config.parent if config else Path()
+    server = file.server
+    token_file = _path(overrides.token_file, Path()) or _path(server.token_file, folder)
+    return Settings(
+        host=server.host if overrides.host is None else overrides.host,
+        port=server.port if overrides.port is None else overrides.port,
+        token=load_token(token_file) if token_file else None,
+        surfaces=_merge_surfaces(file, folder, overrides),
+    )
+
+
+def _merge_surfaces(file: ConfigFile, folder: Path, overrides: Overrides) -> tuple[SurfaceSettings, ...]:
+    model = _path(overrides.model, Path())
+    if model and len(file.surfaces) > 1:
+        message = f"--model is for one surface, the config has {', '.join(file.surfaces)}; set `model` in the config"
+        raise ConfigError(message)
+    merged = [
+        SurfaceSettings(
+            name=name,
+            model=model or _path(section.model, folder),
+            stale_ms=overrides.stale_ms or section.stale_ms,
+        )
+        for name, section in file.surfaces.items()
+    ]
+    if model and not merged:
+        merged = [SurfaceSettings(name="", model=model, stale_ms=overrides.stale_ms or SurfaceSection().stale_ms)]
+    return tuple(merged)
+
+
+def load_token(path: Path) -> str:
+    """Read the bearer token, white space around it aside; raises ConfigError if the file holds none that will do."""
+    remedy = f"write at least {MIN_TOKEN_CHARACTERS} random characters to it, as `openssl rand -hex 32` prints them"
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_TOKEN_BYTES + 1)
+    except OSError as error:
+        message = f"token file {path}: {error.strerror}; {remedy}"
+        raise ConfigError(message) from None
+    token = content.decode("ascii", "replace").strip()
+    if len(content) > _MAX_TOKEN_BYTES:
+        problem = f"longer than {_MAX_TOKEN_BYTES} bytes"
+    elif not token:
+        problem = "empty"
+    elif not all("!" <= character <= "~" for character in token):
+        problem = "more than one word of printable ASCII"
+    elif len(token) < MIN_TOKEN_CHARACTERS:
+        problem = f"only {len(token)} characters"
+    else:
+        return token
+    message = f"token file {path}: {problem}; {remedy}"
+    raise ConfigError(message)
+
+
+def _read(path: Path) -> ConfigFile:
+    try:
+        content = tomllib.loads(path.read_bytes().decode())
+    except OSError as error:
+        message = f"config {path}: {error.strerror}"
+        raise ConfigError(message) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        message = f"config {path} is not TOML: {error}"
+        raise ConfigError(message) from None
+    return _validate(ConfigFile, content, "", f"config {path}")
+
+
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def _validate(model: type[_Model], content: Mapping[str, object], prefix: str, origin: str) -> _Model:
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        place = prefix + ".".join(str(part) for part in first["loc"])
+        if prefix:
+            place = place.replace("_", "-")
+        known = first["type"] != "extra_forbidden"
+        wrong = first["msg"] if known else "unknown key; remove it or correct its spelling"
+        message = f"{origin}: {place}: {wrong}"
+        raise ConfigError(message) from None
+
+
+def _path(text: str | None, folder: Path) -> Path | None:
+    return folder / text if text else None

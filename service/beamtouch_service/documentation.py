@@ -1,0 +1,130 @@
+"""What the OpenAPI description says beyond the signatures of the routes: examples, problems, the batch."""
+
+from typing import Any
+
+from pydantic.json_schema import models_json_schema
+
+from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemBody
+from beamtouch_service.samples import Batch
+
+DESCRIPTION = (
+    "Is something touching the beam, where, how hard, and how sure are we. A daemon posts samples; `GET /contact` "
+    "answers from the newest one, and never from one older than the limit of the surface. Lengths are in mm from "
+    "the left end of the beam, forces in N, ages in ms. Every error is problem+json (RFC 9457): decide by its `type`, "
+    "read its `detail`."
+)
+
+_REFERENCE = "#/components/schemas/{model}"
+_SECURITY_SCHEME = "token"
+
+_CONTACT = {
+    "surface": "press-7",
+    "state": "contact",
+    "position_mm": 123.4,
+    "position_low_mm": 121.9,
+    "position_high_mm": 125.0,
+    "force_n": 9.8,
+    "force_low_n": 9.5,
+    "force_high_n": 10.1,
+    "age_ms": 12.3,
+    "sampled_at": "2026-11-20T23:40:46.123Z",
+    "sequence": 4711,
+    "quality": "good",
+    "degraded_channels": [],
+    "model": "paper@4f2c91",
+}
+_FIGURES = [name for name in _CONTACT if name.startswith(("position_", "force_"))]
+_CLEAR = _CONTACT | dict.fromkeys(_FIGURES) | {"state": "clear"}
+_DEGRADED = _CONTACT | {"quality": "degraded", "degraded_channels": ["s3"]}
+
+_BATCH = {
+    "boot_id": "6f1d2c84-0b7e-4a53",
+    "channels": ["s1", "s2", "s3"],
+    "newest_age_ms": 3.2,
+    "samples": [
+        {
+            "sequence": 4711,
+            "acquired_unix_us": 1795218046123000,
+            "deflection_mm": [0.112, 0.243, None],
+            "quality": ["good", "good", "missing"],
+        }
+    ],
+}
+
+BATCH_BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "application/json": {
+                "schema": {"$ref": _REFERENCE.format(model="Batch")},
+                "examples": {"one sample, one broken channel": {"value": _BATCH}},
+            }
+        },
+    },
+    "security": [{_SECURITY_SCHEME: []}],
+}
+"""For a route that reads its body itself."""
+
+_DETAILS = {
+    Kind.STALE: Problem(
+        Kind.STALE,
+        "The newest sample is 2140.7 ms old, the limit is 500 ms; see whether the daemon runs and reaches the device.",
+        "press-7",
+        {"age_ms": 2140.7, "stale_ms": 500.0},
+    ),
+    Kind.TOO_FEW_CHANNELS: Problem(
+        Kind.TOO_FEW_CHANNELS,
+        "1 work, the model needs 2; repair s2 (stuck), s3 (missing).",
+        "press-7",
+        {"bad_channels": {"s2": "stuck", "s3": "missing"}},
+    ),
+    Kind.MISSING_CHANNELS: Problem(
+        Kind.MISSING_CHANNELS,
+        "The batch lacks s3; send every channel of the model, a broken one as missing.",
+        "press-7",
+        {"missing_channels": ["s3"]},
+    ),
+    Kind.INVALID_REQUEST: Problem(
+        Kind.INVALID_REQUEST,
+        "#/newest_age_ms: Input should be greater than or equal to 0",
+        members={
+            "errors": [{"pointer": "#/newest_age_ms", "detail": "Input should be greater than or equal to 0"}],
+        },
+    ),
+}
+
+
+def problems(*kinds: Kind) -> dict[int | str, dict[str, Any]]:
+    """Return the `responses` of a route that can end in problems of these kinds, an example for each."""
+    responses: dict[int | str, dict[str, Any]] = {}
+    for kind in kinds:
+        empty = {"schema": {"$ref": _REFERENCE.format(model="Problem")}, "examples": {}}
+        response = responses.setdefault(kind.status, {"description": "", "content": {MEDIA_TYPE: empty}})
+        response["description"] = "; or ".join(filter(None, [response["description"], kind.title]))
+        problem = _DETAILS.get(kind) or Problem(kind, "What is wrong this time, and what to do about it.")
+        response["content"][MEDIA_TYPE]["examples"][kind.slug] = {"value": problem.body()}
+    # Stands for every other problem, and keeps the framework from describing a 422 that no route gives.
+    content = {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(model="Problem")}}}
+    return {**responses, "default": {"description": "Any other problem.", "content": content}}
+
+
+def complete(description: dict[str, Any]) -> None:
+    """Add to an OpenAPI description, in place, what routes refer to by name, and the examples of a contact."""
+    _, schemas = models_json_schema([(Batch, "validation"), (ProblemBody, "validation")], ref_template=_REFERENCE)
+    components = description.setdefault("components", {})
+    # In the code `Problem` is the value; outside, where there is only the body of it, the shorter name is the better.
+    renamed = {"Problem" if name == "ProblemBody" else name: schema for name, schema in schemas["$defs"].items()}
+    components.setdefault("schemas", {}).update(renamed)
+    components["securitySchemes"] = {
+        _SECURITY_SCHEME: {"type": "http", "scheme": "bearer", "description": "The content of the token file."}
+    }
+    _add_contact_examples(description)
+
+
+def _add_contact_examples(description: dict[str, Any]) -> None:
+    # Not with the routes: the framework would drop every null from them, and a clear contact is full of it.
+    examples = {"contact": _CONTACT, "clear": _CLEAR, "degraded": _DEGRADED}
+    for path, operations in description["paths"].items():
+        if path.endswith("/contact"):
+            content = operations["get"]["responses"]["200"]["content"]["application/json"]
+            content["examples"] = {name: {"value": value} for name, value in examples.items()}

@@ -1,0 +1,94 @@
+"""Every way in which the service says no, as problem details (RFC 9457).
+
+A problem is a value; `ProblemError` carries it through the code, and `handlers` turns it into an answer.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+from pydantic import BaseModel, ConfigDict, Field
+
+TYPE_PREFIX = "urn:beamtouch:problem:"
+MEDIA_TYPE = "application/problem+json"
+
+
+class Kind(Enum):
+    """What can be wrong: the last part of the problem's `type`, the HTTP status, and the title."""
+
+    NO_SURFACE = ("no-surface", 503, "The service has no surface")
+    NO_MODEL = ("no-model", 503, "The surface has no model")
+    NO_SAMPLES = ("no-samples", 503, "The surface has no samples yet")
+    STALE = ("stale", 503, "The newest sample is too old")
+    TOO_FEW_CHANNELS = ("too-few-channels", 503, "Too few working channels")
+    UNUSABLE_ESTIMATE = ("unusable-estimate", 503, "The model gave no usable answer")
+    NOT_READY = ("not-ready", 503, "The service is not ready")
+    UNAUTHORIZED = ("unauthorized", 401, "A valid bearer token is required")
+    UNKNOWN_SURFACE = ("unknown-surface", 404, "There is no such surface")
+    SURFACE_REQUIRED = ("surface-required", 400, "Several surfaces: name one")
+    MALFORMED_JSON = ("malformed-json", 400, "The body is not JSON")
+    INVALID_REQUEST = ("invalid-request", 422, "The request does not follow its format")
+    MISSING_CHANNELS = ("missing-channels", 422, "The batch lacks channels of the model")
+    TOO_LARGE = ("too-large", 413, "The body is too large")
+    NOT_FOUND = ("not-found", 404, "There is nothing at this address")
+    METHOD_NOT_ALLOWED = ("method-not-allowed", 405, "This address does not take that method")
+    STOPPING = ("stopping", 503, "The service is stopping")
+    INTERNAL = ("internal", 500, "The service failed")
+
+    def __init__(self, slug: str, status: int, title: str) -> None:
+        self.slug = slug
+        self.status = status
+        self.title = title
+
+    @property
+    def type_uri(self) -> str:
+        """The `type` member, the same for every problem of this kind."""
+        return TYPE_PREFIX + self.slug
+
+
+class ProblemBody(BaseModel):
+    """Problem details (RFC 9457); kinds of problems add members of their own."""
+
+    model_config = ConfigDict(extra="allow", title="Problem")
+
+    type: str = Field(examples=[Kind.STALE.type_uri])
+    """Names the kind of problem; the one member for programs to decide by."""
+    title: str
+    status: int
+    detail: str
+    """What is wrong this time, and what to do about it."""
+    surface: str | None = None
+    """The surface in question, where there is one."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One problem, this time."""
+
+    kind: Kind
+    detail: str
+    """What is wrong this time, and what to do about it."""
+    surface: str | None = None
+    members: Mapping[str, object] = field(default_factory=dict)
+    """Further members of the body, JSON values."""
+
+    def body(self) -> dict[str, object]:
+        """Return the members of the answer; `surface` only where there is one."""
+        named = {} if self.surface is None else {"surface": self.surface}
+        return {
+            "type": self.kind.type_uri,
+            "title": self.kind.title,
+            "status": self.kind.status,
+            "detail": self.detail,
+            **named,
+            **self.members,
+        }
+
+
+class ProblemError(Exception):
+    """Ends a request with a problem."""
+
+    def __init__(self, problem: Problem, headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(problem.detail)
+        self.problem = problem
+        self.headers = dict(headers or {})

@@ -1,0 +1,95 @@
+"""The published batch: what a daemon sends to `POST /surfaces/{name}/samples`.
+
+The service receives it, so the service owns its format; the daemon imports this module and nothing else of the
+service. It depends on pydantic only, so that a gateway carries no web framework and no onnxruntime.
+"""
+
+from enum import StrEnum
+from itertools import pairwise
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+MAX_CHANNELS = 64
+MAX_SAMPLES = 10_000
+_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+ChannelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
+SurfaceName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
+
+
+class Quality(StrEnum):
+    """What is known of one channel at one instant; only `good` channels reach the model."""
+
+    GOOD = "good"
+    OUT_OF_RANGE = "out-of-range"
+    """The gap lies outside the linear range of the sensor."""
+    SATURATED = "saturated"
+    """The counts stand at the end of the ADC."""
+    STUCK = "stuck"
+    """The counts have not changed for longer than noise allows."""
+    MISSING = "missing"
+    """No reading of this channel."""
+
+
+class Sample(BaseModel):
+    """One filtered deflection per channel, with its quality and its time."""
+
+    model_config = _STRICT
+
+    sequence: int = Field(ge=0, lt=2**53)
+    """Counts the samples since the sender started; a gap is a loss."""
+    acquired_unix_us: int = Field(ge=0, lt=2**53)
+    """When the newest reading in it was taken, by the sender's clock; for the record, never for freshness."""
+    deflection_mm: list[FiniteFloat | None] = Field(min_length=1, max_length=MAX_CHANNELS)
+    """One value per channel, positive in the direction of the load; null for a missing channel."""
+    quality: Annotated[list[Annotated[Quality, Field(strict=False)]], Field(max_length=MAX_CHANNELS)]
+    """One quality per channel."""
+
+    @model_validator(mode="after")
+    def _one_quality_per_value(self) -> Self:
+        if len(self.quality) != len(self.deflection_mm):
+            message = f"{len(self.deflection_mm)} deflections with {len(self.quality)} qualities"
+            raise ValueError(message)
+        for value, quality in zip(self.deflection_mm, self.quality, strict=True):
+            if value is None and quality is Quality.GOOD:
+                message = "a channel without a deflection cannot be good"
+                raise ValueError(message)
+        return self
+
+
+class Batch(BaseModel):
+    """Samples of one surface in the order they were taken."""
+
+    model_config = _STRICT
+
+    boot_id: str = Field(pattern=r"^[A-Za-z0-9-]{8,64}$")
+    """New at every start of the sender; together with the sequence number it names a sample for good."""
+    channels: list[ChannelName] = Field(min_length=1, max_length=MAX_CHANNELS)
+    """The channel names, in the order of the values in each sample."""
+    newest_age_ms: FiniteFloat = Field(ge=0, le=1e12)
+    """Age of the last sample at sending, by the sender's monotonic clock; freshness depends on nothing else."""
+    samples: list[Sample] = Field(min_length=1, max_length=MAX_SAMPLES)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if len(set(self.channels)) != len(self.channels):
+            message = "a channel name occurs twice"
+            raise ValueError(message)
+        if any(len(sample.deflection_mm) != len(self.channels) for sample in self.samples):
+            message = f"every sample must hold {len(self.channels)} values, one per channel"
+            raise ValueError(message)
+        sequences = [sample.sequence for sample in self.samples]
+        if any(later <= earlier for earlier, later in pairwise(sequences)):
+            message = "sequence numbers must increase"
+            raise ValueError(message)
+        return self
+
+
+class Receipt(BaseModel):
+    """The answer to a batch."""
+
+    accepted: int = Field(ge=0)
+    """Samples that were new."""
+    repeated: int = Field(ge=0)
+    """Samples that had been received before; they changed nothing."""

@@ -1,0 +1,91 @@
+"""Real service processes on free ports of loopback."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import pytest
+
+
+class Service:
+    """A service process on a free port."""
+
+    def __init__(self, process: subprocess.Popen[str], first_line: str, token: str) -> None:
+        self.process = process
+        self.first_line = first_line
+        self.token = token
+        self.url = first_line.removeprefix("listening on ").strip()
+
+    def get(self, path: str) -> httpx2.Response:
+        return httpx2.get(self.url + path, trust_env=False)
+
+    def post(self, body: dict[str, Any] | bytes | Iterator[bytes]) -> httpx2.Response:
+        content = json.dumps(body).encode() if isinstance(body, dict) else body
+        headers = {"Authorization": f"Bearer {self.token}"}
+        return httpx2.post(f"{self.url}/surfaces/press-7/samples", content=content, headers=headers, trust_env=False)
+
+    def stop(self, signal_number: int) -> tuple[int, str]:
+        """Send a signal; return exit code and standard error."""
+        self.process.send_signal(signal_number)
+        _, errors = self.process.communicate(timeout=10)
+        return self.process.returncode, errors
+
+
+Command = Callable[..., subprocess.Popen[str]]
+StartService = Callable[..., Service]
+
+
+@pytest.fixture
+def command(tmp_path: Path) -> Iterator[Command]:
+    """Start `beamtouch-service` with these arguments in a folder of its own; whatever still runs is ended."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: str | Path) -> subprocess.Popen[str]:
+        search = [str(Path(entry).resolve()) for entry in os.environ.get("PYTHONPATH", "").split(":") if entry]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "beamtouch_service.cli", *map(str, arguments)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": ":".join(search)},
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def start_service(command: Command, token_file: Path) -> StartService:
+    def start(*arguments: str | Path) -> Service:
+        process = command("run", "--port", "0", *arguments)
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        assert line.startswith("listening on http://127.0.0.1:"), process.communicate()[1]
+        return Service(process, line, token_file.read_text().strip())
+
+    return start
+
+
+@pytest.fixture
+def wait_for() -> Callable[[Callable[[], bool]], None]:
+    """Poll until a condition holds, five seconds at most."""
+
+    def wait(condition: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + 5
+        while not condition():
+            assert time.monotonic() < deadline, "it did not come true within 5 s"
+            time.sleep(0.01)
+
+    return wait

@@ -1,0 +1,128 @@
+"""Wrong input ends in exit 2 and one line that says what to do."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import onnx
+import pytest
+
+from beamtouch_service import cli
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from service.conftest import BuildModel
+    from service.process.conftest import Command
+
+
+def refusal(process: subprocess.Popen[str]) -> str:
+    output, errors = process.communicate(timeout=20)
+    assert (process.returncode, output) == (2, "")
+    (line,) = errors.splitlines()
+    return line
+
+
+def refused_here(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+    """Run the command in this process: for refusals that come before it listens."""
+    assert cli.main(["run", *map(str, arguments)]) == 2
+    output, errors = capsys.readouterr()
+    assert output == ""
+    (line,) = errors.splitlines()
+    return line
+
+
+def test_a_model_cut_in_half(command: Command, build_model: BuildModel) -> None:
+    model = build_model()
+    content = model.read_bytes()
+    model.write_bytes(content[: len(content) // 2])
+
+    line = refusal(command("run", "--port", "0", "--model", model))
+    assert line.startswith(f"beamtouch-service: model {model}: damaged or not an ONNX file; build it again")
+
+
+def test_a_port_in_use(command: Command) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        line = refusal(command("run", "--port", str(taken.getsockname()[1])))
+
+    assert line.endswith("in use; stop what listens there, or choose another with --port")
+
+
+def test_an_unknown_option_or_no_command(command: Command) -> None:
+    assert "--bogus" in refusal(command("run", "--bogus"))
+    assert refusal(command("run", "--port", "many")).endswith("see beamtouch-service run --help")
+    assert "COMMAND" in refusal(command())
+
+
+def test_a_model_that_is_not_there(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    line = refused_here(capsys, "--model", tmp_path / "nowhere.onnx")
+
+    assert line.endswith("nowhere.onnx: No such file or directory")
+
+
+def test_a_model_that_cannot_tell_contact_from_clear(
+    capsys: pytest.CaptureFixture[str], build_model: BuildModel
+) -> None:
+    line = refused_here(capsys, "--model", build_model(outputs=("position_mm",)))
+
+    assert "no output contact_log_odds" in line
+
+
+def test_a_model_that_takes_only_its_own_golden_batch(
+    capsys: pytest.CaptureFixture[str], build_model: BuildModel
+) -> None:
+    path = build_model()
+    model = onnx.load(path)
+    for value in [*model.graph.input, *model.graph.output]:
+        value.type.tensor_type.shape.dim[0].dim_value = 2
+    path.write_bytes(model.SerializeToString())
+
+    assert "cannot be run on one sample" in refused_here(capsys, "--model", path)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])  # noqa: S104  # that it is refused is the point
+def test_the_network_without_a_token(capsys: pytest.CaptureFixture[str], host: str) -> None:
+    line = refused_here(capsys, "--host", host, "--port", "0")
+
+    assert line.endswith("that needs a token: add --token-file FILE, or use 127.0.0.1")
+
+
+def test_a_host_that_is_not_this_machine(capsys: pytest.CaptureFixture[str], token_file: Path) -> None:
+    assert "no address of this machine" in refused_here(capsys, "--host", "no.such.host.invalid")
+    elsewhere = refused_here(capsys, "--host", "192.0.2.1", "--port", "0", "--token-file", token_file)
+    assert "not on this machine" in elsewhere
+
+
+@pytest.mark.parametrize("port", ["-1", "65536"])
+def test_a_port_out_of_range(capsys: pytest.CaptureFixture[str], port: str) -> None:
+    assert "command line: --port: Input should be" in refused_here(capsys, "--port", port)
+
+
+def test_a_wrong_config(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    config = tmp_path / "service.toml"
+    config.write_text("[surfaces.press-7]\nmodle = 'm.onnx'\n")
+
+    line = refused_here(capsys, "--config", config)
+    assert line.endswith("surfaces.press-7.modle: unknown key; remove it or correct its spelling")
+
+
+def test_a_token_file_that_is_empty(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "token").touch()
+
+    line = refused_here(capsys, "--token-file", tmp_path / "token")
+    assert "empty; write at least 16 random characters to it" in line
+
+
+@pytest.mark.parametrize("missing", ["fastapi", "uvicorn", "onnxruntime", "numpy"])
+def test_a_missing_extra(missing: str) -> None:
+    program = (
+        f"import sys; sys.modules[{missing!r}] = None\n"
+        "from beamtouch_service.cli import main; sys.exit(main(['run', '--port', '0']))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=20, check=False)
+
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"beamtouch-service: {missing} is not installed; pip install 'beamtouch[service]'\n"

@@ -1,0 +1,139 @@
+"""What the service is told, and how it says that it was told nonsense."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from beamtouch_service.config import ConfigError, Settings, load_settings, load_token
+
+EXAMPLE = Path(__file__).parents[2] / "service" / "service.example.toml"
+
+
+def load(folder: Path, text: str, **options: object) -> Settings:
+    path = folder / "service.toml"
+    path.write_text(text)
+    return load_settings(path, options)
+
+
+def test_with_nothing_it_listens_on_loopback_and_has_no_surface() -> None:
+    settings = load_settings(None, {})
+
+    assert (settings.host, settings.port, settings.token, settings.surfaces) == ("127.0.0.1", 8420, None, ())
+
+
+def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
+    (tmp_path / "token").write_text("correct-horse-battery\n")
+    settings = load(
+        tmp_path,
+        '[server]\nport = 9000\ntoken_file = "token"\n'
+        '[surfaces.a]\nmodel = "a.onnx"\nstale_ms = 250\n[surfaces.b]\nmodel = "/elsewhere/b.onnx"\n[surfaces.c]\n',
+    )
+
+    assert (settings.port, settings.token) == (9000, "correct-horse-battery")
+    assert [(entry.name, entry.model, entry.stale_ms) for entry in settings.surfaces] == [
+        ("a", tmp_path / "a.onnx", 250),
+        ("b", Path("/elsewhere/b.onnx"), 500),
+        ("c", None, 500),
+    ]
+
+
+def test_the_command_line_wins(tmp_path: Path) -> None:
+    settings = load(
+        tmp_path,
+        '[server]\nhost = "::1"\nport = 9000\n[surfaces.a]\nmodel = "a.onnx"\nstale_ms = 250\n',
+        host="localhost",
+        port=0,
+        model="other.onnx",
+        stale_ms=100.0,
+    )
+
+    assert (settings.host, settings.port) == ("localhost", 0)
+    (entry,) = settings.surfaces
+    assert (entry.name, entry.model, entry.stale_ms) == ("a", Path("other.onnx"), 100)
+
+
+def test_a_model_alone_names_its_surface_itself() -> None:
+    (entry,) = load_settings(None, {"model": "m.onnx"}).surfaces
+
+    assert (entry.name, entry.model, entry.stale_ms) == ("", Path("m.onnx"), 500)
+
+
+def test_the_token_is_not_printed(tmp_path: Path) -> None:
+    (tmp_path / "token").write_text("correct-horse-battery\n")
+    settings = load_settings(None, {"token_file": str(tmp_path / "token")})
+
+    assert "correct-horse" not in repr(settings)
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("[server]\nprot = 1\n", "server.prot: unknown key"),
+        ("[surfaces.a]\nmodle = 'x'\n", "surfaces.a.modle: unknown key"),
+        ("[surfaces.'a b']\n", "surfaces.a b"),
+        ("[server]\nport = '1'\n", "server.port: Input should be a valid integer"),
+        ("[server]\nport = 65536\n", "server.port: Input should be less than or equal to 65535"),
+        ("[server]\nhost = ''\n", "server.host"),
+        ("[surfaces.a]\nstale_ms = 0\n", "surfaces.a.stale_ms"),
+        ("[surfaces.a]\nstale_ms = nan\n", "surfaces.a.stale_ms: Input should be a finite number"),
+        ("[server\n", "is not TOML"),
+        ("[server]\ntoken_file = 'nowhere'\n", "nowhere: No such file or directory; write at least 16 random"),
+    ],
+)
+def test_a_wrong_config_is_refused_with_the_place_that_is_wrong(tmp_path: Path, text: str, complaint: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, text)
+
+    assert complaint in str(caught.value)
+
+
+def test_a_wrong_option_is_named_as_it_was_typed() -> None:
+    with pytest.raises(ConfigError, match="command line: --stale-ms: Input should be a finite number"):
+        load_settings(None, {"stale_ms": float("nan")})
+
+
+def test_one_model_is_not_for_several_surfaces(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="--model is for one surface, the config has a, b"):
+        load(tmp_path, "[surfaces.a]\n[surfaces.b]\n", model="m.onnx")
+
+
+def test_a_config_that_is_not_there_or_not_text_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nowhere.toml: No such file"):
+        load_settings(tmp_path / "nowhere.toml", {})
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(ConfigError, match=r"binary.toml is not TOML"):
+        load_settings(tmp_path / "binary.toml", {})
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"", "empty"),
+        (b" \n", "empty"),
+        (b"fifteen-chars-1\n", "only 15 characters"),
+        (b"two words in one file\n", "more than one word"),
+        ("schlüssel-mit-umlaut".encode(), "more than one word of printable ASCII"),
+        (b"x" * 5000, "longer than 4096 bytes"),
+    ],
+)
+def test_a_token_that_will_not_do_is_refused(tmp_path: Path, content: bytes, complaint: str) -> None:
+    path = tmp_path / "token"
+    path.write_bytes(content)
+
+    with pytest.raises(ConfigError, match=complaint):
+        load_token(path)
+
+
+def test_sixteen_characters_are_enough(tmp_path: Path) -> None:
+    (tmp_path / "token").write_text("  sixteen-chars-16\r\n")
+
+    assert load_token(tmp_path / "token") == "sixteen-chars-16"
+
+
+def test_the_example_is_a_config(tmp_path: Path) -> None:
+    (tmp_path / "token").write_text("correct-horse-battery\n")
+    settings = load(tmp_path, EXAMPLE.read_text())
+
+    assert [entry.name for entry in settings.surfaces] == ["press-7"]
