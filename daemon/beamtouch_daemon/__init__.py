@@ -1,0 +1,1 @@
+"""The acquisition daemon: device to reading to sample to service."""

@@ -1,0 +1,167 @@
+"""Command line of the daemon. Exit 0: done; 1: failed; 2: wrong input, with one line that says what to do."""
+
+import argparse
+import asyncio
+import dataclasses
+import json
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from beamtouch_daemon.once import SurfaceState
+    from beamtouch_daemon.runtime import Summary
+
+DONE, FAILED, WRONG_INPUT = 0, 1, 2
+INTERRUPTED = 130
+_EXTRA_MODULES = {"numpy", "serial", "pymodbus", "cobs", "httpx2"}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit code."""
+    arguments = _parser().parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", stream=sys.stderr)
+    logging.getLogger("httpx2").setLevel(logging.WARNING)  # it logs every request
+    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs every failure; the sources report them
+    try:
+        from beamtouch_daemon.config import ConfigError  # noqa: PLC0415 - needs the extra, which may be missing
+
+        try:
+            code: int = arguments.command(arguments)
+        except ConfigError as error:
+            return _complain(str(error), WRONG_INPUT)
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] not in _EXTRA_MODULES:
+            raise
+        return _complain(f"{error.name} is not installed: pip install 'beamtouch[daemon]'", WRONG_INPUT)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="beamtouch-daemon", description="Read the sensors and publish samples.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    for name, function, text in (
+        ("run", _run, "read all surfaces and publish their samples until stopped"),
+        ("check", _check, "read every channel once and print what it gives"),
+        ("tare", _tare, "measure the rest gaps, with nothing on the beam"),
+    ):
+        command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
+        command.add_argument("config", metavar="CONFIG", type=Path, help="configuration file (TOML)")
+        command.set_defaults(command=function)
+        if name == "run":
+            command.add_argument("--summary", metavar="FILE", type=Path, help="write the final counts to FILE (JSON)")
+        elif name == "check":
+            command.add_argument("--json", action="store_true", help="print one JSON object")
+        else:
+            command.add_argument("--surface", metavar="NAME", help="this surface only")
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from beamtouch_daemon import config_file, runtime  # noqa: PLC0415
+
+    settings = config_file.load(arguments.config)
+    summary_file: Path | None = arguments.summary
+    if summary_file and not summary_file.parent.is_dir():
+        return _complain(f"--summary: {summary_file.parent} is not a directory", WRONG_INPUT)
+    config_file.require_ports(settings)
+    token = settings.read_token()
+    summaries = asyncio.run(runtime.run(settings, token))
+    for name, summary in summaries.items():
+        _print_summary(name, summary)
+    return _write_summary(summary_file, summaries) if summary_file else DONE
+
+
+def _print_summary(name: str, summary: "Summary") -> None:
+    print(
+        f"{name}: {summary.readings} readings taken, {summary.readings_lost} lost; "
+        f"{summary.samples_published} samples published, {summary.samples_dropped} dropped",
+        file=sys.stderr,
+    )
+
+
+def _write_summary(path: Path, summaries: dict[str, "Summary"]) -> int:
+    from beamtouch_daemon import tare  # noqa: PLC0415
+
+    content = {"surfaces": {name: dataclasses.asdict(summary) for name, summary in summaries.items()}}
+    try:
+        tare.write_atomically(path, json.dumps(content, indent=2) + "\n")
+    except OSError as error:
+        return _complain(f"--summary: cannot write {path}: {error.strerror}", FAILED)
+    return DONE
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from beamtouch_daemon import config_file, once  # noqa: PLC0415
+
+    settings = config_file.load(arguments.config)
+    config_file.require_ports(settings)
+    states = asyncio.run(once.check(settings))
+    if arguments.json:
+        surfaces = {
+            state.surface: {"error": state.error, "channels": [dataclasses.asdict(c) for c in state.channels]}
+            for state in states
+        }
+        print(json.dumps({"good": all(state.is_good for state in states), "surfaces": surfaces}))
+    else:
+        _print_table(states)
+    for state in states:
+        if state.error:
+            _complain(f"{state.surface}: {state.error}", FAILED)
+    return DONE if all(state.is_good for state in states) else FAILED
+
+
+def _print_table(states: Sequence["SurfaceState"]) -> None:
+    rows = [("surface", "channel", "counts", "gap mm", "deflection mm", "quality")]
+    rows += [
+        (
+            state.surface,
+            channel.channel,
+            "-" if channel.counts is None else str(channel.counts),
+            "-" if channel.gap_mm is None else f"{channel.gap_mm:.4f}",
+            "-" if channel.deflection_mm is None else f"{channel.deflection_mm:.4f}",
+            channel.quality.value,
+        )
+        for state in states
+        for channel in state.channels
+    ]
+    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (c.rjust(w) if 2 <= i <= 4 else c.ljust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
+        print("  ".join(cells).rstrip())
+
+
+def _tare(arguments: argparse.Namespace) -> int:
+    from beamtouch_daemon import config_file, once, tare  # noqa: PLC0415
+    from beamtouch_daemon.sources.reading import SourceError  # noqa: PLC0415
+
+    settings = config_file.load(arguments.config)
+    chosen: str | None = arguments.surface
+    if chosen is not None and chosen not in settings.surfaces:
+        names = ", ".join(settings.surfaces)
+        return _complain(f"--surface: there is no {chosen}; the configuration has {names}", WRONG_INPUT)
+    config_file.require_ports(settings)
+    code = DONE
+    for name in [chosen] if chosen else list(settings.surfaces):
+        path = settings.tare_file(name)
+        try:
+            gaps, readings = asyncio.run(once.measure_rest(settings.surfaces[name]))
+            tare.save(path, name, readings, gaps)
+        except (SourceError, tare.TareRefusedError) as error:
+            code = _complain(f"{name}: not tared: {error}", FAILED)
+        except OSError as error:
+            code = _complain(f"{name}: cannot write {path}: {error.strerror}", FAILED)
+        else:
+            text = ", ".join(f"{channel} {gap:.4f} mm" for channel, gap in gaps.items())
+            print(f"{name}: rest gaps {text}, mean of {readings} readings, in {path}")
+    return code
+
+
+def _complain(text: str, code: int) -> int:
+    """Print one line to standard error and return `code`."""
+    print(f"beamtouch-daemon: {' '.join(text.split())}", file=sys.stderr)
+    return code

@@ -1,0 +1,90 @@
+"""Reading every surface for a moment: what `check` and `tare` do."""
+
+import asyncio
+from contextlib import aclosing
+from dataclasses import dataclass
+
+from beamtouch_daemon import tare
+from beamtouch_daemon.calibration import QUALITIES, Calibration
+from beamtouch_daemon.config import Config, Surface
+from beamtouch_daemon.pipeline import counts_of
+from beamtouch_daemon.sources import source_of
+from beamtouch_daemon.sources.reading import Reading, SourceError
+from beamtouch_service.samples import Quality
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelState:
+    """One channel in one reading."""
+
+    channel: str
+    counts: int | None
+    gap_mm: float | None
+    deflection_mm: float | None
+    quality: Quality
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceState:
+    """All channels of a surface in one reading, or why there is none."""
+
+    surface: str
+    channels: tuple[ChannelState, ...] = ()
+    error: str | None = None
+
+    @property
+    def is_good(self) -> bool:
+        """Whether there is a reading and every channel in it is good."""
+        return self.error is None and all(state.quality is Quality.GOOD for state in self.channels)
+
+
+async def check(config: Config) -> list[SurfaceState]:
+    """Read every surface once, all at the same time; ConfigError if a tare file does not fit."""
+    rest = {name: tare.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
+    return await asyncio.gather(*(_check(name, s, rest[name]) for name, s in config.surfaces.items()))
+
+
+async def _check(name: str, surface: Surface, rest_gap_mm: dict[str, float]) -> SurfaceState:
+    try:
+        (reading,) = await _take(surface, 1)
+    except SourceError as error:
+        return SurfaceState(name, error=str(error))
+    calibration = Calibration.of(surface.channels, rest_gap_mm)
+    counts = counts_of([reading])
+    gap = calibration.gap(counts)
+    columns = zip(
+        surface.channel_names,
+        reading.counts,
+        gap[0].tolist(),
+        calibration.deflection(gap)[0].tolist(),
+        calibration.quality(counts)[0].tolist(),
+        strict=True,
+    )
+    return SurfaceState(
+        name,
+        tuple(
+            ChannelState(channel, count, None, None, QUALITIES[code])
+            if count is None
+            else ChannelState(channel, count, gap_mm, deflection_mm, QUALITIES[code])
+            for channel, count, gap_mm, deflection_mm, code in columns
+        ),
+    )
+
+
+async def measure_rest(surface: Surface) -> tuple[dict[str, float], int]:
+    """Return the rest gaps [mm] by channel name and the number of readings; SourceError or TareRefusedError."""
+    readings = await _take(surface, tare.readings_needed(surface.rate_hz))
+    calibration = Calibration.of(surface.channels)
+    gaps = tare.rest_gaps(counts_of(readings), calibration, surface.channel_names, surface.noise_mm)
+    return gaps, len(readings)
+
+
+async def _take(surface: Surface, number: int) -> list[Reading]:
+    """Return the first `number` readings of a session."""
+    readings: list[Reading] = []
+    async with aclosing(source_of(surface).readings()) as stream:
+        async for arrived in stream:
+            readings += arrived
+            if len(readings) >= number:
+                break
+    return readings[:number]

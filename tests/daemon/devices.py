@@ -1,0 +1,183 @@
+"""Small devices that do as they are told: late, silent, damaged or reset."""
+
+import asyncio
+import struct
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, closing, suppress
+from functools import partial
+from time import monotonic
+
+from pymodbus.framer.rtu import FramerRTU
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+from pymodbus.simulator.simdevice import SimAction
+
+from beamtouch_protocol.framing import Decoder, encode
+from beamtouch_protocol.messages import (
+    PROTOCOL_VERSION,
+    SCHEMA_HASH,
+    Hello,
+    HelloRequest,
+    Message,
+    Reading,
+    Start,
+    Stop,
+)
+
+from .lines import Terminal
+
+Pieces = list[tuple[float, bytes]]
+"""How long a device is busy [s] and what it sends then, one after the other."""
+Fault = Callable[[int, bytes], Pieces]
+"""Takes the number of a request and the frame that answers it; returns what the device makes of it."""
+
+
+def no_fault(_number: int, frame: bytes) -> Pieces:
+    return [(0.0, frame)]
+
+
+class StampingUnit:
+    """A Modbus unit whose registers hold the time, in ms since it was made, at which the request came."""
+
+    def __init__(self, fault: Fault = no_fault) -> None:
+        self.start_s = monotonic()
+        self.requests = 0
+        self._fault = fault
+
+    def age_s(self, counts: int, taken_s: float) -> float:
+        """Return how much older a value is than its reading says."""
+        return taken_s - self.start_s - counts / 1e3
+
+    def answer(self, request: bytes, wrap: Callable[[bytes], bytes]) -> Pieces:
+        """Take unit, function, address and count; return what the device sends, `wrap` making a frame of an answer."""
+        unit, function, _, count = struct.unpack(">BBHH", request)
+        value = round((monotonic() - self.start_s) * 1e3)
+        answer = struct.pack(f">BBB{count}H", unit, function, 2 * count, *[value] * count)
+        self.requests += 1
+        return self._fault(self.requests, wrap(answer))
+
+
+def with_crc(frame: bytes) -> bytes:
+    return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
+
+
+def with_header(request_header: bytes, answer: bytes) -> bytes:
+    return request_header[:4] + struct.pack(">H", len(answer)) + answer
+
+
+@asynccontextmanager
+async def rtu_unit(line: Terminal, unit: StampingUnit) -> AsyncIterator[None]:
+    """The unit on a serial line, answering one request after the other, as real devices do."""
+    answers: asyncio.Queue[Pieces] = asyncio.Queue()
+    buffer = bytearray()
+
+    def receive(data: bytes) -> None:
+        buffer.extend(data)
+        while len(buffer) >= 8:
+            answers.put_nowait(unit.answer(bytes(buffer[:6]), with_crc))
+            del buffer[:8]
+
+    async def reply() -> None:
+        while True:
+            for busy_s, piece in await answers.get():
+                await asyncio.sleep(busy_s)
+                line.write(piece)
+
+    line.on_data(receive)
+    task = asyncio.create_task(reply())
+    try:
+        yield
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+
+@asynccontextmanager
+async def tcp_unit(unit: StampingUnit) -> AsyncIterator[int]:
+    """The unit behind a Modbus TCP socket; gives its port."""
+    busy = asyncio.Lock()
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with closing(writer), suppress(asyncio.IncompleteReadError, ConnectionError):
+            while True:
+                header = await reader.readexactly(6)
+                wrap = partial(with_header, header)
+                pieces = unit.answer(await reader.readexactly(6), wrap)
+                async with busy:
+                    for busy_s, piece in pieces:
+                        await asyncio.sleep(busy_s)
+                        writer.write(piece)
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    try:
+        yield server.sockets[0].getsockname()[1]
+    finally:
+        server.close()
+
+
+@asynccontextmanager
+async def pymodbus_server(registers: list[int], action: SimAction | None = None, port: int = 0) -> AsyncIterator[int]:
+    """pymodbus's own server with input registers from address 0 of unit 1; gives its port."""
+    data = SimData(0, values=registers, datatype=DataType.REGISTERS)
+    server = ModbusTcpServer(SimDevice(1, simdata=[data], action=action), address=("127.0.0.1", port))
+    await server.serve_forever(background=True)
+    listener = server.transport
+    assert isinstance(listener, asyncio.Server)
+    try:
+        yield listener.sockets[0].getsockname()[1]
+    finally:
+        await server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it without annotations
+
+
+class SerialDevice:
+    """A device that speaks our protocol on a pseudo-terminal; counts hold the number of the reading."""
+
+    def __init__(self, line: Terminal, boot_id: int = 1, channels: int = 2, schema_hash: int = SCHEMA_HASH) -> None:
+        self.received: list[Message] = []
+        self.sequence = 0
+        self._line = line
+        self._hello = Hello(PROTOCOL_VERSION, schema_hash, boot_id, channels, 16, 1000)
+        self._decoder = Decoder()
+        self._stream: asyncio.Task[None] | None = None
+        line.on_data(self._receive)
+
+    def _receive(self, data: bytes) -> None:
+        for message in self._decoder.feed(data):
+            self.received.append(message)
+            match message:
+                case HelloRequest():
+                    self.send(self._hello)
+                case Start(rate_hz):
+                    self.stop()
+                    self._stream = asyncio.create_task(self._run(rate_hz))
+                case Stop():
+                    self.stop()
+
+    def send(self, message: Message) -> None:
+        self._line.write(encode(message))
+
+    def stop(self) -> None:
+        if self._stream:
+            self._stream.cancel()
+            self._stream = None
+
+    def lose(self, number: int) -> None:
+        """Skip readings, as if their frames had been lost."""
+        self.sequence += number
+
+    def reset(self, boot_id: int) -> None:
+        """Start over, as after a power failure, and say so."""
+        self.stop()
+        self.sequence = 0
+        self._hello = Hello(PROTOCOL_VERSION, SCHEMA_HASH, boot_id, self._hello.channel_count, 16, 1000)
+        self.send(self._hello)
+
+    async def _run(self, rate_hz: int) -> None:
+        start_s = monotonic()
+        while True:
+            device_us = round((monotonic() - start_s) * 1e6) + 0xFFFF_0000  # wraps after 65 ms
+            counts = tuple(20_000 + self.sequence + 1000 * i for i in range(self._hello.channel_count))
+            self.send(Reading(self.sequence % 2**16, device_us % 2**32, counts))
+            self.sequence += 1
+            await asyncio.sleep(1 / rate_hz)

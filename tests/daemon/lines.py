@@ -1,0 +1,61 @@
+"""Real lines in place of cables: pseudo-terminals, alone and joined in pairs, on the running event loop."""
+
+import asyncio
+import os
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+
+class Terminal:
+    """A pseudo-terminal: the daemon opens `path`, the test is the device at the other end."""
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        self._loop = asyncio.get_running_loop()
+        self._is_open = True
+
+    def on_data(self, receive: Callable[[bytes], None]) -> None:
+        """Call `receive` with whatever the daemon sends."""
+
+        def read() -> None:
+            with suppress(BlockingIOError):
+                receive(os.read(self._master, 4096))
+
+        self._loop.add_reader(self._master, read)
+
+    def write(self, data: bytes) -> None:
+        """Send to the daemon; what does not fit into a buffer that nobody reads is lost, as on a cable."""
+        if self._is_open:
+            with suppress(BlockingIOError):
+                os.write(self._master, data)
+
+    def unplug(self) -> None:
+        """Hang up for good."""
+        if self._is_open:
+            self._is_open = False
+            self._loop.remove_reader(self._master)
+            os.close(self._master)
+            os.close(self._slave)
+
+
+@contextmanager
+def terminal() -> Iterator[Terminal]:
+    """A pseudo-terminal that is hung up at the end."""
+    one = Terminal()
+    try:
+        yield one
+    finally:
+        one.unplug()
+
+
+@contextmanager
+def joined_terminals() -> Iterator[tuple[str, str]]:
+    """Paths of two pseudo-terminals of which each receives what the other sends, like two ports and a cable."""
+    with terminal() as left, terminal() as right:
+        left.on_data(right.write)
+        right.on_data(left.write)
+        yield left.path, right.path

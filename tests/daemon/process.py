@@ -1,0 +1,67 @@
+"""The daemon as the user starts it: a process of its own."""
+
+import asyncio
+import signal
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a process ended and what it said."""
+
+    code: int
+    out: str
+    err: str
+
+    def complaint(self) -> str:
+        """Return the only line on standard error."""
+        (line,) = self.err.splitlines()
+        assert line.startswith("beamtouch-daemon: ")
+        return line.removeprefix("beamtouch-daemon: ")
+
+
+class Daemon:
+    """A running daemon."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self._process = process
+
+    async def stop(self, number: signal.Signals = signal.SIGTERM) -> Outcome:
+        """Send a signal and wait for the end."""
+        self._process.send_signal(number)
+        return await self.end()
+
+    async def end(self) -> Outcome:
+        """Wait for the end."""
+        out, err = await asyncio.wait_for(self._process.communicate(), 15)
+        assert self._process.returncode is not None
+        return Outcome(self._process.returncode, out.decode(), err.decode())
+
+
+@asynccontextmanager
+async def started(*arguments: str | Path, code: str = "") -> AsyncIterator[Daemon]:
+    """Start the daemon, with Python `code` run before it; it is gone at the end of the block."""
+    program = ("-c", f"{code}; from beamtouch_daemon.cli import main; sys.exit(main())") if code else None
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        *(program or ("-m", "beamtouch_daemon")),
+        *map(str, arguments),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        yield Daemon(process)
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.communicate()
+
+
+async def command(*arguments: str | Path, code: str = "") -> Outcome:
+    """Run a command to its end."""
+    async with started(*arguments, code=code) as daemon:
+        return await daemon.end()

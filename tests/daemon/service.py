@@ -1,0 +1,68 @@
+"""A real HTTP server in the place of the service: it takes batches and answers as it is told."""
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from time import monotonic
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from beamtouch_service.samples import Batch, Receipt, Sample
+
+TOKEN = "swordfish-of-the-tests"  # noqa: S105
+
+
+class Service:
+    """What came, and what is answered."""
+
+    def __init__(self, address: tuple[str, int] = ("127.0.0.1", 0)) -> None:
+        self.batches: list[tuple[str, Batch, float]] = []
+        """Surface, batch and arrival of everything that was accepted."""
+        self.attempts = 0
+        self._arrived = asyncio.Event()
+        self.statuses: list[int] = []
+        """Answers to come, one per request; 200 when there are no more."""
+        self.listener = socket.create_server(address)
+        self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
+
+    def samples(self, surface: str = "bench") -> list[Sample]:
+        """Every accepted sample of a surface, as often as it came, in order of arrival."""
+        return [sample for name, batch, _ in self.batches if name == surface for sample in batch.samples]
+
+    async def until(self, number: int, surface: str = "bench", within_s: float = 10.0) -> None:
+        """Wait for the samples of a surface to be at least so many."""
+        async with asyncio.timeout(within_s):
+            while len(self.samples(surface)) < number:
+                self._arrived.clear()
+                await self._arrived.wait()
+
+    async def take(self, request: Request) -> Response:
+        self.attempts += 1
+        if request.headers.get("authorization") != f"Bearer {TOKEN}":
+            return Response(status_code=401)
+        batch = Batch.model_validate_json(await request.body())
+        status = self.statuses.pop(0) if self.statuses else 200
+        if status != 200:
+            return Response(status_code=status)
+        self.batches.append((request.path_params["name"], batch, monotonic()))
+        self._arrived.set()
+        return JSONResponse(Receipt(accepted=len(batch.samples), repeated=0).model_dump())
+
+
+@asynccontextmanager
+async def serving(service: Service) -> AsyncIterator[Service]:
+    """Run a service until the end of the block."""
+    app = Starlette(routes=[Route("/surfaces/{name}/samples", service.take, methods=["POST"])])
+    server = uvicorn.Server(uvicorn.Config(app, log_level="critical", lifespan="off", ws="none", access_log=False))
+    task = asyncio.create_task(server.serve(sockets=[service.listener]))
+    try:
+        yield service
+    finally:
+        server.should_exit = True
+        await asyncio.wait_for(task, 5)
+        service.listener.close()

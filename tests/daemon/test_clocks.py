@@ -1,0 +1,62 @@
+"""The schedule of polled sources, and device time on the host's clock."""
+
+import math
+import random
+
+import pytest
+
+from beamtouch_daemon.faults import Backoff
+from beamtouch_daemon.sources.clock import HostClock
+from beamtouch_daemon.sources.reading import Schedule
+
+
+def test_slots_do_not_drift_however_late_each_poll_was() -> None:
+    schedule = Schedule(rate_hz=3.0, start_s=10.0)
+    now_s = 10.0
+    for slot in range(100_000):
+        delay_s, missed = schedule.advance(now_s)
+        assert missed == 0
+        begins_s = now_s + delay_s
+        assert begins_s == pytest.approx(10.0 + slot / 3.0, abs=1e-9)
+        now_s = begins_s + 0.3  # the poll takes nearly the whole slot
+
+
+def test_slots_that_have_passed_are_skipped_and_counted_and_not_caught_up() -> None:
+    schedule = Schedule(rate_hz=10.0, start_s=0.0)
+    assert schedule.advance(0.0) == (0.0, 0)
+    assert schedule.advance(0.55) == (0.0, 4)  # slots 1 to 4 are gone, 5 has begun
+    delay_s, missed = schedule.advance(0.56)
+    assert delay_s == pytest.approx(0.04)
+    assert missed == 0
+
+
+@pytest.mark.parametrize("rate", [0.995, 1.0, 1.005])
+def test_device_times_follow_the_host_whether_the_device_runs_slow_or_fast(rate: float) -> None:
+    chance = random.Random(3)  # noqa: S311
+    clock = HostClock()
+    worst_s = 0.0
+    last_s = -math.inf
+    for number in range(60_000):  # five minutes at 200 Hz
+        true_s = 1000.0 + number / 200.0
+        arrival_s = true_s + 0.001 + 0.010 * chance.random() ** 4
+        mapped_s = clock.to_host(7.0 + rate * number / 200.0, arrival_s)
+        assert last_s <= mapped_s <= arrival_s
+        last_s = mapped_s
+        worst_s = max(worst_s, abs(mapped_s - true_s))
+    assert worst_s < 0.011
+
+
+def test_what_a_stalled_line_delivers_at_once_stays_old() -> None:
+    clock = HostClock()
+    for number in range(200):
+        clock.to_host(number / 200.0, 100.0 + number / 200.0)
+    late = [clock.to_host(1.0 + number / 200.0, 104.0) for number in range(600)]  # 3 s of readings, all at 104 s
+    assert late[0] == pytest.approx(101.0, abs=0.001)
+    assert late[400] == pytest.approx(103.0, abs=0.03)
+
+
+def test_waiting_times_double_up_to_the_greatest_and_begin_again() -> None:
+    backoff = Backoff()
+    assert [backoff.next() for _ in range(7)] == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.6, 2.0, 2.0])
+    backoff.reset()
+    assert backoff.next() == 0.1

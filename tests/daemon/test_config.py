@@ -1,0 +1,170 @@
+"""The configuration: what it is, and one clear line for everything that is wrong with it."""
+
+from pathlib import Path
+
+import pytest
+
+from beamtouch_daemon.config import (
+    Config,
+    ConfigError,
+    LowPass,
+    ModbusRtu,
+    ModbusTcp,
+    MovingAverage,
+    NoFilter,
+    SerialLine,
+)
+from beamtouch_daemon.config_file import load, require_ports
+
+from . import configs
+
+EXAMPLE = Path(__file__).parents[2] / "daemon" / "daemon.example.toml"
+
+
+def complaint(path: Path) -> str:
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text.removeprefix(f"{path}: ")
+
+
+def changed(folder: Path, old: str, new: str) -> str:
+    """Return the complaint about a good configuration in which one thing was changed."""
+    path = configs.write(folder, configs.surface())
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    return complaint(path)
+
+
+def test_the_example_is_valid() -> None:
+    config = load(EXAMPLE)
+    surface = config.surfaces["bench"]
+    assert isinstance(surface.source, ModbusTcp)
+    assert surface.filter == MovingAverage(kind="moving-average", window=4, spike_mm=0.02)
+    assert surface.channel_names == ["s1", "s2"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"), [("modbus-tcp", ModbusTcp), ("modbus-rtu", ModbusRtu), ("serial", SerialLine)]
+)
+def test_every_kind_of_source_in_the_example_is_valid(tmp_path: Path, kind: str, expected: type) -> None:
+    config = load(choose(tmp_path, "source", kind))
+    assert isinstance(config.surfaces["bench"].source, expected)
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"), [("moving-average", MovingAverage), ("low-pass", LowPass), ("none", NoFilter)]
+)
+def test_every_kind_of_filter_in_the_example_is_valid(tmp_path: Path, kind: str, expected: type) -> None:
+    assert isinstance(load(choose(tmp_path, "filter", kind)).surfaces["bench"].filter, expected)
+
+
+def choose(folder: Path, table: str, kind: str) -> Path:
+    """Write the example with another of the kinds that it shows in comments."""
+    before, after = EXAMPLE.read_text().split(f"[surfaces.bench.{table}]\n")
+    block, rest = after.split("\n# --- ", 1)
+    paragraphs = [
+        "\n".join(line.removeprefix("# ") for line in paragraph.splitlines()) for paragraph in block.split("\n\n")
+    ]
+    (chosen,) = [paragraph for paragraph in paragraphs if paragraph.startswith(f'kind = "{kind}"')]
+    path = folder / "daemon.toml"
+    path.write_text(f"{before}[surfaces.bench.{table}]\n{chosen}\n# --- {rest}")
+    return path
+
+
+def test_without_a_filter_table_every_reading_is_a_sample(tmp_path: Path) -> None:
+    path = configs.write(tmp_path, configs.surface())
+    path.write_text(path.read_text().replace('[surfaces.bench.filter]\nkind = "moving-average"\nwindow = 4\n', ""))
+    assert load(path).surfaces["bench"].filter == NoFilter()
+
+
+def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = configs.write(
+        tmp_path, configs.surface(), configs.surface("press-7").replace("rate_hz", 'tare_file = "/t"\nrate_hz')
+    )
+    monkeypatch.chdir("/")
+    config = load(path)
+    assert config.tare_file("bench") == tmp_path / "bench.tare.json"
+    assert config.tare_file("press-7") == Path("/t")
+    assert config.read_token() == "swordfish-of-the-tests"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("window = 4", "windw = 4", "unknown key surfaces.bench.filter.windw; remove it or correct its spelling"),
+        ("port = 502", "prt = 502", "unknown key surfaces.bench.source.prt; remove it or correct its spelling"),
+        ("[publish]", "x = 1\n[publish]", "unknown key x; remove it or correct its spelling"),
+        ("offset_mm = 4.5\n", "", "surfaces.bench.channels[0].offset_mm is missing; add it"),
+        ("rate_hz = 200.0", "rate_hz = -1.0", "surfaces.bench.rate_hz: Input should be greater than 0"),
+        ("rate_hz = 200.0", "rate_hz = nan", "surfaces.bench.rate_hz: Input should be a finite number"),
+        ("rate_hz = 200.0", 'rate_hz = "fast"', "surfaces.bench.rate_hz: Input should be a valid number"),
+        ("register = 0", "register = 65536", "channels[0].register: Input should be less than or equal to 65535"),
+        ("register = 1", "register = 0", "surfaces.bench: two channels have the same register 0"),
+        ('name = "s2"', 'name = "s1"', "surfaces.bench: two channels have the same name s1"),
+        ("[1.0, 4.0]", "[4.0, 1.0]", "channels[0]: range_mm must be [smaller, larger], not [4.0, 1.0]"),
+        ("= -0.0001", "= 0", "channels[0].gain_mm_per_count: must not be 0"),
+        ("http://127.0.0.1:8420", "127.0.0.1:8420", "publish.url: must look like http://127.0.0.1:8420"),
+        ("http://127.0.0.1:8420", "http://127.0.0.1:84200", "publish.url: Port out of range"),
+        ('"modbus-tcp"', '"modbus"', "surfaces.bench.source: Input tag 'modbus' found using 'kind'"),
+        ('kind = "moving-average"\n', "", "surfaces.bench.filter: Unable to extract tag using discriminator 'kind'"),
+        ('"moving-average"\nwindow = 4', '"low-pass"\ncutoff_hz = 100', "filter.cutoff_hz must lie below half of"),
+        ("[publish]", "[publish", "not valid TOML: "),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line_with_its_place(tmp_path: Path, old: str, new: str, expected: str) -> None:
+    assert expected in changed(tmp_path, old, new)
+
+
+def test_how_much_more_is_wrong_is_said_too(tmp_path: Path) -> None:
+    assert complaint(configs.write(tmp_path, configs.surface().replace("_mm", "_um"))).endswith(" more)")
+
+
+def test_a_file_that_cannot_be_read_is_said_to_be(tmp_path: Path) -> None:
+    assert complaint(tmp_path / "absent.toml") == "cannot be read (No such file or directory)"
+    assert complaint(tmp_path) == "cannot be read (Is a directory)"
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe")
+    assert complaint(binary) == "cannot be read (not text)"
+
+
+def test_a_configuration_without_a_surface_is_refused(tmp_path: Path) -> None:
+    assert complaint(configs.write(tmp_path, "[surfaces]")).startswith(
+        "surfaces: Dictionary should have at least 1 item"
+    )
+
+
+def test_a_serial_port_serves_one_surface(tmp_path: Path) -> None:
+    path = configs.write(
+        tmp_path, configs.surface("a", configs.rtu("/dev/x")), configs.surface("b", configs.serial("/dev/x"))
+    )
+    assert complaint(path) == "2 surfaces use /dev/x; a serial port serves one surface"
+
+
+def test_a_device_of_ours_takes_whole_rates_only(tmp_path: Path) -> None:
+    path = configs.write(tmp_path, configs.surface(source=configs.serial("/dev/x"), rate_hz=12.5))
+    assert complaint(path) == "surfaces.bench: rate_hz must be a whole number for a serial source"
+
+
+@pytest.mark.parametrize(
+    "content", [None, b"", b"two words\n", b"\xff"], ids=["absent", "empty", "two words", "binary"]
+)
+def test_a_token_that_is_none_is_refused_with_what_to_do(tmp_path: Path, content: bytes | None) -> None:
+    config: Config = load(configs.write(tmp_path, configs.surface()))
+    token = tmp_path / "beamtouch.token"
+    token.unlink()
+    if content is not None:
+        token.write_bytes(content)
+    with pytest.raises(ConfigError, match=r"publish\.token_file: .*the service's token"):
+        config.read_token()
+
+
+def test_a_port_that_is_not_there_or_not_a_port_is_refused(tmp_path: Path) -> None:
+    absent = load(configs.write(tmp_path, configs.surface(source=configs.rtu("/dev/does-not-exist"))))
+    with pytest.raises(ConfigError, match=r"surfaces\.bench\.source\.port: /dev/does-not-exist does not exist; plug"):
+        require_ports(absent)
+    file = load(configs.write(tmp_path, configs.surface(source=configs.serial(f"{tmp_path}/beamtouch.token"))))
+    with pytest.raises(ConfigError, match="is not a serial port; correct the path"):
+        require_ports(file)

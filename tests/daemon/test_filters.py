@@ -1,0 +1,116 @@
+"""The filters against theory, in numbers that follow from a formula stated beside them."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beamtouch_daemon.config import LowPass, MovingAverage, NoFilter
+from beamtouch_daemon.filters import Chain, FloatArray, fresh, low_pass, moving_average, smoothing, spike, stages
+
+RATE_HZ = 200.0
+WHITE = np.random.default_rng(7).standard_normal((60_000, 2))
+
+
+def column(*values: float) -> FloatArray:
+    return np.array(values, dtype=np.float64)[:, np.newaxis]
+
+
+@pytest.mark.parametrize("window", [1, 2, 4, 16])
+def test_a_moving_average_passes_white_noise_at_one_over_root_n(window: int) -> None:
+    averaged, _ = moving_average(WHITE, fresh(window - 1, 2), window)
+    assert np.std(averaged[window:]) == pytest.approx(1 / math.sqrt(window), rel=0.02)
+
+
+def test_a_step_is_through_a_moving_average_after_n_readings() -> None:
+    averaged, _ = moving_average(column(0, 0, 0, 0, 1, 1, 1, 1, 1), fresh(3, 1), 4)
+    assert averaged[:, 0].tolist() == [0, 0, 0, 0, 0.25, 0.5, 0.75, 1, 1]
+
+
+@pytest.mark.parametrize("factor", [0.05, 0.3, 1.0])
+def test_a_low_pass_passes_white_noise_at_root_a_over_2_minus_a(factor: float) -> None:
+    smoothed, _ = low_pass(WHITE, fresh(1, 2), factor)
+    assert np.std(smoothed[1000:]) == pytest.approx(math.sqrt(factor / (2 - factor)), rel=0.02)
+
+
+def test_of_a_step_1_minus_a_to_the_n_remains_after_a_low_pass() -> None:
+    smoothed, _ = low_pass(column(0, *[1] * 20), fresh(1, 1), 0.3)
+    np.testing.assert_allclose(1 - smoothed[:, 0], 0.7 ** np.arange(21), rtol=1e-12)
+
+
+def test_at_its_cutoff_a_low_pass_is_3_db_down() -> None:
+    time_s = np.arange(20_000) / RATE_HZ
+    tone = np.sin(2 * np.pi * 2.0 * time_s)[:, np.newaxis]
+    smoothed, _ = low_pass(tone, fresh(1, 1), smoothing(2.0, RATE_HZ))
+    gain = np.std(smoothed[10_000:]) / np.std(tone[10_000:])
+    assert gain == pytest.approx(1 / math.sqrt(2), rel=0.02)
+
+
+def test_a_single_spike_never_passes_and_a_step_passes_one_reading_later() -> None:
+    cleaned, _ = spike(column(0, 0, 9, 0, 0, 5, 5, 5), fresh(2, 1), 0.5)
+    assert cleaned[:, 0].tolist() == [0, 0, 0, 0, 0, 0, 5, 5]
+
+
+def test_noise_below_the_limit_passes_the_spike_filter_untouched() -> None:
+    cleaned, _ = spike(WHITE, fresh(2, 2), 12.0)
+    np.testing.assert_array_equal(cleaned, WHITE)
+
+
+def test_a_bad_reading_gives_nothing_and_leaves_the_average_at_once() -> None:
+    averaged, _ = moving_average(column(1, 1, math.nan, 3, 3, 3, 3), fresh(3, 1), 4)
+    np.testing.assert_array_equal(averaged[:, 0], [1, 1, math.nan, 5 / 3, 7 / 3, 3, 3])
+
+
+def test_a_bad_reading_makes_a_low_pass_start_anew() -> None:
+    smoothed, _ = low_pass(column(1, 1, math.nan, 3, 4), fresh(1, 1), 0.5)
+    np.testing.assert_array_equal(smoothed[:, 0], [1, 1, math.nan, 3, 3.5])
+
+
+def test_a_bad_reading_of_one_channel_leaves_the_others_alone() -> None:
+    values = np.array([[1.0, 1.0], [math.nan, 2.0], [3.0, 3.0]])
+    alone, _ = moving_average(values[:, 1:], fresh(2, 1), 3)
+    together, _ = moving_average(values, fresh(2, 2), 3)
+    np.testing.assert_array_equal(together[:, 1:], alone)
+
+
+def test_nothing_drifts_however_much_has_passed() -> None:
+    chain = Chain(stages(MovingAverage(kind="moving-average", window=8), RATE_HZ), 2)
+    for _ in range(20):
+        chain.apply(1e12 + 1e9 * WHITE[:50_000])
+    new = Chain(stages(MovingAverage(kind="moving-average", window=8), RATE_HZ), 2)
+    after, untouched = (used.apply(np.full((16, 2), 0.1))[8:] for used in (chain, new))
+    np.testing.assert_array_equal(after, untouched)  # to the bit, after a million large ones
+
+
+def test_a_restart_forgets_what_was() -> None:
+    chain = Chain(stages(LowPass(kind="low-pass", cutoff_hz=1.0, spike_mm=0.1), RATE_HZ), 1)
+    chain.apply(column(7, 7, 7))
+    chain.restart()
+    assert chain.apply(column(1, 1))[:, 0].tolist() == [1, 1]
+
+
+streams = st.lists(st.tuples(*[st.floats(-1e3, 1e3) | st.just(math.nan)] * 2), min_size=1, max_size=40).map(
+    lambda rows: np.array(rows, dtype=np.float64)
+)
+kinds = st.sampled_from(
+    [
+        NoFilter(spike_mm=0.5),
+        MovingAverage(kind="moving-average", window=5, spike_mm=0.5),
+        MovingAverage(kind="moving-average", window=1),
+        LowPass(kind="low-pass", cutoff_hz=20.0, spike_mm=0.5),
+    ]
+)
+
+
+@given(values=streams, kind=kinds, data=st.data())
+def test_any_split_of_the_stream_gives_the_same_to_the_bit(
+    values: FloatArray, kind: NoFilter | MovingAverage | LowPass, data: st.DataObject
+) -> None:
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(values)), max_size=6), label="cuts"))
+    whole = Chain(stages(kind, RATE_HZ), 2).apply(values)
+    chain = Chain(stages(kind, RATE_HZ), 2)
+    pieces = [chain.apply(piece) for piece in np.split(values, cuts)]
+    np.testing.assert_array_equal(np.concatenate(pieces), whole)
+    np.testing.assert_array_equal(np.isnan(whole), np.isnan(values))

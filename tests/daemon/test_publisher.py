@@ -1,0 +1,178 @@
+"""Delivery to a real HTTP server that is there, away, failing, or not on our side."""
+
+import asyncio
+from collections.abc import Coroutine
+from time import monotonic
+from typing import Any
+
+import pytest
+
+from beamtouch_daemon.pipeline import Taken
+from beamtouch_daemon.publisher import Outbox, Publisher, Sender, make_client
+from beamtouch_service.samples import Quality, Sample
+
+from .service import TOKEN, Service, serving
+
+SENDER = Sender("bench", ["s1", "s2"], "boot-0001")
+
+
+def taken(first: int, number: int, age_s: float = 0.0) -> list[Taken]:
+    """Return samples with these numbers, all of the same age."""
+    good = [Quality.GOOD, Quality.MISSING]
+    return [
+        Taken(
+            monotonic() - age_s,
+            Sample(sequence=sequence, acquired_unix_us=sequence, deflection_mm=[0.1, None], quality=good),
+        )
+        for sequence in range(first, first + number)
+    ]
+
+
+class Bench:
+    """A publisher at work on an outbox."""
+
+    def __init__(self, service: Service, most: int = 10_000, batch_s: float = 0.02, token: str = TOKEN) -> None:
+        self.outbox = Outbox(most, "bench")
+        self._client = make_client(service.url, token)
+        self.publisher = Publisher(self._client, SENDER, self.outbox, batch_s)
+
+    async def __aenter__(self) -> "Bench":
+        self._task = asyncio.create_task(self.publisher.run())
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+        await self._client.aclose()
+
+    async def finish(self) -> None:
+        """Close the outbox and wait for the delivery of what is in it."""
+        self.outbox.close()
+        await asyncio.wait_for(self._task, 5)
+
+
+def run(story: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(asyncio.wait_for(story, 15))
+
+
+def sequences(service: Service) -> list[int]:
+    return [sample.sequence for sample in service.samples()]
+
+
+def test_samples_arrive_once_and_in_order_with_their_age_at_sending() -> None:
+    async def story() -> None:
+        async with serving(Service()) as service, Bench(service) as bench:
+            bench.outbox.put(taken(0, 5, age_s=0.4))
+            await bench.finish()
+        ((surface, batch, _),) = service.batches
+        assert (surface, batch.boot_id, batch.channels) == ("bench", "boot-0001", ["s1", "s2"])
+        assert [sample.sequence for sample in batch.samples] == [0, 1, 2, 3, 4]
+        assert batch.samples[0].deflection_mm == [0.1, None]
+        assert 400 <= batch.newest_age_ms < 1000
+        assert bench.publisher.published == 5
+
+    run(story())
+
+
+def test_samples_are_collected_for_the_length_of_a_batch() -> None:
+    async def story() -> None:
+        async with serving(Service()) as service, Bench(service, batch_s=0.1) as bench:
+            for number in range(50):
+                bench.outbox.put(taken(number, 1))
+                await asyncio.sleep(0.01)
+            await bench.finish()
+        assert sequences(service) == list(range(50))
+        assert 4 <= len(service.batches) <= 8  # half a second and more, a tenth each
+
+    run(story())
+
+
+@pytest.mark.parametrize("status", [500, 503, 401, 302])
+def test_what_the_service_does_not_take_now_is_sent_again_with_its_new_age(status: int) -> None:
+    async def story() -> None:
+        service = Service()
+        service.statuses = [status, status]
+        async with serving(service), Bench(service) as bench:
+            bench.outbox.put(taken(0, 3))
+            await service.until(3)
+        assert sequences(service) == [0, 1, 2]
+        assert service.attempts == 3
+        assert service.batches[0][1].newest_age_ms >= 300  # 0.1 s and 0.2 s of waiting
+        assert bench.outbox.dropped == 0
+
+    run(story())
+
+
+def test_a_batch_that_will_never_be_taken_is_dropped_and_counted_and_does_not_stand_in_the_way() -> None:
+    async def story() -> None:
+        service = Service()
+        service.statuses = [422]
+        async with serving(service), Bench(service) as bench:
+            bench.outbox.put(taken(0, 3))
+            await asyncio.sleep(0.1)
+            bench.outbox.put(taken(3, 2))
+            await service.until(2)
+        assert sequences(service) == [3, 4]
+        assert bench.outbox.dropped == 3
+
+    run(story())
+
+
+def test_a_wrong_token_delivers_nothing_and_loses_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    async def story() -> None:
+        async with serving(Service()) as service, Bench(service, token="wrong") as bench:  # noqa: S106
+            bench.outbox.put(taken(0, 3))
+            await asyncio.sleep(0.5)
+            assert service.attempts >= 2
+        assert len(bench.outbox) == 3
+        assert service.batches == []
+
+    run(story())
+    complaints = [record.getMessage() for record in caplog.records if "wrong token" in record.getMessage()]
+    assert len(complaints) == 1
+
+
+def test_a_service_that_is_away_gets_everything_when_it_comes() -> None:
+    async def story() -> None:
+        service = Service()
+        address = service.listener.getsockname()
+        service.listener.close()
+        async with Bench(service) as bench:
+            for number in range(40):
+                bench.outbox.put(taken(number, 1))
+                await asyncio.sleep(0.01)
+            assert bench.publisher.published == 0
+            late = Service(address)
+            async with serving(late):
+                await late.until(40)
+        assert sequences(late) == list(range(40))
+        assert bench.outbox.dropped == 0
+
+    run(story())
+
+
+def test_a_full_queue_drops_the_oldest_and_counts_them(caplog: pytest.LogCaptureFixture) -> None:
+    async def story() -> None:
+        service = Service()
+        service.statuses = [503]
+        async with serving(service), Bench(service, most=100) as bench:
+            bench.outbox.put(taken(0, 80))
+            await asyncio.sleep(0.05)
+            bench.outbox.put(taken(80, 80))
+            await bench.finish()
+        assert sequences(service) == list(range(60, 160))
+        assert bench.outbox.dropped == 60
+        assert bench.publisher.published == 100
+
+    run(story())
+    assert "bench: 60 samples dropped" in caplog.text
+
+
+def test_a_backlog_goes_out_in_batches_of_bounded_size_without_pause() -> None:
+    async def story() -> None:
+        async with serving(Service()) as service, Bench(service, batch_s=1.0) as bench:
+            bench.outbox.put(taken(0, 3500))
+            await service.until(3000, within_s=3)
+        assert max(len(batch.samples) for _, batch, _ in service.batches) == 1000
+
+    run(story())

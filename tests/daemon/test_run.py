@@ -1,0 +1,129 @@
+"""`run` as a process between real devices and a real service."""
+
+import asyncio
+import json
+import signal
+import socket
+from collections import Counter
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import pytest
+
+from beamtouch_service.samples import Quality
+
+from . import configs
+from .devices import SerialDevice, pymodbus_server
+from .lines import terminal
+from .process import Outcome, started
+from .service import Service, serving
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port: int = listener.getsockname()[1]
+        return port
+
+
+def summary_of(folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    return content["surfaces"]  # type: ignore[no-any-return]
+
+
+def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path: Path) -> None:
+    async def story() -> tuple[Service, Outcome]:
+        async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
+            config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=service.url)
+            async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+                await service.until(100)
+                return service, await daemon.stop()
+
+    service, outcome = asyncio.run(story())
+    samples = service.samples()
+    assert [sample.sequence for sample in samples] == list(range(len(samples)))
+    assert {tuple(sample.quality) for sample in samples} == {(Quality.GOOD, Quality.SATURATED)}
+    assert samples[-1].deflection_mm[0] == pytest.approx(0.1)
+    assert all(batch.newest_age_ms < 500 for _, batch, _ in service.batches)
+    assert outcome.code == 0
+    summary = summary_of(tmp_path)["bench"]
+    assert summary["readings"] == summary["samples_published"] == len(samples)
+    assert summary["samples_dropped"] == 0
+    lines = outcome.err.splitlines()
+    assert lines[-1] == (
+        f"bench: {len(samples)} readings taken, {summary['readings_lost']} lost; "
+        f"{len(samples)} samples published, 0 dropped"
+    )
+    assert "Traceback" not in outcome.err
+
+
+def test_one_surface_that_fails_costs_the_others_nothing_and_does_not_fill_the_log(tmp_path: Path) -> None:
+    async def story() -> Outcome:
+        with terminal() as line:
+            SerialDevice(line)
+            async with serving(Service()) as service:
+                config = configs.write(
+                    tmp_path,
+                    configs.surface("dead", configs.tcp(free_port())),
+                    configs.surface("alive", configs.serial(line.path)),
+                    url=service.url,
+                )
+                async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+                    await service.until(150, "alive")
+                    return await daemon.stop(signal.SIGINT)
+
+    outcome = asyncio.run(story())
+    assert outcome.code == 0
+    summary = summary_of(tmp_path)
+    assert summary["dead"] == {"readings": 0, "readings_lost": 0, "samples_published": 0, "samples_dropped": 0}
+    assert summary["alive"]["samples_published"] >= 150
+    assert summary["alive"]["readings_lost"] <= 2
+    log = Counter(line for line in outcome.err.splitlines() if line.startswith("WARNING dead:"))
+    assert list(log.values()) == [1]
+
+
+def test_a_device_that_comes_back_is_read_again_and_the_outage_is_counted(tmp_path: Path) -> None:
+    async def story() -> tuple[Outcome, float]:
+        port = free_port()
+        async with serving(Service()) as service:
+            config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=service.url)
+            async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+                async with pymodbus_server([20_000, 20_000], port=port):
+                    await service.until(50)
+                await asyncio.sleep(1.0)
+                begin_s = monotonic()
+                async with pymodbus_server([21_000, 21_000], port=port):
+                    while service.samples()[-1].deflection_mm[0] != pytest.approx(0.1):
+                        await service.until(len(service.samples()) + 1)
+                    back_s = monotonic() - begin_s
+                    first = next(s for s in service.samples() if s.deflection_mm[0] != pytest.approx(0.0))
+                    assert first.deflection_mm[0] == pytest.approx(0.1)  # nothing from before in its average
+                    return await daemon.stop(), back_s
+
+    outcome, back_s = asyncio.run(story())
+    assert outcome.code == 0
+    assert back_s < 2.0
+    assert summary_of(tmp_path)["bench"]["readings_lost"] > 180  # a second at 200 Hz
+    assert "works again after" in outcome.err
+    assert len(outcome.err.splitlines()) < 10
+
+
+def test_without_a_service_a_stop_gives_up_after_two_seconds_and_counts_what_is_lost(tmp_path: Path) -> None:
+    async def story() -> tuple[Outcome, float]:
+        with terminal() as line:
+            device = SerialDevice(line)
+            url = f"http://127.0.0.1:{free_port()}"
+            config = configs.write(tmp_path, configs.surface(source=configs.serial(line.path)), url=url)
+            async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+                async with asyncio.timeout(10):
+                    while device.sequence < 50:  # noqa: ASYNC110 - the device is outside
+                        await asyncio.sleep(0.05)
+                begin_s = monotonic()
+                return await daemon.stop(), monotonic() - begin_s
+
+    outcome, took_s = asyncio.run(story())
+    assert outcome.code == 0
+    assert 1.5 < took_s < 4.0
+    summary = summary_of(tmp_path)["bench"]
+    assert summary["samples_published"] == 0
+    assert summary["samples_dropped"] == summary["readings"] > 30
