@@ -41,8 +41,10 @@ def require_ports(config: Config) -> None:
 
 
 def _describe(error: ValidationError) -> str:
-    """Return the first complaint in one line: key path, what is wrong, and how many more there are."""
-    first, *others = error.errors(include_url=False, include_context=False)
+    """Return one complaint in one line: key path, what is wrong, and how many more there are."""
+    complaints = error.errors(include_url=False, include_context=False)
+    # A misspelt key is also a missing one; its spelling is what the user can see.
+    first, *others = sorted(complaints, key=lambda complaint: complaint["type"] != "extra_forbidden")
     where = _key_path(first["loc"])
     match first["type"]:
         case "extra_forbidden":

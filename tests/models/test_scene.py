@@ -24,6 +24,7 @@ def test_rigidity_of_a_rectangular_section() -> None:
     [
         ("width_mm = 25", "width_mm = 25\nwidht_mm = 3", "unknown key beam.widht_mm"),
         ("length_mm = 400", "length_mm = -400", "beam.length_mm: Input should be greater than 0 (given: -400)"),
+        ("length_mm = 400", "lenght_mm = 400", "unknown key beam.lenght_mm"),
         ("length_mm = 400", "length_mm = nan", "beam.length_mm"),
         ("length_mm = 400", "length_mm = inf", "beam.length_mm"),
         ("length_mm = 400", "", "beam.length_mm: Field required"),
