@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 PACKAGES := firmware_protocol/beamtouch_protocol models/beamtouch_models service/beamtouch_service daemon/beamtouch_daemon
 WORKERS ?= auto
 
-.PHONY: help install demo test check format clean
+.PHONY: help install demo test bench check format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -23,6 +23,10 @@ demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live con
 
 test: $(INSTALLED)  ## all tests
 	$(BIN)/python -m pytest --numprocesses $(WORKERS)
+
+bench: $(INSTALLED)  ## measure against peers and floors: table, and build/bench.json; NAMES=... for some only
+	@mkdir -p build
+	$(BIN)/python tests/benchmarks --json build/bench.json $(NAMES)
 
 check: $(INSTALLED)  ## lint, format, types, imports
 	$(BIN)/ruff check .

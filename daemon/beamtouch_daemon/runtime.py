@@ -26,6 +26,8 @@ from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 DRAIN_S = 2.0
 """How long a stop may take to publish what was taken."""
 
+CANCEL_AGAIN_S = 0.1
+
 _log = logging.getLogger(__name__)
 
 
@@ -146,14 +148,19 @@ async def _work(lines: list[Line], stop: asyncio.Event) -> None:
         acquisitions = [group.create_task(_keep_going(line.name, line.acquisition.run)) for line in lines]
         deliveries = [group.create_task(_keep_going(line.name, line.publisher.run)) for line in lines]
         await stop.wait()
-        for task in acquisitions:
-            task.cancel()
-        await asyncio.wait(acquisitions)
+        await cancel(set(acquisitions))
         for line in lines:
             line.outbox.close()
         _, unfinished = await asyncio.wait(deliveries, timeout=DRAIN_S)
-        for task in unfinished:
+        await cancel(unfinished)
+
+
+async def cancel(tasks: set[asyncio.Task[None]]) -> None:
+    """Cancel tasks until they are done: before Python 3.12, `wait_for` swallows a cancellation at the wrong moment."""
+    while tasks:
+        for task in tasks:
             task.cancel()
+        _, tasks = await asyncio.wait(tasks, timeout=CANCEL_AGAIN_S)
 
 
 async def _keep_going(name: str, work: Callable[[], Awaitable[None]]) -> None:

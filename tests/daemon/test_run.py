@@ -5,12 +5,14 @@ import json
 import signal
 import socket
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
 import pytest
 
+from beamtouch_daemon.runtime import cancel
 from beamtouch_service.samples import Quality
 
 from . import configs
@@ -127,3 +129,18 @@ def test_without_a_service_a_stop_gives_up_after_two_seconds_and_counts_what_is_
     summary = summary_of(tmp_path)["bench"]
     assert summary["samples_published"] == 0
     assert summary["samples_dropped"] == summary["readings"] > 30
+
+
+def test_a_cancellation_that_a_task_swallows_is_repeated() -> None:
+    async def swallow_one() -> None:
+        with suppress(asyncio.CancelledError):
+            await asyncio.sleep(60)
+        await asyncio.sleep(60)
+
+    async def story() -> None:
+        task = asyncio.create_task(swallow_one())
+        await asyncio.sleep(0)
+        await asyncio.wait_for(cancel({task}), 2)
+        assert task.cancelled()
+
+    asyncio.run(story())

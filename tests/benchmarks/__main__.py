@@ -1,0 +1,59 @@
+"""`make bench`: every benchmark of this folder in one run, as a table and as JSON.
+
+A benchmark is a module `bench_*.py` with a function `run()` that returns rows: a name, a value, its unit, and where
+there is one the goal. Figures are ratios within the run, as the machine is noisy.
+"""
+
+import argparse
+import importlib
+import json
+import sys
+import time
+from pathlib import Path
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+HERE = Path(__file__).parent
+
+
+def main() -> int:
+    """Run the benchmarks that were asked for; returns 0."""
+    available = sorted(path.stem.removeprefix("bench_") for path in HERE.glob("bench_*.py"))
+    parser = argparse.ArgumentParser(description="Measure, as ratios within one run.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which, default all: {', '.join(available)}")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to FILE")
+    options = parser.parse_args()
+    if unknown := set(options.names) - set(available):
+        parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join(available)}")
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    rows: list[dict[str, object]] = []
+    for name in options.names or available:
+        start = time.monotonic()
+        found = importlib.import_module(f"bench_{name}").run()
+        console.print(_table(f"{name}, {time.monotonic() - start:.0f} s", found))
+        rows += [{"benchmark": name, **row} for row in found]
+    if options.json is not None:
+        options.json.write_text(json.dumps(rows, indent=1) + "\n")
+    return 0
+
+
+def _table(title: str, rows: list[dict[str, object]]) -> Table:
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    table = Table(title=title, box=SIMPLE)
+    for column in columns:
+        table.add_column(column, justify="left" if column == columns[0] else "right")
+    for row in rows:
+        table.add_row(*(_text(row.get(column)) for column in columns))
+    return table
+
+
+def _text(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
