@@ -3,13 +3,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+PEERS := $(VENV)/.peers
 PACKAGES := firmware_protocol/beamtouch_protocol models/beamtouch_models service/beamtouch_service daemon/beamtouch_daemon
 WORKERS ?= auto
 
 .PHONY: help install demo test bench check format clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
 install: $(INSTALLED)  ## make .venv with everything, editable
 
@@ -24,9 +25,13 @@ demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live con
 test: $(INSTALLED)  ## all tests
 	$(BIN)/python -m pytest --numprocesses $(WORKERS)
 
-bench: $(INSTALLED)  ## measure against peers and floors: table, and build/bench.json; NAMES=... for some only
+bench: $(PEERS)  ## measure against peers and floors: a table, and build/bench.json; NAMES="beam ..." for some only
 	@mkdir -p build
 	$(BIN)/python tests/benchmarks --json build/bench.json $(NAMES)
+
+$(PEERS): $(INSTALLED)
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,bench]'
+	touch $@
 
 check: $(INSTALLED)  ## lint, format, types, imports
 	$(BIN)/ruff check .

@@ -1,10 +1,15 @@
 """The influence matrix: deflection at each sensor per newton, for each load position."""
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from beamtouch_models.assembly import element_influence
+from beamtouch_models.closed_forms import patch_influence, point_influence, span_of
 from beamtouch_models.errors import SceneError
-from beamtouch_models.scene import Beam, Scene
+from beamtouch_models.scene import Scene
+from beamtouch_models.structure import SMALLEST_NORMAL, Beam
 
 Array = NDArray[np.float64]
 
@@ -12,46 +17,82 @@ MAX_SLOPE = 0.1
 """Slope in rad from which (1 + slope^2)^(3/2), which small-angle theory leaves out, is off by more than 1.5 %."""
 
 
-def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Array:
+def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> Array:
     """Deflection at each sensor per newton, for each load position.
+
+    Prismatic single spans are computed in closed form, everything else with beam elements; shear and a foundation
+    only where the beam states them.
 
     Parameters
     ----------
     beam : the beam
     sensor_mm : (sensors,) positions in mm from the left end
     load_mm : (loads,) positions in mm from the left end
+    width_mm : length that a load presses on, evenly, centred at its position. What would reach beyond an end of the
+        beam presses on nothing: the whole force is then spread over the part that lies on the beam.
 
     Returns
     -------
-    (loads, sensors) in mm/N, positive in the direction of the load.
+    (loads, sensors) in mm/N, positive in the direction of the load. What is less than 1e-307 mm/N is rounded.
 
     Raises
     ------
     ValueError
-        A position is not finite or not on the beam.
+        A position is not finite or not on the beam, or the width is negative or not finite.
+    SceneError
+        The beam cannot be computed with: beyond the range of float64, or so uneven that too few digits would be right.
     """
     sensor = _on_beam(beam, sensor_mm, "sensor_mm")
     load = _on_beam(beam, load_mm, "load_mm")
-    scale = beam.length_mm / beam.rigidity_n_mm2 * beam.length_mm * beam.length_mm
-    return scale * _simply_supported(sensor[None, :], load[:, None])
+    if not 0 <= width_mm < math.inf:
+        message = "width_mm must be finite and not negative"
+        raise ValueError(message)
+    low, high = np.maximum(load - width_mm / 2, 0.0), np.minimum(load + width_mm / 2, beam.length_mm)
+    span = span_of(beam, float(min(sensor.min(), low.min())), float(max(sensor.max(), high.max())))
+    if span is None:
+        shape = element_influence(beam, sensor, low, high)
+    elif width_mm == 0:
+        shape = point_influence(span, sensor, load)
+    else:
+        shape = patch_influence(span, sensor, low, high)
+    scale = _deflection_unit(beam.length_mm if span is None else span.length_mm, beam.rigidity_n_mm2)
+    with np.errstate(over="ignore"):
+        matrix: Array = scale * shape
+    if not np.all(np.isfinite(matrix)):
+        message = "beam: its deflection is beyond what can be computed; check length and rigidity"
+        raise SceneError(message)
+    return matrix
 
 
-def _simply_supported(x: Array, a: Array) -> Array:
-    """Deflection at x of a load at a, both over the length, in units of F l^3/(EI).
+def scene_influence(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Array:
+    """Influence of a scene's contacts, (loads, sensors) in mm/N; arguments and errors as `influence`."""
+    return influence(scene.beam, sensor_mm, load_mm, scene.contact.width_mm)
 
-    Gere & Goodno, Mechanics of Materials, table H-2 case 5: b x (l^2 - b^2 - x^2) / 6 for x <= a, b = 1 - a. The
-    bracket cancels near the ends; here it is 2 a b + (a - x)(a + x), a sum of positive terms. By reciprocity the left
-    and the right point serve both orders of x and a.
-    """
-    left, right = np.minimum(x, a), np.maximum(x, a)
-    from_right_end = 1 - right
-    bracket = 2 * right * from_right_end + (right - left) * (right + left)
-    deflection: Array = left * from_right_end * bracket / 6
-    return deflection
+
+def deflection_unit_mm_per_n(beam: Beam) -> float:
+    """Unit l^3/(EI) of dimensionless deflections, EI of the stiffest section; raises SceneError beyond float64."""
+    return _deflection_unit(beam.length_mm, beam.rigidity_n_mm2)
+
+
+def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:
+    """l^3/(EI) without an overflow on the way."""
+    length, power = math.frexp(length_mm)
+    rigidity, under = math.frexp(rigidity_n_mm2)
+    try:
+        unit = math.ldexp(length * length * length / rigidity, 3 * power - under)
+    except OverflowError:
+        unit = math.inf
+    if not SMALLEST_NORMAL <= unit < math.inf:
+        message = (
+            f"a beam of {length_mm:g} mm with a rigidity of {rigidity_n_mm2:g} N mm^2 deflects beyond what can be "
+            "computed; check both"
+        )
+        raise SceneError(message)
+    return unit
 
 
 def _on_beam(beam: Beam, position_mm: ArrayLike, name: str) -> Array:
-    """Return positions over the length; refuse what is not a position on the beam."""
+    """Return positions as an array; refuse what is not a position on the beam."""
     position = np.atleast_1d(np.asarray(position_mm, dtype=np.float64))
     if position.ndim != 1 or position.size == 0:
         message = f"{name} must be a non-empty list of positions"
@@ -59,7 +100,7 @@ def _on_beam(beam: Beam, position_mm: ArrayLike, name: str) -> Array:
     if not np.all(np.isfinite(position)) or position.min() < 0 or position.max() > beam.length_mm:
         message = f"{name} must be finite and lie on the beam, 0..{beam.length_mm:g} mm"
         raise ValueError(message)
-    return position / beam.length_mm
+    return position
 
 
 def load_positions_mm(scene: Scene) -> Array:
@@ -69,17 +110,23 @@ def load_positions_mm(scene: Scene) -> Array:
     return np.linspace(low, high, steps + 1)
 
 
+def travel_mm(scene: Scene) -> tuple[float, float]:
+    """Farthest that any point of the beam moves against and in the direction of the largest force, in mm.
+
+    Both are positive or zero; a beam on two supports never moves against the force, one with an overhang does.
+    """
+    shapes = _shapes_mm(scene)[1]
+    return max(0.0, -float(shapes.min())), max(0.0, float(shapes.max()))
+
+
 def max_deflection_mm(scene: Scene) -> float:
-    """Return the largest deflection in the scene, anywhere on the beam, at the largest force, in mm."""
-    points = np.linspace(0.0, scene.beam.length_mm, 801)
-    per_newton = influence(scene.beam, points, load_positions_mm(scene)).max()
-    return float(per_newton * scene.contact.force_range_n[1])
+    """Return the largest deflection in the scene, anywhere on the beam, in either direction, in mm."""
+    return max(travel_mm(scene))
 
 
 def check_small_angles(scene: Scene) -> None:
     """Refuse a scene whose deflection is beyond small-angle theory; raises SceneError."""
-    points = np.linspace(0.0, scene.beam.length_mm, 801)
-    shapes = influence(scene.beam, points, load_positions_mm(scene)) * scene.contact.force_range_n[1]
+    points, shapes = _shapes_mm(scene)
     slope = float(np.abs(np.diff(shapes, axis=1)).max() / (points[1] - points[0]))
     if not slope <= MAX_SLOPE:
         message = (
@@ -87,3 +134,9 @@ def check_small_angles(scene: Scene) -> None:
             "of small-angle theory; make the beam stiffer or the force smaller"
         )
         raise SceneError(message)
+
+
+def _shapes_mm(scene: Scene) -> tuple[Array, Array]:
+    """Points all along the beam, and their deflection under the largest force at each load position."""
+    points = np.linspace(0.0, scene.beam.length_mm, 801)
+    return points, scene_influence(scene, points, load_positions_mm(scene)) * scene.contact.force_range_n[1]

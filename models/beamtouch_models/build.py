@@ -1,6 +1,5 @@
 """From a scene to a model file: filter, layout, training, accuracy beside the limit, golden answers."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -9,7 +8,8 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from beamtouch_models import export, limit
-from beamtouch_models.beam import check_small_angles, max_deflection_mm
+from beamtouch_models.beam import check_small_angles, max_deflection_mm, travel_mm
+from beamtouch_models.effects import required
 from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import (
     Accuracy,
@@ -23,7 +23,7 @@ from beamtouch_models.modelfile import (
 )
 from beamtouch_models.network import Network, Simulator, train
 from beamtouch_models.noise import choose_filter, noise_of, step_mm
-from beamtouch_models.placement import Placement, place
+from beamtouch_models.placement import Placement, fewest_sensors
 from beamtouch_models.scene import Scene
 
 Array = NDArray[np.float64]
@@ -32,7 +32,6 @@ Progress = Callable[[str, float], None]
 
 TRAINING_STEPS = 12_000
 ACCURACY_DRAWS = 4_000
-COUNT_DRAWS = 1_000
 CALIBRATION_DRAWS = 40_000
 REST_DRAWS = 1_000_000
 FALSE_ALARM_RATE = 1e-5
@@ -71,10 +70,13 @@ def build(scene: Scene, text: str, name: str, *, count: int | None, seed: int, p
         message = "sensors: a noise of 0 leaves nothing to train on; state the noise of a reading"
         raise SceneError(message)
     sensor = sensor_of(scene)
+    # Physics ends here: what follows has only the effects that the scene requires.
+    physics = required(scene)
+    noise = noise_of(physics, chosen)
     progress("placing the sensors", 0.0)
-    placement = choose_layout(scene, noise, count, seed)
+    placement = fewest_sensors(physics, noise.sample_mm, count, seed)
     positions = np.array(placement.positions_mm)
-    network, may_miss_one = _trained(scene, positions, noise, seed, progress)
+    network, may_miss_one = _trained(physics, positions, noise, seed, progress)
     progress("measuring the accuracy against the limit", 0.9)
     graph = export.network_graph(network, with_force=scene.wants_force)
     run = _runner(export.to_bytes(graph))
@@ -91,8 +93,8 @@ def build(scene: Scene, text: str, name: str, *, count: int | None, seed: int, p
         sensor=sensor,
         contact_threshold=_contact_threshold(network, len(positions), noise.sample_mm, seed),
         seed=seed,
-        accuracy=_accuracy(scene, positions, noise.sample_mm, run, seed),
-        golden=_golden(scene, positions, noise.sample_mm, run, seed),
+        accuracy=_accuracy(physics, positions, noise.sample_mm, run, seed),
+        golden=_golden(physics, positions, noise.sample_mm, run, seed),
         scene=text,
     )
     return Built(export.to_bytes(graph, metadata), metadata, placement)
@@ -101,14 +103,15 @@ def build(scene: Scene, text: str, name: str, *, count: int | None, seed: int, p
 def sensor_of(scene: Scene) -> Sensor:
     """Sensor, ADC and stand-off of a scene; raises SceneError where the beam's travel leaves the sensor's range."""
     low, high = scene.sensors.range_mm
-    travel = max_deflection_mm(scene)
+    lift, travel = travel_mm(scene)
     standoff = scene.sensors.standoff_mm
     if standoff is None:
-        standoff = (low + high) / 2 + travel / 2
-    if standoff - travel < low or standoff > high:
+        standoff = (low + high) / 2 + (travel - lift) / 2
+    if standoff - travel < low or standoff + lift > high:
         message = (
-            f"the beam travels {travel:.4g} mm and with a stand-off of {standoff:.4g} mm leaves sensors.range_mm = "
-            f"[{low:g}, {high:g}]; make the beam stiffer, the force smaller, or take a sensor with a longer range"
+            f"the beam travels {travel + lift:.4g} mm and with a stand-off of {standoff:.4g} mm leaves "
+            f"sensors.range_mm = [{low:g}, {high:g}]; make the beam stiffer, the force smaller, "
+            "or take a sensor with a longer range"
         )
         raise SceneError(message)
     bits = scene.sensors.adc_bits or DEFAULT_ADC_BITS
@@ -121,35 +124,6 @@ def sensor_of(scene: Scene) -> Sensor:
         gain_mm_per_count=gain,
         offset_mm=low - 0.1 * (2**bits - 1) * gain,
     )
-
-
-def choose_layout(scene: Scene, noise: Noise, count: int | None, seed: int) -> Placement:
-    """Place `count` sensors, or the fewest of the scene's range whose accuracy limit meets its requirement."""
-    fewest, most = (count, count) if count else scene.sensors.count_range
-    wanted_mm = scene.requirements.position_error_mm
-    if fewest != most and wanted_mm is None:
-        message = "sensors.count leaves the number open; give requirements.position_error_mm, or --sensors N"
-        raise SceneError(message)
-    for number in range(fewest, most + 1):
-        placement = place(scene, number, seed)
-        if not math.isfinite(placement.log_eigenvalue_product):
-            message = f"{number} sensors find no places of their own under the rules of sensors; take fewer"
-            raise SceneError(message)
-        if fewest == most or wanted_mm is None:
-            return placement
-        reached = _limit(scene, np.array(placement.positions_mm), noise.sample_mm, COUNT_DRAWS, seed)
-        if reached.percent / 100 * scene.beam.length_mm <= wanted_mm:
-            return placement
-    message = (
-        f"not even {most} sensors reach requirements.position_error_mm = {wanted_mm:g}: the accuracy limit is "
-        f"{reached.percent / 100 * scene.beam.length_mm:.3g} mm; take sensors with less noise or allow more latency_ms"
-    )
-    raise SceneError(message)
-
-
-def _limit(scene: Scene, positions: Array, noise_mm: float, draws: int, seed: int) -> limit.MeanError:
-    drawn = limit.draw(scene, positions, noise_mm, draws, seed)
-    return limit.mean_error(scene, drawn, limit.posterior_median_mm(scene, positions, noise_mm, drawn.deflection_mm))
 
 
 def _trained(scene: Scene, positions: Array, noise: Noise, seed: int, progress: Progress) -> tuple[Network, bool]:

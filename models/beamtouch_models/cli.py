@@ -32,7 +32,10 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="design-sensors", description="Design a touch-sensing beam, offline.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_build(commands.add_parser("build", help="place the sensors, train the estimator, write the model file"))
+    _add_explain(commands.add_parser("explain", help="print what each physical effect is worth to a scene"))
     _add_inspect(commands.add_parser("inspect", help="print what a model file says of itself"))
+    _add_place(commands.add_parser("place", help="choose sensor positions, and prove them the best on the grid"))
+    _add_reproduce(commands.add_parser("reproduce", help="compute the paper's figures and compare them with the paper"))
     return parser
 
 
@@ -41,12 +44,36 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
     parser.add_argument("--sensors", type=_sensor_count, metavar="N", help="number of sensors, instead of the scene's")
     parser.add_argument("--daemon-config", type=Path, metavar="FILE", help="also write a config for beamtouch-daemon")
+    parser.add_argument("--report", type=Path, metavar="FILE", help="also write a report of the build (.html)")
     _add_seed(parser)
+    _add_json(parser)
+
+
+def _add_explain(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
     _add_json(parser)
 
 
 def _add_inspect(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
+    _add_json(parser)
+
+
+def _add_place(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    parser.add_argument("--sensors", type=_sensor_count, metavar="N", help="number of sensors, instead of the scene's")
+    parser.add_argument("--components", type=_sensor_count, metavar="K", help="leading eigenvalues that count (all)")
+    criteria = ("eigenvalue-product", "position-error")
+    parser.add_argument("--criterion", choices=criteria, default=criteria[0], help="what is best (eigenvalue-product)")
+    parser.add_argument("--search", choices=("exact", "paper"), default="exact", help="how it is looked for (exact)")
+    parser.add_argument("--prove", action="store_true", help="prove the layout the best on the grid, or bound the gap")
+    _add_seed(parser)
+    _add_json(parser)
+
+
+def _add_reproduce(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for plots and numbers")
+    _add_seed(parser)
     _add_json(parser)
 
 

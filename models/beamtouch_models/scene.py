@@ -4,59 +4,24 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, ValidationError, model_validator
+from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, model_validator
 
 from beamtouch_models.errors import SceneError
+from beamtouch_models.structure import Beam, Finite, PositiveFinite, Strict
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+__all__ = ["Beam", "Contact", "Descriptor", "Requirements", "Scene", "Sensors", "load_scene", "parse_scene"]
+
 MIN_SENSORS, MAX_SENSORS = 1, 64
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Beam(_Strict):
-    """The beam and what carries it."""
-
-    length_mm: PositiveFinite
-    supports: Literal["simply-supported"] = "simply-supported"
-    youngs_modulus_gpa: PositiveFinite | None = None
-    width_mm: PositiveFinite | None = None
-    thickness_mm: PositiveFinite | None = None
-    flexural_rigidity_n_mm2: PositiveFinite | None = None
-    """E I; give this, or modulus, width and thickness."""
-    density_kg_m3: PositiveFinite | None = None
-
-    @model_validator(mode="after")
-    def _one_rigidity(self) -> Self:
-        parts = (self.youngs_modulus_gpa, self.width_mm, self.thickness_mm)
-        if self.flexural_rigidity_n_mm2 is None and None in parts:
-            message = "give youngs_modulus_gpa, width_mm and thickness_mm, or flexural_rigidity_n_mm2"
-            raise ValueError(message)
-        if self.flexural_rigidity_n_mm2 is not None and self.youngs_modulus_gpa is not None:
-            message = "give youngs_modulus_gpa or flexural_rigidity_n_mm2, not both"
-            raise ValueError(message)
-        return self
-
-    @property
-    def rigidity_n_mm2(self) -> float:
-        """Flexural rigidity E I of the rectangular section, N mm^2."""
-        if self.flexural_rigidity_n_mm2 is not None:
-            return self.flexural_rigidity_n_mm2
-        if self.youngs_modulus_gpa is None or self.width_mm is None or self.thickness_mm is None:
-            message = "a beam without a rigidity passed validation"
-            raise AssertionError(message)
-        return self.youngs_modulus_gpa * 1e3 * self.width_mm * self.thickness_mm**3 / 12
-
-
-class Contact(_Strict):
+class Contact(Strict):
     """What may touch the beam: a range, drawn from uniformly."""
 
     force_n: PositiveFinite | tuple[PositiveFinite, PositiveFinite]
     """One number: the weight is known. Two: it lies between them."""
     position_mm: tuple[Finite, Finite]
+    width_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Length of beam that a contact presses on, evenly, centred at its position; 0 is a point."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -79,7 +44,7 @@ class Contact(_Strict):
         return self.force_range_n[0] == self.force_range_n[1]
 
 
-class Sensors(_Strict):
+class Sensors(Strict):
     """The proximity sensors under the beam, all of one kind."""
 
     count: Literal["auto"] | Annotated[int, Field(ge=MIN_SENSORS, le=MAX_SENSORS)] | tuple[PositiveInt, PositiveInt] = (
@@ -131,7 +96,7 @@ class Sensors(_Strict):
 Descriptor = Literal["position", "force"]
 
 
-class Requirements(_Strict):
+class Requirements(Strict):
     """What the surface is for."""
 
     position_error_mm: PositiveFloat | None = None
@@ -141,7 +106,7 @@ class Requirements(_Strict):
     descriptors: tuple[Descriptor, ...] = ("position",)
 
 
-class Scene(_Strict):
+class Scene(Strict):
     """A whole scene."""
 
     beam: Beam
@@ -202,7 +167,8 @@ def load_scene(path: Path) -> tuple[Scene, str]:
 
 def _first_error(error: ValidationError) -> str:
     """Say the first thing that is wrong in one line: the key, the reason, the value."""
-    first = error.errors()[0]
+    # A misspelt key is also a missing one; its spelling is what the user can see.
+    first = min(error.errors(), key=lambda complaint: complaint["type"] != "extra_forbidden")
     where = ".".join(str(part) for part in first["loc"] if isinstance(part, int) or part.isidentifier())
     if first["type"] == "extra_forbidden":
         return f"unknown key {where}; take it out or correct its spelling"

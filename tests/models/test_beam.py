@@ -1,17 +1,30 @@
-"""The influence matrix against published values and against virtual work in 40-digit arithmetic."""
+"""Closed forms against published values, against virtual work, and against transfer matrices in many digits."""
+
+from typing import Any
 
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamtouch_models.beam import check_small_angles, influence, max_deflection_mm
+from beamtouch_models.beam import check_small_angles, influence, max_deflection_mm, travel_mm
+from beamtouch_models.closed_forms import span_of
 from beamtouch_models.errors import SceneError
-from beamtouch_models.scene import Beam, parse_scene
+from beamtouch_models.scene import parse_scene
+from beamtouch_models.structure import Beam
+from exact_beam import ExactBeam, fixed, simple
 from example_scenes import PAPER, UNIT_BEAM
 
+ULP = 2.0**-53
+NAMES = ("simply-supported", "cantilever", "fixed-fixed", "propped")
+SPANS: list[Any] = [*NAMES, fixed(1.0), [*simple(0.0), *fixed(1.0)]]
+"""All closed forms, and the two that are mirrored."""
 beam = Beam.model_validate(UNIT_BEAM)
+
+
+def unit_beam(supports: object, **values: object) -> Beam:
+    return Beam.model_validate({**UNIT_BEAM, "supports": supports, **values})
 
 
 def by_virtual_work(x: float, a: float) -> mpmath.mpf:
@@ -30,47 +43,118 @@ def by_virtual_work(x: float, a: float) -> mpmath.mpf:
 
 
 @pytest.mark.parametrize(
-    ("x", "a", "expected"),
+    ("supports", "x", "a", "expected"),
     [
-        (0.5, 0.5, 1 / 48),  # Roark's Formulas for Stress and Strain, table 8.1, case 1e
-        (0.25, 0.5, 11 / 768),
-        (0.5, 0.25, 11 / 768),
-        (0.25, 0.25, 9 / 768),
-        (0.75, 0.25, 7 / 768),
+        # Roark's Formulas for Stress and Strain, table 8.1; Gere & Goodno, Mechanics of Materials, appendix H.
+        ("simply-supported", 0.5, 0.5, 1 / 48),
+        ("simply-supported", 0.25, 0.5, 11 / 768),
+        ("simply-supported", 0.5, 0.25, 11 / 768),
+        ("simply-supported", 0.25, 0.25, 9 / 768),
+        ("simply-supported", 0.75, 0.25, 7 / 768),
+        ("cantilever", 1.0, 1.0, 1 / 3),
+        ("cantilever", 1.0, 0.5, 5 / 48),
+        ("cantilever", 0.5, 0.5, 1 / 24),
+        ("fixed-fixed", 0.5, 0.5, 1 / 192),
+        ("propped", 0.5, 0.5, 7 / 768),
     ],
 )
-def test_published_deflections(x: float, a: float, expected: float) -> None:
-    assert influence(beam, [x], [a])[0, 0] == pytest.approx(expected, rel=4e-16)
+def test_published_deflections(supports: str, x: float, a: float, expected: float) -> None:
+    assert influence(unit_beam(supports), [x], [a])[0, 0] == pytest.approx(expected, rel=4 * ULP)
 
 
-fractions = st.floats(1e-12, 1.0, exclude_max=True)
+def test_the_largest_deflection_of_a_propped_span_is_where_it_is_published() -> None:
+    # Roark, table 8.1 case 1c: 0.0098 W l^3/(EI), with the load 0.414 l from the simple end.
+    points = np.linspace(0, 1, 1001)
+    matrix = influence(unit_beam("propped"), points, points)
+    load, sensor = np.unravel_index(matrix.argmax(), matrix.shape)
+    assert matrix.max() == pytest.approx(0.0098, abs=0.00005)
+    assert points[load] == pytest.approx(1 - 0.414, abs=0.0011)
+    assert points[sensor] == pytest.approx(1 - 0.414, abs=0.0011)
+
+
+small = st.floats(-12, -1).map(lambda power: 10.0**power)
+fractions = st.floats(1e-12, 1.0, exclude_max=True) | small | small.map(lambda distance: 1 - distance)
 
 
 @given(x=fractions, a=fractions)
 def test_a_few_units_in_the_last_place_over_the_whole_span(x: float, a: float) -> None:
     expected = by_virtual_work(x, a)
-    assert abs((mpmath.mpf(influence(beam, [x], [a])[0, 0]) - expected) / expected) < 8 * 2.0**-53
+    assert abs((mpmath.mpf(influence(beam, [x], [a])[0, 0]) - expected) / expected) < 8 * ULP
 
 
-@given(x=fractions, a=fractions)
-def test_reciprocity_is_exact(x: float, a: float) -> None:
-    assert influence(beam, [x], [a])[0, 0] == influence(beam, [a], [x])[0, 0]
+@settings(max_examples=60, deadline=None)
+@given(x=fractions, a=fractions, supports=st.sampled_from(SPANS))
+def test_every_closed_form_near_either_end(x: float, a: float, supports: object) -> None:
+    stated = unit_beam(supports)
+    assert span_of(stated, 0.0, 1.0) is not None
+    expected = ExactBeam(stated, digits=120).deflection(x, a)
+    assert abs((mpmath.mpf(influence(stated, [x], [a])[0, 0]) - expected) / expected) < 12 * ULP
 
 
-@pytest.mark.parametrize("length", [1e-3, 400.0, 1e6])
-@pytest.mark.parametrize("rigidity", [1e-15, 1.0, 1e15])
-def test_scale(length: float, rigidity: float) -> None:
-    scaled = Beam.model_validate({"length_mm": length, "flexural_rigidity_n_mm2": rigidity})
-    assert influence(scaled, [length / 2], [length / 2])[0, 0] == pytest.approx(length**3 / 48 / rigidity, rel=1e-15)
+@settings(max_examples=60, deadline=None)
+@given(x=fractions, a=st.integers(1, 4095), width=st.integers(1, 4096), supports=st.sampled_from(SPANS))
+def test_a_contact_with_a_width_is_exact(x: float, a: int, width: int, supports: object) -> None:
+    # Multiples of 1/8192, so that the edges of the contact are the same numbers here and there.
+    stated = unit_beam(supports)
+    expected = ExactBeam(stated, digits=120).deflection(x, a / 4096, width / 4096)
+    found = influence(stated, [x], [a / 4096], width / 4096)[0, 0]
+    assert abs((mpmath.mpf(found) - expected) / expected) < 32 * ULP
 
 
-def test_shape_is_loads_by_sensors_and_supports_do_not_move() -> None:
-    matrix = influence(beam, [0.0, 0.3, 1.0], [0.1, 0.9])
+@given(x=fractions, a=fractions, supports=st.sampled_from(SPANS), power=st.integers(-320, -14))
+def test_a_contact_that_narrows_to_a_point_loses_nothing(x: float, a: float, supports: object, power: int) -> None:
+    stated, width = unit_beam(supports), min(10.0**power, 1e-14 * min(a, 1 - a))
+    point = influence(stated, [x], [a])[0, 0]
+    assert influence(stated, [x], [a], width)[0, 0] == pytest.approx(point, rel=1e-13)
+
+
+def test_a_contact_at_the_end_keeps_its_force_on_what_lies_on_the_beam() -> None:
+    tip = unit_beam("cantilever")
+    assert influence(tip, [1.0], [1.0], 0.5)[0, 0] == influence(tip, [1.0], [0.875], 0.25)[0, 0]
+
+
+@given(x=fractions, a=fractions, supports=st.sampled_from(SPANS))
+def test_reciprocity_is_exact(x: float, a: float, supports: object) -> None:
+    stated = unit_beam(supports)
+    assert influence(stated, [x], [a])[0, 0] == influence(stated, [a], [x])[0, 0]
+
+
+@given(x=fractions, a=fractions, length=st.floats(1e-3, 1e6), power=st.integers(-15, 15))
+def test_scale(x: float, a: float, length: float, power: int) -> None:
+    # 1 micrometre to 1 km, rigidities over 30 decades.
+    stated = unit_beam("propped", length_mm=length, flexural_rigidity_n_mm2=10.0**power)
+    sensor, load = x * length, a * length
+    expected = ExactBeam(stated, digits=120).deflection(sensor, load)
+    found = mpmath.mpf(influence(stated, [sensor], [load])[0, 0])
+    if expected:  # x times the length may round to the length, where nothing moves
+        assert abs((found - expected) / expected) < 16 * ULP
+
+
+def test_beams_beyond_float64_are_refused() -> None:
+    for length, rigidity in ((1e300, 1.0), (1e-300, 1.0), (1.0, 1e300 * 1e8), (1e103, 1e-100)):
+        with pytest.raises(SceneError, match="deflects beyond what can be computed"):
+            influence(unit_beam("propped", length_mm=length, flexural_rigidity_n_mm2=rigidity), [0.0], [0.0])
+    # Within it, however large both are.
+    assert influence(unit_beam("cantilever", length_mm=1e150, flexural_rigidity_n_mm2=1e300), [1e150], [1e150])[
+        0, 0
+    ] == pytest.approx(1e150 / 3, rel=1e-14)
+
+
+def test_the_scale_is_right_where_its_cube_alone_would_overflow() -> None:
+    stated = unit_beam("cantilever", length_mm=1e120, flexural_rigidity_n_mm2=1e300)
+    assert influence(stated, [1e120], [1e120])[0, 0] == pytest.approx(1e60 / 3, rel=1e-14)
+
+
+@pytest.mark.parametrize("supports", SPANS)
+def test_shape_is_loads_by_sensors_and_supports_do_not_move(supports: object) -> None:
+    stated = unit_beam(supports)
+    matrix = influence(stated, [0.0, 0.3, 1.0], [0.1, 0.9])
+    held = [support.at_mm for support in stated.support_list]
     assert matrix.shape == (2, 3)
-    assert np.all(matrix[:, [0, 2]] == 0)
+    assert np.array_equal(matrix == 0, np.broadcast_to(np.isin([0.0, 0.3, 1.0], held), (2, 3)))
 
 
-@pytest.mark.parametrize("position", [[], [float("nan")], [float("inf")], [-0.1], [1.1]])
+@pytest.mark.parametrize("position", [[], [[0.5]], [float("nan")], [float("inf")], [-0.1], [1.1]])
 def test_what_is_no_position_is_refused_by_name(position: list[float]) -> None:
     with pytest.raises(ValueError, match="sensor_mm"):
         influence(beam, position, [0.5])
@@ -78,12 +162,44 @@ def test_what_is_no_position_is_refused_by_name(position: list[float]) -> None:
         influence(beam, [0.5], position)
 
 
+@pytest.mark.parametrize("width", [-1.0, float("nan"), float("inf")])
+def test_what_is_no_width_is_refused(width: float) -> None:
+    with pytest.raises(ValueError, match="width_mm"):
+        influence(beam, [0.5], [0.5], width)
+
+
 def test_largest_deflection_of_the_paper() -> None:
     # 10 N in the middle of 400 mm: F l^3 / (48 E I), E I = 1.18125e7 N mm^2.
     assert max_deflection_mm(parse_scene(PAPER, "x")) == pytest.approx(10 * 400**3 / (48 * 1.18125e7), rel=1e-12)
+
+
+def test_a_load_on_one_of_two_spans_lifts_the_other() -> None:
+    text = PAPER.replace("[contact]", "supports = [{at_mm = 0}, {at_mm = 200}, {at_mm = 400}]\n[contact]")
+    lift, travel = travel_mm(parse_scene(text, "x"))
+    assert 0 < lift < travel == max_deflection_mm(parse_scene(text, "x"))
 
 
 def test_a_beam_that_sags_beyond_small_angles_is_refused() -> None:
     check_small_angles(parse_scene(PAPER, "x"))
     with pytest.raises(SceneError, match="small-angle theory"):
         check_small_angles(parse_scene(PAPER.replace("force_n = 10.0", "force_n = 200.0"), "x"))
+
+
+@settings(deadline=None)
+@given(
+    x=st.floats(1e-9, 400, exclude_max=True),
+    a=st.floats(1e-9, 400, exclude_max=True),
+    modulus=st.floats(1e-3, 1e4),
+    supports=st.sampled_from(["simply-supported", "cantilever", simple(30.0, 370.0)]),
+)
+def test_shear_of_a_determinate_span_is_exact(x: float, a: float, modulus: float, supports: object) -> None:
+    stated = {"length_mm": 400, "youngs_modulus_gpa": 210, "width_mm": 25, "thickness_mm": 30}
+    sheared = Beam.model_validate({**stated, "supports": supports, "shear_modulus_gpa": modulus})
+    span = span_of(sheared, min(x, a), max(x, a))
+    if span is None:
+        assert not isinstance(supports, str)
+        assert min(x, a) < 30 or max(x, a) > 370
+        return
+    assert span.shear > 0
+    expected = ExactBeam(sheared, 60).deflection(x, a)
+    assert abs(mpmath.mpf(influence(sheared, [x], [a])[0, 0]) - expected) <= 24 * ULP * abs(expected)

@@ -7,9 +7,12 @@ from pathlib import Path
 
 from beamtouch_models import modelfile
 from beamtouch_models.build import build
+from beamtouch_models.build_report.facts import gather
+from beamtouch_models.build_report.page import page
 from beamtouch_models.commands import inspect
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.daemon_config import daemon_config, write_token_if_absent
+from beamtouch_models.effects import effects_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.export import write_whole
 from beamtouch_models.scene import load_scene
@@ -18,14 +21,17 @@ from beamtouch_models.scene import load_scene
 def run(options: argparse.Namespace) -> None:
     """Build, write what was asked for, and print what the model says of itself."""
     scene, text = load_scene(options.scene)
-    for path in (options.output, options.daemon_config):
+    for path in (options.output, options.daemon_config, options.report):
         if path is not None and not path.parent.is_dir():
             message = f"{path.parent}: no such folder; make it first"
             raise SceneError(message)
     name = _surface_name(options.scene)
     with shown_progress() as progress:
         built = build(scene, text, name, count=options.sensors, seed=options.seed, progress=progress)
+        report = None if options.report is None else page(gather(scene, built, progress))
     write_whole(options.output, built.content)
+    if report is not None:
+        write_whole(options.report, report.encode())
     if options.daemon_config is not None:
         write_whole(options.daemon_config, daemon_config(built.metadata).encode())
         token = write_token_if_absent(options.daemon_config.parent)
@@ -35,6 +41,9 @@ def run(options: argparse.Namespace) -> None:
             f"         beamtouch-daemon run {options.daemon_config}",
             file=sys.stderr,
         )
+    for effect in effects_of(scene):
+        if effect.verdict == "not modelled" and effect.having is not None:
+            print(f"note:    {effect.name} is worth {effect.price:.2g} of the noise: {effect.reason}", file=sys.stderr)
     inspect.show(modelfile.load_bytes(built.content, str(options.output)), as_json=options.json)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.beam import influence
+from beamtouch_models.beam import scene_influence
 from beamtouch_models.modelfile import Metadata, Sensor
 from beamtouch_models.noise import sensor_noise_mm
 from beamtouch_models.rig.script import Load
@@ -32,7 +32,7 @@ class VirtualSurface:
     def _deflection_mm(self, load: Load) -> Array:
         if load.position_mm is None:
             return np.zeros(self.channels)
-        deflection: Array = load.force_n * influence(self._scene.beam, self._sensor_mm, load.position_mm)[0]
+        deflection: Array = load.force_n * scene_influence(self._scene, self._sensor_mm, load.position_mm)[0]
         return deflection
 
 

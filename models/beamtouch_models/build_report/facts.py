@@ -1,0 +1,119 @@
+"""What the report says beyond the model's own words: error along the beam, components, other layouts. No text here."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamtouch_models import limit
+from beamtouch_models.beam import load_positions_mm, scene_influence
+from beamtouch_models.build import Built, Progress
+from beamtouch_models.components import Components, principal_components
+from beamtouch_models.effects import effects_of, required
+from beamtouch_models.layout import equal_pitch_mm
+from beamtouch_models.limit import Array, MeanError
+from beamtouch_models.modelfile import ModelFile, load_bytes
+from beamtouch_models.placement import Placement, place, score_positions
+from beamtouch_models.pricing import Effect
+from beamtouch_models.scene import Scene
+
+PROFILE_DRAWS = 12_000
+PROFILE_BINS = 24
+LAYOUT_DRAWS = 4_000
+SEED_SHIFT = 5
+"""The build draws with the seed and the four after it; the report measures on draws of its own."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Mean |error| of position along the beam, a value per stretch of equal length."""
+
+    position_mm: Array
+    """(stretches,) middles."""
+    model_mm: Array
+    limit_mm: Array
+
+
+@dataclass(frozen=True)
+class OtherLayout:
+    """A layout that might have been taken, with what it would reach."""
+
+    name: str
+    positions_mm: Array
+    log_eigenvalue_product: float
+    """Lengths in units of l, W/(EI) = 1."""
+    limit: MeanError
+    taken: bool
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Everything that the page shows."""
+
+    scene: Scene
+    model: ModelFile
+    placement: Placement
+    load_mm: Array
+    """(loads,)"""
+    components: Components
+    """Of the influence matrix of the layout, in mm/N."""
+    profile: Profile
+    layouts: tuple[OtherLayout, ...]
+    effects: tuple[Effect, ...]
+    """Of physics, with their prices."""
+
+    @property
+    def middle_force_n(self) -> float:
+        """Middle of the force range."""
+        low, high = self.scene.contact.force_range_n
+        return (low + high) / 2
+
+
+def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
+    """Measure what the report shows; takes seconds. Deterministic by the seed of the build."""
+    progress("measuring for the report", 0.97)
+    positions = np.array(built.placement.positions_mm)
+    load = load_positions_mm(scene)
+    physics = required(scene)  # what the build worked with
+    model = load_bytes(built.content, "the model just built")
+    seed = built.metadata.seed
+    return Facts(
+        scene,
+        model,
+        built.placement,
+        load,
+        principal_components(scene_influence(physics, positions, load)),
+        _profile(physics, model, positions, seed),
+        _layouts(physics, positions, built.metadata.noise.sample_mm, seed),
+        tuple(effects_of(scene)),
+    )
+
+
+def _profile(scene: Scene, model: ModelFile, positions: Array, seed: int) -> Profile:
+    noise_mm = model.metadata.noise.sample_mm
+    drawn = limit.draw(scene, positions, noise_mm, PROFILE_DRAWS, seed + SEED_SHIFT)
+    deflection = drawn.deflection_mm.astype(np.float32)
+    answer = model.estimate(deflection, np.ones(deflection.shape, np.bool_))["position_mm"].astype(np.float64)
+    best = limit.posterior_median_mm(scene, positions, noise_mm, drawn.deflection_mm)
+    edges = np.linspace(*scene.contact.position_mm, PROFILE_BINS + 1)
+    stretch = np.clip(np.searchsorted(edges, drawn.position_mm, side="right") - 1, 0, PROFILE_BINS - 1)
+    count = np.bincount(stretch, minlength=PROFILE_BINS)
+    model_mm, limit_mm = (
+        np.bincount(stretch, np.abs(estimate - drawn.position_mm), PROFILE_BINS) / count for estimate in (answer, best)
+    )
+    return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm)
+
+
+def _layouts(scene: Scene, taken: Array, noise_mm: float, seed: int) -> tuple[OtherLayout, ...]:
+    """Compare the layout of the model with the others; all are measured on the same contacts."""
+    named = {"equal pitch": equal_pitch_mm(scene, len(taken))}
+    named["eigenvalue product"] = np.array(place(scene, len(taken), seed).positions_mm)
+    if not any(np.allclose(taken, positions) for positions in named.values()):
+        named["the model's"] = taken
+    found = []
+    for name, positions in named.items():
+        drawn = limit.draw(scene, positions, noise_mm, LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
+        median = limit.posterior_median_mm(scene, positions, noise_mm, drawn.deflection_mm)
+        reached = limit.mean_error(scene, drawn, median)
+        score = score_positions(scene, positions)
+        found.append(OtherLayout(name, positions, score, reached, bool(np.allclose(taken, positions))))
+    return tuple(found)

@@ -1,0 +1,193 @@
+"""Plain line charts as SVG text: no dependency, the same bytes every time, text kept as text.
+
+Colours are CSS classes, so that a page or a file can be read in the dark as well as on paper.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from itertools import pairwise
+from typing import Literal
+
+WIDTH, HEIGHT = 640, 340
+LEFT, RIGHT, TOP, BOTTOM = 64, 16, 14, 46
+LEGEND_ROW = 18
+CHARACTER = 6.4
+"""Width of a character of the legend, in px; an estimate that only spaces the legend."""
+
+STYLE = """
+.chart, .drawing { --ink: #1b1f24; --faint: #d8dde3; --muted: #59636e; --s0: #0b62a8; --s1: #c2410c; --s2: #18794e;
+  --s3: #8e3a9e; --s4: #8a6d00; --s5: #5b6572; --s6: #a8175b; --s7: #0e7c86; }
+@media (prefers-color-scheme: dark) { .chart, .drawing { --ink: #e6e9ed; --faint: #363d46; --muted: #9aa4b0;
+  --s0: #6cb6ff; --s1: #ff9a5c; --s2: #56d39a; --s3: #d99ae6; --s4: #e0c04a; --s5: #a9b4c0; --s6: #ff85b6;
+  --s7: #5fd3dd; } }
+@media print { .chart, .drawing { --ink: #000; --faint: #ccc; --muted: #444; --s0: #0b62a8; --s1: #c2410c;
+  --s2: #18794e; --s3: #8e3a9e; --s4: #8a6d00; --s5: #5b6572; --s6: #a8175b; --s7: #0e7c86; } }
+.chart text, .drawing text { font: 12px system-ui, sans-serif; fill: var(--ink); }
+.chart .grid { stroke: var(--faint); stroke-width: 1; }
+.chart .frame { stroke: var(--muted); stroke-width: 1; fill: none; }
+.chart .line { fill: none; stroke-width: 1.8; stroke-linejoin: round; }
+.chart .dashed { stroke-dasharray: 6 4; }
+""" + "".join(f".chart .s{i} {{ stroke: var(--s{i}); }} .chart .p{i} {{ fill: var(--s{i}); }}\n" for i in range(8))
+
+
+@dataclass(frozen=True)
+class Series:
+    """One curve or one set of points."""
+
+    label: str
+    """For the legend; empty: not in it."""
+    x: Sequence[float]
+    y: Sequence[float]
+    colour: int = 0
+    """0 .. 7."""
+    style: Literal["line", "dashed", "points"] = "line"
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart with its axes; logarithmic axes take positive values only."""
+
+    says: str
+    """What it shows, for those who cannot see it."""
+    x_label: str
+    y_label: str
+    series: Sequence[Series]
+    log_x: bool = False
+    log_y: bool = False
+    y_from_zero: bool = False
+    x_range: tuple[float, float] | None = None
+    """Left out, the axis spans the values."""
+    whole_x: bool = False
+    """Whether x counts things, so that ticks between whole numbers would say nothing."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A scale from values to pixels, with its ticks."""
+
+    low: float
+    high: float
+    start_px: float
+    end_px: float
+    log: bool
+    ticks: tuple[float, ...]
+
+    def px(self, value: float) -> float:
+        """Pixel of a value."""
+        low, high, at = (
+            (math.log10(v) for v in (self.low, self.high, value)) if self.log else (self.low, self.high, value)
+        )
+        return self.start_px + (at - low) / (high - low) * (self.end_px - self.start_px)
+
+
+def draw(chart: Chart) -> str:
+    """Draw a chart as an `<svg>` element; it takes its colours from STYLE."""
+    legend, rows = _legend(chart.series)
+    top = TOP + rows * LEGEND_ROW
+    height = HEIGHT + rows * LEGEND_ROW
+    xs = chart.x_range or [value for series in chart.series for value in series.x]
+    ys = [value for series in chart.series for value in series.y]
+    x = _axis(xs, (LEFT, WIDTH - RIGHT), log=chart.log_x, margin=0.0, least_step=float(chart.whole_x))
+    y = _axis([0.0, *ys] if chart.y_from_zero else ys, (height - BOTTOM, top), log=chart.log_y, margin=0.04)
+    parts = [
+        f'<svg class="chart" viewBox="0 0 {WIDTH} {height}" role="img" '
+        f'aria-label="{escape(chart.says)}"><title>{escape(chart.says)}</title>',
+        *_grid(x, y, height),
+        f'<text x="{(LEFT + WIDTH - RIGHT) / 2:g}" y="{height - 8}" text-anchor="middle">'
+        f"{escape(chart.x_label)}</text>",
+        f'<text transform="translate(15 {(top + height - BOTTOM) / 2:g}) rotate(-90)" text-anchor="middle">'
+        f"{escape(chart.y_label)}</text>",
+        *(_series(series, x, y) for series in chart.series),
+        *legend,
+        "</svg>",
+    ]
+    return "\n".join(parts)
+
+
+def standalone(svg: str) -> str:
+    """Return a chart as the text of an SVG file, with its colours and a ground of its own."""
+    head, rest = svg.split(">", 1)
+    ground = "svg { background: #fff; } @media (prefers-color-scheme: dark) { svg { background: #14181d; } }"
+    return f'{head} xmlns="http://www.w3.org/2000/svg"><style>{ground}{STYLE}</style>{rest}\n'
+
+
+def _axis(
+    values: Sequence[float], pixels: tuple[float, float], *, log: bool, margin: float, least_step: float = 0.0
+) -> Axis:
+    low, high = min(values), max(values)
+    if log:
+        low, high = low / 1.15, high * 1.15
+        return Axis(low, high, *pixels, log, _log_ticks(low, high))
+    if low == high:
+        low, high = low - (abs(low) or 1) / 2, high + (abs(high) or 1) / 2
+    room = margin * (high - low)
+    low, high = low - room * (low != 0), high + room
+    return Axis(low, high, *pixels, log, round_ticks(low, high, least_step))
+
+
+def round_ticks(low: float, high: float, least_step: float = 0.0) -> tuple[float, ...]:
+    """Return at most ten round values within low .. high."""
+    rough = (high - low) / 6
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough * 0.999)
+    step = max(step, least_step)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return tuple(index * step for index in range(first, last + 1))
+
+
+def _log_ticks(low: float, high: float) -> tuple[float, ...]:
+    """Powers of ten, or 1, 2 and 5 of them where they are few."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    factors = (1, 2, 5) if len(decades) <= 3 else (1,)
+    stride = max(1, len(decades) // 8)
+    values = (factor * 10.0**decade for decade in decades[::stride] for factor in factors)
+    return tuple(value for value in values if low <= value <= high)
+
+
+def _grid(x: Axis, y: Axis, height: int) -> Iterable[str]:
+    left, right, bottom, top = x.start_px, x.end_px, y.start_px, y.end_px
+    for tick in x.ticks:
+        at = x.px(tick)
+        yield f'<line class="grid" x1="{at:.1f}" x2="{at:.1f}" y1="{bottom:g}" y2="{top:g}"/>'
+        yield f'<text x="{at:.1f}" y="{height - BOTTOM + 17}" text-anchor="middle">{tick:g}</text>'
+    for tick in y.ticks:
+        at = y.px(tick)
+        yield f'<line class="grid" x1="{left:g}" x2="{right:g}" y1="{at:.1f}" y2="{at:.1f}"/>'
+        yield f'<text x="{left - 6:g}" y="{at + 4:.1f}" text-anchor="end">{tick:g}</text>'
+    yield f'<rect class="frame" x="{left:g}" y="{top:g}" width="{right - left:g}" height="{bottom - top:g}"/>'
+
+
+def _series(series: Series, x: Axis, y: Axis) -> str:
+    points = [(x.px(a), y.px(b)) for a, b in zip(series.x, series.y, strict=True)]
+    if series.style == "points":
+        return "".join(f'<circle class="p{series.colour}" cx="{a:.1f}" cy="{b:.1f}" r="3.5"/>' for a, b in points)
+    dashed = " dashed" if series.style == "dashed" else ""
+    path = " ".join(f"{a:.1f},{b:.1f}" for a, b in points)
+    return f'<polyline class="line{dashed} s{series.colour}" points="{path}"/>'
+
+
+def _legend(series: Sequence[Series]) -> tuple[list[str], int]:
+    """Return the legend's elements and how many rows they take."""
+    named = [one for one in series if one.label]
+    widths = [34 + len(one.label) * CHARACTER + 14 for one in named]
+    starts = [0.0]
+    for before, _ in pairwise(widths):
+        starts.append(starts[-1] + before)
+    room = WIDTH - LEFT - RIGHT
+    parts, row, offset = [], 0, 0.0
+    for one, start, width in zip(named, starts, widths, strict=False):
+        if start - offset + width > room and start > offset:
+            row, offset = row + 1, start
+        parts.append(_key(one, LEFT + start - offset, TOP + row * LEGEND_ROW))
+    return parts, row + 1 if named else 0
+
+
+def _key(series: Series, x: float, y: float) -> str:
+    if series.style == "points":
+        mark = f'<circle class="p{series.colour}" cx="{x + 13:.1f}" cy="{y:.1f}" r="3.5"/>'
+    else:
+        dashed = " dashed" if series.style == "dashed" else ""
+        mark = f'<line class="line{dashed} s{series.colour}" x1="{x:.1f}" x2="{x + 26:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
+    return f'{mark}<text x="{x + 32:.1f}" y="{y + 4:.1f}">{escape(series.label)}</text>'

@@ -1,0 +1,88 @@
+"""`design-sensors explain`: what each physical effect is worth to a scene, and what it costs to have it."""
+
+import argparse
+import json
+import time
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from beamtouch_models.beam import check_small_angles, load_positions_mm, max_deflection_mm, scene_influence
+from beamtouch_models.effects import effects_of
+from beamtouch_models.mesh import mesh_of
+from beamtouch_models.noise import choose_filter, noise_of
+from beamtouch_models.pricing import NEGLIGIBLE, Effect
+from beamtouch_models.scene import Scene, load_scene
+
+REPEATS = 5
+SENSORS = 101
+"""In the influence matrix whose time is measured."""
+
+
+def run(options: argparse.Namespace) -> None:
+    """Price the effects, measure what they cost, and print both."""
+    scene, _ = load_scene(options.scene)
+    check_small_angles(scene)
+    noise = noise_of(scene, choose_filter(scene))
+    effects = [(effect, _cost_us(effect)) for effect in effects_of(scene)]
+    if not options.json:
+        _print_table(effects, noise.sample_mm)
+        return
+    explained = {
+        "effects": [_as_json(effect, cost) for effect, cost in effects],
+        "noise_mm": noise.sample_mm,
+        "reading_noise_mm": noise.reading_mm,
+        "max_deflection_mm": max_deflection_mm(scene),
+        "negligible": NEGLIGIBLE,
+    }
+    print(json.dumps(explained))
+
+
+def _cost_us(effect: Effect) -> tuple[float, float] | None:
+    """Microseconds for an influence matrix with and without the effect, the least of a few; None where none changes."""
+    if effect.having is None or effect.lacking is None:
+        return None
+    return _matrix_us(effect.having), _matrix_us(effect.lacking)
+
+
+def _matrix_us(scene: Scene) -> float:
+    sensors, loads = np.linspace(0.0, scene.beam.length_mm, SENSORS), load_positions_mm(scene)
+    least = float("inf")
+    for _ in range(REPEATS):
+        mesh_of.cache_clear()  # an effect costs its assembly, too
+        start = time.perf_counter()
+        scene_influence(scene, sensors, loads)
+        least = min(least, time.perf_counter() - start)
+    return 1e6 * least
+
+
+def _as_json(effect: Effect, cost: tuple[float, float] | None) -> dict[str, Any]:
+    return {
+        "name": effect.name,
+        "price": effect.price,
+        "included": effect.verdict == "in",
+        "verdict": effect.verdict,
+        "cost_us": None if cost is None else cost[0] - cost[1],
+        "with_us": None if cost is None else cost[0],
+        "without_us": None if cost is None else cost[1],
+        "reason": effect.reason,
+    }
+
+
+def _print_table(effects: list[tuple[Effect, tuple[float, float] | None]], noise_mm: float) -> None:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("effect")
+    table.add_column("price", justify="right")
+    table.add_column("")
+    table.add_column("with/without", justify="right")
+    table.add_column("remark")
+    for effect, cost in effects:
+        price = "-" if effect.price is None else f"{effect.price:.3g}"
+        timed = "-" if cost is None else f"{cost[0]:.0f}/{cost[1]:.0f} us"
+        table.add_row(effect.name, price, effect.verdict, timed, effect.reason)
+    console = Console(highlight=False)
+    console.print(table)
+    console.print(f"price in the noise of a sample, {noise_mm:.3g} mm; under {NEGLIGIBLE:g} it is left out")
+    console.print(f"with/without: time for an influence matrix of {SENSORS} sensors, measured just now")

@@ -1,0 +1,121 @@
+"""`design-sensors place`: where to put the sensors, and by how much another layout could be better."""
+
+import argparse
+import json
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from beamtouch_models.commands.progress import shown_progress
+from beamtouch_models.effects import required
+from beamtouch_models.errors import SceneError
+from beamtouch_models.limit import accuracy_limit
+from beamtouch_models.noise import choose_filter, noise_of
+from beamtouch_models.placement import Placement, place, place_by_position_error, recommended_count
+from beamtouch_models.scene import Scene, load_scene
+
+LIMIT_DRAWS = 10_000
+
+
+def run(options: argparse.Namespace) -> None:
+    """Place the sensors of a scene and print the layout with what is known of it."""
+    started = time.perf_counter()
+    scene = required(load_scene(options.scene)[0])
+    noise_mm = noise_of(scene, choose_filter(scene)).sample_mm
+    count = options.sensors or _count_of(scene)
+    if options.components is not None and options.components > count:
+        message = f"--components {options.components}: {count} sensors have no more than {count} components"
+        raise SceneError(message)
+    with shown_progress() as progress:
+        if options.criterion == "position-error":
+            placement = place_by_position_error(
+                scene,
+                count,
+                options.seed,
+                noise_mm,
+                leading=options.components,
+                search=options.search,
+                progress=progress,
+            )
+        else:
+            placement = place(
+                scene,
+                count,
+                options.seed,
+                options.components,
+                search=options.search,
+                certify="proof" if options.prove else "bound",
+                progress=progress,
+            )
+        progress("measuring the accuracy limit", 0.95)
+        found = _described(options, scene, noise_mm, placement)
+    found["wall_s"] = time.perf_counter() - started
+    print(json.dumps(found, allow_nan=False) if options.json else _table(found, noise_mm))
+
+
+def _count_of(scene: Scene) -> int:
+    fewest, most = scene.sensors.count_range
+    if fewest != most:
+        message = "sensors.count leaves the number open; give --sensors N"
+        raise SceneError(message)
+    return fewest
+
+
+def _described(options: argparse.Namespace, scene: Scene, noise_mm: float, placement: Placement) -> dict[str, Any]:
+    """Everything that is printed, but the time; what is not known or does not exist is None."""
+    percent: float | None = None
+    standard_error: float | None = None
+    if noise_mm > 0:
+        # Fresh draws: a layout chosen by some contacts looks better on those.
+        found = accuracy_limit(scene, np.array(placement.positions_mm), noise_mm, LIMIT_DRAWS, options.seed + 1)
+        percent, standard_error = found.percent, found.standard_error
+    score = placement.log_eigenvalue_product
+    return {
+        "positions_mm": list(placement.positions_mm),
+        "log_eigenvalue_product": score if math.isfinite(score) else None,
+        "accuracy_limit_percent": percent,
+        "standard_error": standard_error,
+        "proven": placement.proven,
+        "gap": placement.gap,
+        "evaluations": placement.evaluations,
+        "criterion": options.criterion,
+        "search": options.search,
+        "seed": options.seed,
+        "components": options.components or len(placement.positions_mm),
+        "recommended_sensors": recommended_count(scene, noise_mm),
+    }
+
+
+def _table(found: dict[str, Any], noise_mm: float) -> str:
+    """Return the same as lines for a person, a figure with its unit and its reference."""
+    score, limit = found["log_eigenvalue_product"], found["accuracy_limit_percent"]
+    leading = (
+        f"{found['components']} leading eigenvalues" if found["components"] < len(found["positions_mm"]) else "all"
+    )
+    product = "-inf: rounding hides a component" if score is None else f"{score:.4f}"
+    rows = [
+        ("sensors", f"{', '.join(f'{position:g}' for position in found['positions_mm'])} mm from the left end"),
+        ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
+        ("proof", _proof_line(found)),
+        ("limit", _limit_line(limit, found["standard_error"], noise_mm)),
+        ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
+        ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
+        ("advice", f"{found['recommended_sensors']} components of eight sensors stand out of the noise"),
+    ]
+    return "\n".join(f"{label:<8} {text}" for label, text in rows)
+
+
+def _limit_line(percent: float | None, standard_error: float | None, noise_mm: float) -> str:
+    if percent is None:
+        return "none: without noise there is no accuracy limit"
+    return f"{percent:.3f} % +- {standard_error:.3f} of the length, mean, with {noise_mm:.3g} mm of noise a sample"
+
+
+def _proof_line(found: dict[str, Any]) -> str:
+    if found["proven"]:
+        return "the best layout on the grid, proven"
+    if found["gap"] is None:
+        return "none: no bound is known for this criterion"
+    return f"no layout on the grid scores more than {found['gap']:.3g} above this in ln of the product"

@@ -1,0 +1,94 @@
+"""An upper bound on the eigenvalue product of every layout in a region, from the dual of a convex relaxation.
+
+Let f_i be the column of candidate i, M the sum of f_i f_i^T over a layout, and T any positive definite matrix with
+eigenvalues t_1 <= t_2 <= ... As log u <= u - 1, and as tr(T M) is at least the sum of t_j mu_j with the eigenvalues mu
+of M in descending order (Ruhe's trace inequality), the K leading ones obey
+
+    sum of log mu_j  <=  sum over the layout of h_i  -  K  -  sum of log t_j (j = 1..K),     h_i = f_i^T T f_i.
+
+The right side is a sum over sensors, and its largest value over all layouts that keep the rules is a shortest path.
+T is free to choose; the best one solves the dual of the factorisation bound of maximum-entropy sampling (Nikolov 2015,
+doi 10.1145/2746539.2746576; Li & Xie 2024, doi 10.1287/opre.2022.2388), approached here by multiplicative steps.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.placement.problem import Problem
+
+Array = NDArray[np.float64]
+
+LEFT_OUT = 1e-6
+"""Coordinates left out of T, where T is a multiple of one, as a part of what the scored components need."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """An upper bound, and what led to it."""
+
+    value: float
+    """No layout of the region scores more."""
+    through: Array
+    """(sensors, candidates): no layout of the region with its k-th sensor at i scores more; -inf outside."""
+    price: Array
+    """(candidates,): h_i above, 1 for the sensors of an optimum."""
+
+
+@dataclass(frozen=True)
+class Bounder:
+    """What the bounds of one problem share."""
+
+    problem: Problem
+    features: Array
+    """(coordinates, candidates), those in which T is free."""
+    rest: Array
+    """(candidates,): squared length of each column in all other coordinates."""
+
+    @property
+    def ease(self) -> float:
+        """Part of the usual number of bounds that may be spent: one costs the cube of the coordinates."""
+        return min(1.0, (100 / len(self.features)) ** 3)
+
+    def bound(self, weights: Array, region: NDArray[np.bool_]) -> Bound:
+        """Bound the layouts of a region.
+
+        Parameters
+        ----------
+        weights : (candidates,) that sum to the number of sensors; T is the gradient of the relaxation there
+        region : (sensors, candidates), where the k-th sensor from the left may be
+        """
+        problem = self.problem
+        spectrum, vectors = np.linalg.eigh((self.features * weights) @ self.features.T)
+        inverse, tail_inverse = _gradient(spectrum[::-1], problem.leading)
+        price = inverse @ (vectors[:, ::-1].T @ self.features) ** 2 + tail_inverse * self.rest
+        constant = problem.leading * (problem.offset - 1) - np.log(inverse[: problem.leading]).sum()
+        through = problem.rules.best_through(np.where(region, price, -np.inf)) + constant
+        return Bound(float(through.max()), through, price)
+
+
+def bounder_of(problem: Problem) -> Bounder:
+    """Prepare the bounds of a problem."""
+    squares = problem.features[::-1] ** 2
+    left_out = np.cumsum(np.vstack([problem.tail, squares]), axis=0)[::-1]
+    # left_out[c] is the squared length that the first c coordinates leave out of each column.
+    worst = left_out.max(axis=1)
+    needed = worst[problem.leading - 1]
+    kept = max(problem.leading, int(np.argmax(worst <= LEFT_OUT * needed)) or len(problem.features))
+    return Bounder(problem, problem.features[:kept], left_out[kept])
+
+
+def _gradient(spectrum: Array, leading: int) -> tuple[Array, float]:
+    """Eigenvalues of T, ascending, and the one of all coordinates left out.
+
+    T inverts the spectrum (descending) down to where the mean of what the leading components would share of the rest
+    exceeds the next eigenvalue, and is the inverse of that mean beyond.
+    """
+    spectrum = np.maximum(spectrum, spectrum[0] * 1e-30)
+    shares = np.cumsum(spectrum[::-1])[::-1][:leading] / (leading - np.arange(leading))
+    whole = int(np.argmax(shares >= spectrum[:leading]))
+    share = float(shares[whole])
+    inverse = np.full(len(spectrum), 1 / share)
+    inverse[:whole] = 1 / spectrum[:whole]
+    return inverse, 1 / share

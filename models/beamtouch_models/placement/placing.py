@@ -1,0 +1,193 @@
+"""Placing sensors: a criterion, a search, and, where there is one, a proof."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
+
+from beamtouch_models.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
+from beamtouch_models.components import log_eigenvalue_product
+from beamtouch_models.errors import SceneError
+from beamtouch_models.layout import Candidates, Indices
+from beamtouch_models.placement.position_error import Surrogate, decided, surrogate_of
+from beamtouch_models.placement.problem import Problem, problem_of, rules_for
+from beamtouch_models.placement.proof import bound_gap, prove
+from beamtouch_models.placement.search_exact import Run, exact_search, first_best, pattern_search
+from beamtouch_models.placement.search_paper import paper_runs, paper_search
+from beamtouch_models.scene import Scene
+
+Array = NDArray[np.float64]
+Criterion = Literal["eigenvalue-product", "position-error"]
+SearchName = Literal["exact", "paper"]
+Certify = Literal["nothing", "bound", "proof"]
+Progress = Callable[[str, float], None]
+
+SURROGATE_STARTS = 2
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A layout with how it was found."""
+
+    positions_mm: tuple[float, ...]
+    """Ascending, from the left end."""
+    log_eigenvalue_product: float
+    """Of the leading eigenvalues asked for; lengths in units of l, W/(EI) = 1. Minus infinity where rounding hides one,
+    which only position-error leads to."""
+    evaluations: int
+    convergence: tuple[float, ...]
+    """Best score of the winning start, a value per step: the log above, or minus the mean position error in mm."""
+    trail_mm: tuple[tuple[float, ...], ...] = ()
+    """The layout at each of those steps, what the paper's figure 5 shows."""
+    gap: float | None = None
+    """No layout scores more than log_eigenvalue_product + gap; 0 where that is proven, None where nothing is known."""
+
+    @property
+    def proven(self) -> bool:
+        """Whether no layout on the grid scores more, to `proof.MARGIN`."""
+        return self.gap == 0
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def _one_thread() -> AbstractContextManager[object]:
+    """Keep linear algebra on one thread: of matrices this small, threads wait longer than they work."""
+    limited: AbstractContextManager[object] = _controller().limit(limits=1)
+    return limited
+
+
+def _silent(_doing: str, _done: float) -> None:
+    pass
+
+
+def place(
+    scene: Scene,
+    count: int,
+    seed: int,
+    leading: int | None = None,
+    *,
+    search: SearchName = "exact",
+    certify: Certify = "nothing",
+    progress: Progress = _silent,
+) -> Placement:
+    """Place sensors so that the product of the leading eigenvalues (eq. 4) is largest.
+
+    Parameters
+    ----------
+    scene : its keep-outs, fixed sensors, grid and minimum distance hold
+    count : number of sensors
+    seed : of the search
+    leading : number of eigenvalues that count; `count` by default
+    search : "exact" exchanges sensors from many starts, "paper" clones and varies
+    certify : "bound" states a gap, "proof" closes it if it can, and takes the better layout if it finds one
+    progress : told what is being done and the fraction of it that is done
+
+    Raises
+    ------
+    SceneError
+        The rules of the scene leave no layout of that many sensors, or no layout has that many components.
+    """
+    with _one_thread():
+        problem = problem_of(scene, count, leading)
+        progress("searching", 0.0)
+        runs = _searched(problem, search, seed)
+        best = first_best(runs)
+        layout, score, evaluations, gap = best.layout, problem.exact_score(best.layout), _total(runs), None
+        if not np.isfinite(score):
+            message = f"{count} sensors find no places of their own under the rules of sensors; take fewer"
+            raise SceneError(message)
+        if certify == "bound":
+            progress("bounding", 0.5)
+            gap = bound_gap(problem, layout)
+        elif certify == "proof":
+            proof = prove(problem, layout, progress=lambda left: progress(f"proving, gap {left:.2g}", 0.5))
+            layout, score, gap, evaluations = proof.layout, proof.score, proof.gap, evaluations + proof.evaluations
+    return _placement(problem.rules, layout, score, best, evaluations, gap)
+
+
+def place_by_position_error(
+    scene: Scene,
+    count: int,
+    seed: int,
+    noise_mm: float,
+    *,
+    leading: int | None = None,
+    search: SearchName = "exact",
+    progress: Progress = _silent,
+) -> Placement:
+    """Place sensors so that the accuracy limit is smallest; arguments and errors as `place`.
+
+    `noise_mm` is that of a sample and must not be 0. The gap is not known.
+    """
+    if not 0 < noise_mm < np.inf:
+        message = f"sensors: with a noise of {noise_mm:g} mm every layout is as good; state the noise of a reading"
+        raise SceneError(message)
+    with _one_thread():
+        rules, equal = rules_for(scene, count)
+        surrogate = surrogate_of(scene, rules, count, noise_mm, seed)
+        starts = _surrogate_starts(scene, surrogate, equal, count, seed)
+        rng = np.random.default_rng(seed)
+        runs = []
+        for number, start in enumerate(starts[:SURROGATE_STARTS]):
+            progress("searching", 0.7 * number / SURROGATE_STARTS)
+            if search == "paper":
+                runs.append(paper_search(surrogate.scores, rules, start, rng))
+            else:
+                runs.append(pattern_search(surrogate.scores, rules, start))
+        runs.sort(key=lambda run: -run.score)
+        finalists = [*(run.layout for run in runs), *starts]
+        layout = decided(scene, rules, finalists, noise_mm, seed, lambda part: progress("deciding", 0.7 + 0.3 * part))
+    positions = np.sort(rules.position_mm[layout])
+    return _placement(rules, layout, score_positions(scene, positions, leading), runs[0], _total(runs), None)
+
+
+def score_positions(scene: Scene, positions_mm: Array, leading: int | None = None) -> float:
+    """Logarithm of the eigenvalue product of a layout; lengths in units of l, W/(EI) = 1."""
+    matrix = scene_influence(scene, positions_mm, load_positions_mm(scene))
+    score = float(log_eigenvalue_product(matrix, leading))
+    return score - 2 * (leading or len(positions_mm)) * float(np.log(deflection_unit_mm_per_n(scene.beam)))
+
+
+def _searched(problem: Problem, search: SearchName, seed: int) -> list[Run]:
+    return exact_search(problem, seed) if search == "exact" else paper_runs(problem, seed)
+
+
+def _surrogate_starts(scene: Scene, surrogate: Surrogate, equal: Indices, count: int, seed: int) -> list[Indices]:
+    """The layouts worth starting from, the most promising by the surrogate first."""
+    starts = [equal, surrogate.cramer_rao_layout(equal)]
+    try:
+        problem = problem_of(scene, count)
+    except SceneError:
+        pass  # Without as many components as sensors there is no eigenvalue product to begin with.
+    else:
+        starts.append(first_best(exact_search(problem, seed)).layout)
+    values = surrogate.scores(np.array(starts))
+    return [starts[index] for index in np.argsort(-values, kind="stable")]
+
+
+def _total(runs: list[Run]) -> int:
+    return sum(run.evaluations for run in runs)
+
+
+def _placement(
+    rules: Candidates, layout: Indices, score: float, run: Run, evaluations: int, gap: float | None
+) -> Placement:
+    def in_mm(indices: Indices) -> tuple[float, ...]:
+        return tuple(float(position) for position in np.sort(rules.position_mm[indices]))
+
+    return Placement(
+        in_mm(layout),
+        score,
+        evaluations,
+        tuple(value for value, _ in run.trail),
+        tuple(in_mm(indices) for _, indices in run.trail),
+        gap,
+    )

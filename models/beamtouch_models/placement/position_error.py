@@ -1,0 +1,121 @@
+"""Placement by what matters in the end, the accuracy limit: a quick surrogate searches, the limit itself decides.
+
+Two surrogates, both in the scene's own ranges. Where noise is small beside the deflection, the mean over the load
+positions of the Cramer-Rao bound, which a posterior cannot exceed in width; its sums over sensors make every exchange
+of a sensor one array. Otherwise the accuracy limit of a few contacts, the same for every layout (common random
+numbers), on a coarse grid. Neither proves anything: this criterion comes without a bound on the gap.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.beam import scene_influence
+from beamtouch_models.layout import Candidates, Indices
+from beamtouch_models.limit import accuracy_limit, log_likelihood, median_and_deviation, spread_contacts
+from beamtouch_models.scene import Scene
+
+Array = NDArray[np.float64]
+
+GRID = 257
+DRAWS = 256
+FINALISTS = 6
+FINAL_DRAWS = (1_500, 8_000)
+"""Contacts that all finalists, and then the best three of them, are judged by."""
+MAX_EXCHANGES = 200
+
+
+@dataclass(frozen=True)
+class Surrogate:
+    """The accuracy limit of a few contacts on a coarse grid, for layouts of one scene."""
+
+    scene: Scene
+    rules: Candidates
+    position_mm: Array
+    """(grid,) over the scene's range."""
+    shapes: Array
+    """(grid, candidates), deflection per newton over the noise."""
+    clean: Array
+    """(draws, candidates), deflection over the noise."""
+    noise: Array
+    """(draws, sensors), of variance 1."""
+
+    def scores(self, layouts: Indices) -> Array:
+        """Mean |position error| of layouts (population, sensors), in mm and negative; -inf where a rule is broken."""
+        allowed = self.rules.allowed(layouts)
+        pairs = zip(layouts, allowed, strict=True)
+        return np.array([-self._mean_error_mm(np.sort(layout)) if kept else -np.inf for layout, kept in pairs])
+
+    def _mean_error_mm(self, layout: Indices) -> float:
+        shapes = self.shapes[:, layout]
+        size = np.linalg.norm(shapes, axis=1)
+        projection = (self.clean[:, layout] + self.noise) @ (shapes / np.where(size > 0, size, 1.0)[:, None]).T
+        density = log_likelihood(self.scene, size, projection, projection**2 / 2)
+        return float(median_and_deviation(np.broadcast_to(self.position_mm, density.shape), density)[1].mean())
+
+    def cramer_rao_mm(self, sums: Array) -> Array:
+        """Mean Cramer-Rao bound on the error, clipped by the range; from sums over sensors (3, grid, ...), (...)."""
+        slope, mixed, size = sums
+        low, high = self.scene.contact.force_range_n
+        square = (low * low + low * high + high * high) / 3
+        information = slope
+        if low < high:
+            # The slope along the deflection itself could as well be a change of the force.
+            information = np.maximum(slope - mixed**2 / np.maximum(size, np.finfo(np.float64).tiny), 0)
+        span = self.position_mm[-1] - self.position_mm[0]
+        bound: Array = (1 / np.sqrt(information * square + 12 / span**2)).mean(axis=0)
+        return bound
+
+    def cramer_rao_layout(self, start: Indices) -> Indices:
+        """Layout that single exchanges reach from `start` by the Cramer-Rao bound."""
+        slope = np.gradient(self.shapes, self.position_mm, axis=0)
+        terms = np.stack([slope**2, slope * self.shapes, self.shapes**2])
+        layout, value = start, float(self.cramer_rao_mm(terms[:, :, start].sum(axis=2)))
+        for _ in range(MAX_EXCHANGES):
+            near, fixed = self.rules.conflicts(layout), self.rules.is_fixed(layout)
+            trials = []
+            for k in np.flatnonzero(~fixed):
+                others = np.delete(layout, k)
+                values = self.cramer_rao_mm(terms[:, :, others].sum(axis=2)[:, :, None] + terms)
+                values[np.delete(near, k, axis=0).any(axis=0)] = np.inf
+                trials.append((float(values.min()), int(k), int(values.argmin())))
+            best = min(trials, default=(np.inf, 0, 0))
+            if not best[0] < value * (1 - 1e-9):
+                break
+            value, layout = best[0], np.sort(np.append(np.delete(layout, best[1]), best[2]))
+        return layout
+
+
+def surrogate_of(scene: Scene, rules: Candidates, count: int, noise_mm: float, seed: int) -> Surrogate:
+    """Draw the contacts of a surrogate."""
+    grid = np.linspace(*scene.contact.position_mm, GRID)
+    drawn, force, noise = spread_contacts(scene, count, DRAWS, np.random.default_rng(seed))
+    return Surrogate(
+        scene,
+        rules,
+        grid,
+        scene_influence(scene, rules.position_mm, grid) / noise_mm,
+        scene_influence(scene, rules.position_mm, drawn) * (force / noise_mm)[:, None],
+        noise,
+    )
+
+
+def decided(
+    scene: Scene,
+    rules: Candidates,
+    layouts: list[Indices],
+    noise_mm: float,
+    seed: int,
+    progress: Callable[[float], None],
+) -> Indices:
+    """Layout with the smallest accuracy limit, of candidates that begin with the most promising ones."""
+    distinct = list({tuple(layout): layout for layout in layouts}.values())[:FINALISTS]
+    for draws in FINAL_DRAWS:
+        limits = []
+        for number, layout in enumerate(distinct):
+            progress(number / len(distinct))
+            limits.append(accuracy_limit(scene, rules.position_mm[layout], noise_mm, draws, seed).percent)
+        distinct = [distinct[index] for index in np.argsort(limits, kind="stable")[:3]]
+    return distinct[0]

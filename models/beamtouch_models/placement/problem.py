@@ -1,0 +1,198 @@
+"""The placement problem in a few orthogonal coordinates, so that a layout is scored from short columns."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
+from beamtouch_models.components import log_eigenvalue_product
+from beamtouch_models.errors import SceneError
+from beamtouch_models.layout import Candidates, Indices, candidates, equal_pitch_mm
+from beamtouch_models.scene import Scene
+
+Array = NDArray[np.float64]
+
+TAIL = 1e-8
+"""Coordinates are kept until what they leave of any column is this part of what the scored components need."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Which columns of an influence matrix to take so that the product of their leading eigenvalues is largest."""
+
+    rules: Candidates
+    count: int
+    leading: int
+    matrix: Array
+    """(loads, candidates), with entries up to 1."""
+    features: Array
+    """(coordinates, candidates): the columns of `matrix` in an orthogonal basis, the largest coordinates first."""
+    tail: Array
+    """(candidates,): squared length of each column that the coordinates leave out."""
+    starts: tuple[Indices, Indices]
+    """The layout of equal pitch and the one that greedy pivoting chose, fitted to the rules."""
+    offset: float
+    """What a score gains by the scale of the matrix and the number of loads, per component."""
+
+    def scores(self, layouts: Indices) -> Array:
+        """Log of the eigenvalue product of layouts (population, sensors), good to 1e-7; -inf where a rule is broken."""
+        columns = np.moveaxis(self.features[:, layouts], 0, 2)
+        logs = _log_volumes(columns) if self.leading == self.count else _log_leading(columns, self.leading)
+        return np.where(self.rules.allowed(layouts), logs + self.leading * self.offset, -np.inf)
+
+    def exact_score(self, layout: Indices) -> float:
+        """Log of the eigenvalue product of one layout (sensors,), to rounding."""
+        logs = float(log_eigenvalue_product(self.matrix[:, layout], self.leading))
+        return logs + self.leading * (self.offset + math.log(len(self.matrix)))
+
+    def random_layout(self, rng: np.random.Generator) -> Indices:
+        """Layout nearest to uniformly drawn positions."""
+        position = self.rules.position_mm
+        return self.fitted(rng.uniform(position[0], position[-1], size=self.count))
+
+    def fitted(self, wanted_mm: Array) -> Indices:
+        """Layout that keeps the rules and is nearest to wanted positions (sensors,)."""
+        layout = self.rules.fitted(wanted_mm)
+        if layout is None:
+            raise no_layout(self.count)
+        return layout
+
+
+def no_layout(count: int) -> SceneError:
+    """Return the error of rules that leave no room."""
+    return SceneError(
+        f"no layout of {count} sensors keeps the rules of sensors (min_distance_mm, keep_out_mm, fixed_mm, grid_mm); "
+        "loosen one or take fewer"
+    )
+
+
+def rules_for(scene: Scene, count: int) -> tuple[Candidates, Indices]:
+    """Candidates of a scene and the layout nearest to equal pitch; raises SceneError where no layout exists."""
+    rules = candidates(scene)
+    if count < len(rules.fixed):
+        message = f"sensors.fixed_mm names {len(rules.fixed)} sensors, more than the {count} to be placed"
+        raise SceneError(message)
+    layout = rules.fitted(equal_pitch_mm(scene, count))
+    if layout is None:
+        raise no_layout(count)
+    return rules, layout
+
+
+def problem_of(scene: Scene, count: int, leading: int | None = None) -> Problem:
+    """State the placement problem of a scene.
+
+    Parameters
+    ----------
+    scene : its keep-outs, fixed sensors, grid and minimum distance hold
+    count : number of sensors
+    leading : number of eigenvalues that count, from the largest; `count` by default
+
+    Raises
+    ------
+    SceneError
+        The rules leave no layout of that many sensors, or no layout has that many components.
+    """
+    leading = leading or count
+    if leading > count:
+        message = f"{count} sensors have {count} components, not {leading}; take fewer components or more sensors"
+        raise SceneError(message)
+    rules, equal = rules_for(scene, count)
+    matrix = scene_influence(scene, rules.position_mm, load_positions_mm(scene))
+    return problem_from(matrix, rules, equal, leading, deflection_unit_mm_per_n(scene.beam))
+
+
+def problem_from(matrix: Array, rules: Candidates, equal: Indices, leading: int, unit: float = 1.0) -> Problem:
+    """State the placement problem of an influence matrix (loads, candidates).
+
+    Parameters
+    ----------
+    rules, equal : the rules, and the layout that keeps them and is nearest to equal pitch
+    leading : number of eigenvalues that count
+    unit : deflection per newton that scores are in units of, as `matrix`
+
+    Raises
+    ------
+    SceneError
+        The matrix is zero, or has fewer components than are to be scored.
+    """
+    size = float(np.abs(matrix).max())
+    if not 0 < size < np.inf:
+        message = f"the largest deflection per newton comes out as {size:g} mm; state the beam in other units"
+        raise SceneError(message)
+    matrix = matrix / size
+    features, tail, pivots = reduced(matrix, leading)
+    if len(features) < leading:
+        message = (
+            f"contacts at {len(matrix)} positions make {len(features)} components that rounding does not hide, not "
+            f"{leading}; widen contact.position_mm or score fewer components"
+        )
+        raise SceneError(message)
+    free = len(equal) - len(rules.fixed)
+    wanted = np.concatenate([rules.fixed, np.resize(pivots, free)])
+    greedy = rules.fitted(rules.position_mm[wanted])
+    offset = 2 * (math.log(size) - math.log(unit)) - math.log(len(matrix))
+    starts = (equal, equal if greedy is None else greedy)
+    return Problem(rules, len(equal), leading, matrix, features, tail, starts, offset)
+
+
+def reduced(matrix: Array, leading: int) -> tuple[Array, Array, Indices]:
+    """Coordinates of columns in an orthogonal basis, by Gram-Schmidt that takes the longest remainder first.
+
+    Parameters
+    ----------
+    matrix : (loads, candidates)
+    leading : number of components that must keep their digits
+
+    Returns
+    -------
+    features (coordinates, candidates), the squared lengths left out (candidates,), and the pivots.
+    """
+    remainder = matrix.copy()
+    most = min(matrix.shape)
+    basis, features = np.empty((most, len(matrix))), np.empty((most, matrix.shape[1]))
+    pivots: list[int] = []
+    squares = np.einsum("ij,ij->j", remainder, remainder)
+    floor = rounding = squares.max() * (np.finfo(np.float64).eps * max(matrix.shape)) ** 2
+    subtracted, level = 0, squares.max()
+    for k in range(most):
+        # The remainder is brought up to date now and then, in one product, before rounding shows in the squares.
+        if squares.max() <= level * 1e-4:
+            remainder -= basis[subtracted:k].T @ features[subtracted:k]
+            squares = np.einsum("ij,ij->j", remainder, remainder)
+            subtracted, level = k, squares.max()
+        pivot = int(squares.argmax())
+        if squares[pivot] <= floor:
+            return features[:k], squares, np.array(pivots, dtype=np.intp)
+        if k == leading - 1:
+            floor = max(rounding, TAIL * squares[pivot])
+        direction = remainder[:, pivot] - features[subtracted:k, pivot] @ basis[subtracted:k]
+        for _ in range(2):
+            direction = direction - (basis[:k] @ direction) @ basis[:k]
+            direction /= np.linalg.norm(direction)
+        basis[k], features[k] = direction, direction @ remainder
+        squares = np.maximum(squares - features[k] ** 2, 0.0)
+        pivots.append(pivot)
+    return features, np.zeros(matrix.shape[1]), np.array(pivots, dtype=np.intp)
+
+
+def _log_volumes(columns: Array) -> Array:
+    """Log of det(X^T X) by Gram-Schmidt, for columns (population, sensors, coordinates); (population,)."""
+    rest = np.array(columns)
+    total = np.zeros(len(rest))
+    tiny = np.finfo(np.float64).tiny
+    for k in range(rest.shape[1]):
+        square = np.einsum("pc,pc->p", rest[:, k], rest[:, k])
+        total += np.log(np.maximum(square, tiny))
+        if k + 1 < rest.shape[1]:
+            along = np.einsum("psc,pc->ps", rest[:, k + 1 :], rest[:, k]) / np.maximum(square, tiny)[:, None]
+            rest[:, k + 1 :] -= along[:, :, None] * rest[:, k, None, :]
+    return total
+
+
+def _log_leading(columns: Array, leading: int) -> Array:
+    """Log of the product of the leading eigenvalues of X^T X, for columns (population, sensors, coordinates)."""
+    singular = np.linalg.svd(columns, compute_uv=False)[:, :leading]
+    logs: Array = 2 * np.log(np.maximum(singular, np.finfo(np.float64).tiny)).sum(axis=1)
+    return logs

@@ -1,0 +1,170 @@
+"""Branch and bound: proves that a layout is the best on the grid, or states by how much another could be better."""
+
+import heapq
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.layout import Indices
+from beamtouch_models.placement.bound import Bounder, bounder_of
+from beamtouch_models.placement.problem import Problem
+
+Array = NDArray[np.float64]
+Region = NDArray[np.bool_]
+
+MARGIN = 1e-8
+"""In log units: what rounding may take from a bound or a score, with much to spare; scores this close are equal."""
+MAX_REGIONS = 3_000
+ENUMERATED = 4_096
+"""Layouts of a region that are scored one by one instead of being bounded further."""
+ROOT_STEPS = 150
+STEPS = 12
+FLOOR = 1e-9
+"""Smallest weight; 0 could not grow again, and products of small ones would lose their speed to denormal numbers."""
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What is known of a layout."""
+
+    layout: Indices
+    """The best known, which may be better than the one that was to be proven."""
+    score: float
+    gap: float
+    """No layout scores more than `score` + `gap`; 0 where the layout is proven, to MARGIN."""
+    regions: int
+    """Regions that were bounded."""
+    evaluations: int
+
+
+@dataclass(order=True)
+class _Region:
+    """Where the sensors may be, with a bound on the layouts there; the heap pops the largest bound."""
+
+    negative_bound: float
+    number: int
+    mask: Region = field(compare=False)
+    """(sensors, candidates)."""
+    weights: Array = field(compare=False)
+    """(sensors, candidates), summing to 1 in each row."""
+
+
+def bound_gap(problem: Problem, layout: Indices) -> float:
+    """By how much another layout could be better, from one bound over all layouts; quick."""
+    search = _Search(problem, layout)
+    root = search.root()
+    return 0.0 if root is None else max(0.0, -root.negative_bound - search.score)
+
+
+def prove(
+    problem: Problem,
+    layout: Indices,
+    max_regions: int | None = None,
+    progress: Callable[[float], None] = lambda _gap: None,
+) -> Proof:
+    """Prove a layout the best on the grid, or replace it by a better one, or bound the gap.
+
+    Parameters
+    ----------
+    problem : what is to be proven
+    layout : the best known
+    max_regions : regions to bound before the remaining gap is stated; half a minute's worth by default
+    progress : told the gap now and then
+    """
+    search = _Search(problem, layout)
+    root = search.root()
+    regions = [root] if root else []
+    max_regions = max_regions or max(50, int(MAX_REGIONS * search.bounder.ease))
+    while regions and -regions[0].negative_bound > search.score + MARGIN and search.regions < max_regions:
+        region = heapq.heappop(regions)
+        progress(-region.negative_bound - search.score)
+        if math.prod(region.mask.sum(axis=1).tolist()) <= ENUMERATED:
+            search.enumerate(region.mask)
+            continue
+        for part in _split(region):
+            tightened = search.tightened(part, region.weights, STEPS, -region.negative_bound)
+            if tightened is not None:
+                heapq.heappush(regions, tightened)
+    gap = -regions[0].negative_bound - search.score if regions else 0.0
+    return Proof(search.layout, search.score, gap if gap > MARGIN else 0.0, search.regions, search.evaluations)
+
+
+class _Search:
+    """The best layout so far, and the bounds of regions against it."""
+
+    def __init__(self, problem: Problem, layout: Indices) -> None:
+        self.problem = problem
+        self.bounder: Bounder = bounder_of(problem)
+        self.layout = layout
+        self.score = problem.exact_score(layout)
+        self.regions = 0
+        self.evaluations = 0
+
+    def root(self) -> _Region | None:
+        """All layouts that keep the rules, without those that the bound excludes."""
+        shape = (self.problem.count, len(self.problem.rules.position_mm))
+        mask = np.isfinite(self.problem.rules.best_through(np.zeros(shape)))
+        at_layout = np.zeros(shape)
+        at_layout[np.arange(shape[0]), np.sort(self.layout)] = 1
+        # The optimum itself makes the best multiplier where the relaxation is tight, and a bad one where it is not.
+        first = self.tightened(mask, at_layout, 1)
+        if first is None or -first.negative_bound - self.score < 1e-2:
+            return first
+        spread = mask / mask.sum(axis=1, keepdims=True)
+        second = self.tightened(first.mask, (at_layout + spread) / 2, max(10, int(ROOT_STEPS * self.bounder.ease)))
+        return second and max(first, second)
+
+    def tightened(self, mask: Region, weights: Array, steps: int, known: float = np.inf) -> _Region | None:
+        """Bound a region, leaving out what the bound excludes; None where nothing is left."""
+        self.regions += 1
+        weights = _within(mask, weights)
+        bound, best, limit = known, weights, self.score + MARGIN
+        for _ in range(steps):
+            found = self.bounder.bound(weights.sum(axis=0), mask)
+            mask = mask & (found.through > limit)
+            if found.value < bound:
+                bound, best = found.value, weights
+            if not mask.any(axis=1).all():
+                return None
+            weights = _within(mask, weights * found.price)
+        return _Region(-bound, self.regions, mask, _within(mask, best))
+
+    def enumerate(self, mask: Region) -> None:
+        """Score every layout of a small region."""
+        choices = np.meshgrid(*(np.flatnonzero(row) for row in mask), indexing="ij")
+        layouts = np.stack([choice.ravel() for choice in choices], axis=1)
+        layouts = layouts[np.all(np.diff(layouts, axis=1) > 0, axis=1)]
+        self.evaluations += len(layouts)
+        if not len(layouts):
+            return
+        scores = self.problem.scores(layouts)
+        # The search scores are good to 1e-7; what might be the best is scored to rounding.
+        for index in np.flatnonzero(scores > max(float(scores.max()), self.score) - 1e-6):
+            exact = self.problem.exact_score(layouts[index])
+            if exact > self.score + MARGIN:
+                self.score, self.layout = exact, layouts[index]
+
+
+def _within(mask: Region, weights: Array) -> Array:
+    """Weights that sum to 1 in each row of a region; nowhere in it 0, so that they can grow again."""
+    inside = np.where(mask, np.maximum(weights, FLOOR), 0.0)
+    normal: Array = inside / inside.sum(axis=1, keepdims=True)
+    return normal
+
+
+def _split(region: _Region) -> list[Region]:
+    """Cut a region in two where the relaxation spreads a sensor most, at the middle of its weights."""
+    index = np.arange(region.mask.shape[1])
+    mean = region.weights @ index
+    variance = region.weights @ index**2 - mean**2
+    counts = region.mask.sum(axis=1)
+    row = int(np.where(counts > 1, variance + 1e-3 * counts, -1.0).argmax())
+    allowed = np.flatnonzero(region.mask[row])
+    middle = int(np.clip(np.ceil(mean[row]), allowed[0] + 1, allowed[-1]))
+    left, right = region.mask.copy(), region.mask.copy()
+    left[row, middle:] = False
+    right[row, :middle] = False
+    return [left, right]

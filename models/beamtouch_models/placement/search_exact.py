@@ -1,0 +1,160 @@
+"""Exchange search: from many starts, the best single exchange again and again, then exchanges of two sensors.
+
+The volume spanned by the columns of a layout grows, when column k gives way to column i, by the factor
+b_ki^2 + |r_i|^2 |p_k|^2, with b the least-squares coefficients and r the remainder of column i on the layout and p_k
+row k of the layout's pseudo-inverse: all exchanges of a layout cost one matrix product (Fedorov, Theory of Optimal
+Experiments, 1972, sec. 3.3).
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.layout import Candidates, Indices
+from beamtouch_models.placement.problem import Problem
+
+Array = NDArray[np.float64]
+
+RANDOM_STARTS = 2
+LEADING_RANDOM_STARTS = 4
+"""Where fewer eigenvalues than sensors count, and no exchange formula is known, single runs end early more often."""
+MAX_EXCHANGES = 2_000
+TINY = float(np.finfo(np.float64).tiny)
+GAIN = 1e-10
+"""Smallest gain, in log units, that is no rounding."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A search from one start."""
+
+    layout: Indices
+    trail: tuple[tuple[float, Indices], ...]
+    """Best score and layout after each step, the start first."""
+    evaluations: int
+
+    @property
+    def score(self) -> float:
+        """Score of the layout that was found."""
+        return self.trail[-1][0]
+
+
+def exact_search(problem: Problem, seed: int) -> list[Run]:
+    """Runs from equal pitch, from the greedy layout and from random ones; the best holds the optimum.
+
+    The same seed gives the same runs.
+    """
+    rng = np.random.default_rng(seed)
+    some = problem.leading < problem.count
+    random_starts = LEADING_RANDOM_STARTS if some else RANDOM_STARTS
+    starts = [*problem.starts, *(problem.random_layout(rng) for _ in range(random_starts))]
+    if some:
+        return [pattern_search(problem.scores, problem.rules, start) for start in starts]
+    runs = [exchange(problem, start) for start in starts]
+    best = int(np.argmax([run.score for run in runs]))
+    runs[best] = _with_pairs(problem, runs[best])
+    return runs
+
+
+def first_best(runs: list[Run]) -> Run:
+    """The best run, the earliest of those that are equal but for rounding."""
+    best = max(run.score for run in runs)
+    return next(run for run in runs if run.score >= best - 1e-9)
+
+
+def exchange(problem: Problem, start: Indices) -> Run:
+    """Make the best single exchange until none gains; for the product of all eigenvalues."""
+    layout = np.sort(start)
+    score, gains = _score_and_gains(problem, layout)
+    trail, evaluations = [(score, layout)], gains.size
+    for _ in range(MAX_EXCHANGES):
+        k, chosen = np.unravel_index(int(gains.argmax()), gains.shape)
+        changed = layout.copy()
+        changed[k] = chosen
+        changed.sort()
+        score, gains = _score_and_gains(problem, changed)
+        evaluations += gains.size
+        # The score of the changed layout itself decides: close to a singular layout a gain is mostly rounding.
+        if not score > trail[-1][0] + GAIN:
+            break
+        layout = changed
+        trail.append((score, layout))
+    return Run(layout, tuple(trail), evaluations)
+
+
+def _score_and_gains(problem: Problem, layout: Indices) -> tuple[float, Array]:
+    """Score of a layout, and the factor by which each exchange (sensor, candidate) changes the squared volume.
+
+    The factor is 0 where a rule forbids the exchange.
+    """
+    features, rules = problem.features, problem.rules
+    basis, triangle = np.linalg.qr(features[:, layout])
+    diagonal = np.abs(np.diag(triangle))
+    score = 2 * float(np.log(np.maximum(diagonal, TINY)).sum()) + problem.count * problem.offset
+    # Sensors that coincide to rounding are kept apart just enough to be told from each other.
+    floor = diagonal.max() * 1e-14
+    triangle[np.diag_indices_from(triangle)] += np.where(diagonal <= floor, floor, 0.0)
+    along = basis.T @ features
+    remainder = features - basis @ along
+    inverse = np.linalg.inv(triangle)
+    squares = np.einsum("ij,ij->j", remainder, remainder)
+    gains: Array = (inverse @ along) ** 2 + squares * np.einsum("ij,ij->i", inverse, inverse)[:, None]
+    near = rules.conflicts(layout)
+    gains[(near.sum(axis=0) - near) > 0] = 0
+    if len(rules.fixed):
+        gains[rules.is_fixed(layout)] = 0
+    return score, gains
+
+
+def _with_pairs(problem: Problem, run: Run) -> Run:
+    """Go on from where single exchanges end: two neighbours at once, each by a step or two, until nothing gains."""
+    return pattern_search(problem.scores, problem.rules, run.layout, step=2, before=run)
+
+
+def pattern_search(
+    score: Callable[[Indices], Array],
+    rules: Candidates,
+    start: Indices,
+    step: int | None = None,
+    before: Run | None = None,
+) -> Run:
+    """Move one or two sensors by a step, take the best, and halve the step where nothing gains.
+
+    Parameters
+    ----------
+    score : of layouts (population, sensors), -inf where not allowed
+    step : first step, in candidates; a quarter of the mean pitch by default
+    before : the run that led to `start`
+    """
+    layout = start
+    trail = list(before.trail) if before else [(float(score(start[None, :])[0]), start)]
+    evaluations = before.evaluations if before else 1
+    step = step or max(1, len(rules.position_mm) // (4 * len(start)))
+    while step:
+        trials = np.array(list(_moved(layout, step, len(rules.position_mm), rules)), dtype=np.intp)
+        values = score(trials) if len(trials) else np.array([-np.inf])
+        evaluations += len(trials)
+        best = int(values.argmax())
+        if values[best] > trail[-1][0] + GAIN:
+            layout = np.sort(trials[best])
+            trail.append((float(values[best]), layout))
+        else:
+            step //= 2
+    return Run(layout, tuple(trail), evaluations)
+
+
+def _moved(layout: Indices, step: int, candidates: int, rules: Candidates) -> Iterator[Indices]:
+    """Layouts with one sensor moved by a step, or two, either way; all pairs of few sensors, neighbours of many."""
+    free = np.flatnonzero(~rules.is_fixed(layout))
+    pairs = combinations(free, 2) if len(free) <= 8 else pairwise(free)
+    for sensors, signs in [
+        *(((k,), (sign,)) for k in free for sign in (-1, 1)),
+        *((pair, (one, other)) for pair in pairs for one in (-1, 1) for other in (-1, 1)),
+    ]:
+        moved = layout.copy()
+        moved[list(sensors)] += step * np.array(signs)
+        if moved.min() >= 0 and moved.max() < candidates and rules.allowed(moved[None, :])[0]:
+            yield moved

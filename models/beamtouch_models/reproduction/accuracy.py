@@ -1,0 +1,133 @@
+"""Figure 8: the error of position of the paper's network with two to five sensors, beside the accuracy limit.
+
+The networks learn from computed deflections without noise, as the paper's did. The paper's rig is not at hand: in its
+place stands a simulated one, whose readings carry noise that no network has seen.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from beamtouch_models import limit
+from beamtouch_models.limit import MeanError
+from beamtouch_models.paper_network import MAX_EPOCHS, PaperNetwork, train
+from beamtouch_models.placement import place
+from beamtouch_models.reproduction.paper import (
+    LENGTH_MM,
+    LOADS_MM,
+    SCENE,
+    Array,
+    deflection_mm,
+    equal_pitch_mm,
+)
+
+COUNTS = (2, 3, 4, 5)
+NETWORKS = 3
+"""Trained for each layout, from different initial weights: one alone is a matter of luck."""
+DRAWS = 40_000
+LIMIT_DRAWS = 10_000
+"""The first of the same draws: a posterior costs a hundred times what a network's answer does."""
+NOISES_PERCENT = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.25, 1.5, 1.75, 2.0)
+RIG_NOISE_PERCENT = NOISES_PERCENT[-1]
+"""Of the largest deflection, standard deviation of a reading."""
+
+Kind = Literal["equal", "optimised"]
+KINDS: tuple[Kind, Kind] = ("equal", "optimised")
+
+
+class Layout(NamedTuple):
+    """One point of figure 8."""
+
+    sensors: int
+    kind: Kind
+
+
+@dataclass(frozen=True)
+class Performance:
+    """What a layout reaches."""
+
+    layout: Layout
+    positions_mm: Array
+    networks: tuple[PaperNetwork, ...]
+    error_percent: Array
+    """(networks, noises): mean |error| of each network at each of NOISES_PERCENT, eq. 5."""
+    limit: MeanError
+    """Accuracy limit at RIG_NOISE_PERCENT."""
+
+    @property
+    def theoretical(self) -> float:
+        """Mean error with inputs from theory, percent."""
+        return float(self.error_percent[:, 0].mean())
+
+    @property
+    def rig(self) -> float:
+        """Mean error with inputs from the simulated rig, percent."""
+        return float(self.error_percent[:, -1].mean())
+
+    @property
+    def rig_spread(self) -> float:
+        """Standard deviation over the networks, percent."""
+        return float(self.error_percent[:, -1].std(ddof=1)) if len(self.networks) > 1 else 0.0
+
+    def noise_that_gives(self, percent: float) -> float | None:
+        """Noise of the rig at which the mean error is this; None where no noise up to the last gives it."""
+        means = self.error_percent.mean(axis=0)
+        if not means[0] <= percent <= means[-1]:
+            return None
+        return float(np.interp(percent, np.maximum.accumulate(means), NOISES_PERCENT))
+
+
+def layouts(seed: int) -> dict[Layout, Array]:
+    """Return the layouts of figure 8: equal pitch, and the largest eigenvalue product."""
+    found = {}
+    for count in COUNTS:
+        found[Layout(count, "equal")] = equal_pitch_mm(count)
+        found[Layout(count, "optimised")] = np.array(place(SCENE, count, seed).positions_mm)
+    return found
+
+
+def performances(
+    placed: dict[Layout, Array],
+    seed: int,
+    *,
+    networks: int = NETWORKS,
+    max_epochs: int = MAX_EPOCHS,
+    progress: Callable[[float], None] = lambda _done: None,
+) -> dict[Layout, Performance]:
+    """Train `networks` of the paper's networks for each layout and measure them, in percent of the length."""
+    trained = train(
+        [deflection_mm(positions) for positions in placed.values() for _ in range(networks)],
+        LOADS_MM,
+        LENGTH_MM,
+        seed=seed,
+        max_epochs=max_epochs,
+        progress=progress,
+    )
+    return {
+        layout: _measured(layout, positions, tuple(trained[index * networks : (index + 1) * networks]), seed)
+        for index, (layout, positions) in enumerate(placed.items())
+    }
+
+
+def _measured(layout: Layout, positions: Array, networks: tuple[PaperNetwork, ...], seed: int) -> Performance:
+    unit_mm = float(deflection_mm([LENGTH_MM / 2], [LENGTH_MM / 2])[0, 0]) / 100
+    clean = limit.draw(SCENE, positions, 0.0, DRAWS, seed)
+    rng = np.random.default_rng([seed, layout.sensors])
+    noise = rng.normal(scale=unit_mm, size=clean.deflection_mm.shape)
+    errors = np.array(
+        [
+            [
+                np.abs(network.estimate_mm(clean.deflection_mm + percent * noise) - clean.position_mm).mean()
+                for percent in NOISES_PERCENT
+            ]
+            for network in networks
+        ]
+    )
+    noise_mm = RIG_NOISE_PERCENT * unit_mm
+    noisy = (clean.deflection_mm + RIG_NOISE_PERCENT * noise)[:LIMIT_DRAWS]
+    drawn = limit.Draws(clean.position_mm[:LIMIT_DRAWS], clean.force_n[:LIMIT_DRAWS], noisy)
+    median = limit.posterior_median_mm(SCENE, positions, noise_mm, drawn.deflection_mm)
+    best = limit.mean_error(SCENE, drawn, median)
+    return Performance(layout, positions, networks, errors / LENGTH_MM * 100, best)

@@ -1,0 +1,215 @@
+"""Figures 3, 4 and 7: principal components of the beam, what noise does to them, and what placement does."""
+
+import numpy as np
+
+from beamtouch_models.charts import Chart, Series
+from beamtouch_models.components import Components, principal_components
+from beamtouch_models.reproduction.finding import Figure, Row, compared, rounded
+from beamtouch_models.reproduction.paper import LOADS_MM, MAX_DEFLECTION, Array, dimensionless, equal_pitch_mm
+
+DISCERNIBLE = 0.005
+"""A curve that fills less than this share of a plot's height is a thick line: half a millimetre on 100 mm."""
+NOISES_PERCENT = (2.0, 10.0)
+NOISE_DRAWS = 50
+SIZE = "size, W l³/(EI)"
+
+
+def figure_3() -> Figure:
+    """The components of eight equally pitched sensors."""
+    found = principal_components(dimensionless(equal_pitch_mm(8)))
+    curves = [Series(f"component {k + 1}", LOADS_MM.tolist(), rounded(found.transformed[:, k]), k) for k in range(4)]
+    says = "The four largest components of eight equally pitched sensors over the position of the load"
+    results = {
+        "eigenvalues": rounded(found.eigenvalues),
+        "eigenvalues_over_first": rounded(found.eigenvalues / found.eigenvalues[0]),
+        "discernible": _discernible(found),
+        "load_mm": LOADS_MM[::6].tolist(),
+        "components": [rounded(found.transformed[::6, k]) for k in range(4)],
+    }
+    chart = Chart(says, "position of the load, mm", SIZE, curves)
+    return Figure(3, "components", f"{says}.", chart, results, (*_sizes(found), *_meanings(found)))
+
+
+def _discernible(found: Components) -> int:
+    spans = np.ptp(found.transformed, axis=0)
+    return int((spans / spans[0] >= DISCERNIBLE).sum())
+
+
+def _sizes(found: Components) -> tuple[Row, Row]:
+    ratio = found.eigenvalues / found.eigenvalues[0]
+    spans = np.ptp(found.transformed, axis=0)
+    discernible = _discernible(found)
+    return (
+        compared(
+            "fig. 3: components that can be discerned on one scale, of eight",
+            "4",
+            f"{discernible} (peak to peak over the first: {', '.join(f'{x:.2g}' for x in (spans / spans[0])[:5])})",
+            agrees=discernible == 4,
+            why=f"with {DISCERNIBLE:g} of the plot's height as the limit",
+        ),
+        Row(
+            "fig. 3: eigenvalues over the first",
+            "",
+            f"{ratio[1]:.4f}, {ratio[2]:.3g}, {ratio[3]:.3g}, {ratio[4]:.3g}",
+            "not stated",
+            f"near (1/k)^8 as bending theory has it: {1 / 2**8:.4f}, {1 / 3**8:.3g}, {1 / 4**8:.3g}, {1 / 5**8:.3g}",
+        ),
+    )
+
+
+def _meanings(found: Components) -> tuple[Row, Row]:
+    first, second = found.transformed[:, 0], found.transformed[:, 1]
+    size = np.corrcoef(first, np.linalg.norm(found.transformed, axis=1))[0, 1]
+    odd = float(np.abs(second + second[::-1]).max() / np.abs(second).max())
+    pairs = found.transformed[:, :2]
+    apart = np.linalg.norm(pairs[:, None] - pairs[None, :], axis=2)[~np.eye(len(pairs), dtype=bool)].min()
+    return (
+        compared(
+            "fig. 3: what the first two components are",
+            "the magnitude of the deflection; its bias to the left or right",
+            f"correlation with the length of the deflection vector {size:.6f}; odd about the middle to {odd:.1g}",
+            agrees=bool(size > 0.999 and odd < 1e-6),
+            why="the symmetry is not that of the beam",
+        ),
+        compared(
+            "sec. 3: each load has its own pair of the first two components",
+            "unique",
+            f"two loads 1 mm apart differ by at least {apart:.2g} W l³/(EI), {apart / MAX_DEFLECTION * 100:.1f} % of "
+            "the largest deflection",
+            agrees=bool(apart > 0),
+            why="two loads share a pair",
+        ),
+    )
+
+
+def noise_errors(noise_percent: float, seed: int) -> tuple[Array, float, float]:
+    """Mean |error| of each component under noise, in percent of the component's mean size, with the fit of y = A x^B.
+
+    Returns
+    -------
+    (8,) percent, A in percent, B; the fit is a straight line through the logarithms.
+    """
+    matrix = dimensionless(equal_pitch_mm(8))
+    found = principal_components(matrix)
+    rng = np.random.default_rng([seed, round(noise_percent * 1000)])
+    noise = rng.normal(size=(NOISE_DRAWS, *matrix.shape)) * noise_percent / 100
+    error = np.abs(noise * MAX_DEFLECTION @ found.vectors).mean(axis=(0, 1))
+    percent: Array = error / np.abs(found.transformed).mean(axis=0) * 100
+    exponent, factor = np.polyfit(np.log(np.arange(1, 9)), np.log(percent), 1)
+    return percent, float(np.exp(factor)), float(exponent)
+
+
+def figure_4(seed: int) -> Figure:
+    """The error of each component under 2 % and 10 % noise."""
+    number = np.arange(1, 9)
+    found = {noise: noise_errors(noise, seed) for noise in NOISES_PERCENT}
+    series = []
+    for colour, noise in enumerate(NOISES_PERCENT):
+        percent, factor, exponent = found[noise]
+        label = f"{noise:g} % noise: y = {factor:.2f} x^{exponent:.2f}"
+        series += [
+            Series("", number.tolist(), rounded(percent), colour, "points"),
+            Series(label, number.tolist(), rounded(factor * number**exponent), colour),
+        ]
+    says = "Mean error of the components under 2 % and 10 % noise, in percent of their size, with the fit y = A x^B"
+    results = {
+        f"noise_{noise:g}_percent": {
+            "error_percent": rounded(found[noise][0]),
+            "A": found[noise][1],
+            "B": found[noise][2],
+        }
+        for noise in NOISES_PERCENT
+    }
+    chart = Chart(says, "component", "mean |error|, % of the component's size", series, log_x=True, log_y=True)
+    return Figure(4, "noise", f"{says}.", chart, results, _noise_rows(*found.values()))
+
+
+def _noise_rows(at_2: tuple[Array, float, float], at_10: tuple[Array, float, float]) -> tuple[Row, ...]:
+    (low, low_factor, low_exponent), (high, high_factor, high_exponent) = at_2, at_10
+    return (
+        compared(
+            "fig. 4: error of the components, 2 % against 10 % noise",
+            "increases with the noise",
+            f"{(high / low).min():.2f} to {(high / low).max():.2f} times as large",
+            agrees=bool((high > low).all()),
+            why="not for every component",
+        ),
+        compared(
+            "fig. 4: error over the number of the component",
+            "increases, as y = A x^B",
+            f"increases from the first ({low[0]:.2g} % at 2 % noise) to the eighth ({low[7]:.2g} %)",
+            agrees=bool((np.diff(low) > 0).all() and (np.diff(high) > 0).all()),
+            why="not from each to the next",
+        ),
+        Row(
+            "fig. 4: fitted A and B",
+            "",
+            f"2 %: A = {low_factor:.2f} %, B = {low_exponent:.2f}; 10 %: A = {high_factor:.2f} %, "
+            f"B = {high_exponent:.2f}",
+            "not stated",
+            "B is near 4, for a component's size falls as (1/k)^4 and the noise in it does not",
+        ),
+    )
+
+
+def figure_7(optimised_mm: Array) -> Figure:
+    """The components of four sensors at equal pitch and of four optimised ones."""
+    equal = principal_components(dimensionless(equal_pitch_mm(4))).transformed
+    best = principal_components(dimensionless(optimised_mm)).transformed
+    best = best * np.sign((best * equal).sum(axis=0))  # the sign of a component is free
+    eight = principal_components(dimensionless(equal_pitch_mm(8))).transformed
+    peaks = np.abs(best).max(axis=0) / np.abs(equal).max(axis=0)
+    from_eight = np.abs(best).max(axis=0) / np.abs(eight).max(axis=0)[:4]
+    series = []
+    for k in range(4):
+        # Each over its own peak at equal pitch: on one scale the third and fourth would be flat lines.
+        scale = np.abs(equal[:, k]).max()
+        series += [
+            Series(f"component {k + 1}, equal pitch", LOADS_MM.tolist(), rounded(equal[:, k] / scale), k, "dashed"),
+            Series(f"component {k + 1}, optimised", LOADS_MM.tolist(), rounded(best[:, k] / scale), k),
+        ]
+    says = "The components of four sensors, at equal pitch and optimised, each over its peak at equal pitch"
+    results = {
+        "positions_mm": {"equal": rounded(equal_pitch_mm(4)), "optimised": rounded(optimised_mm)},
+        "peak_optimised_over_equal": rounded(peaks),
+        "peak_optimised_over_eight_equal": rounded(from_eight),
+    }
+    chart = Chart(says, "position of the load, mm", "over the peak at equal pitch", series)
+    return Figure(7, "components-optimised", f"{says}.", chart, results, _peak_rows(peaks, from_eight))
+
+
+def _peak_rows(peaks: Array, from_eight: Array) -> tuple[Row, ...]:
+    change, other = (peaks - 1) * 100, (from_eight - 1) * 100
+    against_eight = (
+        f"set against eight equal sensors it is {other[0]:.0f} %, but then the fourth falls too, by {-other[3]:.0f} %"
+    )
+    return (
+        compared(
+            "fig. 7: peak of the first component, optimised over equal",
+            "prominent reduction",
+            f"{change[0]:+.1f} %",
+            agrees=bool(change[0] < -10),
+            why=f"it falls, but little; {against_eight}",
+        ),
+        compared(
+            "fig. 7: peak of the second",
+            "slight reduction",
+            f"{change[1]:+.1f} %",
+            agrees=bool(-10 < change[1] < 0),
+            why="it does not fall slightly",
+        ),
+        compared(
+            "fig. 7: peak of the third",
+            "slight decrease, more near the middle",
+            f"{change[2]:+.1f} %",
+            agrees=bool(-10 < change[2] < 0),
+            why="it grows slightly; no pairing of four or eight sensors gives a smaller third with a larger fourth",
+        ),
+        compared(
+            "fig. 7: peak of the fourth",
+            "increase",
+            f"{change[3]:+.1f} %",
+            agrees=bool(change[3] > 0),
+            why="it does not grow",
+        ),
+    )

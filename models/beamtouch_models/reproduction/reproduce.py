@@ -1,0 +1,104 @@
+"""The whole reproduction: from a seed to the seven figures, their numbers and the table of verdicts."""
+
+import json
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from beamtouch_models.charts import draw, standalone
+from beamtouch_models.paper_network import MAX_EPOCHS
+from beamtouch_models.reproduction.accuracy import NETWORKS, Layout, layouts, performances
+from beamtouch_models.reproduction.components import figure_3, figure_4, figure_7
+from beamtouch_models.reproduction.figure_8 import figure_8
+from beamtouch_models.reproduction.finding import Figure, Row
+from beamtouch_models.reproduction.printed import printed_rows
+from beamtouch_models.reproduction.search import figures_5_and_6
+from beamtouch_models.reproduction.sensor import figure_2
+
+Progress = Callable[[str, float], None]
+TABLE, RESULTS = "table.md", "results.json"
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """The paper's figures with what they come to."""
+
+    seed: int
+    figures: tuple[Figure, ...]
+    printed: tuple[Row, ...]
+    """Statements that cannot be taken as printed."""
+
+    @property
+    def rows(self) -> list[Row]:
+        """All rows of the table."""
+        return [row for figure in self.figures for row in figure.rows] + list(self.printed)
+
+    def files(self) -> dict[str, str]:
+        """Return every file by its name, as text."""
+        plots = {figure.file_name: standalone(draw(figure.chart)) for figure in self.figures}
+        return plots | {RESULTS: json.dumps(self.results(), indent=1) + "\n", TABLE: self._page()}
+
+    def results(self) -> dict[str, Any]:
+        """Return all numbers and verdicts, for JSON."""
+        return {
+            "seed": self.seed,
+            "rows": [asdict(row) for row in self.rows],
+            "figures": {str(figure.number): figure.results for figure in self.figures},
+        }
+
+    def summary(self) -> str:
+        """Return how many rows agree, in a line."""
+        verdicts = Counter(row.verdict for row in self.rows)
+        return ", ".join(f"{verdicts[verdict]} {verdict}" for verdict in ("agrees", "differs", "not stated"))
+
+    def _page(self) -> str:
+        lines = ["# The paper's figures, reproduced", ""]
+        lines += [f"Seed {self.seed}. Rows: {self.summary()}. All numbers are in `{RESULTS}`.", ""]
+        lines += ["| paper | it says | here | verdict |", "|---|---|---|---|"]
+        lines += ["| " + " | ".join(map(_cell, _cells(row))) + " |" for row in self.rows]
+        for figure in self.figures:
+            lines += [
+                "",
+                f"![Figure {figure.number}]({figure.file_name})",
+                "",
+                f"Figure {figure.number}. {figure.caption}",
+            ]
+        return "\n".join(lines) + "\n"
+
+
+def reproduce(seed: int, progress: Progress, *, networks: int = NETWORKS, max_epochs: int = MAX_EPOCHS) -> Reproduction:
+    """Compute the paper's figures 2 to 8.
+
+    Parameters
+    ----------
+    seed : of everything random; the same seed gives the same bytes
+    progress : called with what is being done and the fraction done
+    networks, max_epochs : how many of the paper's networks are trained for each layout, and for how long at most
+    """
+    progress("figures 2 to 4", 0.0)
+    first = (figure_2(), figure_3(), figure_4(seed))
+    progress("the paper's search", 0.02)
+    search = figures_5_and_6(seed)
+    progress("placing two to five sensors", 0.1)
+    placed = layouts(seed)
+    seventh = figure_7(np.array(placed[Layout(4, "optimised")]))
+    found = performances(
+        placed,
+        seed,
+        networks=networks,
+        max_epochs=max_epochs,
+        progress=lambda done: progress("training the paper's networks", 0.15 + 0.8 * done),
+    )
+    progress("done", 1.0)
+    return Reproduction(seed, (*first, *search, seventh, figure_8(found)), printed_rows())
+
+
+def _cells(row: Row) -> tuple[str, str, str, str]:
+    return row.quantity, row.paper or "-", row.ours, row.verdict_text
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")

@@ -1,0 +1,166 @@
+"""The beam a scene states, and what carries it: sections, supports, an elastic foundation. Checked strictly."""
+
+import math
+from itertools import pairwise
+from typing import Annotated, Literal, NamedTuple, Self
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+SHEAR_COEFFICIENT = 5 / 6
+"""Share of a rectangular section that bears shear; Timoshenko & Gere, Mechanics of Materials, 1972, sec. 12.12."""
+SMALLEST_NORMAL = 2.0**-1022
+"""Below it float64 loses digits."""
+
+
+class Strict(BaseModel):
+    """A part of a scene: unknown keys are refused, and nothing changes after validation."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Support(Strict):
+    """A support: "simple" holds the deflection at zero, "fixed" the slope as well."""
+
+    at_mm: Finite
+    """From the left end."""
+    kind: Literal["simple", "fixed"] = "simple"
+
+
+class Segment(Strict):
+    """A stretch of the beam with a section of its own; what it leaves out it takes from the beam."""
+
+    to_mm: PositiveFinite
+    """Where it ends, from the left end; it begins where the one before it ends."""
+    width_mm: PositiveFinite | None = None
+    thickness_mm: PositiveFinite | None = None
+    flexural_rigidity_n_mm2: PositiveFinite | None = None
+
+
+class Section(NamedTuple):
+    """A stretch of the beam with everything resolved."""
+
+    to_mm: float
+    rigidity_n_mm2: float
+    area_mm2: float | None
+    """None where the scene states no width and thickness."""
+
+
+SupportName = Literal["simply-supported", "cantilever", "fixed-fixed", "propped"]
+END_KINDS: dict[str, tuple[Literal["simple", "fixed"] | None, Literal["simple", "fixed"] | None]] = {
+    "simply-supported": ("simple", "simple"),
+    "cantilever": ("fixed", None),
+    "fixed-fixed": ("fixed", "fixed"),
+    "propped": ("fixed", "simple"),
+}
+"""What the names mean: the support at the left and at the right end."""
+
+# The tags keep a bad entry of a list from being reported as a bad name; with a hyphen they stay out of messages.
+Supports = Annotated[
+    Annotated[SupportName, Tag("a-name")] | Annotated[tuple[Support, ...], Tag("a-list")],
+    Discriminator(lambda value: "a-name" if isinstance(value, str) else "a-list"),
+]
+
+
+class Beam(Strict):
+    """The beam and what carries it."""
+
+    length_mm: PositiveFinite
+    supports: Supports = "simply-supported"
+    """A name, or supports one by one: [{at_mm = 0, kind = "simple"}, ...]."""
+    youngs_modulus_gpa: PositiveFinite | None = None
+    shear_modulus_gpa: PositiveFinite | None = None
+    """Stated, the beam yields to shear as well (Timoshenko)."""
+    width_mm: PositiveFinite | None = None
+    thickness_mm: PositiveFinite | None = None
+    flexural_rigidity_n_mm2: PositiveFinite | None = None
+    """E I; give this, or modulus, width and thickness."""
+    density_kg_m3: PositiveFinite | None = None
+    segments: tuple[Segment, ...] = ()
+    """Steps in section, from left to right, up to the beam's end; left out, the beam is prismatic."""
+    foundation_n_mm2: PositiveFinite | None = None
+    """Elastic (Winkler) foundation under the whole beam, N/mm of reaction per mm of beam and mm of deflection."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.flexural_rigidity_n_mm2 is not None and self.youngs_modulus_gpa is not None:
+            message = "give youngs_modulus_gpa or flexural_rigidity_n_mm2, not both"
+            raise ValueError(message)
+        if self.segments:
+            self._check_segments()
+        for section in self.sections:
+            if not SMALLEST_NORMAL <= section.rigidity_n_mm2 < math.inf:
+                message = f"a flexural rigidity of {section.rigidity_n_mm2:g} N mm^2 cannot be computed with"
+                raise ValueError(message)
+            if self.shear_modulus_gpa is not None and section.area_mm2 is None:
+                message = "shear_modulus_gpa needs width_mm and thickness_mm as well"
+                raise ValueError(message)
+        self._check_supports()
+        return self
+
+    def _check_segments(self) -> None:
+        ends = [segment.to_mm for segment in self.segments]
+        if any(start >= end for start, end in pairwise(ends)):
+            message = f"segments: to_mm = {ends} must ascend"
+            raise ValueError(message)
+        if ends[-1] != self.length_mm:
+            message = f"segments end at {ends[-1]:g} mm, the beam at {self.length_mm:g} mm; they must cover it exactly"
+            raise ValueError(message)
+
+    def _check_supports(self) -> None:
+        """Refuse supports that are off the beam, coincide, or leave it free to move."""
+        places = [support.at_mm for support in self.support_list]
+        if any(not 0 <= place <= self.length_mm for place in places):
+            message = f"supports at {places} mm: one lies off the beam, 0..{self.length_mm:g} mm"
+            raise ValueError(message)
+        if len(set(places)) < len(places):
+            message = f"supports at {places} mm: two stand at the same place; keep one"
+            raise ValueError(message)
+        if self.foundation_n_mm2 is not None or any(support.kind == "fixed" for support in self.support_list):
+            return
+        if not places:
+            message = "supports: nothing carries the beam; add supports or a foundation"
+            raise ValueError(message)
+        if len(places) == 1:
+            message = "supports: one simple support lets the beam rotate: add a support or make it fixed"
+            raise ValueError(message)
+
+    @property
+    def support_list(self) -> tuple[Support, ...]:
+        """The supports one by one, from left to right."""
+        if not isinstance(self.supports, str):
+            return tuple(sorted(self.supports, key=lambda support: support.at_mm))
+        ends = zip((0.0, self.length_mm), END_KINDS[self.supports], strict=True)
+        return tuple(Support(at_mm=at_mm, kind=kind) for at_mm, kind in ends if kind is not None)
+
+    @property
+    def sections(self) -> tuple[Section, ...]:
+        """The stretches of the beam from left to right; one where it is prismatic."""
+        segments = self.segments or (Segment(to_mm=self.length_mm),)
+        return tuple(self._section(segment) for segment in segments)
+
+    def _section(self, segment: Segment) -> Section:
+        width = segment.width_mm or self.width_mm
+        thickness = segment.thickness_mm or self.thickness_mm
+        area = None if width is None or thickness is None else width * thickness
+        own = segment.width_mm is not None or segment.thickness_mm is not None
+        rigidity = segment.flexural_rigidity_n_mm2
+        if own and rigidity is not None:
+            message = "segments: give width_mm and thickness_mm or flexural_rigidity_n_mm2, not both"
+            raise ValueError(message)
+        if rigidity is None and not own:
+            rigidity = self.flexural_rigidity_n_mm2
+        if rigidity is None:
+            if self.youngs_modulus_gpa is None or width is None or thickness is None:
+                message = "give youngs_modulus_gpa, width_mm and thickness_mm, or flexural_rigidity_n_mm2"
+                raise ValueError(message)
+            rigidity = self.youngs_modulus_gpa * 1e3 * width * (thickness * thickness * thickness) / 12
+        elif segment.flexural_rigidity_n_mm2 is not None:
+            area = None
+        return Section(segment.to_mm, rigidity, area)
+
+    @property
+    def rigidity_n_mm2(self) -> float:
+        """Flexural rigidity E I in N mm^2; of the stiffest section where there are several."""
+        return max(section.rigidity_n_mm2 for section in self.sections)

@@ -1,0 +1,88 @@
+"""A beam by transfer matrices in as many digits as wanted: what the influence matrix is compared with.
+
+The states (deflection, rotation, moment, shear force, 1) are carried from event to event along the beam by the matrix
+exponential, as linear functions of the unknown reactions, and the conditions at supports and ends are solved for them:
+another method than ours, in another arithmetic. Pestel & Leckie, Matrix Methods in Elastomechanics, 1963, ch. 3.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import mpmath
+from mpmath import mp
+
+from beamtouch_models.structure import Beam
+
+Number = Any  # mpmath ships no types
+
+
+@dataclass(frozen=True)
+class ExactBeam:
+    """A beam as its scene states it, computed with so many digits."""
+
+    beam: Beam
+    digits: int = 50
+
+    def deflection(self, x: float, a: float, width: float = 0.0) -> Number:
+        """Deflection in mm/N at x under 1 N at a, spread evenly over what of `width` lies on the beam."""
+        with mp.workdps(self.digits):
+            return self._deflection(mp.mpf(x), mp.mpf(a), mp.mpf(width))
+
+    def _deflection(self, x: Number, a: Number, width: Number) -> Number:
+        length, supports = mp.mpf(self.beam.length_mm), self.beam.support_list
+        low, high = max(a - width / 2, mp.mpf(0)), min(a + width / 2, length)
+        unknowns = 2 + sum(2 if support.kind == "fixed" else 1 for support in supports)
+        state = mpmath.zeros(5, unknowns + 1)
+        state[0, 0] = state[1, 1] = state[4, unknowns] = mp.mpf(1)
+        conditions, at_sensor, fresh = [], None, 2
+        events = {mp.mpf(0), length, x, low, high}
+        events |= {mp.mpf(support.at_mm) for support in supports}
+        events |= {mp.mpf(section.to_mm) for section in self.beam.sections}
+        before = mp.mpf(0)
+        for event in sorted(events):
+            pressed = high > low and low <= before and event <= high
+            state = self._carried(before, event, 1 / (high - low) if pressed else mp.mpf(0)) * state
+            before = event
+            if event == low == high:
+                state[3, unknowns] -= 1
+            for support in supports:
+                if mp.mpf(support.at_mm) == event:
+                    for row in (0, 1) if support.kind == "fixed" else (0,):
+                        conditions.append(state[row, :])
+                        state[3 - row, fresh] += 1
+                        fresh += 1
+            if event == x:
+                at_sensor = state[0, :]
+        assert at_sensor is not None
+        conditions += [state[2, :], state[3, :]]
+        system = mpmath.matrix([[condition[column] for column in range(unknowns)] for condition in conditions])
+        reactions = mpmath.lu_solve(system, mpmath.matrix([-condition[unknowns] for condition in conditions]))
+        return at_sensor[unknowns] + sum(at_sensor[column] * reactions[column] for column in range(unknowns))
+
+    def _carried(self, start: Number, end: Number, pressure: Number) -> Number:
+        section = next(section for section in self.beam.sections if end <= mp.mpf(section.to_mm))
+        system = mpmath.zeros(5)
+        system[0, 1] = mp.mpf(1)
+        if self.beam.shear_modulus_gpa is not None:
+            system[0, 3] = 6 / (5000 * mp.mpf(self.beam.shear_modulus_gpa) * mp.mpf(section.area_mm2))
+        system[1, 2] = 1 / mp.mpf(section.rigidity_n_mm2)
+        system[2, 3] = mp.mpf(-1)
+        system[3, 0] = mp.mpf(self.beam.foundation_n_mm2 or 0.0)
+        system[3, 4] = -pressure
+        term = total = mpmath.eye(5)
+        order = 1
+        while mpmath.mnorm(term) > mp.eps * mpmath.mnorm(total):
+            term = term * system * (end - start) / order
+            total = total + term
+            order += 1
+        return total
+
+
+def simple(*at_mm: float) -> list[dict[str, object]]:
+    """Simple supports, as a scene states them."""
+    return [{"at_mm": place, "kind": "simple"} for place in at_mm]
+
+
+def fixed(*at_mm: float) -> list[dict[str, object]]:
+    """Fixed supports, as a scene states them."""
+    return [{"at_mm": place, "kind": "fixed"} for place in at_mm]

@@ -1,0 +1,216 @@
+"""The report of a build: one page that is whole, says what is so, and asks nothing of the network."""
+
+import re
+import subprocess
+import sys
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beamtouch_models.build import Built
+from beamtouch_models.build_report import facts as facts_module
+from beamtouch_models.build_report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
+from beamtouch_models.build_report.facts import Facts, gather
+from beamtouch_models.build_report.page import page
+from beamtouch_models.commands import build as command
+from beamtouch_models.modelfile import Channel, ModelFile
+from beamtouch_models.placement import place
+from beamtouch_models.scene import Scene, load_scene, parse_scene
+from example_scenes import PAPER, SCENES
+from tags import Tags
+
+
+def built_of(path: Path, model: ModelFile, scene: Scene) -> Built:
+    return Built(path.read_bytes(), model.metadata, place(scene, len(model.metadata.layout), 0))
+
+
+@pytest.fixture(scope="module")
+def facts(bench_model: Path, bench: ModelFile) -> Facts:
+    scene, _ = load_scene(SCENES / "bench.toml")
+    with pytest.MonkeyPatch.context() as fewer:
+        fewer.setattr(facts_module, "PROFILE_DRAWS", 4000)
+        fewer.setattr(facts_module, "LAYOUT_DRAWS", 1000)
+        return gather(scene, built_of(bench_model, bench, scene), lambda _doing, _done: None)
+
+
+def test_the_page_is_whole_and_asks_nothing_of_the_network(facts: Facts) -> None:
+    text = page(facts)
+    tags = Tags(text)
+    assert tags.of("html")[0]["lang"] == "en"
+    assert not {"script", "link", "img", "iframe", "object"} & {tag for tag, _ in tags.found}
+    assert not re.search(r"https?:|//\w|@import|url\(", text)
+    assert not [value for _, attributes in tags.found for name, value in attributes.items() if name in {"src", "href"}]
+    assert "prefers-color-scheme: dark" in text
+    assert "@media print" in text
+    assert not re.search(r"\b(nan|inf|None)\b", " ".join(tags.text))
+
+
+def test_whoever_cannot_see_the_figures_is_told(facts: Facts) -> None:
+    tags = Tags(page(facts))
+    figures = tags.of("svg")
+    assert len(figures) == len(tags.of("figure")) == len(tags.of("figcaption")) == 4
+    assert all(figure["role"] == "img" and len(figure["aria-label"]) > 30 for figure in figures)
+    assert len(tags.of("caption")) == len(tags.of("table"))
+    assert all(cell["scope"] in {"row", "col"} for cell in tags.of("th"))
+
+
+def test_the_page_says_the_layout_and_the_accuracy(facts: Facts) -> None:
+    words = " ".join(Tags(page(facts)).text)
+    metadata = facts.model.metadata
+    for channel in metadata.layout:
+        assert re.search(rf"\b{channel.name}\b.*\b{channel.position_mm:g}\b", words)
+    assert facts.model.identity in words
+    assert f"{metadata.accuracy.ratio:.2f}" in words
+    assert f"{metadata.accuracy.limit_percent:.3f} ± {metadata.accuracy.limit_standard_error:.3f}" in words
+    assert "youngs_modulus_gpa = 210" in words
+
+
+def test_the_error_along_the_beam_adds_up_to_the_mean(facts: Facts) -> None:
+    accuracy, profile = facts.model.metadata.accuracy, facts.profile
+    length = facts.model.metadata.length_mm
+    for curve, percent, error in (
+        (profile.model_mm, accuracy.error_percent, accuracy.error_standard_error),
+        (profile.limit_mm, accuracy.limit_percent, accuracy.limit_standard_error),
+    ):
+        assert abs(curve.mean() / length * 100 - percent) < 5 * error
+    # The ends are where the error lives.
+    assert profile.limit_mm[[0, -1]].min() > 3 * profile.limit_mm[len(profile.limit_mm) // 2]
+    assert profile.position_mm[0] + profile.position_mm[-1] == pytest.approx(400)
+
+
+def test_layouts_are_compared_on_the_same_contacts(facts: Facts) -> None:
+    equal, best = facts.layouts[:2]
+    assert equal.positions_mm == pytest.approx([80, 160, 240, 320])
+    assert not equal.taken
+    assert best.taken
+    assert best.positions_mm == pytest.approx([68, 156, 244, 332])
+    assert best.log_eigenvalue_product == pytest.approx(-55.4483, abs=1e-3)
+    assert best.log_eigenvalue_product > equal.log_eigenvalue_product
+    accuracy = facts.model.metadata.accuracy
+    off = abs(best.limit.percent - accuracy.limit_percent)
+    assert off < 5 * np.hypot(best.limit.standard_error, accuracy.limit_standard_error)
+    assert len(Tags(page(facts)).of("tr", "taken")) == 1
+
+
+def test_a_layout_of_its_own_is_listed_too(facts: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 100)
+    layouts = facts_module._layouts(facts.scene, np.array([50.0, 150.0, 250.0, 350.0]), 0.01, 0)
+    assert [layout.taken for layout in layouts] == [False] * (len(layouts) - 1) + [True]
+    assert layouts[-1].name == "the model's"
+
+
+def test_physics_in_and_out_has_a_row_for_each_effect(facts: Facts) -> None:
+    words = Tags(page(facts)).text
+    assert {effect.name for effect in facts.effects} <= set(words)
+    assert {effect.reason for effect in facts.effects} <= set(words)
+
+
+def test_components_are_those_of_the_influence_matrix(facts: Facts) -> None:
+    matrix = facts.components.transformed @ facts.components.vectors.T
+    moment = matrix.T @ matrix / len(matrix)
+    assert np.trace(moment) == pytest.approx(facts.components.eigenvalues.sum(), rel=1e-9)
+    assert matrix.max() * 20 == pytest.approx(facts.model.metadata.max_deflection_mm, rel=0.2)
+
+
+def test_what_a_user_wrote_is_text_and_nothing_else(facts: Facts) -> None:
+    scene = "# <script>alert('x')</script> </pre> & more\n"
+    metadata = facts.model.metadata.model_copy(update={"scene": scene})
+    text = page(replace(facts, model=replace(facts.model, metadata=metadata)))
+    assert "<script>" not in text
+    assert "<script>alert('x')</script>" in " ".join(Tags(text).text)
+
+
+def test_the_same_build_gives_the_same_page(facts: Facts) -> None:
+    assert page(facts) == page(facts)
+
+
+def drawn(facts: Facts, scene_text: str, *positions: float) -> Tags:
+    layout = [Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(positions, start=1)]
+    metadata = facts.model.metadata.model_copy(update={"layout": layout})
+    return Tags(beam_drawing(parse_scene(scene_text, "scene.toml"), metadata))
+
+
+def test_the_drawing_is_to_scale(facts: Facts) -> None:
+    rules = "count = 2\nfixed_mm = [100]\nkeep_out_mm = [[200, 240]]"
+    tags = drawn(facts, PAPER.replace("count = 2", rules), 100.0, 170.0, 330.0)
+    scale = (WIDTH - 2 * MARGIN) / 400
+    sensors = tags.of("rect", "sensor")
+    middles = [float(sensor["x"]) + float(sensor["width"]) / 2 for sensor in sensors]
+    assert middles == pytest.approx([MARGIN + x * scale for x in (100, 170, 330)], abs=0.1)
+    assert ["fixed" in sensor["class"] for sensor in sensors] == [True, False, False]
+    (beam,) = tags.of("rect", "beam")
+    assert float(beam["width"]) == pytest.approx(400 * scale, abs=0.1)
+    assert float(beam["height"]) == pytest.approx(3 * scale, abs=0.1)
+    gap = float(sensors[0]["y"]) - float(beam["y"]) - float(beam["height"])
+    assert gap == pytest.approx(facts.model.metadata.sensor.standoff_mm * scale, abs=0.2)
+    (keep_out,) = tags.of("rect", "keepout")
+    assert float(keep_out["x"]) == pytest.approx(MARGIN + 200 * scale, abs=0.1)
+    assert float(keep_out["width"]) == pytest.approx(40 * scale, abs=0.1)
+    assert {"s1 (fixed)", "s2", "keep out"} <= set(tags.text)
+
+
+@pytest.mark.parametrize(
+    ("beam", "supports", "sections"),
+    [
+        ("", 2, 1),
+        ('supports = "cantilever"', 1, 1),
+        ('supports = "propped"\nsegments = [{to_mm = 150}, {to_mm = 400, thickness_mm = 8}]', 2, 2),
+        ('supports = [{at_mm = 50}, {at_mm = 200, kind = "fixed"}, {at_mm = 350}]', 3, 1),
+    ],
+)
+def test_every_support_and_section_is_drawn(facts: Facts, beam: str, supports: int, sections: int) -> None:
+    tags = drawn(facts, PAPER.replace("[beam]", f"[beam]\n{beam}"), 100.0, 300.0)
+    assert len(tags.of("path", "support")) == supports
+    assert len(tags.of("rect", "beam")) == sections
+    assert "Supports: " in tags.of("svg")[0]["aria-label"]
+
+
+def test_labels_of_close_sensors_do_not_lie_on_each_other(facts: Facts) -> None:
+    text = beam_drawing(
+        facts.scene,
+        facts.model.metadata.model_copy(
+            update={"layout": [Channel(name=f"s{i}", position_mm=10.0 + 12 * i) for i in range(1, 9)]}
+        ),
+    )
+    labels = {
+        match[3]: (float(match[1]), float(match[2]))
+        for match in re.finditer(r'<text x="([\d.]+)" y="([\d.]+)" text-anchor="middle">(s\d)<', text)
+    }
+    assert len(labels) == 8
+    rows = {name: y for name, (_, y) in labels.items()}
+    assert rows["s1"] != rows["s2"]
+    assert max(rows.values()) + 14 < HEIGHT - 36
+
+
+def test_build_writes_the_report(
+    facts: Facts, bench_model: Path, bench: ModelFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(facts_module, "PROFILE_DRAWS", 2000)
+    monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 200)
+    built = built_of(bench_model, bench, facts.scene)
+    monkeypatch.setattr(command, "build", lambda *_arguments, **_options: built)
+    report = tmp_path / "report.html"
+    output = tmp_path / "bench.onnx"
+    options = {"scene": SCENES / "bench.toml", "output": output, "sensors": None, "seed": 0, "daemon_config": None}
+    command.run(Namespace(**options, report=report, json=True))
+    assert bench.identity in report.read_text(encoding="utf-8")
+    assert output.read_bytes() == bench_model.read_bytes()
+
+
+def test_a_report_in_a_folder_that_is_not_there_is_refused_before_the_work(tmp_path: Path) -> None:
+    arguments = [
+        "build",
+        str(SCENES / "paper.toml"),
+        "-o",
+        str(tmp_path / "m.onnx"),
+        "--report",
+        str(tmp_path / "a/b.html"),
+    ]
+    command_line = [sys.executable, "-m", "beamtouch_models.cli", *arguments]
+    done = subprocess.run(command_line, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "no such folder" in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,215 @@
+"""What effects are priced at, against textbook figures, and what leaving one out does to the accuracy limit."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from beamtouch_models import limit
+from beamtouch_models.build import sensor_of
+from beamtouch_models.dynamics import first_frequency_hz, ringing_after_filter, sag_mm
+from beamtouch_models.effects import effects_of, required
+from beamtouch_models.errors import SceneError
+from beamtouch_models.modelfile import FilterChoice
+from beamtouch_models.noise import choose_filter, noise_of, sensor_noise_mm
+from beamtouch_models.placement import fewest_sensors
+from beamtouch_models.pricing import Effect
+from beamtouch_models.scene import Scene, load_scene
+from example_scenes import SCENES, paper_scene
+
+NEW_SCENES = {
+    "cantilever": set[str](),
+    "stepped": {"steps", "shear"},
+    "two-spans": {"overhang", "shear"},
+    "foundation": {"foundation", "shear"},
+    "short-deep": {"shear"},
+    "wide-contact": {"contact width"},
+}
+SOFT_MIDDLE = [{"to_mm": 150, "thickness_mm": 3}, {"to_mm": 200, "thickness_mm": 2.99}, {"to_mm": 400}]
+STATED: dict[str, dict[str, dict[str, Any]]] = {
+    "shear": {"beam": {"shear_modulus_gpa": 80.0}},
+    "contact width": {"contact": {"width_mm": 10.0}},
+    "steps": {"beam": {"segments": SOFT_MIDDLE}},
+    "foundation": {"beam": {"foundation_n_mm2": 1e-4}},
+    "ADC steps": {"sensors": {"adc_bits": 12}},
+}
+
+
+def scene_with(*parts: dict[str, dict[str, Any]], **sensors: object) -> Scene:
+    """The paper's scene with a force from 2 to 20 N and other values in some of its parts."""
+    stated = paper_scene(**sensors).model_dump()
+    for part in ({"contact": {"force_n": (2.0, 20.0)}}, *parts):
+        for name, values in part.items():
+            stated[name] = {**stated[name], **values}
+    return Scene.model_validate(stated)
+
+
+def priced(scene: Scene) -> dict[str, Effect]:
+    return {effect.name: effect for effect in effects_of(scene)}
+
+
+def price(scene: Scene, name: str) -> float:
+    found = priced(scene)[name].price
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("name", ["shear", "contact width", "steps", "foundation"])
+def test_an_effect_at_the_edge_of_being_left_out_changes_the_accuracy_by_less_than_a_percent(name: str) -> None:
+    # The noise that makes the price 0.095: what is in at half of it is out at it.
+    rough = scene_with(STATED[name], noise_percent_of_max=None, noise_mm=0.01)
+    noise = 0.01 * price(rough, name) / 0.095
+    scene = scene_with(STATED[name], noise_percent_of_max=None, noise_mm=noise)
+    assert priced(scene)[name].verdict == "out"
+    assert priced(scene_with(STATED[name], noise_percent_of_max=None, noise_mm=noise / 2))[name].verdict == "in"
+    smaller, layout = required(scene), np.array([68.0, 156.0, 244.0, 332.0])
+    assert smaller != scene
+    # The same contacts and the same noise: told by an estimator with the effect, and by one without it.
+    drawn = limit.draw(scene, layout, noise, 4000, 1)
+    best, without = (
+        limit.mean_error(scene, drawn, limit.posterior_median_mm(model, layout, noise, drawn.deflection_mm)).percent
+        for model in (scene, smaller)
+    )
+    assert abs(without / best - 1) < 0.01
+
+
+def test_adc_steps_at_the_edge_of_being_left_out_change_the_noise_by_less_than_a_percent() -> None:
+    # A count is 3 mm / (0.8 x 4095); its standard deviation is that over the root of 12.
+    count = 3 / (0.8 * 4095)
+    scene = scene_with(STATED["ADC steps"], noise_percent_of_max=None, noise_mm=count / math.sqrt(12) / 0.0995)
+    assert price(scene, "ADC steps") == pytest.approx(0.0995 / math.hypot(1, 0.0995), rel=1e-12)
+    smaller = required(scene)
+    assert smaller.sensors.adc_bits is None
+    assert sensor_noise_mm(smaller) == pytest.approx(noise_of(scene, choose_filter(scene)).sample_mm, rel=0.006)
+
+
+def test_effects_left_out_stay_under_a_tenth_together() -> None:
+    both = (STATED["shear"], STATED["contact width"])
+    rough = scene_with(*both, noise_percent_of_max=None, noise_mm=0.01)
+    dearest = max(price(rough, "shear"), price(rough, "contact width"))
+    cheapest = min(price(rough, "shear"), price(rough, "contact width"))
+    noise = 0.01 * dearest / 0.0999
+    assert cheapest / dearest * 0.0999 > 0.001
+    judged = priced(scene_with(*both, noise_percent_of_max=None, noise_mm=noise))
+    assert sorted(judged[name].verdict for name in ("shear", "contact width")) == ["in", "out"]
+    assert any("with the other effects left out" in effect.reason for effect in judged.values())
+
+
+def test_nothing_changes_where_nothing_is_left_out() -> None:
+    scene = paper_scene()
+    assert required(scene) is scene
+    silent = paper_scene(noise_percent_of_max=None, noise_mm=0)
+    assert required(silent) is silent
+    with pytest.raises(SceneError, match="a noise of 0"):
+        effects_of(silent)
+
+
+def test_noise_in_percent_stays_what_it_was() -> None:
+    scene = scene_with(STATED["foundation"], noise_percent_of_max=20.0)
+    smaller = required(scene)
+    assert smaller.beam.foundation_n_mm2 is None
+    assert sensor_noise_mm(smaller) == sensor_noise_mm(scene)
+
+
+def test_the_price_of_shear_is_its_textbook_deflection_over_the_noise() -> None:
+    # In the middle of a simple span F l / (4 k G A), k = 5/6; Timoshenko & Gere, Mechanics of Materials, sec. 12.12.
+    scene = paper_scene(noise_percent_of_max=None, noise_mm=1e-4)
+    estimated = 10 * 400 / (4 * 5 / 6 * 210e3 / 2.6 * 75)
+    assert price(scene, "shear") == pytest.approx(estimated / 1e-4, rel=1e-6)
+    assert priced(scene)["shear"].verdict == "not modelled"
+    assert "shear_modulus_gpa" in priced(scene)["shear"].reason
+
+
+def test_without_a_section_shear_and_dynamics_are_not_stated() -> None:
+    stated = {"length_mm": 400.0, "flexural_rigidity_n_mm2": 1e7}
+    scene = Scene.model_validate({**paper_scene().model_dump(), "beam": stated})
+    assert priced(scene)["shear"].verdict == priced(scene)["dynamics"].verdict == "not stated"
+
+
+def test_overhangs_are_cut_off_exactly_where_nothing_is_there_and_in_otherwise() -> None:
+    supports = {"beam": {"supports": [{"at_mm": 0}, {"at_mm": 300}]}}
+    apart = scene_with(supports, {"contact": {"position_mm": (10, 290)}}, keep_out_mm=[(300, 401)])
+    assert priced(apart)["overhang"].verdict == "out"
+    pressed = scene_with(supports, {"contact": {"position_mm": (10, 400)}}, keep_out_mm=[(300, 401)])
+    assert priced(pressed)["overhang"].verdict == "in"
+    measured = scene_with(supports, {"contact": {"position_mm": (10, 290)}})
+    assert priced(measured)["overhang"].verdict == "in"
+
+
+def test_a_foundation_that_carries_the_beam_is_in_whatever_its_price() -> None:
+    floating = scene_with({"beam": {"supports": [], "foundation_n_mm2": 0.5}}, noise_percent_of_max=50)
+    assert priced(floating)["foundation"].verdict == "in"
+    assert "nothing carries the beam" in priced(floating)["foundation"].reason
+
+
+@pytest.mark.parametrize(
+    ("supports", "frequency"),
+    [
+        # 3 mm of steel, 400 mm long: sqrt(EI/m) = sqrt(11.8125 N m^2 / 0.58875 kg/m) = 4.47925 m^2/s; over 2 pi l^2
+        # times 9.8696, 3.5160, 22.3733, 15.4182. Blevins, Formulas for Natural Frequency and Mode Shape, table 8-1.
+        ("simply-supported", 43.9754),
+        ("cantilever", 15.6663),
+        ("fixed-fixed", 99.688),
+        ("propped", 68.698),
+        # Two equal spans move as two simple ones of half the length; a fixed middle makes two cantilevers.
+        ([{"at_mm": 0}, {"at_mm": 200}, {"at_mm": 400}], 4 * 43.9754),
+        ([{"at_mm": 200, "kind": "fixed"}], 4 * 15.6663),
+    ],
+)
+def test_first_frequencies(supports: object, frequency: float) -> None:
+    scene = scene_with({"beam": {"supports": supports, "density_kg_m3": 7850}})
+    assert first_frequency_hz(scene.beam) == pytest.approx(frequency, rel=2e-4)
+
+
+def test_a_foundation_under_a_floating_beam_is_a_spring() -> None:
+    # Rigid beside its foundation it moves as one mass: sqrt(k/m) / 2 pi, k = 1e-6 N/mm^2 = 1 N/m^2, m = 0.58875 kg/m.
+    scene = scene_with({"beam": {"supports": [], "foundation_n_mm2": 1e-6, "density_kg_m3": 7850}})
+    assert first_frequency_hz(scene.beam) == pytest.approx(math.sqrt(1 / 0.58875) / (2 * math.pi), rel=1e-4)
+
+
+def test_sag_under_own_weight() -> None:
+    # 5 w l^4 / (384 EI), w = 0.58875 kg/m x 9.80665 m/s^2; Roark, table 8.1 case 2e.
+    scene = scene_with({"beam": {"density_kg_m3": 7850}})
+    expected = 5 * 0.58875e-3 * 9.80665 * 400**4 / (384 * 1.18125e7)
+    assert sag_mm(scene.beam) == pytest.approx(expected, rel=1e-4)
+    assert price(scene, "self-weight") == 0
+    assert f"{expected:.3g} mm" in priced(scene)["self-weight"].reason
+
+
+def test_what_a_filter_leaves_of_ringing() -> None:
+    assert ringing_after_filter(50.0, FilterChoice(), 1000.0) == 1.0
+    # A whole period in the mean leaves nothing; half a period in two readings, 90 degrees apart, the root of a half.
+    whole = FilterChoice(kind="moving-average", window=20, settling_ms=20)
+    assert ringing_after_filter(50.0, whole, 1000.0) == pytest.approx(0, abs=1e-15)
+    two = FilterChoice(kind="moving-average", window=2, settling_ms=10)
+    assert ringing_after_filter(50.0, two, 200.0) == pytest.approx(
+        math.sqrt(0.5) * math.exp(-0.01 * math.pi), rel=1e-12
+    )
+
+
+@pytest.mark.parametrize("name", NEW_SCENES)
+def test_shipped_scenes_require_what_they_are_named_after_and_can_be_designed(name: str) -> None:
+    scene, _ = load_scene(SCENES / f"{name}.toml")
+    assert {effect.name for effect in effects_of(scene) if effect.verdict == "in"} == NEW_SCENES[name]
+    low, high = scene.sensors.range_mm
+    assert low < sensor_of(scene).standoff_mm < high
+    physics = required(scene)
+    noise = noise_of(physics, choose_filter(scene))
+    layout = np.array(fewest_sensors(physics, noise.sample_mm, None, 0).positions_mm)
+    drawn = limit.draw(physics, layout, noise.sample_mm, 400, 0)
+    told = limit.posterior_median_mm(physics, layout, noise.sample_mm, drawn.deflection_mm)
+    assert limit.mean_error(physics, drawn, told).percent < 6
+
+
+@pytest.mark.parametrize("noise", [1e-300, 1e300])
+def test_extreme_noise_gives_prices_or_a_refusal(noise: float) -> None:
+    scene = scene_with({"beam": {"density_kg_m3": 7850}}, noise_percent_of_max=None, noise_mm=noise)
+    assert all(effect.price is None or math.isfinite(effect.price) for effect in effects_of(scene))
+    with pytest.raises(SceneError, match="too small beside the deflection"):
+        effects_of(scene_with({"contact": {"force_n": 19.0}}, noise_percent_of_max=None, noise_mm=5e-324))
+
+
+def test_a_mass_beyond_float64_is_refused() -> None:
+    with pytest.raises(SceneError, match="its mass cannot be computed"):
+        effects_of(scene_with({"beam": {"density_kg_m3": 1e-320}}))

@@ -1,0 +1,83 @@
+"""The paper's back-propagation network: its arithmetic, how training ends, and what it learns."""
+
+import numpy as np
+import pytest
+
+from beamtouch_models import paper_network
+from beamtouch_models.limit import Array
+from beamtouch_models.paper_network import _initial, _present, train
+from beamtouch_models.reproduction.paper import deflection_mm
+
+LOADS = np.arange(20.0, 201.0, 4.0)
+ONE_SENSOR = deflection_mm([200.0], LOADS)
+TWO_SENSORS = deflection_mm([133.0, 267.0], LOADS)
+
+
+def squared_error(inputs: Array, hidden: Array, output: Array, target: float) -> float:
+    """Half the squared error, written from its definition."""
+    units = 1 / (1 + np.exp(-(inputs @ hidden)))
+    answer = 1 / (1 + np.exp(-(units @ output[:-1] + output[-1])))
+    return float((target - answer) ** 2 / 2)
+
+
+def test_a_step_goes_0_9_down_the_slope_and_keeps_0_7_of_the_last() -> None:
+    stack = _initial([TWO_SENSORS], [TWO_SENSORS.max(axis=0)], seed=3)
+    target = np.linspace(0.1, 0.9, len(LOADS))
+    before = np.zeros_like(stack.hidden[0]), np.zeros_like(stack.output[0])
+    for pattern in (5, 31):
+        hidden, output = stack.hidden[0].copy(), stack.output[0].copy()
+        inputs = np.array([*(2 * TWO_SENSORS[pattern] / TWO_SENSORS.max(axis=0) - 1), 1.0])
+        _present(stack, target, np.array([pattern]))
+        steps = stack.hidden[0] - hidden, stack.output[0] - output
+        for weights, step, last in zip((hidden, output), steps, before, strict=True):
+            for index in np.ndindex(weights.shape):
+                kept, errors = weights[index], []
+                for shift in (1e-6, -1e-6):
+                    weights[index] = kept + shift
+                    errors.append(squared_error(inputs, hidden, output, target[pattern]))
+                weights[index] = kept
+                slope = (errors[0] - errors[1]) / 2e-6
+                assert step[index] == pytest.approx(-0.9 * slope + 0.7 * last[index], abs=1e-8)
+        before = steps
+
+
+def test_training_reaches_the_composite_error_and_the_answers_are_as_near() -> None:
+    loads = np.arange(20.0, 381.0, 8.0)
+    deflection = deflection_mm([122.0, 278.0], loads)
+    (network,) = train([deflection], loads, 400.0, seed=0)
+    assert network.outcome == "reached"
+    answer = network.estimate_mm(deflection)
+    error = float(((0.8 * (answer - loads) / 400) ** 2).mean())
+    assert error == pytest.approx(network.composite_error, rel=1e-9)
+    assert error <= 0.001
+    assert np.abs(answer - loads).mean() < 0.03 * 400
+
+
+def test_a_bound_on_the_epochs_holds() -> None:
+    done: list[float] = []
+    whole = np.arange(1.0, 400.0, 8.0)
+    (network,) = train(
+        [deflection_mm([133.0, 267.0], whole)], whole, 400.0, seed=0, max_epochs=15, progress=done.append
+    )
+    assert network.outcome == "out of epochs"
+    assert network.epochs <= 15
+    assert done == [pytest.approx(10 / 15), 1.0]
+
+
+def test_what_cannot_be_learnt_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(paper_network, "PATIENCE", 100)
+    same = np.ones((40, 1))
+    (network,) = train([same], np.linspace(0.0, 400.0, 40), 400.0, seed=0, max_epochs=2000)
+    assert network.outcome == "stood still"
+    assert network.epochs < 1900
+    # The best constant answer is the middle; the variance of a uniform target over 0.1 .. 0.9 remains.
+    assert network.composite_error == pytest.approx(0.64 / 12, rel=0.15)
+
+
+def test_a_network_does_not_depend_on_its_neighbours_and_the_seed_decides() -> None:
+    alone, again = (train([ONE_SENSOR], LOADS, 400.0, seed=4, max_epochs=30)[0] for _ in range(2))
+    beside = train([ONE_SENSOR, TWO_SENSORS], LOADS, 400.0, seed=4, max_epochs=30)[0]
+    other = train([ONE_SENSOR], LOADS, 400.0, seed=5, max_epochs=30)[0]
+    assert alone.hidden.tobytes() == again.hidden.tobytes()
+    assert beside.hidden == pytest.approx(alone.hidden, rel=1e-9)
+    assert not np.allclose(alone.hidden, other.hidden)
