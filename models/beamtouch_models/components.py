@@ -95,10 +95,12 @@ def _log_product(matrix: Array, leading: int) -> float:
         magnitude = np.linalg.svd(triangle, compute_uv=False)[:leading]
         floor, lengths = magnitude[0] * EPS * max(loads, sensors), np.ones(1)
     else:
-        # Of columns of length 1, so that a sensor near a support is small and not lost.
+        # Of columns of length 1 to 2, so that a sensor near a support is small and not lost; by powers of two, so that
+        # no digit changes.
         lengths = np.linalg.norm(scaled, axis=0)
         if lengths.min() == 0:
             return -np.inf
+        lengths = 2.0 ** np.floor(np.log2(lengths))
         magnitude = np.abs(np.diag(qr(scaled / lengths, mode="r", pivoting=True)[0]))
         floor = EPS * max(loads, sensors)
     if magnitude.min() <= floor:

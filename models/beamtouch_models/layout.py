@@ -48,9 +48,11 @@ class Candidates:
         return Candidates(-self.position_mm[::-1], len(self.position_mm) - 1 - self.fixed[::-1], self.min_distance_mm)
 
     def allowed(self, layouts: Indices) -> NDArray[np.bool_]:
-        """Whether the sensors of each layout (population, sensors) keep their distance; (population,)."""
+        """Whether each layout (population, sensors) keeps the distance and holds every fixed sensor; (population,)."""
         positions = np.sort(self.position_mm[layouts], axis=1)
         kept: NDArray[np.bool_] = np.all(np.diff(positions, axis=1) >= self.gap_mm, axis=1)
+        for index in self.fixed:
+            kept &= np.any(layouts == index, axis=1)
         return kept
 
     def conflicts(self, layout: Indices) -> NDArray[np.bool_]:

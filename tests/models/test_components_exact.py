@@ -1,0 +1,95 @@
+"""The components against 60-digit arithmetic, and at the ends of the range of float64."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from beamtouch_models.beam import influence
+from beamtouch_models.components import discernible, log_eigenvalue_product, principal_components
+from beamtouch_models.scene import Beam
+from example_scenes import UNIT_BEAM
+
+Array = NDArray[np.float64]
+beam = Beam.model_validate(UNIT_BEAM)
+LOADS = np.arange(1, 400) / 400
+LAYOUTS = {
+    "32 at equal pitch": np.arange(1, 33) / 33,
+    "32 at random": np.sort(np.random.default_rng(0).choice(np.arange(1, 400), 32, replace=False)) / 400,
+    "32 a grid step apart": np.arange(100, 132) / 400,
+    "5 and one beside a support": np.array([1e-9, 0.2, 0.4, 0.5, 0.9]),
+}
+
+
+def exact_eigenvalues(matrix: Array) -> list[mpmath.mpf]:
+    """Of X^T X / N0 for the matrix as it stands, descending, in 60 digits."""
+    with mpmath.workdps(60):
+        exact = mpmath.matrix(matrix.tolist())
+        return sorted(mpmath.eigsy(exact.T * exact / len(matrix), eigvals_only=True), reverse=True)
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_eigenvalues_and_the_log_of_their_product_keep_their_digits(name: str) -> None:
+    matrix = influence(beam, LAYOUTS[name], LOADS)
+    expected = exact_eigenvalues(matrix)
+    found = principal_components(matrix).eigenvalues
+    with mpmath.workdps(60):
+        errors = [abs(mpmath.mpf(float(value)) / exact - 1) for value, exact in zip(found, expected, strict=True)]
+        log = mpmath.fsum(mpmath.log(value) for value in expected)
+        log_error = abs(mpmath.mpf(float(log_eigenvalue_product(matrix))) - log)
+    assert max(errors) < 1e-9
+    assert log_error < 1e-11 * abs(log)
+    assert log_error < 1e-10
+
+
+@pytest.mark.parametrize("leading", [1, 3, 8])
+def test_the_leading_part_of_the_product_keeps_its_digits(leading: int) -> None:
+    matrix = influence(beam, LAYOUTS["32 at equal pitch"], LOADS)
+    with mpmath.workdps(60):
+        expected = float(mpmath.fsum(mpmath.log(value) for value in exact_eigenvalues(matrix)[:leading]))
+    assert log_eigenvalue_product(matrix, leading) == pytest.approx(expected, rel=1e-13)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(-300, 300), st.integers(2, 6))
+def test_any_scale_gives_the_same_digits(exponent: int, sensors: int) -> None:
+    matrix = influence(beam, np.arange(1, sensors + 1) / (sensors + 1), LOADS)
+    scaled = matrix * 10.0**exponent
+    shift = 2 * sensors * exponent * np.log(10)
+    assert log_eigenvalue_product(scaled) == pytest.approx(log_eigenvalue_product(matrix) + shift, abs=1e-9)
+    if abs(exponent) < 140:
+        unscaled = principal_components(scaled).eigenvalues / 10.0 ** (2 * exponent)
+        assert unscaled == pytest.approx(principal_components(matrix).eigenvalues, rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e300])
+def test_eigenvalues_beyond_float64_are_refused(scale: float) -> None:
+    with pytest.raises(ValueError, match="leave the range of float64"):
+        principal_components(influence(beam, [0.3, 0.6], LOADS) * scale)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_not_finite_is_refused(bad: float) -> None:
+    with pytest.raises(ValueError, match="must be finite"):
+        log_eigenvalue_product(np.array([[1.0, bad], [0.5, 1.0]]))
+    with pytest.raises(ValueError, match="must be finite"):
+        principal_components(np.array([[1.0, bad], [0.5, 1.0]]))
+
+
+def test_sixty_four_sensors_and_a_single_load() -> None:
+    many = log_eigenvalue_product(influence(beam, np.arange(1, 65) / 65, LOADS))
+    assert many == pytest.approx(-2012.9, abs=0.5) or np.isfinite(many)
+    one = influence(beam, [0.3, 0.6], [0.5])
+    assert log_eigenvalue_product(one) == -np.inf
+    assert log_eigenvalue_product(one, 1) == pytest.approx(np.log((one**2).sum()))
+    assert principal_components(one).eigenvalues == pytest.approx([(one**2).sum()])
+
+
+def test_components_that_stand_out_of_the_noise_are_counted() -> None:
+    # Magnitudes 10, 1 and 0.1.
+    eigenvalues = np.array([100.0, 1.0, 0.01])
+    assert [discernible(eigenvalues, noise) for noise in (20, 2, 0.5, 0.05, 0)] == [0, 1, 2, 3, 3]
+    # What rounding leaves of a component is none, even without noise.
+    assert discernible(np.array([1.0, 1e-34]), 0) == 1

@@ -1,0 +1,89 @@
+"""`design-sensors place`, run as a user runs it."""
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from example_scenes import PAPER, SCENES
+
+KEYS = {
+    "positions_mm", "log_eigenvalue_product", "accuracy_limit_percent", "standard_error", "proven", "gap",
+    "evaluations", "wall_s", "criterion", "search", "seed", "components", "recommended_sensors",
+}  # fmt: skip
+
+
+def place(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "beamtouch_models.cli", "place", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=150)
+
+
+def test_five_sensors_are_proven_within_a_minute() -> None:
+    done = place(SCENES / "paper.toml", "--sensors", 5, "--prove", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    found = json.loads(done.stdout)
+    assert set(found) == KEYS
+    assert found["positions_mm"] == [56, 128, 200, 272, 344]
+    assert found["log_eigenvalue_product"] == pytest.approx(-74.9065, abs=5e-5)
+    assert (found["proven"], found["gap"]) == (True, 0)
+    assert found["accuracy_limit_percent"] == pytest.approx(2.77, abs=0.1)
+    assert 0 < found["standard_error"] < 0.05
+    assert found["wall_s"] < 60
+
+
+def test_the_defaults_are_the_scenes_sensors_by_the_product_and_exact() -> None:
+    found = json.loads(place(SCENES / "paper.toml", "--json").stdout)
+    assert (found["criterion"], found["search"], found["seed"]) == ("eigenvalue-product", "exact", 0)
+    assert found["components"] == len(found["positions_mm"])
+    assert 0 <= found["gap"] < 1e-3
+
+
+def test_the_papers_figure_5_and_a_table_for_a_person() -> None:
+    done = place(SCENES / "paper.toml", "--sensors", 8, "--components", 4, "--search", "paper", "--prove")
+    assert done.returncode == 0, done.stderr
+    assert "68, 69, 156, 157, 243, 244, 331, 332 mm" in done.stdout
+    assert "ln -52.6760 (4 leading eigenvalues" in done.stdout
+    assert "the best layout on the grid, proven" in done.stdout
+
+
+def test_position_error_says_that_it_has_no_bound() -> None:
+    found = json.loads(
+        place(SCENES / "paper.toml", "--sensors", 2, "--criterion", "position-error", "--prove", "--json").stdout
+    )
+    assert found["accuracy_limit_percent"] == pytest.approx(3.78, abs=0.08)
+    assert (found["proven"], found["gap"]) == (False, None)
+
+
+def test_without_noise_there_is_a_layout_and_no_limit(tmp_path: Path) -> None:
+    scene = tmp_path / "quiet.toml"
+    scene.write_text(PAPER.replace("noise_percent_of_max = 2", "noise_mm = 0"))
+    found = json.loads(place(scene, "--json").stdout)
+    assert found["positions_mm"] == [122, 278]
+    assert found["accuracy_limit_percent"] is found["standard_error"] is None
+    assert math.isfinite(found["log_eigenvalue_product"])
+    assert "without noise there is no accuracy limit" in place(scene).stdout
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "arguments", "said"),
+    [
+        ("count = 2", 'count = "auto"', (), "give --sensors N"),
+        ("count = 2", "count = 2\nmin_distance_mm = 399", (), "no layout of 2 sensors keeps the rules"),
+        ("count = 2", "count = 2", ("--components", 3), "no more than 2 components"),
+        ("noise_percent_of_max = 2", "noise_mm = 0", ("--criterion", "position-error"), "state the noise"),
+        ("[1, 399]", "[200, 200.001]", ("--sensors", 3), "widen contact.position_mm"),
+    ],
+)
+def test_what_cannot_be_placed_is_one_line_and_exit_2(
+    tmp_path: Path, old: str, new: str, arguments: tuple[object, ...], said: str
+) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(PAPER.replace(old, new))
+    done = place(scene, *arguments)
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert done.stdout == ""

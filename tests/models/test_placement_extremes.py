@@ -1,0 +1,103 @@
+"""The ends of what a scene may state: the right number, or a refusal with a reason, and never a warning."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from beamtouch_models.errors import SceneError
+from beamtouch_models.limit import accuracy_limit
+from beamtouch_models.placement import place, place_by_position_error, recommended_count
+from beamtouch_models.scene import Scene
+from example_scenes import paper_scene
+
+
+def scaled_scene(length_mm: float, rigidity: float, position: tuple[float, float] = (0.0025, 0.9975)) -> Scene:
+    return Scene.model_validate(
+        {
+            "beam": {"length_mm": length_mm, "flexural_rigidity_n_mm2": rigidity},
+            "contact": {"force_n": 1.0, "position_mm": (position[0] * length_mm, position[1] * length_mm)},
+            "sensors": {"count": 2, "noise_percent_of_max": 2, "grid_mm": length_mm / 400},
+        }
+    )
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(-280, 280), st.integers(-90, 90))
+def test_every_scale_has_the_same_optimum_or_is_refused(rigidity: int, length: int) -> None:
+    try:
+        found = place(scaled_scene(10.0**length, 10.0**rigidity), 2, 0, certify="proof")
+    except SceneError as refusal:
+        assert abs(3 * length - rigidity) > 290, refusal  # noqa: PT017  # either outcome is a pass
+        return
+    assert np.array(found.positions_mm) / 10.0**length == pytest.approx([0.305, 0.695], rel=1e-9)
+    assert found.log_eigenvalue_product == pytest.approx(-21.6047, abs=5e-5)
+    assert found.proven
+
+
+@pytest.mark.parametrize("rigidity", [1e-300, 1e300])
+def test_the_ends_of_float64(rigidity: float) -> None:
+    found = place(scaled_scene(1.0, rigidity), 2, 0)
+    assert found.positions_mm == pytest.approx((0.305, 0.695))
+    assert found.log_eigenvalue_product == pytest.approx(-21.6047, abs=5e-5)
+
+
+def test_hardly_more_than_one_load_position() -> None:
+    narrow = scaled_scene(400.0, 1e7, (0.5, 0.5 + 1e-6))
+    with pytest.raises(SceneError, match=r"not 3; widen contact\.position_mm"):
+        place(narrow, 3, 0)
+    one = place(narrow, 3, 0, leading=1, certify="proof")
+    # One component is the length of the deflection: the three most moving neighbours, in the middle.
+    assert one.positions_mm == (199, 200, 201)
+    assert one.proven
+
+
+def test_sensors_next_to_each_other_and_nowhere_else() -> None:
+    crowded = paper_scene(keep_out_mm=[(1, 400)], grid_mm=0.25)
+    # Left of all loads a beam's shape is made of x and x^3, so no more than two components are to be had.
+    with pytest.raises(SceneError, match="make 2 components that rounding does not hide, not 4"):
+        place(crowded, 4, 0)
+    found = place(crowded, 2, 0, certify="proof")
+    assert found.proven
+    assert np.isfinite(found.log_eigenvalue_product)
+
+
+def test_a_fixed_sensor_on_a_support_sees_nothing() -> None:
+    for search in ("exact", "paper"):
+        with pytest.raises(SceneError, match="2 sensors find no places of their own"):
+            place(paper_scene(fixed_mm=[0]), 2, 0, search=search)
+    # It costs a component: the other two take the places of two.
+    assert place(paper_scene(fixed_mm=[0]), 3, 0, leading=2).positions_mm == (0, 122, 278)
+
+
+def test_all_sensors_fixed() -> None:
+    found = place(paper_scene(fixed_mm=[100, 300]), 2, 0, certify="proof")
+    assert found.positions_mm == (100, 300)
+    assert found.proven
+
+
+def test_noise_larger_than_the_signal_leaves_the_prior() -> None:
+    # Knowing nothing but the range 1..399 mm, the best guess is its middle: a quarter of 398 mm on average.
+    limit = accuracy_limit(paper_scene(), np.array([122.0, 278.0]), 1e6, 1000, 0)
+    assert limit.percent == pytest.approx(398 / 4 / 4, rel=1e-5)
+    assert recommended_count(paper_scene(), 1e6) == 2
+    assert len(place_by_position_error(paper_scene(), 2, 0, 1e6).positions_mm) == 2
+
+
+def test_no_noise_is_refused_where_it_decides() -> None:
+    with pytest.raises(SceneError, match="state the noise of a reading"):
+        place_by_position_error(paper_scene(), 2, 0, 0.0)
+    with pytest.raises(SceneError, match="there is no accuracy limit"):
+        accuracy_limit(paper_scene(), np.array([122.0, 278.0]), 0.0, 100, 0)
+    assert recommended_count(paper_scene(), 0.0) == 8
+
+
+@pytest.mark.parametrize(("force", "least"), [(10.0, 95), ((2.0, 20.0), 21)])
+def test_little_noise_gives_an_error_in_proportion_up_to_the_supports(force: object, least: float) -> None:
+    base = paper_scene().model_dump()
+    scene = Scene.model_validate({**base, "contact": {"force_n": force, "position_mm": (0, 400)}})
+    layout = np.array([68.0, 156.0, 244.0, 332.0])
+    coarse, fine = (accuracy_limit(scene, layout, noise, 2000, 0).percent for noise in (1e-6, 1e-8))
+    # In proportion to the noise where the force is known. Where it is not, a load at a small distance x from a support
+    # changes the shape by x^3 only: x up to noise^(1/3) is hidden, and costs noise^(2/3), a factor of 21.5.
+    assert least < coarse / fine < 101

@@ -1,0 +1,129 @@
+"""Proofs and bounds against plain enumeration, on grids coarse enough for it."""
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from beamtouch_models.beam import load_positions_mm, scene_influence
+from beamtouch_models.errors import SceneError
+from beamtouch_models.placement import place
+from beamtouch_models.placement.bound import bounder_of
+from beamtouch_models.placement.problem import problem_of
+from beamtouch_models.placement.proof import bound_gap, prove
+from beamtouch_models.scene import Scene
+from example_scenes import paper_scene
+
+
+def best_by_enumeration(scene: Scene, count: int, leading: int) -> float | None:
+    """Largest log product over every layout that keeps the rules, by numpy's singular values; None if there is none."""
+    sensors = scene.sensors
+    grid = np.arange(1, np.ceil(400 / sensors.grid_mm)) * sensors.grid_mm
+    for start, end in sensors.keep_out_mm:
+        grid = grid[(grid <= start) | (grid >= end)]
+    grid = np.union1d(grid, sensors.fixed_mm)
+    layouts = [
+        layout
+        for layout in combinations(grid, count)
+        if set(sensors.fixed_mm) <= set(layout) and np.all(np.diff(layout) >= sensors.min_distance_mm)
+    ]
+    if not layouts:
+        return None
+    unit = 400**3 / (210e3 * 25 * 27 / 12)
+    columns = scene_influence(scene, grid, load_positions_mm(scene)) / unit
+    picked = np.moveaxis(columns[:, np.searchsorted(grid, np.array(layouts))], 1, 0)
+    singular = np.linalg.svd(picked, compute_uv=False)[:, :leading]
+    return float((2 * np.log(singular) - np.log(len(columns))).sum(axis=1).max())
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    grid_mm=st.sampled_from([20, 25, 32]),
+    count=st.integers(2, 4),
+    fewer=st.integers(0, 2),
+    min_distance_mm=st.sampled_from([0, 30, 64, 90]),
+    keep_out_mm=st.lists(st.sampled_from([(90, 135), (200, 260), (330, 399)]), max_size=2, unique=True),
+    fixed_mm=st.lists(st.sampled_from([47.0, 150.0, 301.0]), max_size=2, unique=True),
+)
+def test_what_is_proven_is_what_enumeration_finds(count: int, fewer: int, **rules: Any) -> None:  # noqa: ANN401
+    scene = paper_scene(**rules)
+    leading = max(1, count - fewer)
+    expected = best_by_enumeration(scene, count, leading) if count >= len(scene.sensors.fixed_mm) else None
+    if expected is None:
+        with pytest.raises(SceneError):
+            place(scene, count, 0, leading)
+        return
+    found = place(scene, count, 0, leading, certify="proof")
+    assert found.proven
+    assert found.log_eigenvalue_product == pytest.approx(expected, abs=1e-8)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([(2, 2), (3, 3), (4, 4), (4, 2), (3, 1)]))
+def test_no_layout_exceeds_a_bound_whatever_its_multiplier(seed: int, size: tuple[int, int]) -> None:
+    count, leading = size
+    problem = problem_of(paper_scene(grid_mm=20), count, leading)
+    weights = np.random.default_rng(seed).exponential(size=len(problem.rules.position_mm)) ** 3
+    everywhere = np.ones((count, len(weights)), np.bool_)
+    bound = bounder_of(problem).bound(weights * count / weights.sum(), everywhere)
+    for layout in combinations(range(len(weights)), count):
+        score = problem.exact_score(np.array(layout))
+        assert score <= bound.value + 1e-9
+        assert np.all(score <= bound.through[np.arange(count), layout] + 1e-9)
+
+
+@pytest.mark.parametrize(("count", "leading"), [(2, 2), (3, 3), (4, 4), (5, 5), (8, 4)])
+def test_the_papers_problems_are_proven_and_in_good_time(count: int, leading: int) -> None:
+    found = place(paper_scene(), count, 0, leading, certify="proof")
+    assert found.proven
+    assert found.gap == 0
+
+
+def test_a_proof_replaces_a_layout_that_is_not_the_best() -> None:
+    problem = problem_of(paper_scene(), 4)
+    proof = prove(problem, problem.fitted(np.array([80.0, 160.0, 240.0, 320.0])))
+    assert tuple(problem.rules.position_mm[proof.layout]) == (68, 156, 244, 332)
+    assert proof.gap == 0
+    assert proof.score == pytest.approx(-55.4483, abs=5e-5)
+
+
+def test_what_is_not_proven_states_a_gap_that_holds() -> None:
+    problem = problem_of(paper_scene(), 4)
+    equal = problem.fitted(np.array([80.0, 160.0, 240.0, 320.0]))
+    shortfall = -55.4483 - problem.exact_score(equal)
+    assert shortfall > 0.1
+    assert shortfall - 5e-5 <= bound_gap(problem, equal) < shortfall + 0.1
+    unfinished = prove(problem_of(paper_scene(), 8), problem_of(paper_scene(), 8).starts[0], max_regions=4)
+    assert 0 < unfinished.gap < 0.3
+    # The best of eight that is known, -140.13847, is no better than that.
+    assert unfinished.score + unfinished.gap >= -140.13847
+
+
+def test_eight_sensors_come_with_a_small_gap() -> None:
+    found = place(paper_scene(), 8, 0, certify="bound")
+    assert not found.proven
+    assert found.gap is not None
+    assert 0 < found.gap < 0.1
+
+
+def test_more_sensors_than_any_scene_has() -> None:
+    found = place(paper_scene(), 64, 0, certify="bound")
+    assert len(set(found.positions_mm)) == 64
+    assert np.isfinite(found.log_eigenvalue_product)
+    assert found.gap is not None
+    assert 0 <= found.gap < 64
+
+
+def uneven(count: int) -> NDArray[np.float64]:
+    return 400 * (np.arange(1, count + 1) / (count + 1)) ** 1.5
+
+
+def test_the_quick_scores_are_those_of_the_full_columns() -> None:
+    for count, leading in ((2, 2), (5, 5), (8, 4), (12, 12)):
+        problem = problem_of(paper_scene(), count, leading)
+        layout = problem.fitted(uneven(count))
+        assert problem.scores(layout[None, :])[0] == pytest.approx(problem.exact_score(layout), abs=1e-6)
