@@ -29,6 +29,7 @@ def main() -> int:
         parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join(available)}")
     console = Console(width=None if sys.stdout.isatty() else 120)
     rows: list[dict[str, object]] = []
+    sys.path.insert(0, str(HERE.parent))  # for the scenes that tests and benchmarks share
     for name in options.names or available:
         start = time.monotonic()
         found = importlib.import_module(f"bench_{name}").run()
