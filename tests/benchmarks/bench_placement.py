@@ -1,8 +1,8 @@
 """Our searches for sensor positions beside four packages, on the paper's problem with two to five sensors.
 
-How many of 20 seeds reach the proven optimum, and the median time of a run. All are given the influence matrix and
-search the 1 mm grid; the packages are also given its second moment, from which they score a whole population of layouts
-by one vectorised determinant.
+How many of 20 seeds reach the proven optimum, and the median time of a run, from the influence matrix on the 1 mm grid
+to a layout. What a search prepares is part of its time: ours reduces the matrix to a few coordinates, the packages get its
+second moment, from which they score a whole population of layouts by one vectorised determinant.
 """
 
 import argparse
@@ -43,14 +43,18 @@ class Peer:
         scene = paper_scene()
         self.position_mm = np.arange(1.0, 400.0)
         self.matrix = scene_influence(scene, self.position_mm, load_positions_mm(scene))
-        scaled = self.matrix / self.matrix.max()
-        self.moment = scaled.T @ scaled
 
-    def scores(self, layouts: NDArray[Any]) -> Array:
-        """Log determinants of layouts (population, sensors) of indices."""
-        index = np.clip(np.rint(layouts).astype(int), 0, len(self.moment) - 1)
-        sign, logs = np.linalg.slogdet(self.moment[index[:, :, None], index[:, None, :]])
-        return np.where((sign > 0) & (logs > WORTHLESS), logs, WORTHLESS)
+    def scorer(self) -> Callable[[NDArray[Any]], Array]:
+        """A function from layouts (population, sensors) of indices to their log determinants."""
+        scaled = self.matrix / self.matrix.max()
+        moment = scaled.T @ scaled
+
+        def scores(layouts: NDArray[Any]) -> Array:
+            index = np.clip(np.rint(layouts).astype(int), 0, len(moment) - 1)
+            sign, logs = np.linalg.slogdet(moment[index[:, :, None], index[:, None, :]])
+            return np.where((sign > 0) & (logs > WORTHLESS), logs, WORTHLESS)
+
+        return scores
 
 
 def _ours(peer: Peer, count: int, search: Callable[[Problem, int], list[Run]], seed: int) -> Array:
@@ -66,11 +70,12 @@ def _pysensors(peer: Peer, count: int, _seed: int) -> Any:  # noqa: ANN401  # th
 
 
 def _scipy(peer: Peer, count: int, seed: int) -> Any:  # noqa: ANN401  # the package has no types
+    scores = peer.scorer()
     return (
         import_module("scipy.optimize")
         .differential_evolution(
-            lambda x: -peer.scores(x.T),
-            [(0, len(peer.moment) - 1)] * count,
+            lambda x: -scores(x.T),
+            [(0, len(peer.position_mm) - 1)] * count,
             integrality=[True] * count,
             vectorized=True,
             updating="deferred",
@@ -83,15 +88,16 @@ def _scipy(peer: Peer, count: int, seed: int) -> Any:  # noqa: ANN401  # the pac
 
 
 def _pymoo(peer: Peer, count: int, seed: int) -> Any:  # noqa: ANN401  # the package has no types
+    scores = peer.scorer()
     operators, repair = "pymoo.operators", import_module("pymoo.operators.repair.rounding").RoundingRepair
     base: Any = import_module("pymoo.core.problem").Problem
 
     class Placing(base):  # type: ignore[misc]
         def __init__(self) -> None:
-            super().__init__(n_var=count, n_obj=1, xl=0, xu=len(peer.moment) - 1, vtype=int)
+            super().__init__(n_var=count, n_obj=1, xl=0, xu=len(peer.position_mm) - 1, vtype=int)
 
         def _evaluate(self, x: NDArray[Any], out: dict[str, Array], *_: object, **__: object) -> None:
-            out["F"] = -peer.scores(x)
+            out["F"] = -scores(x)
 
     algorithm = import_module("pymoo.algorithms.soo.nonconvex.ga").GA(
         pop_size=POPULATION,
@@ -104,14 +110,15 @@ def _pymoo(peer: Peer, count: int, seed: int) -> Any:  # noqa: ANN401  # the pac
 
 
 def _pygad(peer: Peer, count: int, seed: int) -> Any:  # noqa: ANN401  # the package has no types
+    scores = peer.scorer()
     search = import_module("pygad").GA(
         num_generations=200,
         num_parents_mating=POPULATION // 2,
         sol_per_pop=POPULATION,
         num_genes=count,
         gene_type=int,
-        gene_space=range(len(peer.moment)),
-        fitness_func=lambda _search, layouts, _indices: peer.scores(np.atleast_2d(layouts)).tolist(),
+        gene_space=range(len(peer.position_mm)),
+        fitness_func=lambda _search, layouts, _indices: scores(np.atleast_2d(layouts)).tolist(),
         fitness_batch_size=POPULATION,
         random_seed=seed,
         suppress_warnings=True,

@@ -20,7 +20,7 @@ LEADING_RANDOM_STARTS = 5
 POPULATION = 36
 """At least; eight per sensor."""
 MAX_GENERATIONS = 400
-SHRINK = 0.7
+SHRINK = 0.6
 PATIENCE = 5
 """Generations without a gain, at the smallest increment, that end a run."""
 
