@@ -1,8 +1,8 @@
 """Our searches for sensor positions beside four packages, on the paper's problem with two to five sensors.
 
-How many of 20 seeds reach the proven optimum, and the median time of a run, from the influence matrix on the 1 mm grid
-to a layout. What a search prepares is part of its time: ours reduces the matrix to a few coordinates, the packages get its
-second moment, from which they score a whole population of layouts by one vectorised determinant.
+How many of 20 seeds reach the proven optimum, and the median time of a run, from the influence matrix on the 1 mm
+grid to a layout. What a search prepares is part of its time: ours reduces the matrix to a few coordinates, the packages
+get its second moment, from which they score a whole population of layouts by one vectorised determinant.
 """
 
 import argparse
