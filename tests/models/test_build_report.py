@@ -92,6 +92,9 @@ def test_layouts_are_compared_on_the_same_contacts(facts: Facts) -> None:
     accuracy = facts.model.metadata.accuracy
     off = abs(best.limit.percent - accuracy.limit_percent)
     assert off < 5 * np.hypot(best.limit.standard_error, accuracy.limit_standard_error)
+    by_error = facts.layouts[2]
+    assert by_error.name == "position error"
+    assert by_error.limit.percent < best.limit.percent + 3 * by_error.limit.standard_error
     assert len(Tags(page(facts)).of("tr", "taken")) == 1
 
 

@@ -14,7 +14,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.placement import place
 from beamtouch_models.placement.bound import bounder_of
 from beamtouch_models.placement.problem import problem_of
-from beamtouch_models.placement.proof import bound_gap, prove
+from beamtouch_models.placement.proof import bound_gap, prove, rounding_margin
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 
@@ -89,6 +89,19 @@ def test_a_proof_replaces_a_layout_that_is_not_the_best() -> None:
     assert tuple(problem.rules.position_mm[proof.layout]) == (68, 156, 244, 332)
     assert proof.gap == 0
     assert proof.score == pytest.approx(-55.4483, abs=5e-5)
+
+
+def test_where_rounding_is_large_nothing_is_called_proven() -> None:
+    # Four sensors within 0.8 mm of each other, in the middle: the components fall by a thousand each.
+    crowded = paper_scene(keep_out_mm=[(0, 200), (200.8, 400)], grid_mm=0.1)
+    problem = problem_of(crowded, 4)
+    margin = rounding_margin(problem, problem.starts[0])
+    assert margin > 1e-6
+    found = place(crowded, 4, 0, certify="proof")
+    assert not found.proven
+    assert found.gap is not None
+    assert found.gap >= margin / 100
+    assert rounding_margin(problem_of(paper_scene(), 5), np.array([55, 127, 199, 271, 343])) == 1e-8
 
 
 def test_what_is_not_proven_states_a_gap_that_holds() -> None:

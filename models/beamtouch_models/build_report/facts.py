@@ -12,7 +12,7 @@ from beamtouch_models.effects import effects_of, required
 from beamtouch_models.layout import equal_pitch_mm
 from beamtouch_models.limit import Array, MeanError
 from beamtouch_models.modelfile import ModelFile, load_bytes
-from beamtouch_models.placement import Placement, place, score_positions
+from beamtouch_models.placement import Placement, place, place_by_position_error, score_positions
 from beamtouch_models.pricing import Effect
 from beamtouch_models.scene import Scene
 
@@ -107,6 +107,8 @@ def _layouts(scene: Scene, taken: Array, noise_mm: float, seed: int) -> tuple[Ot
     """Compare the layout of the model with the others; all are measured on the same contacts."""
     named = {"equal pitch": equal_pitch_mm(scene, len(taken))}
     named["eigenvalue product"] = np.array(place(scene, len(taken), seed).positions_mm)
+    by_error = place_by_position_error(scene, len(taken), seed, noise_mm)
+    named["position error"] = np.array(by_error.positions_mm)
     if not any(np.allclose(taken, positions) for positions in named.values()):
         named["the model's"] = taken
     found = []

@@ -49,7 +49,7 @@ class Placement:
 
     @property
     def proven(self) -> bool:
-        """Whether no layout on the grid scores more, to `proof.MARGIN`."""
+        """Whether no layout on the grid scores more, to `proof.rounding_margin`."""
         return self.gap == 0
 
 

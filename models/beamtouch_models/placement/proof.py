@@ -16,7 +16,10 @@ Array = NDArray[np.float64]
 Region = NDArray[np.bool_]
 
 MARGIN = 1e-8
-"""In log units: what rounding may take from a bound or a score, with much to spare; scores this close are equal."""
+"""In log units: what rounding may take from a bound or a score, with much to spare; scores this close are equal. Where
+the components differ so much in size that it may take more, the margin is `rounding_margin` instead."""
+LARGEST_MARGIN = 1e-6
+"""With more than this nothing is called proven."""
 MAX_REGIONS = 3_000
 ENUMERATED = 4_096
 """Layouts of a region that are scored one by one instead of being bounded further."""
@@ -34,7 +37,7 @@ class Proof:
     """The best known, which may be better than the one that was to be proven."""
     score: float
     gap: float
-    """No layout scores more than `score` + `gap`; 0 where the layout is proven, to MARGIN."""
+    """No layout scores more than `score` + `gap`; 0 where the layout is proven, to `rounding_margin`."""
     regions: int
     """Regions that were bounded."""
     evaluations: int
@@ -56,7 +59,7 @@ def bound_gap(problem: Problem, layout: Indices) -> float:
     """By how much another layout could be better, from one bound over all layouts; quick."""
     search = _Search(problem, layout)
     root = search.root()
-    return 0.0 if root is None else max(0.0, -root.negative_bound - search.score)
+    return search.stated_gap(root.negative_bound if root else np.inf)
 
 
 def prove(
@@ -78,7 +81,7 @@ def prove(
     root = search.root()
     regions = [root] if root else []
     max_regions = max_regions or max(50, int(MAX_REGIONS * search.bounder.ease))
-    while regions and -regions[0].negative_bound > search.score + MARGIN and search.regions < max_regions:
+    while regions and -regions[0].negative_bound > search.limit and search.regions < max_regions:
         region = heapq.heappop(regions)
         progress(-region.negative_bound - search.score)
         if math.prod(region.mask.sum(axis=1).tolist()) <= ENUMERATED:
@@ -88,8 +91,18 @@ def prove(
             tightened = search.tightened(part, region.weights, STEPS, -region.negative_bound)
             if tightened is not None:
                 heapq.heappush(regions, tightened)
-    gap = -regions[0].negative_bound - search.score if regions else 0.0
-    return Proof(search.layout, search.score, gap if gap > MARGIN else 0.0, search.regions, search.evaluations)
+    gap = search.stated_gap(regions[0].negative_bound if regions else np.inf)
+    return Proof(search.layout, search.score, gap, search.regions, search.evaluations)
+
+
+def rounding_margin(problem: Problem, layout: Indices) -> float:
+    """What rounding may take from a bound or a score, in log units.
+
+    Coordinates are off by some eps of the longest column, and a bound divides them by the smallest scored component.
+    """
+    singular = np.linalg.svd(problem.features[:, layout], compute_uv=False)
+    ratio = singular[0] / max(singular[problem.leading - 1], np.finfo(np.float64).tiny)
+    return max(MARGIN, 100 * problem.count * float(np.finfo(np.float64).eps * ratio))
 
 
 class _Search:
@@ -100,8 +113,19 @@ class _Search:
         self.bounder: Bounder = bounder_of(problem)
         self.layout = layout
         self.score = problem.exact_score(layout)
+        self.margin = rounding_margin(problem, layout)
         self.regions = 0
         self.evaluations = 0
+
+    @property
+    def limit(self) -> float:
+        """Score that a layout must exceed to be better than the best so far."""
+        return self.score + self.margin
+
+    def stated_gap(self, negative_bound: float) -> float:
+        """By how much a bound exceeds the best score; 0 if that is rounding, and the rounding if it is much."""
+        gap = max(-negative_bound - self.score, self.margin)
+        return gap if gap > min(self.margin, LARGEST_MARGIN) else 0.0
 
     def root(self) -> _Region | None:
         """All layouts that keep the rules, without those that the bound excludes."""
@@ -121,7 +145,7 @@ class _Search:
         """Bound a region, leaving out what the bound excludes; None where nothing is left."""
         self.regions += 1
         weights = _within(mask, weights)
-        bound, best, limit = known, weights, self.score + MARGIN
+        bound, best, limit = known, weights, self.limit
         for _ in range(steps):
             found = self.bounder.bound(weights.sum(axis=0), mask)
             mask = mask & (found.through > limit)
@@ -144,7 +168,7 @@ class _Search:
         # The search scores are good to 1e-7; what might be the best is scored to rounding.
         for index in np.flatnonzero(scores > max(float(scores.max()), self.score) - 1e-6):
             exact = self.problem.exact_score(layouts[index])
-            if exact > self.score + MARGIN:
+            if exact > self.limit:
                 self.score, self.layout = exact, layouts[index]
 
 
