@@ -10,6 +10,7 @@ import time
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -19,6 +20,8 @@ import tomli_w
 Kind = Literal["modbus-tcp", "modbus-rtu", "serial"]
 START_TIMEOUT_S = 30.0
 STOP_TIMEOUT_S = 10.0
+TRUTH_GAP_S = 0.05
+"""Rows of the truth come every 10 ms."""
 
 
 @dataclass(frozen=True)
@@ -191,6 +194,13 @@ class Truth:
         return self._loads[index]
 
     def steady(self, unix_s: float, seconds: float) -> bool:
-        """Whether the same load, not moving, has been there for so long."""
-        now, before = self.at(unix_s), self.at(unix_s - seconds)
-        return now is not None and now == before
+        """Whether the same load, not moving, has been there for so long, and still was a moment later.
+
+        The rig is a process that may be stopped for a while: a gap in what it wrote hides what touched.
+        """
+        first = bisect.bisect_right(self._times, unix_s - seconds) - 1
+        last = bisect.bisect_right(self._times, unix_s)
+        if first < 0 or last >= len(self._times):
+            return False
+        times, loads = self._times[first : last + 1], self._loads[first : last + 1]
+        return max(b - a for a, b in pairwise(times)) < TRUTH_GAP_S and all(load == loads[0] for load in loads)
