@@ -9,6 +9,8 @@ from pathlib import Path
 from beamtouch_models.errors import InputError
 
 DONE, FAILED, WRONG_INPUT = 0, 1, 2
+ESTIMATORS = ("posterior", "small-network", "paper-network")
+"""The names of `estimators.estimator`, which takes too long to import for --help."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,11 +33,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="design-sensors", description="Design a touch-sensing beam, offline.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_build(commands.add_parser("build", help="place the sensors, train the estimator, write the model file"))
+    _add_build(commands.add_parser("build", help="place the sensors, make the estimator, write the model file"))
+    _add_calibrate(commands.add_parser("calibrate", help="fit a model to a real beam, from recorded loads"))
+    _add_evaluate(commands.add_parser("evaluate", help="measure a model beside the accuracy limit"))
     _add_explain(commands.add_parser("explain", help="print what each physical effect is worth to a scene"))
     _add_inspect(commands.add_parser("inspect", help="print what a model file says of itself"))
     _add_place(commands.add_parser("place", help="choose sensor positions, and prove them the best on the grid"))
     _add_reproduce(commands.add_parser("reproduce", help="compute the paper's figures and compare them with the paper"))
+    _add_trade(commands.add_parser("trade", help="measure what speed, sensors and samples buy in accuracy"))
     return parser
 
 
@@ -43,8 +48,22 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
     parser.add_argument("--sensors", type=_sensor_count, metavar="N", help="number of sensors, instead of the scene's")
+    parser.add_argument("--estimator", choices=ESTIMATORS, default=ESTIMATORS[0], help=f"({ESTIMATORS[0]})")
     parser.add_argument("--daemon-config", type=Path, metavar="FILE", help="also write a config for beamtouch-daemon")
     parser.add_argument("--report", type=Path, metavar="FILE", help="also write a report of the build (.html)")
+    _add_seed(parser)
+    _add_json(parser)
+
+
+def _add_calibrate(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
+    parser.add_argument("readings", type=Path, metavar="READINGS.csv", help="what `beamtouch-daemon record` wrote")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
+    _add_json(parser)
+
+
+def _add_evaluate(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
     _add_seed(parser)
     _add_json(parser)
 
@@ -73,6 +92,15 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
 
 def _add_reproduce(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for plots and numbers")
+    _add_seed(parser)
+    _add_json(parser)
+
+
+def _add_trade(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for table, plot and JSON"
+    )
     _add_seed(parser)
     _add_json(parser)
 

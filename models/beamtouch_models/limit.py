@@ -1,6 +1,6 @@
-"""The accuracy limit: the mean position error that no estimator can beat on a scene, for a layout and a noise.
+"""The accuracy limit: the mean position error that no estimator can beat, for what is known of a surface.
 
-Position and force are drawn uniformly from the scene's ranges, noise is added, and the posterior median of position is
+Position and force are drawn uniformly from their ranges, noise is added, and the posterior median of position is
 taken: of all estimators it has the smallest mean absolute error. The force is integrated out exactly: for a given
 position the likelihood is Gaussian in the force, so its integral over the range is a difference of normal
 distribution functions.
@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri
 from scipy.stats.qmc import Sobol
 
-from beamtouch_models.beam import scene_influence
 from beamtouch_models.errors import SceneError
-from beamtouch_models.scene import Scene
+from beamtouch_models.prior import Prior
 
 Array = NDArray[np.float64]
 
@@ -47,18 +46,18 @@ class MeanError:
     standard_error: float
 
 
-def draw(scene: Scene, sensor_mm: Array, noise_mm: float, count: int, seed: int) -> Draws:
-    """Draw contacts uniformly from the scene's ranges, with Gaussian noise of `noise_mm` per channel."""
+def draw(prior: Prior, count: int, seed: int) -> Draws:
+    """Draw contacts uniformly from the ranges, with Gaussian noise per channel."""
     rng = np.random.default_rng(seed)
-    position = rng.uniform(*scene.contact.position_mm, size=count)
-    force = rng.uniform(*scene.contact.force_range_n, size=count)
-    clean = force[:, None] * scene_influence(scene, sensor_mm, position)
-    return Draws(position, force, clean + rng.normal(scale=noise_mm, size=clean.shape))
+    position = rng.uniform(*prior.position_mm, size=count)
+    force = rng.uniform(*prior.force_n, size=count)
+    clean = force[:, None] * prior.influence_at(position)
+    return Draws(position, force, clean + rng.normal(scale=prior.noise_mm, size=clean.shape))
 
 
-def mean_error(scene: Scene, draws: Draws, estimate_mm: Array) -> MeanError:
+def mean_error(prior: Prior, draws: Draws, estimate_mm: Array) -> MeanError:
     """Eq. 5 of the paper over all draws."""
-    return _mean_of(np.abs(estimate_mm - draws.position_mm) / scene.beam.length_mm * 100)
+    return _mean_of(np.abs(estimate_mm - draws.position_mm) / prior.length_mm * 100)
 
 
 def _mean_of(percent: Array) -> MeanError:
@@ -66,8 +65,8 @@ def _mean_of(percent: Array) -> MeanError:
     return MeanError(float(percent.mean()), float(percent.std(ddof=1) / np.sqrt(len(percent))))
 
 
-def accuracy_limit(scene: Scene, sensor_mm: Array, noise_mm: float, draws: int, seed: int) -> MeanError:
-    """Accuracy limit of a layout (sensors,), from at least that many simulated contacts.
+def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
+    """Accuracy limit, from at least that many simulated contacts.
 
     The average is that of `mean_error`, with less scatter: for each reading it takes the mean of |error| over the
     posterior instead of the one error that was drawn, and contacts and noise are spread evenly (scrambled Sobol
@@ -78,65 +77,67 @@ def accuracy_limit(scene: Scene, sensor_mm: Array, noise_mm: float, draws: int, 
     SceneError
         The noise is 0: there is no limit to state.
     """
-    if not 0 < noise_mm < np.inf:
-        message = f"sensors: with a noise of {noise_mm:g} mm there is no accuracy limit; state the noise of a reading"
+    if not 0 < prior.noise_mm < np.inf:
+        message = (
+            f"sensors: with a noise of {prior.noise_mm:g} mm there is no accuracy limit; state the noise of a reading"
+        )
         raise SceneError(message)
     rngs = np.random.default_rng(seed).spawn(SCRAMBLINGS)
     each = 2 ** max(0, int(np.ceil(np.log2(draws / SCRAMBLINGS))))
-    contacts = [spread_contacts(scene, len(sensor_mm), each, rng) for rng in rngs]
+    contacts = [spread_contacts(prior, each, rng) for rng in rngs]
     position, force = (np.concatenate([contact[part] for contact in contacts]) for part in (0, 1))
     noise = np.concatenate([contact[2] for contact in contacts])
-    reading = force[:, None] * scene_influence(scene, sensor_mm, position) + noise_mm * noise
-    deviation = posterior_median(scene, sensor_mm, noise_mm, reading)[1]
-    means = deviation.reshape(SCRAMBLINGS, each).mean(axis=1) / scene.beam.length_mm * 100
+    reading = force[:, None] * prior.influence_at(position) + prior.noise_mm * noise
+    deviation = posterior_median(prior, reading)[1]
+    means = deviation.reshape(SCRAMBLINGS, each).mean(axis=1) / prior.length_mm * 100
     return _mean_of(means)
 
 
-def spread_contacts(scene: Scene, sensors: int, draws: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Contacts and noise that fill their distributions evenly; `draws` is a power of two.
 
     Returns
     -------
-    positions in mm (draws,), forces in N (draws,), and noise of variance 1 (draws, sensors).
+    positions in mm (draws,), forces in N (draws,), and noise of variance 1 (draws, channels).
     """
-    points = Sobol(sensors + 2, rng=rng).random(draws)
-    low, high = scene.contact.position_mm
-    weak, strong = scene.contact.force_range_n
+    points = Sobol(prior.channels + 2, rng=rng).random(draws)
+    low, high = prior.position_mm
+    weak, strong = prior.force_n
     # The middle of a point's last digit, so that no noise is infinite.
     noise = ndtri(np.clip(points[:, 2:], 2.0**-32, 1 - 2.0**-32))
     return low + (high - low) * points[:, 0], weak + (strong - weak) * points[:, 1], noise
 
 
-def posterior_median_mm(scene: Scene, sensor_mm: Array, noise_mm: float, deflection_mm: Array) -> Array:
-    """Posterior median of the position for each row of `deflection_mm` (draws, sensors); (draws,) in mm.
+def posterior_median_mm(prior: Prior, deflection_mm: Array) -> Array:
+    """Posterior median of the position for each row of `deflection_mm` (draws, channels); (draws,) in mm.
 
-    The prior is uniform over the scene's ranges; `noise_mm` must be positive.
+    The noise must be positive.
     """
-    return posterior_median(scene, sensor_mm, noise_mm, deflection_mm)[0]
+    return posterior_median(prior, deflection_mm)[0]
 
 
-def posterior_median(scene: Scene, sensor_mm: Array, noise_mm: float, deflection_mm: Array) -> tuple[Array, Array]:
+def posterior_median(prior: Prior, deflection_mm: Array) -> tuple[Array, Array]:
     """Posterior median and the posterior's mean distance from it, both (draws,) in mm; as `posterior_median_mm`.
 
     One grid over the range serves all draws; where a posterior is narrow it is computed again on a grid of its own,
     until the grid resolves it.
     """
-    grid = np.linspace(*scene.contact.position_mm, GRID)
-    shapes = scene_influence(scene, sensor_mm, grid) / noise_mm
+    grid = np.linspace(*prior.position_mm, GRID)
+    shapes = prior.influence_at(grid) / prior.noise_mm
     size = np.linalg.norm(shapes, axis=1)
     direction = shapes / np.where(size > 0, size, 1.0)[:, None]
     found = []
     for start in range(0, len(deflection_mm), CHUNK):
-        reading = deflection_mm[start : start + CHUNK] / noise_mm
+        reading = deflection_mm[start : start + CHUNK] / prior.noise_mm
         projection = reading @ direction.T
-        density = log_likelihood(scene, size, projection, projection**2 / 2)
+        density = log_likelihood(prior.force_n, size, projection, projection**2 / 2)
         grids = np.broadcast_to(grid, density.shape)
-        found.append(_resolved(scene, sensor_mm, noise_mm, reading, grids, density))
+        found.append(_resolved(prior, reading, grids, density))
     median, deviation = np.concatenate(found, axis=1)
     return median, deviation
 
 
-def _resolved(scene: Scene, sensor_mm: Array, noise_mm: float, reading: Array, grids: Array, density: Array) -> Array:
+def _resolved(prior: Prior, reading: Array, grids: Array, density: Array) -> Array:
     """Medians and deviations (2, draws) of log densities (draws, grid), on finer grids where theirs are too coarse."""
     found = np.stack(median_and_deviation(grids, density))
     todo = np.arange(len(reading))
@@ -145,13 +146,13 @@ def _resolved(scene: Scene, sensor_mm: Array, noise_mm: float, reading: Array, g
         todo = todo[narrow]
         if not len(todo):
             break
-        shapes = scene_influence(scene, sensor_mm, grids.ravel()).reshape(*grids.shape, -1) / noise_mm
+        shapes = prior.influence_at(grids.ravel()).reshape(*grids.shape, -1) / prior.noise_mm
         size = np.linalg.norm(shapes, axis=2)
         direction = shapes / np.where(size > 0, size, 1.0)[:, :, None]
         projection = np.einsum("dgs,ds->dg", direction, reading[todo])
         # The misfit itself, not a difference of squares: with little noise those are large and nearly equal.
         misfit = reading[todo, None, :] - projection[:, :, None] * direction
-        density = log_likelihood(scene, size, projection, -np.einsum("dgs,dgs->dg", misfit, misfit) / 2)
+        density = log_likelihood(prior.force_n, size, projection, -np.einsum("dgs,dgs->dg", misfit, misfit) / 2)
         found[:, todo] = median_and_deviation(grids, density)
     return found
 
@@ -172,18 +173,19 @@ def _finer(grids: Array, density: Array) -> tuple[Array, NDArray[np.bool_]]:
     return np.array(finer), narrow
 
 
-def log_likelihood(scene: Scene, size: Array, projection: Array, fit: Array) -> Array:
+def log_likelihood(force_n: tuple[float, float], size: Array, projection: Array, fit: Array) -> Array:
     """Log likelihood of readings at grid positions, in units of the noise; (draws, grid).
 
     Parameters
     ----------
+    force_n : the range, equal ends where the force is known
     size : (grid,) or (draws, grid), length of the vector of deflections per newton
     projection : (draws, grid), of the reading on the direction of that vector
     fit : (draws, grid), minus half the squared misfit, or half the squared projection where that will do
 
     Constants that do not depend on the position are left out.
     """
-    low, high = scene.contact.force_range_n
+    low, high = force_n
     middle = -((projection - (low + high) / 2 * size) ** 2) / 2
     if low == high:
         return fit + middle

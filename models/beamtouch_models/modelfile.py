@@ -128,7 +128,7 @@ class Metadata(_Strict):
     filter: FilterChoice
     sensor: Sensor
     contact_threshold: FiniteFloat
-    """Contact is stated when `contact_log_odds` exceeds this."""
+    """Contact is stated when `contact_log_odds` exceeds this; without meaning where the graph gives none."""
     seed: int
     accuracy: Accuracy
     golden: Golden
@@ -228,7 +228,7 @@ def load(path: Path) -> ModelFile:
 def load_bytes(content: bytes, origin: str) -> ModelFile:
     """Load a model from memory; `origin` is named in errors. Raises ModelFileError as `load` does."""
     try:
-        session = ort.InferenceSession(content, _session_options(), providers=["CPUExecutionProvider"])
+        session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
     except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
         first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
         message = f"{origin}: damaged or not an ONNX file; build it again with `design-sensors build` ({first_line})"
@@ -249,8 +249,8 @@ def load_bytes(content: bytes, origin: str) -> ModelFile:
     return model
 
 
-def _session_options() -> ort.SessionOptions:
-    """One thread that does not spin: an answer takes microseconds, and waiting must cost nothing."""
+def session_options() -> ort.SessionOptions:
+    """Return options for one thread that does not spin: an answer takes microseconds, and waiting must cost nothing."""
     options = ort.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1

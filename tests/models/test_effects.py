@@ -15,6 +15,7 @@ from beamtouch_models.modelfile import FilterChoice
 from beamtouch_models.noise import choose_filter, noise_of, sensor_noise_mm
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing import Effect
+from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene, load_scene
 from example_scenes import SCENES, paper_scene
 
@@ -66,10 +67,10 @@ def test_an_effect_at_the_edge_of_being_left_out_changes_the_accuracy_by_less_th
     smaller, layout = required(scene), np.array([68.0, 156.0, 244.0, 332.0])
     assert smaller != scene
     # The same contacts and the same noise: told by an estimator with the effect, and by one without it.
-    drawn = limit.draw(scene, layout, noise, 4000, 1)
+    drawn = limit.draw(Prior.of(scene, layout, noise), 4000, 1)
     best, without = (
-        limit.mean_error(scene, drawn, limit.posterior_median_mm(model, layout, noise, drawn.deflection_mm)).percent
-        for model in (scene, smaller)
+        limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm)).percent
+        for prior in (Prior.of(model, layout, noise) for model in (scene, smaller))
     )
     assert abs(without / best - 1) < 0.01
 
@@ -197,9 +198,10 @@ def test_shipped_scenes_require_what_they_are_named_after_and_can_be_designed(na
     physics = required(scene)
     noise = noise_of(physics, choose_filter(scene))
     layout = np.array(fewest_sensors(physics, noise.sample_mm, None, 0).positions_mm)
-    drawn = limit.draw(physics, layout, noise.sample_mm, 400, 0)
-    told = limit.posterior_median_mm(physics, layout, noise.sample_mm, drawn.deflection_mm)
-    assert limit.mean_error(physics, drawn, told).percent < 6
+    prior = Prior.of(physics, layout, noise.sample_mm)
+    drawn = limit.draw(prior, 400, 0)
+    told = limit.posterior_median_mm(prior, drawn.deflection_mm)
+    assert limit.mean_error(prior, drawn, told).percent < 6
 
 
 @pytest.mark.parametrize("noise", [1e-300, 1e300])

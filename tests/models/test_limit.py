@@ -5,14 +5,15 @@ import pytest
 from beamtouch_models import limit
 from beamtouch_models.beam import influence
 from beamtouch_models.noise import reading_noise_mm
+from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 
 
 def limit_of(scene: Scene, *sensors: float, draws: int = 6000) -> limit.MeanError:
-    layout, noise = np.array(sensors), reading_noise_mm(scene)
-    drawn = limit.draw(scene, layout, noise, draws, 1)
-    return limit.mean_error(scene, drawn, limit.posterior_median_mm(scene, layout, noise, drawn.deflection_mm))
+    prior = Prior.of(scene, np.array(sensors), reading_noise_mm(scene))
+    drawn = limit.draw(prior, draws, 1)
+    return limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
 
 
 @pytest.mark.parametrize(("layout", "percent"), [((400 / 3, 800 / 3), 4.50), ((122, 278), 4.12), ((107, 293), 3.78)])
@@ -25,8 +26,9 @@ def test_the_posterior_median_equals_a_plain_integral_over_position_and_force() 
     base = paper_scene().model_dump()
     scene = Scene.model_validate({**base, "contact": {"force_n": (2.0, 20.0), "position_mm": (1, 399)}})
     layout, noise = np.array([100.0, 200.0, 300.0]), 0.02
-    drawn = limit.draw(scene, layout, noise, 5, 3)
-    found = limit.posterior_median_mm(scene, layout, noise, drawn.deflection_mm)
+    prior = Prior.of(scene, layout, noise)
+    drawn = limit.draw(prior, 5, 3)
+    found = limit.posterior_median_mm(prior, drawn.deflection_mm)
     grid, forces = np.linspace(1, 399, 1991), np.linspace(2, 20, 3001)
     shapes = influence(scene.beam, layout, grid)
     for reading, median in zip(drawn.deflection_mm, found, strict=True):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from beamtouch_models.errors import SceneError
 from beamtouch_models.limit import accuracy_limit
 from beamtouch_models.placement import place, place_by_position_error, recommended_count
+from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 
@@ -78,7 +79,7 @@ def test_all_sensors_fixed() -> None:
 
 def test_noise_larger_than_the_signal_leaves_the_prior() -> None:
     # Knowing nothing but the range 1..399 mm, the best guess is its middle: a quarter of 398 mm on average.
-    limit = accuracy_limit(paper_scene(), np.array([122.0, 278.0]), 1e6, 1000, 0)
+    limit = accuracy_limit(Prior.of(paper_scene(), np.array([122.0, 278.0]), 1e6), 1000, 0)
     assert limit.percent == pytest.approx(398 / 4 / 4, rel=1e-5)
     assert recommended_count(paper_scene(), 1e6) == 2
     assert len(place_by_position_error(paper_scene(), 2, 0, 1e6).positions_mm) == 2
@@ -88,7 +89,7 @@ def test_no_noise_is_refused_where_it_decides() -> None:
     with pytest.raises(SceneError, match="state the noise of a reading"):
         place_by_position_error(paper_scene(), 2, 0, 0.0)
     with pytest.raises(SceneError, match="there is no accuracy limit"):
-        accuracy_limit(paper_scene(), np.array([122.0, 278.0]), 0.0, 100, 0)
+        accuracy_limit(Prior.of(paper_scene(), np.array([122.0, 278.0]), 0.0), 100, 0)
     assert recommended_count(paper_scene(), 0.0) == 8
 
 
@@ -97,7 +98,7 @@ def test_little_noise_gives_an_error_in_proportion_up_to_the_supports(force: obj
     base = paper_scene().model_dump()
     scene = Scene.model_validate({**base, "contact": {"force_n": force, "position_mm": (0, 400)}})
     layout = np.array([68.0, 156.0, 244.0, 332.0])
-    coarse, fine = (accuracy_limit(scene, layout, noise, 2000, 0).percent for noise in (1e-6, 1e-8))
+    coarse, fine = (accuracy_limit(Prior.of(scene, layout, noise), 2000, 0).percent for noise in (1e-6, 1e-8))
     # In proportion to the noise where the force is known. Where it is not, a load at a small distance x from a support
     # changes the shape by x^3 only: x up to noise^(1/3) is hidden, and costs noise^(2/3), a factor of 21.5.
     assert least < coarse / fine < 101

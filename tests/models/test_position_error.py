@@ -7,6 +7,7 @@ from beamtouch_models.placement import place, place_by_position_error
 from beamtouch_models.placement.placing import SearchName
 from beamtouch_models.placement.position_error import surrogate_of
 from beamtouch_models.placement.problem import rules_for
+from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 
@@ -14,7 +15,7 @@ NOISE_MM = 0.02 * 1.1287477954
 
 
 def limit_of(scene: Scene, layout: tuple[float, ...], noise_mm: float = NOISE_MM) -> limit.MeanError:
-    return limit.accuracy_limit(scene, np.array(layout), noise_mm, 16_000, 77)
+    return limit.accuracy_limit(Prior.of(scene, np.array(layout), noise_mm), 16_000, 77)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -30,9 +31,10 @@ def test_two_sensors_come_out_better_than_the_eigenvalue_product(seed: int) -> N
 
 def test_the_limit_of_spread_contacts_is_that_of_random_ones() -> None:
     layout = np.array([107.0, 293.0])
-    drawn = limit.draw(paper_scene(), layout, NOISE_MM, 40_000, 3)
-    median = limit.posterior_median_mm(paper_scene(), layout, NOISE_MM, drawn.deflection_mm)
-    plain, spread = limit.mean_error(paper_scene(), drawn, median), limit_of(paper_scene(), (107.0, 293.0))
+    prior = Prior.of(paper_scene(), layout, NOISE_MM)
+    drawn = limit.draw(prior, 40_000, 3)
+    median = limit.posterior_median_mm(prior, drawn.deflection_mm)
+    plain, spread = limit.mean_error(prior, drawn, median), limit_of(paper_scene(), (107.0, 293.0))
     assert abs(plain.percent - spread.percent) < 4 * np.hypot(plain.standard_error, spread.standard_error)
     assert spread.standard_error < plain.standard_error / 4
 

@@ -14,6 +14,7 @@ from beamtouch_models.limit import Array, MeanError
 from beamtouch_models.modelfile import ModelFile, load_bytes
 from beamtouch_models.placement import Placement, place, place_by_position_error, score_positions
 from beamtouch_models.pricing import Effect
+from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 
 PROFILE_DRAWS = 12_000
@@ -89,11 +90,11 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
 
 
 def _profile(scene: Scene, model: ModelFile, positions: Array, seed: int) -> Profile:
-    noise_mm = model.metadata.noise.sample_mm
-    drawn = limit.draw(scene, positions, noise_mm, PROFILE_DRAWS, seed + SEED_SHIFT)
+    prior = Prior.of(scene, positions, model.metadata.noise.sample_mm)
+    drawn = limit.draw(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
     deflection = drawn.deflection_mm.astype(np.float32)
     answer = model.estimate(deflection, np.ones(deflection.shape, np.bool_))["position_mm"].astype(np.float64)
-    best = limit.posterior_median_mm(scene, positions, noise_mm, drawn.deflection_mm)
+    best = limit.posterior_median_mm(prior, drawn.deflection_mm)
     edges = np.linspace(*scene.contact.position_mm, PROFILE_BINS + 1)
     stretch = np.clip(np.searchsorted(edges, drawn.position_mm, side="right") - 1, 0, PROFILE_BINS - 1)
     count = np.bincount(stretch, minlength=PROFILE_BINS)
@@ -113,9 +114,10 @@ def _layouts(scene: Scene, taken: Array, noise_mm: float, seed: int) -> tuple[Ot
         named["the model's"] = taken
     found = []
     for name, positions in named.items():
-        drawn = limit.draw(scene, positions, noise_mm, LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
-        median = limit.posterior_median_mm(scene, positions, noise_mm, drawn.deflection_mm)
-        reached = limit.mean_error(scene, drawn, median)
+        prior = Prior.of(scene, positions, noise_mm)
+        drawn = limit.draw(prior, LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
+        median = limit.posterior_median_mm(prior, drawn.deflection_mm)
+        reached = limit.mean_error(prior, drawn, median)
         score = score_positions(scene, positions)
         found.append(OtherLayout(name, positions, score, reached, bool(np.allclose(taken, positions))))
     return tuple(found)

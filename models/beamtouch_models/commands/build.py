@@ -27,7 +27,15 @@ def run(options: argparse.Namespace) -> None:
             raise SceneError(message)
     name = _surface_name(options.scene)
     with shown_progress() as progress:
-        built = build(scene, text, name, count=options.sensors, seed=options.seed, progress=progress)
+        built = build(
+            scene,
+            text,
+            name,
+            count=options.sensors,
+            seed=options.seed,
+            progress=progress,
+            estimator=options.estimator,
+        )
         report = None if options.report is None else page(gather(scene, built, progress))
     write_whole(options.output, built.content)
     if report is not None:

@@ -14,6 +14,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.limit import accuracy_limit
 from beamtouch_models.noise import choose_filter, noise_of
 from beamtouch_models.placement import Placement, place, place_by_position_error, recommended_count
+from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene, load_scene
 
 LIMIT_DRAWS = 10_000
@@ -69,7 +70,9 @@ def _described(options: argparse.Namespace, scene: Scene, noise_mm: float, place
     standard_error: float | None = None
     if noise_mm > 0:
         # Fresh draws: a layout chosen by some contacts looks better on those.
-        found = accuracy_limit(scene, np.array(placement.positions_mm), noise_mm, LIMIT_DRAWS, options.seed + 1)
+        found = accuracy_limit(
+            Prior.of(scene, np.array(placement.positions_mm), noise_mm), LIMIT_DRAWS, options.seed + 1
+        )
         percent, standard_error = found.percent, found.standard_error
     score = placement.log_eigenvalue_product
     return {

@@ -10,6 +10,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.layout import equal_pitch_mm
 from beamtouch_models.limit import accuracy_limit
 from beamtouch_models.placement.placing import Placement, place
+from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 
 PROBES = 8
@@ -50,7 +51,7 @@ def fewest_sensors(scene: Scene, noise_mm: float, count: int | None, seed: int) 
         placement = place(scene, number, seed)
         if fewest == most or wanted_mm is None:
             return placement
-        reached = accuracy_limit(scene, np.array(placement.positions_mm), noise_mm, COUNT_DRAWS, seed)
+        reached = accuracy_limit(Prior.of(scene, np.array(placement.positions_mm), noise_mm), COUNT_DRAWS, seed)
         reached_mm = reached.percent / 100 * scene.beam.length_mm
         if reached_mm <= wanted_mm:
             return placement

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from beamtouch_models.beam import scene_influence
 from beamtouch_models.layout import Candidates, Indices
 from beamtouch_models.limit import accuracy_limit, log_likelihood, median_and_deviation, spread_contacts
+from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 
 Array = NDArray[np.float64]
@@ -52,7 +53,7 @@ class Surrogate:
         shapes = self.shapes[:, layout]
         size = np.linalg.norm(shapes, axis=1)
         projection = (self.clean[:, layout] + self.noise) @ (shapes / np.where(size > 0, size, 1.0)[:, None]).T
-        density = log_likelihood(self.scene, size, projection, projection**2 / 2)
+        density = log_likelihood(self.scene.contact.force_range_n, size, projection, projection**2 / 2)
         return float(median_and_deviation(np.broadcast_to(self.position_mm, density.shape), density)[1].mean())
 
     def cramer_rao_mm(self, sums: Array) -> Array:
@@ -91,7 +92,9 @@ class Surrogate:
 def surrogate_of(scene: Scene, rules: Candidates, count: int, noise_mm: float, seed: int) -> Surrogate:
     """Draw the contacts of a surrogate."""
     grid = np.linspace(*scene.contact.position_mm, GRID)
-    drawn, force, noise = spread_contacts(scene, count, DRAWS, np.random.default_rng(seed))
+    drawn, force, noise = spread_contacts(
+        Prior.of(scene, np.zeros(count), noise_mm), DRAWS, np.random.default_rng(seed)
+    )
     return Surrogate(
         scene,
         rules,
@@ -116,6 +119,6 @@ def decided(
         limits = []
         for number, layout in enumerate(distinct):
             progress(number / len(distinct))
-            limits.append(accuracy_limit(scene, rules.position_mm[layout], noise_mm, draws, seed).percent)
+            limits.append(accuracy_limit(Prior.of(scene, rules.position_mm[layout], noise_mm), draws, seed).percent)
         distinct = [distinct[index] for index in np.argsort(limits, kind="stable")[:3]]
     return distinct[0]

@@ -14,6 +14,7 @@ from beamtouch_models import limit
 from beamtouch_models.limit import MeanError
 from beamtouch_models.paper_network import MAX_EPOCHS, PaperNetwork, train
 from beamtouch_models.placement import place
+from beamtouch_models.prior import Prior
 from beamtouch_models.reproduction.paper import (
     LENGTH_MM,
     LOADS_MM,
@@ -113,7 +114,7 @@ def performances(
 
 def _measured(layout: Layout, positions: Array, networks: tuple[PaperNetwork, ...], seed: int) -> Performance:
     unit_mm = float(deflection_mm([LENGTH_MM / 2], [LENGTH_MM / 2])[0, 0]) / 100
-    clean = limit.draw(SCENE, positions, 0.0, DRAWS, seed)
+    clean = limit.draw(Prior.of(SCENE, positions, 0.0), DRAWS, seed)
     rng = np.random.default_rng([seed, layout.sensors])
     noise = rng.normal(scale=unit_mm, size=clean.deflection_mm.shape)
     errors = np.array(
@@ -128,6 +129,6 @@ def _measured(layout: Layout, positions: Array, networks: tuple[PaperNetwork, ..
     noise_mm = RIG_NOISE_PERCENT * unit_mm
     noisy = (clean.deflection_mm + RIG_NOISE_PERCENT * noise)[:LIMIT_DRAWS]
     drawn = limit.Draws(clean.position_mm[:LIMIT_DRAWS], clean.force_n[:LIMIT_DRAWS], noisy)
-    median = limit.posterior_median_mm(SCENE, positions, noise_mm, drawn.deflection_mm)
-    best = limit.mean_error(SCENE, drawn, median)
+    prior = Prior.of(SCENE, positions, noise_mm)
+    best = limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
     return Performance(layout, positions, networks, errors / LENGTH_MM * 100, best)

@@ -1,0 +1,210 @@
+"""The posterior of a contact as an ONNX graph: no training, a few dozen operations, at the accuracy limit.
+
+z is the reading with invalid channels at 0, v the validity, both over the channels; s the noise; i = 1..N the cells
+of the position range, of width w_i, with influence g_i at their middles; the force F lies in [F1, F2].
+
+    b_i = z . g_i      a_i = v . g_i^2      r = |z|^2                      products that carry the mask of channels
+    y_i = clip(b_i / a_i, F1 + d_i, F2 - d_i)     d_i = s / sqrt(a_i)      best force of a cell
+    R_i = r - y_i (2 b_i - y_i a_i)                                        squared misfit
+    S_i = -R_i / (2 s^2 t_i) + log(w_i h_i)       t_i = 1 + k_i r / s^2    log posterior mass of a cell
+    p = softmax(S)     C_i = p_1 + .. + p_(i-1)
+    x_q = x_0 + sum_i w_i clip((q - C_i) / p_i, 0, 1)                      quantiles, linear within a cell
+
+Three ideas carry it (docs/decisions/005 has the figures).
+
+*Force.* The integral over the uniform range of the force is a difference of two normal distribution functions. A half
+Gaussian in place of each of their steps, about bounds drawn in by d, needs a clip instead of two error functions and
+two logarithms, and cannot underflow. h_i is the width of the force's posterior over the range's.
+
+*Tempering.* Where noise is small a posterior is narrower than a cell. Its misfit is divided by t_i, which makes it
+about a cell wide: the sum of a Gaussian over equidistant points is right to 1e-8 once its deviation is their distance,
+so its centre stays right. The quantiles are then drawn in about the median by rho, rho^2 = sum_i p_i / t_i, which gives a
+narrow posterior its own width back. Where cells resolve the posterior, as at the ends of the beam, t is 1.
+
+*Rest.* Two more cells, without influence and of negligible weight, stand for a beam that nothing touches: they give the
+log odds of contact, and where no contact explains the reading they take the mass and the interval is the whole range.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import onnx
+
+from beamtouch_models.estimators.onnx_graph import Graph, model
+from beamtouch_models.estimators.posterior.cells import Design, design_for
+from beamtouch_models.estimators.posterior.tables import FIRST, REST_WEIGHT, Tables, tables_of
+from beamtouch_models.modelfile import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
+from beamtouch_models.prior import Prior
+
+QUANTILES = (0.5, 0.025, 0.975)
+NORMAL = 1.959964
+"""97.5 % quantile of the normal distribution."""
+BEND = (-0.08, -0.095)
+"""How many deviations hold 95 % of a force: NORMAL + BEND[0] u + BEND[1] u^2, u the variance over that of an even
+distribution on the range. Between what symmetric (beta) and one-sided distributions need; from measured coverage."""
+CENTRE_ERROR = 0.025
+FORCE_ERROR = 0.057
+"""Of a tempered posterior, in units of its widened deviation, where the force is open; they widen the intervals."""
+WIDEST = 1e4
+"""Readings beyond this times the largest deflection are taken for it, so that nothing overflows."""
+SMALLEST_MASS = 1e-30
+"""Keeps the place within a cell finite where nothing lies in it."""
+
+
+@dataclass(frozen=True)
+class Making:
+    """A posterior graph under construction, with what it is made from."""
+
+    prior: Prior
+    design: Design
+    tables: Tables
+    graph: Graph
+
+    @property
+    def variance(self) -> float:
+        """Square of the noise."""
+        return self.prior.noise_mm**2
+
+    def single(self, value: str) -> str:
+        """Convert a result to float32 where it is double."""
+        return self.graph.cast(value, np.float32) if self.design.precise else value
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Names of results, (batch, N) each."""
+
+    score: str
+    force: str | None = None
+    """Best force of each cell; None where it is known."""
+    widening: str | None = None
+    """-2 s^2 t."""
+
+
+def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = None) -> onnx.ModelProto:
+    """Return the ONNX graph of a prior, without metadata; `design` in place of the one for the prior."""
+    design = design or design_for(prior)
+    graph = Graph(np.float64 if design.precise else np.float32)
+    making = Making(prior, design, tables_of(prior, design), graph)
+    scored = (_known if prior.force_is_known else _open)(making, *_masked(making))
+    graph.real = np.float32
+    log_mass = graph.apply("LogSoftmax", making.single(scored.score), axis=1)
+    mass = graph.apply("Exp", log_mass)
+    rest = graph.apply("Gather", log_mass, graph.index(0), axis=1)
+    graph.apply("Sub", graph.constant(np.log(FIRST) - REST_WEIGHT), rest, output="contact_log_odds")
+    rho2 = _narrowing(making, mass, scored) if design.temper else None
+    _position(making, mass, rho2)
+    outputs = list(POSITION_OUTPUTS)
+    if with_force:
+        _known_force(making, rest) if scored.force is None else _force(making, mass, making.single(scored.force), rho2)
+        outputs += FORCE_OUTPUTS
+    return model(graph, prior.channels, outputs)
+
+
+def _masked(making: Making) -> tuple[str, str]:
+    """Readings with invalid channels at 0, and the validity as numbers."""
+    graph, (deflection, valid) = making.graph, INPUTS
+    bound = WIDEST * making.prior.force_n[1] * float(np.abs(making.tables.influence).max())
+    ends = [graph.constant(end, np.float32) for end in (0.0, -bound, bound)]
+    reading = graph.apply("Clip", graph.apply("Where", valid, deflection, ends[0]), *ends[1:])
+    return making.graph.cast(reading, np.float64) if making.design.precise else reading, graph.cast(valid, graph.real)
+
+
+def _known(making: Making, reading: str, valid: str) -> Scored:
+    """Known force: the misfit r - 2 F b + F^2 a is linear in (z, v, r), so all scores are one product."""
+    graph, tables, force = making.graph, making.tables, making.prior.force_n[1]
+    weights = np.concatenate([force * tables.influence, -(force**2) / 2 * tables.squares]) / making.variance
+    inputs = [reading, valid]
+    # Without r all scores of a reading are off by the same: it matters to the digits alone.
+    if making.design.temper or making.design.precise:
+        weights = np.concatenate([weights, np.full((1, weights.shape[1]), -0.5 / making.variance)])
+        inputs.append(graph.apply("ReduceSumSquare", reading, axes=[1], keepdims=1))
+    if making.design.temper:
+        weights = weights / (1 + tables.temper)
+    joined = graph.apply("Concat", *inputs, axis=1)
+    return Scored(graph.apply("Gemm", joined, graph.constant(weights), graph.constant(tables.log_weight)))
+
+
+def _open(making: Making, reading: str, valid: str) -> Scored:
+    """Open force. Untempered, everything is in units of 2 s^2 from the first product on."""
+    graph, tables, design = making.graph, making.tables, making.design
+    unit = 1.0 if design.temper else 1 / (2 * making.variance)
+    tiny = np.full(len(tables.width_mm), 2 * unit * tables.tiny)
+    b2 = graph.apply("MatMul", reading, graph.constant(2 * unit * tables.influence))
+    a2 = graph.apply("Gemm", valid, graph.constant(2 * unit * tables.squares), graph.constant(tiny))
+    a = graph.apply("MatMul", valid, graph.constant(unit * tables.squares))
+    at_least = graph.apply("Max", graph.apply("Div", b2, a2), graph.constant(tables.low_n))
+    force = graph.apply("Min", at_least, graph.constant(tables.high_n))
+    fit = graph.apply("Mul", force, graph.apply("Sub", b2, graph.apply("Mul", force, a)))
+    log_weight = graph.constant(tables.log_weight)
+    if not (design.temper or design.precise):
+        return Scored(graph.apply("Add", fit, log_weight), force)
+    square = graph.apply("ReduceSumSquare", reading, axes=[1], keepdims=1)
+    if not design.temper:
+        misfit = graph.apply("Sub", fit, graph.apply("Mul", square, graph.constant(unit)))
+        return Scored(graph.apply("Add", misfit, log_weight), force)
+    least = graph.constant(np.full(len(tables.width_mm), -2 * making.variance))
+    widening = graph.apply("Gemm", square, graph.constant(-2 * tables.temper[None]), least)
+    quotient = graph.apply("Div", graph.apply("Sub", square, fit), widening)
+    return Scored(graph.apply("Add", quotient, log_weight), force, widening)
+
+
+def _narrowing(making: Making, mass: str, scored: Scored) -> str:
+    """rho^2, (batch, 1)."""
+    graph = making.graph
+    if scored.widening is None:
+        return graph.apply("MatMul", mass, graph.constant(1 / (1 + making.tables.temper)[:, None]))
+    share = graph.apply("Div", mass, making.single(scored.widening))
+    unit = np.full((len(making.tables.width_mm), 1), -2 * making.variance)
+    return graph.apply("Gemm", share, graph.constant(unit), graph.constant([CENTRE_ERROR**2]))
+
+
+def _position(making: Making, mass: str, rho2: str | None) -> None:
+    """Median and interval from the masses, drawn in about the median where tempered."""
+    graph = making.graph
+    before = graph.apply("CumSum", mass, graph.index(1), exclusive=1)
+    levels = graph.constant(np.array(QUANTILES).reshape(3, 1, 1))
+    part = graph.apply("Sub", levels, before)
+    part = graph.apply("Div", part, graph.apply("Add", mass, graph.constant(SMALLEST_MASS)))
+    part = graph.apply("Clip", part, graph.constant(0.0), graph.constant(1.0))
+    # A narrow interval is a small difference of sums over the whole range.
+    real = np.float64 if making.design.precise else np.float32
+    part = graph.cast(part, real) if making.design.precise else part
+    place = graph.apply("MatMul", part, graph.constant(making.tables.width_mm[:, None], real))
+    if rho2 is not None:
+        median = graph.apply("Gather", place, graph.ints(0), axis=0)
+        rho = graph.apply("Sqrt", rho2)
+        rho = graph.cast(rho, real) if making.design.precise else rho
+        place = graph.apply("Add", median, graph.apply("Mul", graph.apply("Sub", place, median), rho))
+    for name, value in zip(POSITION_OUTPUTS, graph.split(making.single(place), 3, 0), strict=False):
+        graph.apply("Squeeze", value, graph.ints(0, 2), output=name)
+
+
+def _known_force(making: Making, rest: str) -> None:
+    """The force that the scene states, for every sample."""
+    graph = making.graph
+    zero = graph.apply("Mul", rest, graph.constant(0.0))
+    for name in FORCE_OUTPUTS:
+        graph.apply("Add", zero, graph.constant(making.prior.force_n[1]), output=name)
+
+
+def _force(making: Making, mass: str, force: str, rho2: str | None) -> None:
+    """Mean and interval of the force: its scatter over the cells, and its own width within one."""
+    graph, axis = making.graph, making.graph.ints(1)
+    low, high = making.prior.force_n
+    variance_within = graph.constant(making.tables.force_variance[:, None])
+    mean = graph.apply("ReduceSum", graph.apply("Mul", mass, force), axis, keepdims=1)
+    off = graph.apply("Sub", force, mean)
+    scatter = graph.apply("ReduceSum", graph.apply("Mul", mass, graph.apply("Mul", off, off)), axis, keepdims=1)
+    if rho2 is not None:
+        wider = graph.apply("Add", rho2, graph.constant(FORCE_ERROR**2 - CENTRE_ERROR**2))
+        scatter = graph.apply("Mul", scatter, wider)
+    variance = graph.apply("Add", scatter, graph.apply("MatMul", mass, variance_within))
+    share = graph.apply("Mul", variance, graph.constant(12 / (high - low) ** 2))
+    bend = graph.apply("Add", graph.apply("Mul", share, graph.constant(BEND[1])), graph.constant(BEND[0]))
+    factor = graph.apply("Add", graph.apply("Mul", share, bend), graph.constant(NORMAL))
+    half = graph.apply("Mul", graph.apply("Sqrt", variance), factor)
+    ends = graph.apply("Add", mean, graph.apply("Mul", half, graph.constant([[0.0, -1.0, 1.0]])))
+    ends = graph.apply("Clip", ends, graph.constant(low), graph.constant(high))
+    for name, value in zip(FORCE_OUTPUTS, graph.split(ends, 3, 1), strict=True):
+        graph.apply("Squeeze", value, axis, output=name)

@@ -1,0 +1,103 @@
+"""What is measured of a finished estimator before it becomes a model file: accuracy, threshold, golden answers."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from beamtouch_models import limit
+from beamtouch_models.estimators.estimator import Estimator
+from beamtouch_models.export import to_bytes
+from beamtouch_models.modelfile import Accuracy, Answers, Golden, session_options
+from beamtouch_models.prior import Prior
+
+Array = NDArray[np.float64]
+Run = Callable[[NDArray[np.float32], NDArray[np.bool_]], Answers]
+"""Deflections and validity, both (batch, channels), to one array (batch,) per output."""
+
+ACCURACY_DRAWS = 4_000
+REST_DRAWS = 400_000
+GOLDEN_DRAWS = 8
+FALSE_ALARM_RATE = 1e-6
+"""Samples at rest that the threshold lets pass for a contact."""
+CHUNK = 2_000
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Fields of the metadata."""
+
+    contact_threshold: float
+    accuracy: Accuracy
+    golden: Golden
+
+
+def measured(estimator: Estimator, prior: Prior, seed: int) -> Measured:
+    """Measure an estimator on simulated samples of its prior; draws with the three seeds after `seed`."""
+    run = runner(to_bytes(estimator.graph))
+    return Measured(_threshold(prior, run, seed + 1), _accuracy(prior, run, seed + 2), _golden(prior, run, seed + 3))
+
+
+def runner(content: bytes) -> Run:
+    """Return a function that runs an ONNX file's content, in chunks that fit the cache."""
+    session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
+    names = [output.name for output in session.get_outputs()]
+
+    def run(deflection_mm: NDArray[np.float32], valid: NDArray[np.bool_]) -> Answers:
+        chunks = [slice(start, start + CHUNK) for start in range(0, len(deflection_mm), CHUNK)]
+        parts = [session.run(None, {"deflection_mm": deflection_mm[c], "valid": valid[c]}) for c in chunks]
+        return {name: np.concatenate([part[index] for part in parts]) for index, name in enumerate(names)}
+
+    return run
+
+
+def _threshold(prior: Prior, run: Run, seed: int) -> float:
+    """Log odds that a sample at rest exceeds at `FALSE_ALARM_RATE`; 0 where the estimator offers none.
+
+    By importance sampling: rest is drawn with more noise than it has, so that rare samples are common, and each is
+    weighed by how likely it really is (Kahn & Marshall 1953, doi 10.1287/opre.1.5.263).
+    """
+    rng = np.random.default_rng(seed)
+    # Noise of so many channels that is this large in all is as rare as a false alarm.
+    widening = np.sqrt(max(1.0, chi2.isf(FALSE_ALARM_RATE, prior.channels) / prior.channels))
+    noise = rng.normal(scale=widening, size=(REST_DRAWS, prior.channels))
+    deflection = (noise * prior.noise_mm).astype(np.float32)
+    answers = run(deflection, np.ones(deflection.shape, np.bool_))
+    if "contact_log_odds" not in answers:
+        return 0.0
+    odds = answers["contact_log_odds"].astype(np.float64)
+    weight = np.exp(-(noise**2).sum(axis=1) / 2 * (1 - widening**-2) + prior.channels * np.log(widening))
+    order = np.argsort(-odds)
+    rate = np.cumsum(weight[order]) / REST_DRAWS
+    return float(odds[order][np.searchsorted(rate, FALSE_ALARM_RATE)])
+
+
+def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
+    """Error of the exported graph and the accuracy limit, on the same draws."""
+    drawn = limit.draw(prior, ACCURACY_DRAWS, seed)
+    deflection = drawn.deflection_mm.astype(np.float32)
+    answers = run(deflection, np.ones(deflection.shape, np.bool_))
+    reached = limit.mean_error(prior, drawn, answers["position_mm"].astype(np.float64))
+    best = limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
+    return Accuracy(
+        error_percent=reached.percent,
+        error_standard_error=reached.standard_error,
+        limit_percent=best.percent,
+        limit_standard_error=best.standard_error,
+    )
+
+
+def _golden(prior: Prior, run: Run, seed: int) -> Golden:
+    """A few contacts and a beam at rest, with what the graph answers."""
+    drawn = limit.draw(prior, GOLDEN_DRAWS, seed)
+    deflection = np.concatenate([drawn.deflection_mm, np.zeros((1, prior.channels))]).astype(np.float32)
+    valid = np.ones(deflection.shape, np.bool_)
+    answers = run(deflection, valid)
+    return Golden(
+        deflection_mm=deflection.astype(float).tolist(),
+        valid=valid.tolist(),
+        answers={name: values.astype(float).tolist() for name, values in answers.items()},
+    )
