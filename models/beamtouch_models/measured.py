@@ -38,7 +38,11 @@ class Measured:
 def measured(estimator: Estimator, prior: Prior, seed: int) -> Measured:
     """Measure an estimator on simulated samples of its prior; draws with the three seeds after `seed`."""
     run = runner(to_bytes(estimator.graph))
-    return Measured(_threshold(prior, run, seed + 1), _accuracy(prior, run, seed + 2), _golden(prior, run, seed + 3))
+    return Measured(
+        contact_threshold(prior, run, seed + 1, FALSE_ALARM_RATE),
+        _accuracy(prior, run, seed + 2),
+        _golden(prior, run, seed + 3),
+    )
 
 
 def runner(content: bytes) -> Run:
@@ -54,15 +58,15 @@ def runner(content: bytes) -> Run:
     return run
 
 
-def _threshold(prior: Prior, run: Run, seed: int) -> float:
-    """Log odds that a sample at rest exceeds at `FALSE_ALARM_RATE`; 0 where the estimator offers none.
+def contact_threshold(prior: Prior, run: Run, seed: int, rate: float) -> float:
+    """Log odds that a sample at rest exceeds with probability `rate`; 0 where the estimator offers none.
 
     By importance sampling: rest is drawn with more noise than it has, so that rare samples are common, and each is
     weighed by how likely it really is (Kahn & Marshall 1953, doi 10.1287/opre.1.5.263).
     """
     rng = np.random.default_rng(seed)
     # Noise of so many channels that is this large in all is as rare as a false alarm.
-    widening = np.sqrt(max(1.0, chi2.isf(FALSE_ALARM_RATE, prior.channels) / prior.channels))
+    widening = np.sqrt(max(1.0, chi2.isf(rate, prior.channels) / prior.channels))
     noise = rng.normal(scale=widening, size=(REST_DRAWS, prior.channels))
     deflection = (noise * prior.noise_mm).astype(np.float32)
     answers = run(deflection, np.ones(deflection.shape, np.bool_))
@@ -71,8 +75,8 @@ def _threshold(prior: Prior, run: Run, seed: int) -> float:
     odds = answers["contact_log_odds"].astype(np.float64)
     weight = np.exp(-(noise**2).sum(axis=1) / 2 * (1 - widening**-2) + prior.channels * np.log(widening))
     order = np.argsort(-odds)
-    rate = np.cumsum(weight[order]) / REST_DRAWS
-    return float(odds[order][np.searchsorted(rate, FALSE_ALARM_RATE)])
+    exceeded = np.cumsum(weight[order]) / REST_DRAWS
+    return float(odds[order][np.searchsorted(exceeded, rate)])
 
 
 def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:

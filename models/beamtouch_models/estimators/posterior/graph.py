@@ -156,7 +156,8 @@ def _narrowing(making: Making, mass: str, scored: Scored) -> str:
         return graph.apply("MatMul", mass, graph.constant(1 / (1 + making.tables.temper)[:, None]))
     share = graph.apply("Div", mass, making.single(scored.widening))
     unit = np.full((len(making.tables.width_mm), 1), -2 * making.variance)
-    return graph.apply("Gemm", share, graph.constant(unit), graph.constant([CENTRE_ERROR**2]))
+    rho2 = graph.apply("Gemm", share, graph.constant(unit), graph.constant([CENTRE_ERROR**2]))
+    return graph.apply("Min", rho2, graph.constant(1.0))
 
 
 def _position(making: Making, mass: str, rho2: str | None) -> None:

@@ -1,0 +1,129 @@
+"""The posterior graph at the extremes of noise, force and input: finite, in order, in range, right where it can be."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from beamtouch_models import limit
+from beamtouch_models.limit import Array
+from beamtouch_models.prior import Prior
+from posterior_cases import answers_of, double_answers, graph_of, prior_of
+
+TINY = np.nextafter(np.float32(0), np.float32(1))
+"""The smallest subnormal of float32."""
+
+
+def nonsense(prior: Prior) -> Array:
+    """Readings that no contact explains, and some that one just might."""
+    largest = prior.force_n[1] * float(np.abs(prior.table(np.linspace(*prior.position_mm, 101))).max())
+    channels = prior.channels
+    rng = np.random.default_rng(0)
+    rows = [np.full(channels, size) for size in (0.0, TINY, -TINY, 1e-30, largest, -largest)]
+    rows += [np.full(channels, sign * size) for size in (100 * largest, 1e6, 1e30, np.inf) for sign in (1, -1)]
+    rows += [largest * np.eye(channels)[0], -largest * np.eye(channels)[-1]]
+    rows += list(rng.normal(size=(50, channels)) * largest) + list(rng.normal(size=(50, channels)) * prior.noise_mm)
+    return np.array(rows)
+
+
+def check_sane(prior: Prior, answers: dict[str, Array]) -> None:
+    """Every answer is a number, intervals hold their middle and lie in the range."""
+    low, high = prior.position_mm
+    slack = 1e-5 * prior.length_mm
+    for name, values in answers.items():
+        assert np.isfinite(values).all(), name
+    assert (low - slack <= answers["position_low_mm"]).all()
+    assert (answers["position_low_mm"] <= answers["position_mm"] + slack).all()
+    assert (answers["position_mm"] <= answers["position_high_mm"] + slack).all()
+    assert (answers["position_high_mm"] <= high + slack).all()
+    if "force_n" in answers:
+        ends = np.stack([answers[f"force{part}_n"] for part in ("_low", "", "_high")])
+        assert (np.diff(ends, axis=0) >= 0).all()
+        assert ends.min() >= prior.force_n[0] * (1 - 1e-6)
+        assert ends.max() <= prior.force_n[1] * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("noise_percent", [100.0, 1.0, 0.01, 1e-4])
+@pytest.mark.parametrize(("name", "sensors"), [("bench", 2), ("two-spans", 5)])
+def test_nonsense_gets_a_sane_answer(name: str, sensors: int, noise_percent: float, known: bool) -> None:
+    prior = prior_of(name, sensors, noise_percent, known=known)
+    graph, readings = graph_of(prior), nonsense(prior_of(name, sensors, noise_percent, known=known))
+    for kept in (range(sensors), [0], []):
+        valid = np.zeros(readings.shape, np.bool_)
+        valid[:, list(kept)] = True
+        check_sane(prior, answers_of(graph, readings, valid))
+
+
+def test_without_any_channel_the_answer_is_the_whole_range() -> None:
+    prior = prior_of("bench", 3, 1.0, known=False)
+    answers = answers_of(graph_of(prior), np.full((1, 3), np.nan), np.zeros((1, 3), np.bool_))
+    low, high = prior.position_mm
+    assert answers["position_mm"][0] == pytest.approx((low + high) / 2, rel=1e-3)
+    assert answers["position_high_mm"][0] - answers["position_low_mm"][0] >= 0.949 * (high - low)
+    assert answers["contact_log_odds"][0] < 0
+
+
+def test_with_noise_as_large_as_the_deflection_the_posterior_is_still_right() -> None:
+    prior = prior_of("bench", 3, 100.0, known=False)
+    drawn = limit.draw(prior, 3000, 1)
+    answers = answers_of(graph_of(prior), drawn.deflection_mm)
+    best = limit.posterior_median_mm(prior, drawn.deflection_mm)
+    width = answers["position_high_mm"] - answers["position_low_mm"]
+    assert (np.abs(answers["position_mm"] - best) < 0.03 * width).all()
+    held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
+    assert held.mean() == pytest.approx(0.95, abs=0.02)
+
+
+@pytest.mark.parametrize("noise_percent", [1e-3, 1e-5])
+def test_with_hardly_any_noise_the_error_is_a_small_part_of_a_millimetre(noise_percent: float) -> None:
+    prior = prior_of("bench", 4, noise_percent, known=False)
+    drawn = limit.draw(prior, 2000, 2)
+    answers = answers_of(graph_of(prior), drawn.deflection_mm)
+    middle = (drawn.position_mm > 80) & (drawn.position_mm < 320)
+    # Far under a tenth of the finest grid of sensors; the limit is lower still, but cells are no more than MOST.
+    assert np.abs(answers["position_mm"] - drawn.position_mm)[middle].mean() < 0.04
+    held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
+    assert held.mean() > 0.9
+
+
+def test_forces_over_six_decades() -> None:
+    prior = dataclasses.replace(prior_of("bench", 4, 0.1, known=False), force_n=(2e-5, 20.0))
+    drawn = limit.draw(prior, 1500, 3)
+    # Evenly over the decades instead of over the range: most contacts are then below the noise.
+    rng = np.random.default_rng(3)
+    force = 10 ** rng.uniform(np.log10(2e-5), np.log10(20), len(drawn.force_n))
+    clean = force[:, None] * prior.influence_at(drawn.position_mm)
+    readings = clean + rng.normal(scale=prior.noise_mm, size=clean.shape)
+    answers = answers_of(graph_of(prior), readings)
+    check_sane(prior, answers)
+    best = limit.posterior_median_mm(prior, readings)
+    width = answers["position_high_mm"] - answers["position_low_mm"]
+    assert np.abs(answers["position_mm"] - best).mean() < 0.02 * width.mean()
+
+
+def test_a_load_on_the_support_is_a_beam_at_rest() -> None:
+    prior = dataclasses.replace(prior_of("bench", 4, 0.1, known=False), position_mm=(0.0, 400.0))
+    answers = answers_of(graph_of(prior), 20 * prior.influence_at(np.array([0.0, 400.0])))
+    check_sane(prior, answers)
+    assert (answers["contact_log_odds"] < 0).all()
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("noise_percent", [10.0, 1.0, 0.1, 0.01])
+@pytest.mark.parametrize(("name", "sensors"), [("bench", 5), ("cantilever", 2)])
+def test_float32_is_within_a_thousandth_of_the_interval_of_float64(
+    name: str, sensors: int, noise_percent: float, known: bool
+) -> None:
+    prior = prior_of(name, sensors, noise_percent, known=known)
+    graph = graph_of(prior)
+    readings = limit.draw(prior, 1000, 7).deflection_mm
+    single = answers_of(graph, readings)
+    double = double_answers(graph, readings)
+    for quantity, unit in (("position", "mm"), *([] if known else [("force", "n")])):
+        middle, low, high = (f"{quantity}{part}_{unit}" for part in ("", "_low", "_high"))
+        width = double[high] - double[low]
+        # A number of the size of the range has its own last digit in float32.
+        digit = np.spacing(np.float32(np.abs(double[middle]).max()))
+        for part in (middle, low, high):
+            assert (np.abs(single[part] - double[part]) < 1e-3 * width + digit).all(), part
