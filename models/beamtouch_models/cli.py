@@ -48,7 +48,7 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
     parser.add_argument("--sensors", type=_sensor_count, metavar="N", help="number of sensors, instead of the scene's")
-    parser.add_argument("--estimator", choices=ESTIMATORS, default=ESTIMATORS[0], help=f"({ESTIMATORS[0]})")
+    parser.add_argument("--estimator", choices=ESTIMATORS, default=ESTIMATORS[0], help=f"how a position is found ({ESTIMATORS[0]})")
     parser.add_argument("--daemon-config", type=Path, metavar="FILE", help="also write a config for beamtouch-daemon")
     parser.add_argument("--report", type=Path, metavar="FILE", help="also write a report of the build (.html)")
     _add_seed(parser)
