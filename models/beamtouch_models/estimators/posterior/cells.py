@@ -20,8 +20,10 @@ STEP, MOST = 64, 2048
 """Cells come in such steps, and no more than that: more would be slower than they are worth."""
 PRECISE_FROM = 300.0
 """Largest deflection over the noise from which float32 has too few digits for the misfit."""
-TEMPER_FROM = {True: 1.2, False: 2.0}
+RESOLVED_STEP = {True: 1.2, False: 3.0}
 """By whether the force is known: largest cell, in deviations of the posterior, up to which sums need no tempering."""
+UNTEMPERED = 512
+"""Most cells of a graph without tempering."""
 POSITION_SHARE = {True: 0.5, False: 1.0}
 """By whether the force is known: how much an even spacing weighs beside the change of the reading."""
 SIZE_SHARE = 0.05
@@ -67,9 +69,17 @@ def design_for(prior: Prior) -> Design:
     resolvable, power = RESOLVABLE[known]
     wanted = min(told_apart, resolvable) * max(1.0, told_apart / resolvable) ** power
     least = LEAST[int(np.searchsorted(LOUDNESS, loudest))]
-    count = STEP * int(np.clip(np.ceil(max(wanted, least) / STEP), 2, MOST / STEP))
-    coarsest = float(_spaced(prior, fine, influence, count).step.max()) * scale
-    return Design(count, temper=coarsest > TEMPER_FROM[known], precise=loudest > PRECISE_FROM)
+    count = _in_steps(max(wanted, least))
+    precise = loudest > PRECISE_FROM
+    for more in range(count, min(2 * count, UNTEMPERED) + 1, STEP):
+        # Without tempering the graph has a fifth fewer operations, which is worth twice the cells.
+        if float(_spaced(prior, fine, influence, more).step.max()) * scale <= RESOLVED_STEP[known]:
+            return Design(more, temper=False, precise=precise)
+    return Design(count, temper=True, precise=precise)
+
+
+def _in_steps(cells: float) -> int:
+    return STEP * int(np.clip(np.ceil(cells / STEP), 2, MOST / STEP))
 
 
 def cells_of(prior: Prior, count: int) -> Cells:

@@ -18,8 +18,8 @@ two logarithms, and cannot underflow. h_i is the width of the force's posterior 
 
 *Tempering.* Where noise is small a posterior is narrower than a cell. Its misfit is divided by t_i, which makes it
 about a cell wide: the sum of a Gaussian over equidistant points is right to 1e-8 once its deviation is their distance,
-so its centre stays right. The quantiles are then drawn in about the median by rho, rho^2 = sum_i p_i / t_i, which gives a
-narrow posterior its own width back. Where cells resolve the posterior, as at the ends of the beam, t is 1.
+so its centre stays right. The quantiles are then drawn in about the median by rho, rho^2 = sum_i p_i / t_i, which
+gives a narrow posterior its own width back. Where cells resolve the posterior, as at the ends of the beam, t is 1.
 
 *Rest.* Two more cells, without influence and of negligible weight, stand for a beam that nothing touches: they give the
 log odds of contact, and where no contact explains the reading they take the mass and the interval is the whole range.
@@ -39,16 +39,19 @@ from beamtouch_models.prior import Prior
 QUANTILES = (0.5, 0.025, 0.975)
 NORMAL = 1.959964
 """97.5 % quantile of the normal distribution."""
-BEND = (-0.08, -0.095)
-"""How many deviations hold 95 % of a force: NORMAL + BEND[0] u + BEND[1] u^2, u the variance over that of an even
-distribution on the range. Between what symmetric (beta) and one-sided distributions need; from measured coverage."""
-CENTRE_ERROR = 0.025
-FORCE_ERROR = 0.057
-"""Of a tempered posterior, in units of its widened deviation, where the force is open; they widen the intervals."""
+BEND = -0.5
+"""The square of how many deviations hold 95 % of a force falls by this times its variance over that of an even
+distribution on the range: between what symmetric (beta) and one-sided distributions need; from measured coverage."""
+CENTRE_ERROR = 0.026
+"""Of a tempered posterior, in units of its widened deviation, where the force is open; it widens the intervals."""
+WIDER = 1.06
+"""The same for the square of the force's interval."""
+EXACT_SUMS = 512
+"""Cells from which a sum of widths in float32 loses a digit of the interval."""
 WIDEST = 1e4
 """Readings beyond this times the largest deflection are taken for it, so that nothing overflows."""
-SMALLEST_MASS = 1e-30
-"""Keeps the place within a cell finite where nothing lies in it."""
+SMALLEST_LOG_MASS = -60.0
+"""Keeps the place within a cell finite where nothing lies in it, and subnormal numbers, which are slow, away."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ class Scored:
     force: str | None = None
     """Best force of each cell; None where it is known."""
     widening: str | None = None
-    """-2 s^2 t."""
+    """t."""
 
 
 def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = None) -> onnx.ModelProto:
@@ -88,15 +91,15 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
     making = Making(prior, design, tables_of(prior, design), graph)
     scored = (_known if prior.force_is_known else _open)(making, *_masked(making))
     graph.real = np.float32
-    log_mass = graph.apply("LogSoftmax", making.single(scored.score), axis=1)
-    mass = graph.apply("Exp", log_mass)
+    log_mass = graph.apply("LogSoftmax", scored.score, axis=1)
+    mass = graph.apply("Exp", graph.apply("Max", log_mass, graph.constant(SMALLEST_LOG_MASS)))
     rest = graph.apply("Gather", log_mass, graph.index(0), axis=1)
     graph.apply("Sub", graph.constant(np.log(FIRST) - REST_WEIGHT), rest, output="contact_log_odds")
     rho2 = _narrowing(making, mass, scored) if design.temper else None
     _position(making, mass, rho2)
     outputs = list(POSITION_OUTPUTS)
     if with_force:
-        _known_force(making, rest) if scored.force is None else _force(making, mass, making.single(scored.force), rho2)
+        _known_force(making, rest) if scored.force is None else _force(making, mass, scored.force, rho2)
         outputs += FORCE_OUTPUTS
     return model(graph, prior.channels, outputs)
 
@@ -122,63 +125,63 @@ def _known(making: Making, reading: str, valid: str) -> Scored:
     if making.design.temper:
         weights = weights / (1 + tables.temper)
     joined = graph.apply("Concat", *inputs, axis=1)
-    return Scored(graph.apply("Gemm", joined, graph.constant(weights), graph.constant(tables.log_weight)))
+    score = graph.apply("Gemm", joined, graph.constant(weights), graph.constant(tables.log_weight))
+    return Scored(making.single(score))
 
 
 def _open(making: Making, reading: str, valid: str) -> Scored:
-    """Open force. Untempered, everything is in units of 2 s^2 from the first product on."""
+    """Open force; squares are in units of 2 s^2 from the first product on."""
     graph, tables, design = making.graph, making.tables, making.design
-    unit = 1.0 if design.temper else 1 / (2 * making.variance)
-    tiny = np.full(len(tables.width_mm), 2 * unit * tables.tiny)
+    unit = 1 / (2 * making.variance)
+    tiny = graph.constant(np.full(len(tables.width_mm), 2 * unit * tables.tiny))
     b2 = graph.apply("MatMul", reading, graph.constant(2 * unit * tables.influence))
-    a2 = graph.apply("Gemm", valid, graph.constant(2 * unit * tables.squares), graph.constant(tiny))
-    a = graph.apply("MatMul", valid, graph.constant(unit * tables.squares))
+    a2 = graph.apply("Gemm", valid, graph.constant(2 * unit * tables.squares), tiny)
     at_least = graph.apply("Max", graph.apply("Div", b2, a2), graph.constant(tables.low_n))
     force = graph.apply("Min", at_least, graph.constant(tables.high_n))
-    fit = graph.apply("Mul", force, graph.apply("Sub", b2, graph.apply("Mul", force, a)))
-    log_weight = graph.constant(tables.log_weight)
-    if not (design.temper or design.precise):
-        return Scored(graph.apply("Add", fit, log_weight), force)
-    square = graph.apply("ReduceSumSquare", reading, axes=[1], keepdims=1)
-    if not design.temper:
-        misfit = graph.apply("Sub", fit, graph.apply("Mul", square, graph.constant(unit)))
-        return Scored(graph.apply("Add", misfit, log_weight), force)
-    least = graph.constant(np.full(len(tables.width_mm), -2 * making.variance))
-    widening = graph.apply("Gemm", square, graph.constant(-2 * tables.temper[None]), least)
-    quotient = graph.apply("Div", graph.apply("Sub", square, fit), widening)
-    return Scored(graph.apply("Add", quotient, log_weight), force, widening)
+    a = graph.apply("Mul", a2, graph.constant(0.5))
+    score = graph.apply("Mul", force, graph.apply("Sub", b2, graph.apply("Mul", force, a)))
+    widening = None
+    if design.temper or design.precise:
+        square = graph.apply("ReduceSumSquare", reading, axes=[1], keepdims=1)
+        score = graph.apply("Sub", score, graph.apply("Mul", square, graph.constant(unit)))
+        score, square = making.single(score), making.single(square) if design.temper else square
+    graph.real = np.float32
+    if design.temper:
+        # A trace more than t, so that rho^2 with the error of the centre is at most 1.
+        unit = 1 / (1 - CENTRE_ERROR**2)
+        weights, least = unit / making.variance * tables.temper[None], np.full(len(tables.width_mm), unit)
+        widening = graph.apply("Gemm", square, graph.constant(weights), graph.constant(least))
+        score = graph.apply("Div", score, widening)
+    return Scored(graph.apply("Add", score, graph.constant(tables.log_weight)), making.single(force), widening)
 
 
 def _narrowing(making: Making, mass: str, scored: Scored) -> str:
     """rho^2, (batch, 1)."""
-    graph = making.graph
+    graph, axis = making.graph, making.graph.ints(1)
     if scored.widening is None:
-        return graph.apply("MatMul", mass, graph.constant(1 / (1 + making.tables.temper)[:, None]))
-    share = graph.apply("Div", mass, making.single(scored.widening))
-    unit = np.full((len(making.tables.width_mm), 1), -2 * making.variance)
-    rho2 = graph.apply("Gemm", share, graph.constant(unit), graph.constant([CENTRE_ERROR**2]))
-    return graph.apply("Min", rho2, graph.constant(1.0))
+        share = graph.apply("Mul", mass, graph.constant(1 / (1 + making.tables.temper)))
+        return graph.apply("ReduceSum", share, axis, keepdims=1)
+    rho2 = graph.apply("ReduceSum", graph.apply("Div", mass, scored.widening), axis, keepdims=1)
+    return graph.apply("Add", rho2, graph.constant(CENTRE_ERROR**2))
 
 
 def _position(making: Making, mass: str, rho2: str | None) -> None:
     """Median and interval from the masses, drawn in about the median where tempered."""
-    graph = making.graph
+    graph, fine = making.graph, making.design.cells > EXACT_SUMS
     before = graph.apply("CumSum", mass, graph.index(1), exclusive=1)
-    levels = graph.constant(np.array(QUANTILES).reshape(3, 1, 1))
-    part = graph.apply("Sub", levels, before)
-    part = graph.apply("Div", part, graph.apply("Add", mass, graph.constant(SMALLEST_MASS)))
-    part = graph.apply("Clip", part, graph.constant(0.0), graph.constant(1.0))
-    # A narrow interval is a small difference of sums over the whole range.
-    real = np.float64 if making.design.precise else np.float32
-    part = graph.cast(part, real) if making.design.precise else part
-    place = graph.apply("MatMul", part, graph.constant(making.tables.width_mm[:, None], real))
+    part = graph.apply("Sub", graph.constant(np.array(QUANTILES).reshape(3, 1, 1)), before)
+    part = graph.apply("Clip", graph.apply("Div", part, mass), graph.constant(0.0), graph.constant(1.0))
+    along = graph.apply("Mul", part, graph.constant(making.tables.width_mm))
+    # Products of the built-in kernels with a vector are three times slower than this.
+    place = graph.apply("ReduceSum", graph.cast(along, np.float64) if fine else along, graph.ints(2), keepdims=0)
     if rho2 is not None:
-        median = graph.apply("Gather", place, graph.ints(0), axis=0)
-        rho = graph.apply("Sqrt", rho2)
-        rho = graph.cast(rho, real) if making.design.precise else rho
+        median = graph.apply("Gather", place, graph.index(0), axis=0)
+        rho = graph.apply("Sqrt", graph.apply("Squeeze", rho2, graph.ints(1)))
+        rho = graph.cast(rho, np.float64) if fine else rho
         place = graph.apply("Add", median, graph.apply("Mul", graph.apply("Sub", place, median), rho))
-    for name, value in zip(POSITION_OUTPUTS, graph.split(making.single(place), 3, 0), strict=False):
-        graph.apply("Squeeze", value, graph.ints(0, 2), output=name)
+    place = graph.cast(place, np.float32) if fine else place
+    for index, name in enumerate(POSITION_OUTPUTS[:3]):
+        graph.apply("Gather", place, graph.index(index), axis=0, output=name)
 
 
 def _known_force(making: Making, rest: str) -> None:
@@ -192,20 +195,16 @@ def _known_force(making: Making, rest: str) -> None:
 def _force(making: Making, mass: str, force: str, rho2: str | None) -> None:
     """Mean and interval of the force: its scatter over the cells, and its own width within one."""
     graph, axis = making.graph, making.graph.ints(1)
-    low, high = making.prior.force_n
-    variance_within = graph.constant(making.tables.force_variance[:, None])
+    (low, high), (middle, lower, upper) = making.prior.force_n, FORCE_OUTPUTS
     mean = graph.apply("ReduceSum", graph.apply("Mul", mass, force), axis, keepdims=1)
     off = graph.apply("Sub", force, mean)
-    scatter = graph.apply("ReduceSum", graph.apply("Mul", mass, graph.apply("Mul", off, off)), axis, keepdims=1)
-    if rho2 is not None:
-        wider = graph.apply("Add", rho2, graph.constant(FORCE_ERROR**2 - CENTRE_ERROR**2))
-        scatter = graph.apply("Mul", scatter, wider)
-    variance = graph.apply("Add", scatter, graph.apply("MatMul", mass, variance_within))
-    share = graph.apply("Mul", variance, graph.constant(12 / (high - low) ** 2))
-    bend = graph.apply("Add", graph.apply("Mul", share, graph.constant(BEND[1])), graph.constant(BEND[0]))
-    factor = graph.apply("Add", graph.apply("Mul", share, bend), graph.constant(NORMAL))
-    half = graph.apply("Mul", graph.apply("Sqrt", variance), factor)
-    ends = graph.apply("Add", mean, graph.apply("Mul", half, graph.constant([[0.0, -1.0, 1.0]])))
-    ends = graph.apply("Clip", ends, graph.constant(low), graph.constant(high))
-    for name, value in zip(FORCE_OUTPUTS, graph.split(ends, 3, 1), strict=True):
-        graph.apply("Squeeze", value, axis, output=name)
+    square = graph.apply("Mul", off, off)
+    square = square if rho2 is None else graph.apply("Mul", square, rho2)
+    square = graph.apply("Add", square, graph.constant(making.tables.force_variance))
+    variance = graph.apply("ReduceSum", graph.apply("Mul", mass, square), axis, keepdims=0)
+    bend = graph.apply("Mul", variance, graph.constant(BEND * 12 / (high - low) ** 2))
+    squares = graph.apply("Add", bend, graph.constant(NORMAL**2 if rho2 is None else WIDER * NORMAL**2))
+    half = graph.apply("Sqrt", graph.apply("Mul", variance, squares))
+    mean = graph.apply("Squeeze", mean, axis, output=middle)
+    graph.apply("Max", graph.apply("Sub", mean, half), graph.constant(low), output=lower)
+    graph.apply("Min", graph.apply("Add", mean, half), graph.constant(high), output=upper)

@@ -16,7 +16,7 @@ FIRST = 0.02
 """Share of it that stands before the range: less than the lowest quantile, so that none of them falls before it."""
 RESOLVED = 0.5
 """Cell of a known force, in deviations of the noise, up to which nothing is tempered."""
-TINY = 1e-9
+TINY = 1e-12
 """Added to sums of squared influence, over the largest, so that no channel at all divides by something."""
 
 
