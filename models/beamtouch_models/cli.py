@@ -48,7 +48,9 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
     parser.add_argument("--sensors", type=_sensor_count, metavar="N", help="number of sensors, instead of the scene's")
-    parser.add_argument("--estimator", choices=ESTIMATORS, default=ESTIMATORS[0], help=f"how a position is found ({ESTIMATORS[0]})")
+    parser.add_argument(
+        "--estimator", choices=ESTIMATORS, default=ESTIMATORS[0], help=f"how a position is found ({ESTIMATORS[0]})"
+    )
     parser.add_argument("--daemon-config", type=Path, metavar="FILE", help="also write a config for beamtouch-daemon")
     parser.add_argument("--report", type=Path, metavar="FILE", help="also write a report of the build (.html)")
     _add_seed(parser)
@@ -64,6 +66,15 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
 
 def _add_evaluate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
+    parser.add_argument(
+        "--noise",
+        type=float,
+        action="append",
+        default=[],
+        metavar="MM",
+        help="standard deviation of a sample, instead of the model's; may be given several times",
+    )
+    parser.add_argument("--draws", type=_draws, default=20_000, metavar="N", help="simulated contacts (20000)")
     _add_seed(parser)
     _add_json(parser)
 
@@ -115,6 +126,10 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 
 def _sensor_count(text: str) -> int:
     return _whole_number(text, 1, 64)
+
+
+def _draws(text: str) -> int:
+    return _whole_number(text, 100, 10_000_000)
 
 
 def _seed(text: str) -> int:

@@ -59,24 +59,45 @@ def runner(content: bytes) -> Run:
 
 
 def contact_threshold(prior: Prior, run: Run, seed: int, rate: float) -> float:
-    """Log odds that a sample at rest exceeds with probability `rate`; 0 where the estimator offers none.
+    """Log odds that a sample at rest exceeds with probability `rate`; 0 where the estimator offers none."""
+    odds, weight = _rest(prior, run, seed, rate)
+    if odds is None:
+        return 0.0
+    order = np.argsort(-odds)
+    exceeded = np.cumsum(weight[order]) / len(odds)
+    return float(odds[order][np.searchsorted(exceeded, rate)])
+
+
+def rest_exceeding(prior: Prior, run: Run, seed: int, threshold: float) -> tuple[float, float]:
+    """Probability that a sample at rest exceeds a threshold of the log odds, and its standard error."""
+    odds, weight = _rest(prior, run, seed, FALSE_ALARM_RATE)
+    if odds is None:
+        message = "the estimator gives no log odds of contact"
+        raise ValueError(message)
+    exceeding = np.where(odds > threshold, weight, 0.0)
+    return float(exceeding.mean()), float(exceeding.std(ddof=1) / len(odds) ** 0.5)
+
+
+def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None, Array]:
+    """Log odds of samples at rest (draws,), or None where there are none, and the weight of each.
 
     By importance sampling: rest is drawn with more noise than it has, so that rare samples are common, and each is
     weighed by how likely it really is (Kahn & Marshall 1953, doi 10.1287/opre.1.5.263).
     """
     rng = np.random.default_rng(seed)
-    # Noise of so many channels that is this large in all is as rare as a false alarm.
+    # Noise of so many channels that is this large in all is as rare as `rate`.
     widening = np.sqrt(max(1.0, chi2.isf(rate, prior.channels) / prior.channels))
     noise = rng.normal(scale=widening, size=(REST_DRAWS, prior.channels))
+    weight: Array = np.exp(-(noise**2).sum(axis=1) / 2 * (1 - widening**-2) + prior.channels * np.log(widening))
     deflection = (noise * prior.noise_mm).astype(np.float32)
-    answers = run(deflection, np.ones(deflection.shape, np.bool_))
-    if "contact_log_odds" not in answers:
-        return 0.0
-    odds = answers["contact_log_odds"].astype(np.float64)
-    weight = np.exp(-(noise**2).sum(axis=1) / 2 * (1 - widening**-2) + prior.channels * np.log(widening))
-    order = np.argsort(-odds)
-    exceeded = np.cumsum(weight[order]) / REST_DRAWS
-    return float(odds[order][np.searchsorted(exceeded, rate)])
+    odds = []
+    for start in range(0, REST_DRAWS, CHUNK):
+        part = deflection[start : start + CHUNK]
+        answers = run(part, np.ones(part.shape, np.bool_))
+        if "contact_log_odds" not in answers:
+            return None, weight
+        odds.append(answers["contact_log_odds"].astype(np.float64))
+    return np.concatenate(odds), weight
 
 
 def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:

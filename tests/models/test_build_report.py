@@ -198,8 +198,7 @@ def test_build_writes_the_report(
     report = tmp_path / "report.html"
     output = tmp_path / "bench.onnx"
     options = {"scene": SCENES / "bench.toml", "output": output, "sensors": None, "seed": 0, "daemon_config": None}
-    options["estimator"] = "posterior"
-    command.run(Namespace(**options, report=report, json=True))
+    command.run(Namespace(**options, estimator="posterior", report=report, json=True))
     assert bench.identity in report.read_text(encoding="utf-8")
     assert output.read_bytes() == bench_model.read_bytes()
 

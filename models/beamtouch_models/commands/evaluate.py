@@ -1,0 +1,122 @@
+"""`design-sensors evaluate`: a model beside the accuracy limit."""
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from beamtouch_models import modelfile
+from beamtouch_models.commands.progress import shown_progress
+from beamtouch_models.errors import InputError
+from beamtouch_models.evaluation import Errors, Evaluation, Figure, at_noise, evaluate
+from beamtouch_models.model_prior import prior_of_model
+
+WIDTH_WITHOUT_TERMINAL = 120
+
+
+def run(options: argparse.Namespace) -> None:
+    """Evaluate at each noise that was asked for, or at the model's own, and print it."""
+    model = modelfile.load(options.model)
+    for noise_mm in options.noise:
+        if not 0 <= noise_mm < math.inf:
+            message = f"--noise {noise_mm:g}: give a standard deviation in mm, 0 or more"
+            raise InputError(message)
+    prior = prior_of_model(model.metadata)
+    noises = options.noise or [prior.noise_mm]
+    found = []
+    with shown_progress() as progress:
+        for noise_mm in noises:
+            doing = f"measuring at a noise of {noise_mm:.3g} mm"
+            one = evaluate(
+                model,
+                at_noise(prior, noise_mm),
+                draws=options.draws,
+                seed=options.seed,
+                progress=lambda done, doing=doing: progress(doing, done),  # type: ignore[misc]
+            )
+            found.append(one)
+    if options.json:
+        figures = [_json(one) for one in found]
+        print(json.dumps({"model": model.identity, "estimator": model.metadata.estimator, "evaluations": figures}))
+        return
+    console = Console(width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
+    for one in found:
+        _show(console, model, one)
+
+
+def _json(found: Evaluation) -> dict[str, Any]:
+    """Everything, with the errors in percent of the length besides."""
+    fields = asdict(found)
+    for name, errors in (("span", found.span), ("middle", found.middle)):
+        if errors is not None:
+            percent = 100 / found.length_mm
+            fields[name] |= {
+                "mean_percent": asdict(errors.mean_mm.scaled(percent)),
+                "p95_percent": asdict(errors.p95_mm.scaled(percent)),
+                "worst_percent": errors.worst_mm * percent,
+                "limit_mean_percent": errors.limit_mean_mm and asdict(errors.limit_mean_mm.scaled(percent)),
+            }
+    return fields
+
+
+def _show(console: Console, model: modelfile.ModelFile, found: Evaluation) -> None:
+    title = (
+        f"{model.identity} ({model.metadata.estimator}), noise {found.noise_mm:.3g} mm a sample, {found.draws} contacts"
+    )
+    table = Table(title=title, box=SIMPLE_HEAD, title_justify="left")
+    table.add_column("position error")
+    for heading in ("whole range, mm", "% of length", "middle 60 %, mm", "% of length"):
+        table.add_column(heading, justify="right")
+    percent = 100 / found.length_mm
+    for label, pick in _ROWS:
+        cells = []
+        for errors in (found.span, found.middle):
+            value = None if errors is None else pick(errors)
+            scaled = value.scaled(percent) if isinstance(value, Figure) else value and value * percent
+            cells += [_text(value), _text(scaled)]
+        table.add_row(label, *cells)
+    ratios = [_text(None if errors is None else errors.ratio) for errors in (found.span, found.middle)]
+    table.add_row("error over limit", ratios[0], "", ratios[1], "")
+    console.print(table)
+    for label, text, remark in _lines(found):
+        console.print(f" {label:<18} {text}  {remark}".rstrip(), highlight=False)
+
+
+_ROWS: tuple[tuple[str, Callable[[Errors], Figure | float | None]], ...] = (
+    ("mean", lambda errors: errors.mean_mm),
+    ("95th percentile", lambda errors: errors.p95_mm),
+    ("worst", lambda errors: errors.worst_mm),
+    ("limit, mean", lambda errors: errors.limit_mean_mm),
+    ("limit, 95th", lambda errors: errors.limit_p95_mm),
+)
+
+
+def _lines(found: Evaluation) -> list[tuple[str, str, str]]:
+    """What is not a position error, as label, value and remark; what the model does not state is left out."""
+    share = [
+        ("position interval", found.position_coverage, "% of contacts lie in it; 95 % is stated", 100.0),
+        ("its width", found.position_width_mm, "mm, mean", 1.0),
+        ("force interval", found.force_coverage, "% of forces lie in it; 95 % is stated", 100.0),
+        ("force error", found.force_error_n, "N, mean", 1.0),
+        ("missed contacts", found.missed, "% of contacts", 100.0),
+        ("false contacts", found.false_alarms, "of a million samples at rest", 1e6),
+    ]
+    lines = [
+        (label, _text(value.scaled(factor)), remark) for label, value, remark, factor in share if value is not None
+    ]
+    if found.cramer_rao_mean_mm is None:
+        return [*lines, ("without noise", "", "the limit is 0, so there is no ratio to state")]
+    return [*lines, ("Cramer-Rao", f"{found.cramer_rao_mean_mm:.4g}", "mm, mean |error| of an unbiased estimate")]
+
+
+def _text(value: Figure | float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value.value:.4g} +- {value.standard_error:.2g}" if isinstance(value, Figure) else f"{value:.4g}"

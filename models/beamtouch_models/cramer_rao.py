@@ -1,0 +1,51 @@
+"""The Cramer-Rao bound on the position: what its derivative alone says of how well a reading can tell it.
+
+The deviation of an unbiased estimate is at least one over the root of the Fisher information. With a reading of mean
+F g(x) and independent Gaussian noise s per channel, that is |F g'(x)|^2 / s^2 where the force is known; where it is
+not, only the part of g' across g counts, as what lies along g could as well be a change of the force.
+Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, sec. 3.7 and 3.8.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from beamtouch_models.prior import Prior
+
+Array = NDArray[np.float64]
+
+POSITIONS, FORCES = 2001, 64
+
+
+def position_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLike) -> Array:
+    """Bound on the standard deviation of position at contacts (contacts,), in mm; infinite where nothing is told.
+
+    An unbiased estimate only: where it would exceed the range, as at a support, an estimate that knows the range does
+    better.
+    """
+    position, force = np.broadcast_arrays(np.asarray(position_mm, np.float64), np.asarray(force_n, np.float64))
+    slope = prior.table.derivative()(position)
+    if not prior.force_is_known:
+        shape = prior.table(position)
+        size = (shape**2).sum(axis=1, keepdims=True)
+        along = (slope * shape).sum(axis=1, keepdims=True)
+        slope = slope - shape * np.divide(along, size, out=np.zeros_like(size), where=size > 0)
+    told = force * np.linalg.norm(slope, axis=1)
+    with np.errstate(divide="ignore"):
+        bound: Array = prior.noise_mm / told
+    return bound
+
+
+def mean_error_mm(prior: Prior) -> float:
+    """Mean |error| over the ranges of a Gaussian error with the bound's deviation; no more than a guess's anywhere.
+
+    It approaches the accuracy limit as the noise goes to zero; with much noise it is a rough figure, and no bound.
+    """
+    low, high = prior.position_mm
+    # Middles of equal parts: the integral over both ranges.
+    positions = low + (high - low) * (np.arange(POSITIONS) + 0.5) / POSITIONS
+    weak, strong = prior.force_n
+    forces = weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES if weak < strong else np.array([weak])
+    unit = position_deviation_mm(prior, positions, 1.0)
+    gaussian = np.sqrt(2 / np.pi) * unit[:, None] / forces
+    guess = ((positions - low) ** 2 + (high - positions) ** 2) / (2 * (high - low))
+    return float(np.minimum(gaussian, guess[:, None]).mean())

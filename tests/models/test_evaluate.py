@@ -1,0 +1,111 @@
+"""`design-sensors evaluate`: its figures by other ways, and the command."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beamtouch_models import limit
+from beamtouch_models.evaluation import BLOCKS, _share, at_noise, evaluate, mean_of, quantile_of, ratio_of
+from beamtouch_models.model_prior import prior_of_model
+from beamtouch_models.modelfile import ModelFile
+
+COMMAND = str(Path(sys.executable).parent / "design-sensors")
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([COMMAND, "evaluate", *map(str, arguments)], capture_output=True, text=True, check=False)
+
+
+def test_figures_scatter_as_their_standard_errors_say() -> None:
+    rng = np.random.default_rng(1)
+    samples = [rng.exponential(size=(2, 2000)) for _ in range(200)]
+    for figures, truth in (
+        ([mean_of(sample[0]) for sample in samples], 1.0),
+        ([quantile_of(sample[0], 0.95) for sample in samples], -np.log(0.05)),
+        ([ratio_of(sample[0] + sample[1], sample[1]) for sample in samples], 2.0),
+        ([_share(sample[0] < 0.1) for sample in samples], 1 - np.exp(-0.1)),
+    ):
+        values = np.array([figure.value for figure in figures])
+        stated = np.array([figure.standard_error for figure in figures])
+        assert values.mean() == pytest.approx(truth, abs=5 * values.std() / 200**0.5 + 0.01 * truth)
+        assert stated.mean() == pytest.approx(values.std(), rel=0.2)
+    assert BLOCKS > 5
+
+
+def test_a_share_of_none_has_a_standard_error() -> None:
+    assert _share(np.zeros(999, np.bool_)).standard_error == pytest.approx(1e-3, rel=0.02)
+
+
+def test_the_model_of_the_bench_is_at_its_limit(bench: ModelFile) -> None:
+    prior = prior_of_model(bench.metadata)
+    found = evaluate(bench, prior, draws=8000, seed=5)
+    for errors in (found.span, found.middle):
+        assert errors is not None
+        assert errors.ratio is not None
+        assert 0.999 < errors.ratio.value - 3 * errors.ratio.standard_error < 1.05
+    assert found.position_coverage is not None
+    assert abs(found.position_coverage.value - 0.95) < 0.01 + 4 * found.position_coverage.standard_error
+    assert found.force_coverage is not None
+    assert abs(found.force_coverage.value - 0.95) < 0.01 + 4 * found.force_coverage.standard_error
+    assert found.false_alarms is not None
+    assert found.false_alarms.value == pytest.approx(1e-6, rel=0.3)
+    # The same draws, by hand.
+    drawn = limit.draw(prior, 8000, 5)
+    answer = bench.estimate(drawn.deflection_mm.astype(np.float32), np.ones((8000, 4), np.bool_))
+    error = np.abs(answer["position_mm"] - drawn.position_mm)
+    assert found.span.mean_mm.value == pytest.approx(error.mean(), rel=1e-6)
+    assert found.span.worst_mm == pytest.approx(error.max(), rel=1e-6)
+    assert found.missed is not None
+    calls = answer["contact_log_odds"] > bench.metadata.contact_threshold
+    assert found.missed.value == pytest.approx(1 - calls.mean())
+
+
+def test_more_noise_than_the_model_was_made_for(bench: ModelFile) -> None:
+    prior = at_noise(prior_of_model(bench.metadata), 5 * bench.metadata.noise.sample_mm)
+    found = evaluate(bench, prior, draws=2000, seed=5)
+    assert found.position_coverage is not None
+    assert found.position_coverage.value < 0.8  # it believes in five times less
+    assert found.span.ratio is not None
+    assert found.span.ratio.value > 1.01
+
+
+def test_one_json_object_and_a_table(bench_model: Path, bench: ModelFile) -> None:
+    done = run(bench_model, "--draws", 400, "--noise", 0.01, "--noise", 0, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    found = json.loads(done.stdout)
+    assert found["model"] == bench.identity
+    noisy, silent = found["evaluations"]
+    assert noisy["noise_mm"] == 0.01
+    assert noisy["span"]["mean_percent"]["value"] == pytest.approx(noisy["span"]["mean_mm"]["value"] / 4)
+    assert noisy["span"]["ratio"]["standard_error"] > 0
+    assert silent["span"]["ratio"] is silent["false_alarms"] is silent["cramer_rao_mean_mm"] is None
+    table = run(bench_model, "--draws", 200)
+    assert table.returncode == 0
+    assert "error over limit" in table.stdout
+    assert "position interval" in table.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--noise", "-1"), "--noise -1"),
+        (("--noise", "nan"), "--noise nan"),
+        (("--draws", "5"), "from 100"),
+    ],
+)
+def test_a_bad_request_is_one_line(bench_model: Path, arguments: tuple[str, ...], said: str) -> None:
+    done = run(bench_model, *arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert said in done.stderr.splitlines()[-1]
+
+
+def test_what_is_not_a_model_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "no.onnx"
+    path.write_text("no model")
+    done = run(path)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
