@@ -10,8 +10,8 @@ from onnx import TensorProto, numpy_helper
 
 from beamtouch_models.beam import max_deflection_mm
 from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.measured import runner
 from beamtouch_models.placement import place
 from beamtouch_models.prior import Prior
 from beamtouch_models.scene import load_scene

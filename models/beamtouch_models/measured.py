@@ -1,29 +1,24 @@
 """What is measured of a finished estimator before it becomes a model file: accuracy, threshold, golden answers."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import onnxruntime as ort
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from beamtouch_models import limit
 from beamtouch_models.estimators.estimator import Estimator
+from beamtouch_models.estimators.running import CHUNK, Run, runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.modelfile import Accuracy, Answers, Golden, session_options
+from beamtouch_models.modelfile import Accuracy, Golden
 from beamtouch_models.prior import Prior
 
 Array = NDArray[np.float64]
-Run = Callable[[NDArray[np.float32], NDArray[np.bool_]], Answers]
-"""Deflections and validity, both (batch, channels), to one array (batch,) per output."""
-
 ACCURACY_DRAWS = 4_000
 REST_DRAWS = 400_000
 GOLDEN_DRAWS = 8
 FALSE_ALARM_RATE = 1e-6
 """Samples at rest that the threshold lets pass for a contact."""
-CHUNK = 2_000
 
 
 @dataclass(frozen=True)
@@ -43,19 +38,6 @@ def measured(estimator: Estimator, prior: Prior, seed: int) -> Measured:
         _accuracy(prior, run, seed + 2),
         _golden(prior, run, seed + 3),
     )
-
-
-def runner(content: bytes) -> Run:
-    """Return a function that runs an ONNX file's content, in chunks that fit the cache."""
-    session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
-    names = [output.name for output in session.get_outputs()]
-
-    def run(deflection_mm: NDArray[np.float32], valid: NDArray[np.bool_]) -> Answers:
-        chunks = [slice(start, start + CHUNK) for start in range(0, len(deflection_mm), CHUNK)]
-        parts = [session.run(None, {"deflection_mm": deflection_mm[c], "valid": valid[c]}) for c in chunks]
-        return {name: np.concatenate([part[index] for part in parts]) for index, name in enumerate(names)}
-
-    return run
 
 
 def contact_threshold(prior: Prior, run: Run, seed: int, rate: float) -> float:

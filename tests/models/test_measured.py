@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from beamtouch_models.estimators.estimator import estimator_of
+from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.measured import FALSE_ALARM_RATE, contact_threshold, measured, runner
+from beamtouch_models.measured import FALSE_ALARM_RATE, contact_threshold, measured
 from posterior_cases import prior_of
 
 

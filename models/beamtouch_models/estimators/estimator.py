@@ -6,11 +6,15 @@ from typing import Literal, get_args
 
 import onnx
 
+from beamtouch_models.estimators.paper_graph import paper_graph, trained_as_in_the_paper
 from beamtouch_models.estimators.posterior.channels import fewest_channels
 from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.estimators.small_network import train
+from beamtouch_models.estimators.small_network_graph import small_network_graph
+from beamtouch_models.estimators.teacher import may_miss_one
 from beamtouch_models.prior import Prior
 
-Name = Literal["posterior"]
+Name = Literal["posterior", "small-network", "paper-network"]
 NAMES: tuple[Name, ...] = get_args(Name)
 Progress = Callable[[float], None]
 """Called with the fraction that is done."""
@@ -31,5 +35,11 @@ def estimator_of(name: Name, prior: Prior, *, with_force: bool, seed: int, progr
     """Make an estimator for a prior; the same seed gives the same graph."""
     match name:
         case "posterior":
-            graph = posterior_graph(prior, with_force=with_force)
-            return Estimator(name, graph, fewest_channels(prior, seed))
+            graph, fewest = posterior_graph(prior, with_force=with_force), fewest_channels(prior, seed)
+        case "small-network":
+            graph = small_network_graph(train(prior, seed, progress), with_force=with_force)
+            fewest = prior.channels - may_miss_one(prior)
+        case "paper-network":
+            graph, fewest = paper_graph(trained_as_in_the_paper(prior, seed)), prior.channels
+    progress(1.0)
+    return Estimator(name, graph, fewest)

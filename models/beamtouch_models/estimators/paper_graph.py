@@ -1,0 +1,35 @@
+"""The paper's network as an ONNX graph: a position and nothing else, from all channels."""
+
+import numpy as np
+import onnx
+
+from beamtouch_models.estimators.onnx_graph import Graph, model
+from beamtouch_models.modelfile import INPUTS
+from beamtouch_models.paper_network import TARGET_HIGH, TARGET_LOW, PaperNetwork, train
+from beamtouch_models.prior import Prior
+
+PATTERNS = 399
+"""Load positions that it learns from, as many as the paper's."""
+
+
+def paper_graph(network: PaperNetwork) -> onnx.ModelProto:
+    """Return a network as an ONNX model; what `valid` says is not used."""
+    graph = Graph()
+    deflection, _valid = INPUTS
+    weights = 2 * network.hidden[:-1] / network.full_scale_mm[:, None]
+    bias = network.hidden[-1] - network.hidden[:-1].sum(axis=0)
+    units = graph.apply("Sigmoid", graph.apply("Gemm", deflection, graph.constant(weights), graph.constant(bias)))
+    output = graph.apply("Gemm", units, graph.constant(network.output[:-1, None]), graph.constant(network.output[-1:]))
+    scale = network.length_mm / (TARGET_HIGH - TARGET_LOW)
+    scaled = graph.apply("Mul", graph.apply("Sigmoid", output), graph.constant(scale))
+    shifted = graph.apply("Add", scaled, graph.constant(-TARGET_LOW * scale))
+    graph.apply("Squeeze", shifted, graph.ints(1), output="position_mm")
+    return model(graph, len(network.full_scale_mm), ["position_mm"])
+
+
+def trained_as_in_the_paper(prior: Prior, seed: int) -> PaperNetwork:
+    """Train on deflections without noise, at the middle of the force range: the paper knows one force."""
+    position = np.linspace(*prior.position_mm, PATTERNS)
+    force = sum(prior.force_n) / 2
+    (network,) = train([force * prior.influence_at(position)], position, prior.length_mm, seed=seed)
+    return network

@@ -1,0 +1,81 @@
+"""The small network as an ONNX graph, its scales folded into its weights.
+
+Every operation costs about as much as all the arithmetic of this network, so there are as few as can be.
+"""
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+
+from beamtouch_models.estimators.onnx_graph import Graph, model
+from beamtouch_models.estimators.small_network import ODDS_SCALE, Network
+from beamtouch_models.modelfile import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
+
+Array = NDArray[np.float64]
+
+
+def small_network_graph(network: Network, *, with_force: bool) -> onnx.ModelProto:
+    """Return the network as an ONNX model with the inputs and outputs of a model file, without metadata."""
+    graph = Graph()
+    (first, *others), inputs = network.layers, network.inputs
+    features, log_size = _features(graph, inputs.noise_mm)
+    value = graph.apply("Gemm", features, *map(graph.constant, _on_plain_features(network, *first)))
+    for weights, bias in (*others[:-1], _in_units(network, *others[-1])):
+        value = graph.apply("Tanh", value)
+        value = graph.apply("Gemm", value, graph.constant(weights), graph.constant(bias))
+    position, below, above, odds, force, less, more = (
+        graph.apply("Gather", value, graph.index(column), axis=1) for column in range(7)
+    )
+    graph.apply("Identity", odds, output="contact_log_odds")
+    low, high = (graph.constant(end) for end in network.position_mm)
+    ends = (
+        position,
+        graph.apply("Sub", position, graph.apply("Exp", below)),
+        graph.apply("Add", position, graph.apply("Exp", above)),
+    )
+    for name, end in zip(POSITION_OUTPUTS[:3], ends, strict=True):
+        graph.apply("Clip", end, low, high, output=name)
+    if not with_force:
+        return model(graph, len(inputs.centre), POSITION_OUTPUTS)
+    low, high = (graph.constant(end) for end in network.force_n)
+    log_force = graph.apply("Add", force, graph.apply("Squeeze", log_size, graph.ints(1)))
+    ends = (
+        log_force,
+        graph.apply("Sub", log_force, graph.apply("Exp", less)),
+        graph.apply("Add", log_force, graph.apply("Exp", more)),
+    )
+    for name, end in zip(FORCE_OUTPUTS, ends, strict=True):
+        graph.apply("Clip", graph.apply("Exp", end), low, high, output=name)
+    return model(graph, len(inputs.centre), (*POSITION_OUTPUTS, *FORCE_OUTPUTS))
+
+
+def _features(graph: Graph, noise_mm: float) -> tuple[str, str]:
+    """Direction, logarithm of the size and validity, (batch, 2 channels + 1), and the second alone.
+
+    The size is that of the deflection with the noise, in mm squared: log(|z|^2 + s^2).
+    """
+    deflection, valid = INPUTS
+    reading = graph.apply("Where", valid, deflection, graph.constant(0.0))
+    square = graph.apply("ReduceSumSquare", reading, axes=[1], keepdims=1)
+    square = graph.apply("Add", square, graph.constant(noise_mm**2))
+    direction = graph.apply("Div", reading, graph.apply("Sqrt", square))
+    log_size = graph.apply("Mul", graph.apply("Log", square), graph.constant(0.5))
+    return graph.apply("Concat", direction, log_size, graph.cast(valid, np.float32), axis=1), log_size
+
+
+def _on_plain_features(network: Network, weights: Array, bias: Array) -> tuple[Array, Array]:
+    """The first layer for features that are neither centred nor turned nor scaled, and say valid instead of missing."""
+    inputs, channels = network.inputs, len(network.inputs.centre)
+    direction, log_size, missing = weights[:channels], weights[channels : channels + 1], weights[channels + 1 :]
+    turned, scaled = inputs.axes @ direction, log_size / inputs.log_spread
+    shift = -inputs.centre @ turned - ((np.log(inputs.noise_mm) + inputs.log_centre) * scaled)[0] + missing.sum(axis=0)
+    return np.concatenate([turned, scaled, -missing]), bias + shift
+
+
+def _in_units(network: Network, weights: Array, bias: Array) -> tuple[Array, Array]:
+    """The last layer with outputs in mm, nats, and the logarithm of newtons less that of the size in mm."""
+    centre, half = network.position_scale
+    factor = np.array([half, 1, 1, ODDS_SCALE, 1, 1, 1])
+    width = np.log(np.array(network.width) * [half, 1.0])
+    shift = np.array([centre, width[0], width[0], 0, -np.log(network.inputs.noise_mm), width[1], width[1]])
+    return weights * factor, bias * factor + shift

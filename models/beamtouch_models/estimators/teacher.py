@@ -1,0 +1,71 @@
+"""Simulated readings with the posterior's answers: what a network learns from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.estimators.running import runner
+from beamtouch_models.modelfile import FORCE_OUTPUTS, POSITION_OUTPUTS
+from beamtouch_models.prior import Prior
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+REST_SHARE, WEAK_SHARE = 0.1, 0.15
+"""Of the examples: nothing touches; something touches with a part of its force, so that the odds turn there."""
+MISSING_SHARE = 0.2
+"""Of the examples, where a scene can do without one channel: one is missing."""
+MOST_ODDS = 30.0
+"""Log odds beyond this are taken for it: it is contact, or it is not."""
+
+
+@dataclass(frozen=True)
+class Lessons:
+    """Readings and answers; the answers' columns are median, low and high end of the 95 % interval."""
+
+    deflection_mm: Array
+    """(samples, channels), with noise."""
+    valid: Bools
+    touched: Bools
+    """Whether with a force of the range."""
+    true_position_mm: Array
+    true_force_n: Array
+    position: Array
+    """(samples, 3) mm"""
+    force: Array
+    """(samples, 3) N"""
+    log_odds: Array
+
+
+def may_miss_one(prior: Prior) -> bool:
+    """Whether position and, where it is open, force are still determined without any one channel."""
+    return prior.channels > (1 if prior.force_is_known else 2)
+
+
+def lessons(prior: Prior, rng: np.random.Generator, size: int, *, contacts_only: bool = False) -> Lessons:
+    """Draw examples: contacts from the ranges, and unless told otherwise some rest, weak contacts, missing channels."""
+    position = rng.uniform(*prior.position_mm, size=size)
+    force = rng.uniform(*prior.force_n, size=size)
+    kind = np.ones(size) if contacts_only else rng.random(size)
+    touched = kind >= REST_SHARE + WEAK_SHARE
+    part = np.where(touched, 1.0, np.where(kind < REST_SHARE, 0.0, rng.random(size)))
+    clean = (force * part)[:, None] * prior.table(position)
+    deflection = clean + rng.normal(scale=prior.noise_mm, size=clean.shape)
+    valid = np.ones(deflection.shape, np.bool_)
+    if may_miss_one(prior) and not contacts_only:
+        lacking = np.flatnonzero(rng.random(size) < MISSING_SHARE)
+        valid[lacking, rng.integers(prior.channels, size=len(lacking))] = False
+    answers = runner(posterior_graph(prior, with_force=True).SerializeToString())(deflection.astype(np.float32), valid)
+    columns = {name: values.astype(np.float64) for name, values in answers.items()}
+    return Lessons(
+        deflection,
+        valid,
+        touched,
+        position,
+        force,
+        np.stack([columns[name] for name in POSITION_OUTPUTS[:3]], axis=1),
+        np.stack([columns[name] for name in FORCE_OUTPUTS], axis=1),
+        np.clip(columns[POSITION_OUTPUTS[3]], -MOST_ODDS, MOST_ODDS),
+    )

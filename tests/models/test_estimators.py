@@ -1,0 +1,60 @@
+"""The estimators by name, through the command that builds them."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from beamtouch_models import cli, modelfile
+from beamtouch_models.estimators.estimator import NAMES, Name
+from beamtouch_models.estimators.paper_graph import paper_graph, trained_as_in_the_paper
+from example_scenes import SCENES
+from posterior_cases import answers_of, prior_of
+
+COMMAND = str(Path(sys.executable).parent / "design-sensors")
+
+
+def test_the_command_knows_the_names() -> None:
+    assert cli.ESTIMATORS == NAMES == get_args(Name)
+
+
+def test_the_papers_network_as_a_graph() -> None:
+    prior = prior_of("paper", 2, 2.0, known=True)
+    network = trained_as_in_the_paper(prior, 0)
+    position = np.linspace(40, 360, 50)
+    deflection = prior.force_n[1] * prior.influence_at(position)
+    answers = answers_of(paper_graph(network), deflection, np.zeros(deflection.shape, np.bool_))
+    assert list(answers) == ["position_mm"]
+    assert answers["position_mm"] == pytest.approx(network.estimate_mm(deflection), abs=1e-2)
+    # Without noise it knows the position to a percent or so of the length.
+    assert np.abs(answers["position_mm"] - position).mean() < 0.03 * prior.length_mm
+
+
+def test_the_papers_network_builds_and_is_evaluated(tmp_path: Path) -> None:
+    path = tmp_path / "paper.onnx"
+    scene = SCENES / "paper.toml"
+    command = [COMMAND, "build", str(scene), "--estimator", "paper-network", "-o", str(path), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["outputs"] == ["position_mm"]
+    model = modelfile.load(path)
+    assert model.metadata.estimator == "paper-network"
+    assert model.metadata.min_channels == len(model.metadata.layout)
+    assert model.metadata.accuracy.ratio > 1
+    done = subprocess.run(
+        [COMMAND, "evaluate", str(path), "--draws", "300", "--json"], capture_output=True, text=True, check=True
+    )
+    (found,) = json.loads(done.stdout)["evaluations"]
+    assert found["span"]["ratio"]["value"] > 1
+    assert found["position_coverage"] is found["missed"] is found["false_alarms"] is None
+
+
+def test_an_unknown_estimator_is_refused(tmp_path: Path) -> None:
+    command = [COMMAND, "build", str(SCENES / "paper.toml"), "--estimator", "oracle", "-o", str(tmp_path / "m.onnx")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "'posterior'" in done.stderr
+    assert not list(tmp_path.iterdir())
