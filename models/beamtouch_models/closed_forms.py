@@ -67,6 +67,8 @@ def span_of(beam: Beam, low_mm: float, high_mm: float) -> Span | None:
 
 def _span(beam: Beam, low_mm: float, high_mm: float) -> Span | None:
     supports = beam.support_list
+    if any(support.fixity for support in supports):
+        return None
     if len(supports) == 1:
         wall = supports[0].at_mm
         if high_mm <= wall and wall > 0:

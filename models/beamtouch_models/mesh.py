@@ -39,6 +39,8 @@ class Mesh:
     elements: Elements
     held: Indices
     """Degrees of freedom that the supports hold; node i has 2 i, its deflection, and 2 i + 1, its rotation."""
+    springs: Array
+    """(nodes,) stiffness of each node's rotation."""
     stiffness: Array
     """(elements, 4, 4)"""
     rigid: Array
@@ -67,8 +69,11 @@ def mesh_of(beam: Beam) -> Mesh:
     matrices = stiffness(elements)
     if not np.all(np.isfinite(matrices)):
         raise SceneError(UNEVEN)
-    factor = _factor(matrices, held)
-    return Mesh(length, node, elements, np.array(held, np.intp), matrices, rigid_forces(elements), factor)
+    springs = np.zeros(len(node))
+    for support in beam.support_list:
+        springs[np.searchsorted(node, support.at_mm)] = support.stiffness
+    factor = _factor(matrices, springs, held)
+    return Mesh(length, node, elements, np.array(held, np.intp), springs, matrices, rigid_forces(elements), factor)
 
 
 def _nodes(beam: Beam, foundation: float) -> Array:
@@ -113,13 +118,14 @@ def _shear_compliance(beam: Beam) -> Array:
     return compliance
 
 
-def _factor(matrices: Array, held: list[int]) -> Array:
+def _factor(matrices: Array, springs: Array, held: list[int]) -> Array:
     """Assemble the stiffness of all elements, hold the supports, and factorise."""
     elements = len(matrices)
     band = np.zeros((4, 2 * (elements + 1)))
     for column in range(4):
         for row in range(column, 4):
             band[row - column, column : column + 2 * elements : 2] += matrices[:, row, column]
+    band[0, 1::2] += springs
     for degree in held:
         for below in range(1, min(4, degree + 1)):
             band[below, degree - below] = 0.0
@@ -162,4 +168,5 @@ def _forces(mesh: Mesh, displacement: Array) -> Array:
     total[1:-2:2] += forces[:, 1]
     total[2::2] += forces[:, 2]
     total[3::2] += forces[:, 3]
+    total[1::2] += mesh.springs[:, None] * phi
     return total

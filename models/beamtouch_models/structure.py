@@ -26,6 +26,22 @@ class Support(Strict):
     at_mm: Finite
     """From the left end."""
     kind: Literal["simple", "fixed"] = "simple"
+    fixity: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Of a simple support that resists rotation a little: 1 / (1 + 3 E I / (k L)), k the stiffness of its rotation, E I
+    that of the stiffest section and L the length of the beam; 0 is a hinge, towards 1 a fixed end. Monforton & Wu,
+    Matrix analysis of semi-rigidly connected frames, J. Struct. Div. ASCE 89 (1963)."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.kind == "fixed" and self.fixity:
+            message = "a fixed support has no fixity; make it simple, or leave fixity out"
+            raise ValueError(message)
+        return self
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness of the rotation in units of E I / L."""
+        return 3 * self.fixity / (1 - self.fixity)
 
 
 class Segment(Strict):
@@ -117,7 +133,9 @@ class Beam(Strict):
         if len(set(places)) < len(places):
             message = f"supports at {places} mm: two stand at the same place; keep one"
             raise ValueError(message)
-        if self.foundation_n_mm2 is not None or any(support.kind == "fixed" for support in self.support_list):
+        if self.foundation_n_mm2 is not None or any(
+            support.kind == "fixed" or support.fixity for support in self.support_list
+        ):
             return
         if not places:
             message = "supports: nothing carries the beam; add supports or a foundation"
