@@ -148,7 +148,7 @@ def parse_scene(text: str, origin: str) -> Scene:
         message = f"{origin}: not valid TOML: {error}"
         raise SceneError(message) from None
     except ValidationError as error:
-        message = f"{origin}: {_first_error(error)}"
+        message = f"{origin}: {first_error(error)}"
         raise SceneError(message) from None
 
 
@@ -165,7 +165,7 @@ def load_scene(path: Path) -> tuple[Scene, str]:
     return parse_scene(text, str(path)), text
 
 
-def _first_error(error: ValidationError) -> str:
+def first_error(error: ValidationError) -> str:
     """Say the first thing that is wrong in one line: the key, the reason, the value."""
     # A misspelt key is also a missing one; its spelling is what the user can see.
     first = min(error.errors(), key=lambda complaint: complaint["type"] != "extra_forbidden")

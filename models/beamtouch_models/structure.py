@@ -2,12 +2,15 @@
 
 import math
 from itertools import pairwise
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
+from beamtouch_models.errors import SceneError
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Fixity = Annotated[float, Field(ge=0, lt=1)]
 SHEAR_COEFFICIENT = 5 / 6
 """Share of a rectangular section that bears shear; Timoshenko & Gere, Mechanics of Materials, 1972, sec. 12.12."""
 SMALLEST_NORMAL = 2.0**-1022
@@ -26,7 +29,7 @@ class Support(Strict):
     at_mm: Finite
     """From the left end."""
     kind: Literal["simple", "fixed"] = "simple"
-    fixity: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    fixity: Fixity = 0.0
     """Of a simple support that resists rotation a little: 1 / (1 + 3 E I / (k L)), k the stiffness of its rotation, E I
     that of the stiffest section and L the length of the beam; 0 is a hinge, towards 1 a fixed end. Monforton & Wu,
     Matrix analysis of semi-rigidly connected frames, J. Struct. Div. ASCE 89 (1963)."""
@@ -182,3 +185,28 @@ class Beam(Strict):
     def rigidity_n_mm2(self) -> float:
         """Flexural rigidity E I in N mm^2; of the stiffest section where there are several."""
         return max(section.rigidity_n_mm2 for section in self.sections)
+
+
+def changed_beam(beam: Beam, rigidity: float, fixity: tuple[float, float]) -> Beam:
+    """Return a beam of another rigidity, and with its first and last support resisting rotation.
+
+    Raises
+    ------
+    SceneError
+        A support that is to have a fixity is a wall already, or there is none.
+    """
+    fields: dict[str, Any] = beam.model_dump()
+    for part in (fields, *fields["segments"]):
+        for key in ("youngs_modulus_gpa", "flexural_rigidity_n_mm2"):
+            if part.get(key) is not None:
+                part[key] *= rigidity
+    if any(fixity):
+        supports = [support.model_dump() for support in beam.support_list]
+        for index, value in zip((0, -1), fixity, strict=True):
+            if value and supports[index]["kind"] == "fixed":
+                message = "fixity: that support is fixed already; give it 0"
+                raise SceneError(message)
+            if value:
+                supports[index]["fixity"] = value
+        fields["supports"] = supports
+    return Beam.model_validate(fields)

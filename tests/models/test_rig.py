@@ -2,6 +2,8 @@
 
 import asyncio
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +12,13 @@ import pytest
 from beamtouch_models.beam import influence
 from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import ModelFile, Sensor
+from beamtouch_models.rig.imperfections import Imperfections, load_imperfections
 from beamtouch_models.rig.pty_line import joined_line, named_line
 from beamtouch_models.rig.script import Load, Script, default_script, load_script
 from beamtouch_models.rig.serial_device import SerialDevice
 from beamtouch_models.rig.surface import VirtualSurface, counts_of_gap
 from beamtouch_models.scene import load_scene
+from beamtouch_models.structure import Beam
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Reading, Start, Stop
 from example_scenes import SCENES
@@ -178,3 +182,54 @@ def test_a_joined_line_carries_bytes_both_ways(tmp_path: Path) -> None:
                 os.close(end)
 
     asyncio.run(carry())
+
+
+IMPERFECT = """
+position_offset_mm = [1.0, -1.0, 0.5, 0.0]
+gain = [1.03, 0.97, 1.0, 1.01]
+offset_mm = [0.01, 0.0, -0.02, 0.0]
+curve_per_mm = 0.02
+fixity = [0.05, 0.0]
+rigidity = 1.1
+"""
+
+
+def test_imperfections_change_what_the_device_sees_as_they_say(bench: ModelFile, tmp_path: Path) -> None:
+    path = tmp_path / "imperfections.toml"
+    path.write_text(IMPERFECT)
+    surface = VirtualSurface(scene, bench.metadata, 1, load_imperfections(path))
+    sensor, layout = bench.metadata.sensor, np.array([c.position_mm for c in bench.metadata.layout])
+    counts = np.mean([surface.counts(Load(150.0, 12.0)) for _ in range(4000)], axis=0)
+    ends = [{"at_mm": 0.0, "fixity": 0.05}, {"at_mm": 400.0}]
+    stiffer = {**scene.beam.model_dump(), "youngs_modulus_gpa": 231.0, "supports": ends}
+    deflection = 12 * influence(Beam.model_validate(stiffer), layout + np.array([1, -1, 0.5, 0]), [150.0])[0]
+    seen = np.array([1.03, 0.97, 1.0, 1.01]) * (deflection + 0.02 * deflection**2)
+    gap = sensor.standoff_mm - seen + [0.01, 0, -0.02, 0]
+    assert sensor.offset_mm + sensor.gain_mm_per_count * counts == pytest.approx(gap, abs=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("gain = [1.0]", "gain has 1 entries for 4 channels"),
+        ("gian = [1, 1, 1, 1]", "unknown key gian"),
+        ("fixity = [1.0, 0.0]", "fixity"),
+        ("rigidity = 0", "rigidity"),
+        ("position_offset_mm = [-200, 0, 0, 0]", "not under the beam"),
+        ("gain = [", "imperfections.toml"),
+    ],
+)
+def test_wrong_imperfections_are_one_line(bench_model: Path, tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "imperfections.toml"
+    path.write_text(text)
+    command = [str(Path(sys.executable).parent / "beamtouch-rig"), str(SCENES / "bench.toml"), "--model"]
+    arguments = [*command, str(bench_model), "--modbus-tcp", "127.0.0.1:0", "--imperfections", str(path)]
+    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert said in done.stderr
+
+
+def test_a_wall_has_no_fixity() -> None:
+    cantilever, _ = load_scene(SCENES / "cantilever.toml")
+    with pytest.raises(SceneError, match="fixed already"):
+        Imperfections(fixity=(0.1, 0.0)).applied_to(cantilever)

@@ -14,6 +14,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Imported here so that a missing extra is one clear line.
         from beamtouch_models import modelfile  # noqa: PLC0415
         from beamtouch_models.errors import InputError  # noqa: PLC0415
+        from beamtouch_models.rig.imperfections import Imperfections, load_imperfections  # noqa: PLC0415
         from beamtouch_models.rig.run import Device, run  # noqa: PLC0415
         from beamtouch_models.rig.script import default_script, load_script  # noqa: PLC0415
         from beamtouch_models.rig.surface import VirtualSurface  # noqa: PLC0415
@@ -24,7 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         scene, _ = load_scene(options.scene)
         model = modelfile.load(options.model)
         script = load_script(options.script, scene.beam.length_mm) if options.script else default_script(scene)
-        surface = VirtualSurface(scene, model.metadata, options.seed)
+        imperfect = load_imperfections(options.imperfections) if options.imperfections else Imperfections()
+        surface = VirtualSurface(scene, model.metadata, options.seed, imperfect)
         device = Device(options.modbus_tcp, options.modbus_rtu, options.serial)
         asyncio.run(run(surface, script, device, options.truth))
     except InputError as error:
@@ -54,6 +56,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--script", type=Path, metavar="FILE", help="what touches when (TOML; a default is built in)")
     parser.add_argument(
         "--truth", type=Path, metavar="FILE.csv", help="write the true position and force, a row each 10 ms"
+    )
+    parser.add_argument(
+        "--imperfections", type=Path, metavar="FILE", help="how the real surface differs from the scene (TOML)"
     )
     parser.add_argument("--seed", type=int, default=0, help="of the noise (default 0)")
     return parser

@@ -4,22 +4,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.beam import scene_influence
+from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import Metadata, Sensor
 from beamtouch_models.noise import sensor_noise_mm
+from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.script import Load
 from beamtouch_models.scene import Scene
 
 Array = NDArray[np.float64]
 
+PERFECT = Imperfections()
+
 
 class VirtualSurface:
-    """A beam with its sensors, their characteristic, their noise and an ADC."""
+    """A beam with its sensors, their characteristic, their noise and an ADC; SceneError where they do not fit."""
 
-    def __init__(self, scene: Scene, model: Metadata, seed: int) -> None:
+    def __init__(self, scene: Scene, model: Metadata, seed: int, imperfections: Imperfections = PERFECT) -> None:
         self.sensor = model.sensor
         self.channels = len(model.layout)
-        self._scene = scene
-        self._sensor_mm = np.array([channel.position_mm for channel in model.layout])
+        imperfections.check_channels(self.channels)
+        self._imperfections = imperfections
+        self._scene = imperfections.applied_to(scene)
+        self._sensor_mm = imperfections.sensors_mm(np.array([channel.position_mm for channel in model.layout]))
+        if not all(0 <= position <= scene.beam.length_mm for position in self._sensor_mm):
+            message = "position_offset_mm: a sensor is not under the beam"
+            raise SceneError(message)
         self._noise_mm = sensor_noise_mm(scene)
         self._rng = np.random.default_rng(seed)
 
@@ -31,9 +40,9 @@ class VirtualSurface:
 
     def _deflection_mm(self, load: Load) -> Array:
         if load.position_mm is None:
-            return np.zeros(self.channels)
+            return self._imperfections.seen_mm(np.zeros(self.channels))
         deflection: Array = load.force_n * scene_influence(self._scene, self._sensor_mm, load.position_mm)[0]
-        return deflection
+        return self._imperfections.seen_mm(deflection)
 
 
 def counts_of_gap(sensor: Sensor, gap_mm: Array) -> NDArray[np.int64]:
