@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 DONE, FAILED, WRONG_INPUT = 0, 1, 2
 INTERRUPTED = 130
+LONGEST_RECORDING_S = 3600.0
 _EXTRA_MODULES = {"numpy", "serial", "pymodbus", "cobs", "httpx2"}
 
 
@@ -48,6 +49,7 @@ def _parser() -> argparse.ArgumentParser:
         ("run", _run, "read all surfaces and publish their samples until stopped"),
         ("check", _check, "read every channel once and print what it gives"),
         ("tare", _tare, "measure the rest gaps, with nothing on the beam"),
+        ("record", _record, "record known loads for design-sensors calibrate"),
     ):
         command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
         command.add_argument("config", metavar="CONFIG", type=Path, help="configuration file (TOML)")
@@ -58,7 +60,24 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument("--json", action="store_true", help="print one JSON object")
         else:
             command.add_argument("--surface", metavar="NAME", help="this surface only")
+        if name == "record":
+            _add_record(command)
     return parser
+
+
+def _add_record(command: argparse.ArgumentParser) -> None:
+    command.add_argument("-o", "--output", metavar="FILE.csv", type=Path, required=True, help="file to write")
+    command.add_argument("--append", action="store_true", help="add to a file that is there already")
+    command.add_argument(
+        "--at",
+        nargs=2,
+        action="append",
+        metavar=("MM", "N"),
+        help="a load: position and force; may be given several times, instead of typing them when asked",
+    )
+    command.add_argument(
+        "--seconds", type=float, default=2.0, metavar="S", help="how long each load is recorded (default 2)"
+    )
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -159,6 +178,39 @@ def _tare(arguments: argparse.Namespace) -> int:
             text = ", ".join(f"{channel} {gap:.4f} mm" for channel, gap in gaps.items())
             print(f"{name}: rest gaps {text}, mean of {readings} readings, in {path}")
     return code
+
+
+def _record(arguments: argparse.Namespace) -> int:
+    from beamtouch_daemon import config_file, record, tare  # noqa: PLC0415
+    from beamtouch_daemon.record_dialogue import Dialogue, load_of, say  # noqa: PLC0415
+    from beamtouch_daemon.sources.reading import SourceError  # noqa: PLC0415
+
+    settings = config_file.load(arguments.config)
+    names = ", ".join(settings.surfaces)
+    name: str | None = arguments.surface or (names if len(settings.surfaces) == 1 else None)
+    if name not in settings.surfaces:
+        return _complain(f"--surface: name one of {names}", WRONG_INPUT)
+    if not 0 < arguments.seconds <= LONGEST_RECORDING_S:
+        return _complain(f"--seconds: give more than 0 and at most {LONGEST_RECORDING_S:g}", WRONG_INPUT)
+    try:
+        given = None if arguments.at is None else [load_of(words) for words in arguments.at]
+    except ValueError as error:
+        return _complain(f"--at: {error}", WRONG_INPUT)
+    config_file.require_ports(settings)
+    surface = settings.surfaces[name]
+    rest_gap_mm = tare.load(settings.tare_file(name), surface.channel_names)
+
+    async def recorded(to: record.Table) -> None:
+        recorder = record.Recorder(surface, rest_gap_mm)
+        await record.record_loads(recorder, to, Dialogue(given).next_load, arguments.seconds, say)
+
+    with record.table(arguments.output, surface.channel_names, append=arguments.append) as to:
+        try:
+            asyncio.run(recorded(to))
+        except SourceError as error:
+            return _complain(f"{name}: {error}; {to.loads} loads are in {arguments.output}", FAILED)
+    print(f"{to.loads} loads in {arguments.output}; next: design-sensors calibrate MODEL {arguments.output} -o MODEL")
+    return DONE if to.loads else FAILED
 
 
 def _complain(text: str, code: int) -> int:
