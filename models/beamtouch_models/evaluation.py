@@ -73,7 +73,7 @@ def evaluate(
 ) -> Evaluation:
     """Measure a model on simulated contacts of a prior, whose noise may be another than the model was made for."""
     drawn = limit.draw(prior, draws, seed)
-    answers = _answers(model, drawn.deflection_mm)
+    answers = _answers(model, prior.stated(drawn.deflection_mm))
     progress(0.1)
     error = np.abs(answers["position_mm"] - drawn.position_mm)
     best = None

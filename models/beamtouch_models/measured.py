@@ -71,7 +71,7 @@ def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None,
     widening = np.sqrt(max(1.0, chi2.isf(rate, prior.channels) / prior.channels))
     noise = rng.normal(scale=widening, size=(REST_DRAWS, prior.channels))
     weight: Array = np.exp(-(noise**2).sum(axis=1) / 2 * (1 - widening**-2) + prior.channels * np.log(widening))
-    deflection = (noise * prior.noise_mm).astype(np.float32)
+    deflection = prior.stated(noise * prior.noise_mm).astype(np.float32)
     odds = []
     for start in range(0, REST_DRAWS, CHUNK):
         part = deflection[start : start + CHUNK]
@@ -85,7 +85,7 @@ def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None,
 def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
     """Error of the exported graph and the accuracy limit, on the same draws."""
     drawn = limit.draw(prior, ACCURACY_DRAWS, seed)
-    deflection = drawn.deflection_mm.astype(np.float32)
+    deflection = prior.stated(drawn.deflection_mm).astype(np.float32)
     answers = run(deflection, np.ones(deflection.shape, np.bool_))
     reached = limit.mean_error(prior, drawn, answers["position_mm"].astype(np.float64))
     best = limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
@@ -100,7 +100,8 @@ def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
 def _golden(prior: Prior, run: Run, seed: int) -> Golden:
     """A few contacts and a beam at rest, with what the graph answers."""
     drawn = limit.draw(prior, GOLDEN_DRAWS, seed)
-    deflection = np.concatenate([drawn.deflection_mm, np.zeros((1, prior.channels))]).astype(np.float32)
+    linear = np.concatenate([drawn.deflection_mm, np.zeros((1, prior.channels))])
+    deflection = prior.stated(linear).astype(np.float32)
     valid = np.ones(deflection.shape, np.bool_)
     answers = run(deflection, valid)
     return Golden(

@@ -101,6 +101,37 @@ class Accuracy(_Strict):
         return self.error_percent / self.limit_percent if self.limit_percent else float("nan")
 
 
+class Departures(_Strict):
+    """How a real surface differs from its scene: what a calibration fits. Lists have an entry per channel."""
+
+    position_offset_mm: list[FiniteFloat]
+    """True position of a sensor less that of the layout."""
+    gain: list[PositiveFloat]
+    """How many times as large a channel states a deflection."""
+    offset_mm: list[FiniteFloat]
+    """What a channel states at rest."""
+    curve_per_mm: FiniteFloat = 0.0
+    """y + curve y^2 is in proportion to the deflection, y being what is stated less the offset."""
+    fixity: tuple[FiniteFloat, FiniteFloat] = (0.0, 0.0)
+    """Of the leftmost and of the rightmost support."""
+    rigidity: PositiveFloat = 1.0
+    """Factor on E I."""
+
+
+class Calibration(_Strict):
+    """A fit to recorded loads; errors are means over them, in mm."""
+
+    departures: Departures
+    fitted: list[str]
+    """Which kinds of departures the loads support; the others are as the scene says."""
+    loads: int
+    unexplained_mm: float = Field(ge=0)
+    """What is left of a stated deflection, beyond its noise, when its load is left out of the fit; in the noise."""
+    error_before_mm: float
+    error_after_mm: float
+    """Each load answered by a model that was fitted without it."""
+
+
 class Golden(_Strict):
     """Inputs with the answers that the graph gave when it was made."""
 
@@ -131,6 +162,8 @@ class Metadata(_Strict):
     """Contact is stated when `contact_log_odds` exceeds this; without meaning where the graph gives none."""
     seed: int
     accuracy: Accuracy
+    calibration: Calibration | None = None
+    """None: the model is that of the scene."""
     golden: Golden
     scene: str
     """The scene's TOML text, so that a model can be rebuilt from itself."""

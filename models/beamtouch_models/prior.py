@@ -34,6 +34,8 @@ class Prior:
     channels: int
     influence_at: Callable[[Array], Array]
     """From load positions in mm (loads,) to the influence matrix (loads, channels) in mm/N."""
+    stated: Callable[[Array], Array] = lambda deflection_mm: deflection_mm
+    """From deflections (samples, channels) that are linear in the force to what the sensors state of them."""
 
     @classmethod
     def of(cls, scene: Scene, sensor_mm: Array, noise_mm: float) -> Self:
@@ -61,4 +63,12 @@ class Prior:
     def without(self, *missing: int) -> Self:
         """Return the prior of a surface that lacks these channels."""
         kept = np.setdiff1d(np.arange(self.channels), missing)
-        return replace(self, channels=len(kept), influence_at=lambda load_mm: self.influence_at(load_mm)[:, kept])
+        whole = self.stated
+
+        def stated(deflection_mm: Array) -> Array:
+            every = np.zeros((len(deflection_mm), self.channels))
+            every[:, kept] = deflection_mm
+            return whole(every)[:, kept]
+
+        influence = lambda load_mm: self.influence_at(load_mm)[:, kept]  # noqa: E731
+        return replace(self, channels=len(kept), influence_at=influence, stated=stated)

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.modelfile import Metadata, ModelFile
 
 
 def describe(model: ModelFile) -> dict[str, Any]:
@@ -44,5 +44,15 @@ def summary(model: ModelFile) -> str:
         ("error", f"{error} of the length, mean"),
         ("limit", f"{best}; error over limit {accuracy.ratio:.2f}"),
         ("outputs", ", ".join(model.outputs)),
+        *_calibration(metadata),
     ]
     return "\n".join(f"{label:<8} {text}" for label, text in rows)
+
+
+def _calibration(metadata: Metadata) -> list[tuple[str, str]]:
+    found = metadata.calibration
+    if found is None:
+        return []
+    kinds = ", ".join(found.fitted) or "nothing"
+    errors = f"{found.error_before_mm:.3g} mm before, {found.error_after_mm:.3g} mm after"
+    return [("real", f"calibrated with {found.loads} loads: {kinds}; mean error of the loads {errors}")]

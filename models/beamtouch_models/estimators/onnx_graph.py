@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import onnx
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from beamtouch_models.modelfile import INPUTS
@@ -24,12 +24,14 @@ class Graph:
 
     real: DTypeLike = np.float32
     """Of constants, unless they state another."""
+    name: str = ""
+    """Before every name, where two graphs are joined."""
     nodes: list[onnx.NodeProto] = field(default_factory=list)
     constants: list[onnx.TensorProto] = field(default_factory=list)
 
     def constant(self, value: ArrayLike, kind: DTypeLike | None = None) -> str:
         """Add a constant."""
-        name = f"constant_{len(self.constants)}"
+        name = f"{self.name}constant_{len(self.constants)}"
         self.constants.append(numpy_helper.from_array(np.asarray(value, kind or self.real), name))
         return name
 
@@ -45,7 +47,7 @@ class Graph:
         self, operation: str, *inputs: str, output: str | None = None, **attributes: int | float | Sequence[int]
     ) -> str:
         """Add an operation with one result."""
-        name = output or f"{operation.lower()}_{len(self.nodes)}"
+        name = output or f"{self.name}{operation.lower()}_{len(self.nodes)}"
         node = helper.make_node(operation, inputs, [name])
         node.attribute.extend(helper.make_attribute(key, value) for key, value in sorted(attributes.items()))
         self.nodes.append(node)
@@ -60,6 +62,28 @@ class Graph:
         names = [f"part_{len(self.nodes)}_{part}" for part in range(parts)]
         self.nodes.append(helper.make_node("Split", [value], names, axis=axis))
         return names
+
+
+def with_linear_input(made: onnx.ModelProto, offset_mm: NDArray[np.float64], curve_per_mm: float) -> onnx.ModelProto:
+    """Return a model that takes what curved sensors with offsets state: y + curve y^2 goes in, y = stated - offset."""
+    if not (np.any(offset_mm) or curve_per_mm):
+        return made
+    deflection = INPUTS[0]
+    before = Graph(name="linear")
+    value = before.apply("Sub", deflection, before.constant(offset_mm)) if np.any(offset_mm) else deflection
+    if curve_per_mm:
+        factor = before.apply("Add", before.apply("Mul", value, before.constant(curve_per_mm)), before.constant(1.0))
+        value = before.apply("Mul", value, factor)
+    changed = onnx.ModelProto()
+    changed.CopyFrom(made)
+    for node in changed.graph.node:
+        node.input[:] = [value if name == deflection else name for name in node.input]
+    nodes = [*before.nodes, *changed.graph.node]
+    del changed.graph.node[:]
+    changed.graph.node.extend(nodes)
+    changed.graph.initializer.extend(before.constants)
+    onnx.checker.check_model(changed)
+    return changed
 
 
 def model(graph: Graph, channels: int, outputs: Sequence[str]) -> onnx.ModelProto:

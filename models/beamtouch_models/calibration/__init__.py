@@ -1,0 +1,1 @@
+"""Calibration: from a few known loads to a model of the real beam."""

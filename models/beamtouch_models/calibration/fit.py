@@ -1,0 +1,192 @@
+"""The fit of a surface's departures from its scene to known loads, and of only those that the loads support.
+
+Maximum a posteriori: least squares, with each departure held to its scene by how large it plausibly is. Kinds of
+departures are taken in one by one, each only if it lowers the error of loads that are left out of the fit (PRESS, from
+the leverages; Allen 1974, doi 10.1080/00401706.1974.10489157).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.model_prior import departed
+from beamtouch_models.modelfile import Departures, Metadata
+from beamtouch_models.prior import Prior
+from beamtouch_models.scene import Scene
+
+Array = NDArray[np.float64]
+
+GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES = 0.04, 1.5, 0.1, 0.1, 0.03, 3.0
+"""Plausible departures (one deviation): relative gain, sensor position, fixity, relative rigidity, how far the
+characteristic bends at full travel, relative, and the offset in units of the noise of a sample."""
+MOST_FIXITY = 0.9
+WORTH = 0.95
+"""A kind of departure is taken if it lowers the error of left-out loads at least to this part."""
+ROUNDS = 3
+"""Of estimating what is left unexplained."""
+
+
+@dataclass(frozen=True)
+class Theory:
+    """The surface as its scene and its model have it."""
+
+    physics: Scene
+    sensor_mm: Array
+    prior: Prior
+    max_deflection_mm: float
+
+    @classmethod
+    def of(cls, physics: Scene, metadata: Metadata) -> "Theory":
+        """Take it from a model."""
+        sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
+        prior = Prior.of(physics, sensor_mm, metadata.noise.sample_mm)
+        return cls(physics, sensor_mm, prior, metadata.max_deflection_mm)
+
+    @cached_property
+    def kinds(self) -> dict[str, slice]:
+        """Kinds of departures, and where each stands in the vector of all; all are in units of their plausible size."""
+        channels = len(self.sensor_mm)
+        sizes = {"rigidity": 1, "gain": channels, "position": channels, "curve": 1, "fixity": 2, "offset": channels}
+        starts = np.cumsum([0, *sizes.values()]).tolist()
+        kinds = {name: slice(start, start + size) for (name, size), start in zip(sizes.items(), starts, strict=False)}
+        if not any(self.hinged):
+            del kinds["fixity"]
+        return kinds
+
+    @cached_property
+    def hinged(self) -> tuple[bool, bool]:
+        """Whether the first and the last support can have a fixity."""
+        supports = self.physics.beam.support_list
+        if not supports:
+            return False, False
+        return supports[0].kind == "simple", len(supports) > 1 and supports[-1].kind == "simple"
+
+    @property
+    def size(self) -> int:
+        """Length of the vector of all departures."""
+        return 4 + 3 * len(self.sensor_mm)
+
+    def departures(self, vector: Array) -> Departures:
+        """What a vector stands for."""
+        channels = len(self.sensor_mm)
+        rigidity, gain, position, curve, fixity, offset = np.split(
+            vector, np.cumsum([1, channels, channels, 1, 2]).tolist()
+        )
+        left, right = (
+            float(np.clip(FIXITY * value, 0.0, MOST_FIXITY)) if hinged else 0.0
+            for value, hinged in zip(fixity, self.hinged, strict=True)
+        )
+        return Departures(
+            position_offset_mm=(POSITION_MM * position).tolist(),
+            gain=np.exp(GAIN * gain).tolist(),
+            offset_mm=(OFFSET_NOISES * self.prior.noise_mm * offset).tolist(),
+            curve_per_mm=float(BEND / self.max_deflection_mm * curve[0]),
+            fixity=(left, right),
+            rigidity=float(np.exp(RIGIDITY * rigidity[0])),
+        )
+
+    def prior_with(self, departures: Departures) -> Prior:
+        """The surface with departures."""
+        return departed(self.prior, self.physics, self.sensor_mm, departures)
+
+    def stated_mm(self, vector: Array, loads: Loads) -> Array:
+        """What its sensors state of loads, (loads, channels)."""
+        prior = self.prior_with(self.departures(vector))
+        return prior.stated(loads.force_n[:, None] * prior.influence_at(loads.position_mm))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fit of some kinds of departures."""
+
+    theory: Theory
+    kinds: tuple[str, ...]
+    vector: Array
+    unexplained_mm: float
+    """Standard deviation of what is left, beyond the noise of the recording."""
+    left_out_mm: Array
+    """(loads, channels) stated less predicted, each load left out of the fit; NaN where nothing was stated."""
+    spread: Array
+    """(departures,) standard errors, in the units of the vector; 0 where not fitted."""
+
+    @property
+    def error_mm(self) -> float:
+        """Root mean square of the deflections of left-out loads."""
+        return float(np.sqrt(np.nanmean(self.left_out_mm**2)))
+
+    @property
+    def departures(self) -> Departures:
+        """What was fitted."""
+        return self.theory.departures(self.vector)
+
+
+def fit(theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Array | None = None) -> Fit:
+    """Fit some kinds of departures; the others stay as the scene has them."""
+    free = np.concatenate([np.arange(theory.size)[theory.kinds[kind]] for kind in kinds]) if kinds else np.arange(0)
+    vector = np.zeros(theory.size) if start is None else start.copy()
+    vector[np.setdiff1d(np.arange(theory.size), free)] = 0.0
+    low, high = _bounds(theory, free)
+    stated = np.isfinite(loads.stated_mm)
+    unexplained, jacobian = 0.0, np.zeros((int(stated.sum()), len(free)))
+
+    def residuals(part: Array) -> Array:
+        vector[free] = part
+        left = (loads.stated_mm - theory.stated_mm(vector, loads))[stated]
+        return np.concatenate([left / np.hypot(loads.deviation_mm[stated], unexplained), part])
+
+    for _ in range(ROUNDS):
+        if len(free):
+            found = least_squares(residuals, np.clip(vector[free], low, high), bounds=(low, high), x_scale=1.0)
+            vector[free], jacobian = found.x, found.jac[: stated.sum()]
+        left = (loads.stated_mm - theory.stated_mm(vector, loads))[stated]
+        # As many degrees of freedom go as the data, and not the plausible sizes, decide.
+        decided = float(np.trace(_hat(jacobian)))
+        excess = (left**2).sum() / max(1.0, len(left) - decided) - (loads.deviation_mm[stated] ** 2).mean()
+        unexplained = float(np.sqrt(max(0.0, excess)))
+    weight = np.hypot(loads.deviation_mm[stated], unexplained)
+    left_out = np.full(loads.stated_mm.shape, np.nan)
+    left_out[stated] = _left_out(left / weight, jacobian, np.nonzero(stated)[0]) * weight
+    spread = np.zeros(theory.size)
+    spread[free] = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian + np.eye(len(free)))))
+    return Fit(theory, kinds, vector.copy(), unexplained, left_out, spread)
+
+
+def supported_fit(theory: Theory, loads: Loads, progress: Callable[[float], None]) -> Fit:
+    """Fit the kinds of departures that lower the error of left-out loads."""
+    best, open_kinds = fit(theory, loads, ()), list(theory.kinds)
+    while open_kinds:
+        progress(1 - len(open_kinds) / len(theory.kinds))
+        trials = [fit(theory, loads, (*best.kinds, kind), best.vector) for kind in open_kinds]
+        trial = min(trials, key=lambda one: one.error_mm)
+        if trial.error_mm > WORTH * best.error_mm:
+            break
+        best = trial
+        open_kinds.remove(trial.kinds[-1])
+    return best
+
+
+def _bounds(theory: Theory, free: NDArray[np.intp]) -> tuple[Array, Array]:
+    low, high = np.full(theory.size, -8.0), np.full(theory.size, 8.0)
+    if "fixity" in theory.kinds:
+        low[theory.kinds["fixity"]], high[theory.kinds["fixity"]] = 0.0, MOST_FIXITY / FIXITY
+    return low[free], high[free]
+
+
+def _hat(jacobian: Array) -> Array:
+    """What the fit makes of each residual from each, with plausible sizes of variance 1 on the departures."""
+    matrix: Array = jacobian @ np.linalg.solve(jacobian.T @ jacobian + np.eye(jacobian.shape[1]), jacobian.T)
+    return matrix
+
+
+def _left_out(residual: Array, jacobian: Array, load: NDArray[np.intp]) -> Array:
+    """Residuals of each load were it left out of the fit, all its channels together."""
+    hat, left_out = _hat(jacobian), residual.copy()
+    for one in np.unique(load):
+        rows = np.flatnonzero(load == one)
+        left_out[rows] = np.linalg.solve(np.eye(len(rows)) - hat[np.ix_(rows, rows)], residual[rows])
+    return left_out

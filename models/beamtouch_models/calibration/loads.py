@@ -1,0 +1,121 @@
+"""Recorded loads: what `beamtouch-daemon record` wrote, averaged per load."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.errors import InputError
+from beamtouch_models.modelfile import Metadata
+
+Array = NDArray[np.float64]
+
+FEWEST_POSITIONS = 4
+SMALLEST_SPREAD = 0.4
+"""Of the positions, over the range of contacts."""
+FEWEST_SAMPLES = 5
+GOOD = "good"
+
+
+class LoadsError(InputError):
+    """The recording cannot be read, is of another surface, or cannot determine a fit."""
+
+
+@dataclass(frozen=True)
+class Loads:
+    """Known loads and what the sensors stated of them."""
+
+    number: NDArray[np.intp]
+    """(loads,) as in the file."""
+    position_mm: Array
+    force_n: Array
+    stated_mm: Array
+    """(loads, channels) mean deflection; NaN where a channel was not good."""
+    deviation_mm: Array
+    """(loads, channels) standard deviation of that mean."""
+
+    def without(self, index: int) -> "Loads":
+        """Return all but one."""
+        kept = np.arange(len(self.number)) != index
+        return self[kept]
+
+    def __getitem__(self, kept: NDArray[np.bool_]) -> "Loads":
+        return Loads(
+            self.number[kept], self.position_mm[kept], self.force_n[kept], self.stated_mm[kept], self.deviation_mm[kept]
+        )
+
+
+def read_loads(path: Path, metadata: Metadata) -> Loads:
+    """Read and average a recording; raises LoadsError that says what is wrong."""
+    channels = [channel.name for channel in metadata.layout]
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        message = f"{path}: {error.strerror if isinstance(error, OSError) else 'not a CSV file'}"
+        raise LoadsError(message) from None
+    if not rows:
+        message = f"{path}: no samples; record loads with beamtouch-daemon record"
+        raise LoadsError(message)
+    wanted = ["load", "position_mm", "force_n", *(f"{name}_deflection_mm" for name in channels)]
+    missing = [column for column in wanted if column not in rows[0]]
+    if missing:
+        message = f"{path}: column {missing[0]} is missing; record with the config of this model's surface"
+        raise LoadsError(message)
+    try:
+        loads = _averaged(rows, channels, metadata)
+    except (ValueError, TypeError):
+        message = f"{path}: a value is not a number; record again"
+        raise LoadsError(message) from None
+    _check(path, loads, metadata)
+    return loads
+
+
+def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadata) -> Loads:
+    number = np.array([int(row["load"]) for row in rows])
+    position, force = (np.array([float(row[column]) for row in rows]) for column in ("position_mm", "force_n"))
+    stated = np.array(
+        [
+            [
+                float(row[f"{name}_deflection_mm"] or "nan") if row.get(f"{name}_quality", GOOD) == GOOD else np.nan
+                for name in channels
+            ]
+            for row in rows
+        ]
+    )
+    loads = np.unique(number)
+    first = np.array([np.flatnonzero(number == load)[0] for load in loads])
+    good = np.array([np.isfinite(stated[number == load]).sum(axis=0) for load in loads])
+    sums = np.array([np.nansum(stated[number == load], axis=0) for load in loads])
+    mean = np.where(good >= FEWEST_SAMPLES, sums / np.maximum(good, 1), np.nan)
+    # Samples of a moving average share readings: their mean is about as good as that of as many readings.
+    deviation = metadata.noise.reading_mm / np.sqrt(np.maximum(good, 1))
+    return Loads(loads, position[first], force[first], mean, deviation)
+
+
+def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
+    """Refuse what no fit could use."""
+    low, high = metadata.ranges.position_mm
+    for number, position, force in zip(loads.number, loads.position_mm, loads.force_n, strict=True):
+        if not low <= position <= high:
+            message = f"{path}: load {number} at {position:g} mm is not within {low:g}..{high:g} mm"
+            raise LoadsError(message)
+        if not 0 < force < np.inf:
+            message = f"{path}: load {number} has a force of {force:g} N"
+            raise LoadsError(message)
+    silent = np.isnan(loads.stated_mm).all(axis=0)
+    if silent.any():
+        message = (
+            f"{path}: {metadata.layout[int(silent.argmax())].name} has no good samples; repair it and record again"
+        )
+        raise LoadsError(message)
+    positions = np.unique(loads.position_mm)
+    spread = (positions[-1] - positions[0]) / (high - low)
+    if len(positions) < FEWEST_POSITIONS or spread < SMALLEST_SPREAD:
+        message = (
+            f"{path}: {len(positions)} different positions over {spread:.0%} of the range cannot determine a fit; "
+            f"record at least {FEWEST_POSITIONS}, better 10, spread over the whole beam"
+        )
+        raise LoadsError(message)

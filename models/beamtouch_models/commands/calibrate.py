@@ -1,0 +1,95 @@
+"""`design-sensors calibrate`: a model of the real beam, from recorded loads."""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models import modelfile
+from beamtouch_models.calibration.calibrate import Calibrated, calibrate
+from beamtouch_models.calibration.fit import Fit
+from beamtouch_models.calibration.loads import read_loads
+from beamtouch_models.commands.progress import shown_progress
+from beamtouch_models.errors import InputError
+from beamtouch_models.export import write_whole
+
+
+def run(options: argparse.Namespace) -> None:
+    """Calibrate, write the model, and say what differs and what it is worth."""
+    model = modelfile.load(options.model)
+    if not options.output.parent.is_dir():
+        message = f"{options.output.parent}: no such folder; make it first"
+        raise InputError(message)
+    loads = read_loads(options.readings, model.metadata)
+    with shown_progress() as progress:
+        found = calibrate(model, loads, progress)
+    write_whole(options.output, found.content)
+    fresh = modelfile.load(options.output)
+    if options.json:
+        print(json.dumps({"model": fresh.identity, "output": str(options.output), **_results(found)}))
+        return
+    for number in found.mistaken:
+        print(f"note:      load {number} fits nothing and was left out; check its position and force", file=sys.stderr)
+    print("\n".join(f"{label:<10} {text}" for label, text in _lines(found, fresh.identity)))
+
+
+def _results(found: Calibrated) -> dict[str, object]:
+    metadata = found.metadata
+    calibration = metadata.calibration
+    return {
+        "calibration": None if calibration is None else calibration.model_dump(),
+        "standard_errors": {name: values.tolist() for name, values in _standard_errors(found.fit).items()},
+        "error_before_mm": {"mean": float(found.before_mm.mean()), "worst": float(found.before_mm.max())},
+        "error_after_mm": {"mean": float(found.after_mm.mean()), "worst": float(found.after_mm.max())},
+        "limit_mm": found.limit_mm,
+        "loads_left_out": list(found.mistaken),
+        "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
+    }
+
+
+def _lines(found: Calibrated, identity: str) -> list[tuple[str, str]]:
+    departures, errors = found.fit.departures, _standard_errors(found.fit)
+    names = [channel.name for channel in found.metadata.layout]
+
+    def each(values: list[float], spread: list[float], factor: float = 1.0, centre: float = 0.0) -> str:
+        return ", ".join(
+            f"{name} {(value - centre) * factor:+.2f} +- {error * factor:.2f}"
+            for name, value, error in zip(names, values, spread, strict=True)
+        )
+
+    shown: dict[str, Callable[[], str]] = {
+        "rigidity": lambda: f"{(departures.rigidity - 1) * 100:+.2f} +- {errors['rigidity'][0] * 100:.2f} %",
+        "gain": lambda: f"{each(departures.gain, errors['gain'].tolist(), 100.0, 1.0)} %",
+        "position": lambda: f"{each(departures.position_offset_mm, errors['position'].tolist())} mm",
+        "curve": lambda: f"{departures.curve_per_mm:+.4f} +- {errors['curve'][0]:.4f} per mm",
+        "fixity": lambda: (
+            f"left {departures.fixity[0]:.3f} +- {errors['fixity'][0]:.3f}, "
+            f"right {departures.fixity[1]:.3f} +- {errors['fixity'][1]:.3f}"
+        ),
+        "offset": lambda: f"{each(departures.offset_mm, errors['offset'].tolist(), 1e3)} um",
+    }
+    return [
+        ("model", identity),
+        ("loads", f"{len(found.before_mm)}"),
+        *((kind, text() if kind in found.fit.kinds else "as the scene says") for kind, text in shown.items()),
+        ("before", f"{found.before_mm.mean():.3g} mm mean error of these loads, {found.before_mm.max():.3g} mm worst"),
+        ("after", f"{found.after_mm.mean():.3g} mm mean, {found.after_mm.max():.3g} mm worst, each load left out once"),
+        ("limit", f"{found.limit_mm:.3g} mm mean error of single samples of these loads, at best"),
+    ]
+
+
+def _standard_errors(fit: Fit) -> dict[str, NDArray[np.float64]]:
+    """Standard errors by kind, in the units of the departures."""
+    near, at = fit.theory.departures(fit.vector + 1e-3), fit.departures
+    units = {
+        "rigidity": np.array([near.rigidity - at.rigidity]),
+        "gain": np.array(near.gain) - at.gain,
+        "position": np.array(near.position_offset_mm) - at.position_offset_mm,
+        "curve": np.array([near.curve_per_mm - at.curve_per_mm]),
+        "fixity": np.array(near.fixity) - at.fixity,
+        "offset": np.array(near.offset_mm) - at.offset_mm,
+    }
+    return {kind: np.abs(units[kind]) / 1e-3 * fit.spread[part] for kind, part in fit.theory.kinds.items()}

@@ -1,0 +1,55 @@
+"""Surfaces that differ from their scenes, for tests of calibration: the rig's own formulas, without its line."""
+
+import csv
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.modelfile import Metadata
+from beamtouch_models.prior import Prior
+from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.scene import parse_scene
+
+Array = NDArray[np.float64]
+
+
+def imperfections(seed: int, metadata: Metadata) -> Imperfections:
+    """Sensors 1 mm off, gains 3 % off, one end 5 % fixed, a characteristic that bends 1.5 % at full travel."""
+    rng = np.random.default_rng(seed)
+    channels = len(metadata.layout)
+    return Imperfections(
+        position_offset_mm=tuple(rng.choice([-1.0, 1.0], channels).tolist()),
+        gain=tuple((1 + rng.choice([-0.03, 0.03], channels)).tolist()),
+        curve_per_mm=float(rng.choice([-1, 1]) * 0.015 / metadata.max_deflection_mm),
+        fixity=(0.05, 0.0) if rng.random() < 0.5 else (0.0, 0.05),
+    )
+
+
+def true_prior(metadata: Metadata, real: Imperfections) -> Prior:
+    """What an estimator would know that knew everything of the real surface."""
+    scene = real.applied_to(parse_scene(metadata.scene, metadata.name))
+    sensor_mm = real.sensors_mm(np.array([channel.position_mm for channel in metadata.layout]))
+    prior = Prior.of(scene, sensor_mm, metadata.noise.sample_mm)
+    return dataclasses.replace(prior, stated=real.seen_mm)
+
+
+def write_readings(
+    path: Path, metadata: Metadata, prior: Prior, position_mm: Array, force_n: Array, *, seed: int, samples: int = 200
+) -> None:
+    """Write what `record` would: so many samples of each load, with the noise of a reading in each."""
+    rng = np.random.default_rng(seed)
+    names = [channel.name for channel in metadata.layout]
+    clean = prior.stated(force_n[:, None] * prior.influence_at(position_mm))
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        columns = ("counts", "deflection_mm", "quality")
+        writer.writerow(
+            ["unix_time_s", "load", "position_mm", "force_n", *(f"{n}_{column}" for n in names for column in columns)]
+        )
+        for load, (position, force, row) in enumerate(zip(position_mm, force_n, clean, strict=True), start=1):
+            for _ in range(samples):
+                noisy = row + rng.normal(scale=metadata.noise.reading_mm, size=row.shape)
+                cells = [cell for value in noisy for cell in (1000, f"{value:.7g}", "good")]
+                writer.writerow([0.0, load, position, force, *cells])
