@@ -83,9 +83,10 @@ class Compared:
         return float(abs(self.true_mm - position) / max(abs(end - position), 1e-3))
 
 
-def compare(line: Line, seconds: float) -> tuple[list[Compared], list[tuple[object, Any]]]:
+def compare(line: Line, seconds: float) -> tuple[list[Compared], list[Any]]:
     """Ask for contacts; returns those of settled loads beside the truth, and those that mistook touch for clear."""
-    truth, found, mistaken = Truth(line.truth("bench")), [], []
+    truth, found = Truth(line.truth("bench")), []
+    mistaken: list[Any] = []
     deadline = time.monotonic() + seconds
     last = 0.0
     with httpx2.Client(base_url=line.url) as client:
