@@ -1,9 +1,10 @@
 """From a scene to a model file: filter, layout, estimator, accuracy beside the limit, golden answers."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import onnx
 
 from beamtouch_models.beam import check_small_angles, max_deflection_mm, travel_mm
 from beamtouch_models.effects import required
@@ -11,7 +12,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.measured import measured
-from beamtouch_models.modelfile import Channel, Metadata, Ranges, Sensor
+from beamtouch_models.modelfile import Channel, FilterChoice, Metadata, Ranges, Sensor
 from beamtouch_models.noise import choose_filter, noise_of, step_mm
 from beamtouch_models.placement import Placement, fewest_sensors
 from beamtouch_models.prior import Prior
@@ -21,6 +22,20 @@ Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction of the whole that is done."""
 
 DEFAULT_ADC_BITS = 16
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What a build does not take from the scene."""
+
+    estimator: Name = NAMES[0]
+    filter: FilterChoice | None = None
+    """None: the one that takes all of the latency."""
+    finish: Callable[[onnx.ModelProto], onnx.ModelProto] = lambda graph: graph
+    """What is done to the estimator's graph before it is measured."""
+
+
+DEFAULTS = Choices()
 
 
 @dataclass(frozen=True)
@@ -40,7 +55,7 @@ def build(
     count: int | None,
     seed: int,
     progress: Progress,
-    estimator: Name = NAMES[0],
+    choices: Choices = DEFAULTS,
 ) -> Built:
     """Build the model of a scene.
 
@@ -50,7 +65,7 @@ def build(
     count : number of sensors; None takes the scene's
     seed : of everything random; the same seed gives the same bytes
     progress : told what is being done
-    estimator : which to make
+    choices : what to build other than the default
 
     Raises
     ------
@@ -58,7 +73,7 @@ def build(
         The scene cannot be built; the message says why.
     """
     check_small_angles(scene)
-    chosen = choose_filter(scene)
+    chosen = choices.filter or choose_filter(scene)
     noise = noise_of(scene, chosen)
     if noise.sample_mm == 0:
         message = "sensors: a noise of 0 leaves no interval to state; state the noise of a reading"
@@ -71,12 +86,13 @@ def build(
     placement = fewest_sensors(physics, noise.sample_mm, count, seed)
     prior = Prior.of(physics, np.array(placement.positions_mm), noise.sample_mm)
     made = estimator_of(
-        estimator,
+        choices.estimator,
         prior,
         with_force=scene.wants_force,
         seed=seed,
         progress=lambda done: progress("making the estimator", 0.05 + 0.75 * done),
     )
+    made = replace(made, graph=choices.finish(made.graph))
     progress("measuring the accuracy against the limit", 0.8)
     found = measured(made, prior, seed)
     metadata = Metadata(

@@ -112,6 +112,11 @@ def _add_trade(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for table, plot and JSON"
     )
+    wish = parser.add_mutually_exclusive_group()
+    wish.add_argument("--latency-ms", type=float, metavar="L", help="build the most accurate that answers within L")
+    wish.add_argument("--error-mm", type=float, metavar="E", help="build the quickest with a mean error of at most E")
+    parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, help="some only, of all")
+    parser.add_argument("--draws", type=_draws, default=4000, metavar="N", help="simulated contacts a point (4000)")
     _add_seed(parser)
     _add_json(parser)
 

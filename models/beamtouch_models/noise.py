@@ -57,8 +57,16 @@ def choose_filter(scene: Scene) -> FilterChoice:
             "raise sensors.rate_hz"
         )
         raise SceneError(message)
+    return window_filter(scene, window)
+
+
+def window_filter(scene: Scene, window: int) -> FilterChoice:
+    """Return the filter of a spike filter and the mean of so many readings; of one, no filter."""
+    if window == 1 and scene.requirements.latency_ms is None:
+        return FilterChoice()
     spike = SPIKE_SIGMAS * reading_noise_mm(scene) or None
-    return FilterChoice(kind="moving-average", window=window, spike_mm=spike, settling_ms=window * period_ms)
+    settling_ms = window * 1000 / scene.sensors.rate_hz
+    return FilterChoice(kind="moving-average", window=window, spike_mm=spike, settling_ms=settling_ms)
 
 
 def noise_of(scene: Scene, chosen: FilterChoice) -> Noise:

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from beamtouch_models import modelfile
-from beamtouch_models.build import build
+from beamtouch_models.build import Choices, build
 from beamtouch_models.build_report.facts import gather
 from beamtouch_models.build_report.page import page
 from beamtouch_models.commands import inspect
@@ -25,7 +25,7 @@ def run(options: argparse.Namespace) -> None:
         if path is not None and not path.parent.is_dir():
             message = f"{path.parent}: no such folder; make it first"
             raise SceneError(message)
-    name = _surface_name(options.scene)
+    name = surface_name(options.scene)
     with shown_progress() as progress:
         built = build(
             scene,
@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> None:
             count=options.sensors,
             seed=options.seed,
             progress=progress,
-            estimator=options.estimator,
+            choices=Choices(estimator=options.estimator),
         )
         report = None if options.report is None else page(gather(scene, built, progress))
     write_whole(options.output, built.content)
@@ -55,6 +55,6 @@ def run(options: argparse.Namespace) -> None:
     inspect.show(modelfile.load_bytes(built.content, str(options.output)), as_json=options.json)
 
 
-def _surface_name(scene: Path) -> str:
+def surface_name(scene: Path) -> str:
     """Name the surface after the scene file."""
     return re.sub(r"[^A-Za-z0-9_.-]", "-", scene.stem)[:64] or "surface"

@@ -19,7 +19,7 @@ WIDTH_WITHOUT_TERMINAL = 160
 
 def run(options: argparse.Namespace) -> None:
     """Compute everything, write the folder, print the table."""
-    folder = _folder(options.output)
+    folder = folder_of(options.output)
     with shown_progress() as progress:
         found = reproduce(options.seed, progress)
     files = found.files()
@@ -45,7 +45,7 @@ def show(found: Reproduction) -> None:
     console.print(f"{found.summary()} (seed {found.seed})")
 
 
-def _folder(path: Path) -> Path:
+def folder_of(path: Path) -> Path:
     """Make the folder to write to; raises InputError where that cannot be."""
     if path.exists() and not path.is_dir():
         message = f"{path}: is a file; name a folder"

@@ -1,0 +1,65 @@
+"""What leaving an effect of physics out saves, and what it costs in accuracy."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamtouch_models import limit
+from beamtouch_models.effects import effects_of, required
+from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.estimators.running import runner
+from beamtouch_models.evaluation import Figure, ratio_of
+from beamtouch_models.noise import choose_filter, noise_of
+from beamtouch_models.placement import fewest_sensors
+from beamtouch_models.prior import TABLE, Prior
+from beamtouch_models.scene import Scene
+
+REPEATS = 5
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """An effect of a scene's physics, and the surface without it."""
+
+    effect: str
+    price: float
+    """Largest change of a deflection that it causes, over the noise of a sample."""
+    verdict: str
+    error_over_limit: Figure
+    """Of an estimator that knows nothing of it, on contacts of the whole physics."""
+    influence_ms: float
+    """Time of an influence table without it."""
+    influence_with_ms: float
+
+
+def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
+    """Leave out each effect that can be left out, one at a time."""
+    noise_mm = noise_of(scene, choose_filter(scene)).sample_mm
+    count = scene.sensors.count_range[0]
+    layout = np.array(fewest_sensors(required(scene), noise_mm, count, seed).positions_mm)
+    whole = Prior.of(scene, layout, noise_mm)
+    drawn = limit.draw(whole, draws, seed + 1)
+    best = np.abs(limit.posterior_median_mm(whole, drawn.deflection_mm) - drawn.position_mm)
+    reading = drawn.deflection_mm.astype(np.float32)
+    with_ms = _table_ms(whole)
+    found = []
+    for effect in effects_of(scene):
+        if effect.leave_out is None or effect.price is None:
+            continue
+        without = Prior.of(effect.leave_out(scene), layout, noise_mm)
+        run = runner(posterior_graph(without, with_force=False).SerializeToString())
+        position = run(reading, np.ones(reading.shape, np.bool_))["position_mm"].astype(np.float64)
+        ratio = ratio_of(np.abs(position - drawn.position_mm), best)
+        found.append(LeftOut(effect.name, effect.price, effect.verdict, ratio, _table_ms(without), with_ms))
+    return found
+
+
+def _table_ms(prior: Prior) -> float:
+    """Median time of an influence table."""
+    grid, times = np.linspace(*prior.position_mm, TABLE), []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        prior.influence_at(grid)
+        times.append(time.perf_counter() - start)
+    return float(np.median(times)) * 1e3

@@ -1,0 +1,22 @@
+"""A graph with its weights as 8-bit integers."""
+
+import logging
+import tempfile
+from pathlib import Path
+
+import onnx
+from onnxruntime.quantization import QuantType, quantize_dynamic
+
+
+def quantised(graph: onnx.ModelProto) -> onnx.ModelProto:
+    """Return the graph with the weights of its float32 products as int8, and their inputs quantised as they come."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)  # it recommends a step that this graph does not need, once per call
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "quantised.onnx"
+            quantize_dynamic(graph, path, weight_type=QuantType.QInt8)
+            made: onnx.ModelProto = onnx.load(path)
+    finally:
+        logging.disable(before)
+    return made

@@ -1,0 +1,63 @@
+"""Inference times of many graphs in one run, in turns, so that a noisy machine is as unkind to each."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
+
+from beamtouch_models.modelfile import session_options
+
+ROUNDS, CALLS = 40, 50
+BATCH, BATCH_CALLS = 1000, 1
+
+
+@dataclass(frozen=True)
+class Times:
+    """Inference times in microseconds."""
+
+    p50_us: float
+    """Of one sample at a time."""
+    p99_us: float
+    batch_us: float
+    """Per sample, of a thousand at once."""
+
+
+def inference_times(
+    graphs: Sequence[tuple[bytes, NDArray[np.float32]]], progress: Callable[[float], None]
+) -> list[Times]:
+    """Time graphs, each with a reading (channels,) of a contact."""
+    runs = [_session(content, reading) for content, reading in graphs]
+    single: list[list[int]] = [[] for _ in runs]
+    many: list[list[int]] = [[] for _ in runs]
+    for turn in range(ROUNDS):
+        progress(turn / ROUNDS)
+        for (one, batch), times, batch_times in zip(runs, single, many, strict=True):
+            _time(one, CALLS, times)
+            _time(batch, BATCH_CALLS, batch_times)
+    return [
+        Times(
+            float(np.quantile(one, 0.5)) / 1e3,
+            float(np.quantile(one, 0.99)) / 1e3,
+            float(np.median(batch)) / 1e3 / BATCH,
+        )
+        for one, batch in zip(single, many, strict=True)
+    ]
+
+
+def _session(content: bytes, reading: NDArray[np.float32]) -> tuple[Callable[[], object], Callable[[], object]]:
+    session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
+    feeds = [
+        {"deflection_mm": np.tile(reading, (batch, 1)), "valid": np.ones((batch, len(reading)), np.bool_)}
+        for batch in (1, BATCH)
+    ]
+    return lambda: session.run(None, feeds[0]), lambda: session.run(None, feeds[1])
+
+
+def _time(call: Callable[[], object], calls: int, times: list[int]) -> None:
+    for _ in range(calls):
+        start = time.perf_counter_ns()
+        call()
+        times.append(time.perf_counter_ns() - start)

@@ -1,0 +1,150 @@
+"""`design-sensors trade`: the front, the choice, and the command."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beamtouch_models import limit, modelfile
+from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.evaluation import Figure
+from beamtouch_models.modelfile import FilterChoice
+from beamtouch_models.noise import choose_filter
+from beamtouch_models.scene import load_scene, parse_scene
+from beamtouch_models.trade.front import NotToBeHadError, most_accurate, pareto_front, quickest
+from beamtouch_models.trade.physics import physics_trade
+from beamtouch_models.trade.points import Point, counts_of, measured_points, windows_of
+from beamtouch_models.trade.quantised import quantised
+from beamtouch_models.trade.timing import Times
+from example_scenes import PAPER, SCENES
+from posterior_cases import answers_of, prior_of
+
+COMMAND = str(Path(sys.executable).parent / "design-sensors")
+NONE = Figure(0.0, 0.0)
+
+
+def point(latency_ms: float, error_mm: float, sensors: int) -> Point:
+    times = Times(1.0, 1.0, 1.0)
+    return Point("posterior", sensors, FilterChoice(), False, NONE, error_mm, NONE, NONE, times, 0.1, 1, latency_ms)
+
+
+POINTS = st.lists(
+    st.builds(point, st.sampled_from([1.0, 2.0, 3.0]), st.sampled_from([1.0, 2.0, 3.0]), st.sampled_from([2, 3, 4])),
+    min_size=1,
+    max_size=12,
+)
+
+
+@given(POINTS)
+def test_the_front_is_what_nothing_beats(points: list[Point]) -> None:
+    front = pareto_front(points)
+    assert front
+    for one in points:
+        beaten = any(
+            other.latency_ms <= one.latency_ms
+            and other.error_mm <= one.error_mm
+            and other.sensors <= one.sensors
+            and (other.latency_ms < one.latency_ms or other.error_mm < one.error_mm or other.sensors < one.sensors)
+            for other in points
+        )
+        assert (one in front) != beaten
+
+
+@given(POINTS, st.sampled_from([0.5, 1.0, 2.5]))
+def test_a_wish_picks_the_best_that_meets_it(points: list[Point], wish: float) -> None:
+    kept = [one for one in points if one.latency_ms <= wish]
+    if kept:
+        assert most_accurate(points, wish).error_mm == min(one.error_mm for one in kept)
+        assert most_accurate(points, wish).latency_ms <= wish
+    else:
+        with pytest.raises(NotToBeHadError, match="the quickest takes"):
+            most_accurate(points, wish)
+    kept = [one for one in points if one.error_mm <= wish]
+    if kept:
+        assert quickest(points, wish).latency_ms == min(one.latency_ms for one in kept)
+        assert quickest(points, wish).error_mm <= wish
+    else:
+        with pytest.raises(NotToBeHadError, match="the best has"):
+            quickest(points, wish)
+
+
+def test_what_is_considered() -> None:
+    bench, _ = load_scene(SCENES / "bench.toml")
+    assert counts_of(bench) == [2, 3, 4, 5]
+    assert [chosen.window for chosen in windows_of(bench)] == [1, 2, 4]
+    assert windows_of(bench)[-1] == choose_filter(bench)
+    paper = parse_scene(PAPER, "paper")
+    assert [chosen.window for chosen in windows_of(paper)] == [1, 2, 4, 8]
+    assert windows_of(paper)[0] == choose_filter(paper)
+
+
+def test_a_point_states_what_its_model_does() -> None:
+    scene = parse_scene(PAPER, "paper")
+    every = measured_points(scene, ("posterior",), draws=1500, seed=0, progress=lambda _doing, _done: None)
+    assert {one.sensors for one in every} == {2, 3}
+    points = [one for one in every if one.sensors == 2]
+    assert [(one.filter.window, one.quantised) for one in points] == [
+        (window, precision) for window in (1, 2, 4, 8) for precision in (False, True)
+    ]
+    for one in points[::2]:
+        assert one.ratio.value == pytest.approx(1, abs=0.02)
+        assert one.error_percent.value == pytest.approx(one.error_mm / 4)
+        assert one.latency_ms == pytest.approx(5 + 0.17 + one.filter.settling_ms + one.times.p50_us / 1e3)
+        assert 0 < one.times.p50_us <= one.times.p99_us
+    # The same contacts, with less noise each.
+    errors = [one.error_mm for one in points[::2]]
+    assert errors == sorted(errors, reverse=True)
+
+
+def test_quantised_weights_are_integers_and_cost_accuracy() -> None:
+    prior = prior_of("bench", 3, 5.0, known=False)
+    graph = posterior_graph(prior, with_force=False)
+    small = quantised(graph)
+    assert onnx.TensorProto.INT8 in {tensor.data_type for tensor in small.graph.initializer}
+    drawn = limit.draw(prior, 2000, 3)
+    plain, rough = (
+        np.abs(answers_of(g, drawn.deflection_mm)["position_mm"] - drawn.position_mm).mean() for g in (graph, small)
+    )
+    assert plain < rough
+
+
+def test_physics_that_is_dear_cannot_be_left_out() -> None:
+    scene, _ = load_scene(SCENES / "short-deep.toml")
+    found = {effect.effect: effect for effect in physics_trade(scene, draws=400, seed=0)}
+    assert found["shear"].verdict == "in"
+    assert found["shear"].error_over_limit.value > 1.5
+    assert found["shear"].influence_ms > 0
+
+
+def test_the_command_writes_the_folder_and_builds_the_choice(tmp_path: Path) -> None:
+    scene = tmp_path / "plate.toml"
+    scene.write_text(PAPER.replace("count = 2", "count = [2, 3]").replace("[sensors]", "[sensors]\nrate_hz = 50"))
+    common = [COMMAND, "trade", str(scene), "-o", str(tmp_path / "out"), "--draws", "300", "--estimators", "posterior"]
+    done = subprocess.run([*common, "--latency-ms", "60", "--json"], capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    chosen = found["points"][found["picked"]["index"]]
+    assert chosen["latency_ms"] <= 60
+    built = modelfile.load(Path(found["picked"]["model"]))
+    assert built.metadata.filter.window == chosen["filter"]["window"]
+    assert len(built.metadata.layout) == chosen["sensors"]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"trade.json", "trade.md", "trade.svg", "plate.onnx"}
+    assert (tmp_path / "out" / "trade.md").read_text().count("\n| ") > len(found["points"])
+    none = subprocess.run([*common, "--error-mm", "1e-6"], capture_output=True, text=True, check=False)
+    assert (none.returncode, none.stdout, none.stderr.count("\n")) == (2, "", 1)
+    assert "nothing has a mean error of 1e-06 mm" in none.stderr
+
+
+@pytest.mark.parametrize(
+    "wish", [["--latency-ms", "0"], ["--error-mm", "nan"], ["--error-mm", "1", "--latency-ms", "1"]]
+)
+def test_a_wish_that_makes_no_sense_is_refused_before_the_work(tmp_path: Path, wish: list[str]) -> None:
+    command = [COMMAND, "trade", str(SCENES / "bench.toml"), "-o", str(tmp_path / "out"), *wish]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=30)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert not (tmp_path / "out").exists()
