@@ -4,6 +4,7 @@ import asyncio
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -116,8 +117,8 @@ def test_counts_come_back_as_the_deflection_with_the_noise_of_the_scene(bench: M
     assert VirtualSurface(scene, bench.metadata, seed=1).counts(Load(150.0, 12.0)) == counts[0].tolist()
 
 
-def exchange(path: Path, sent: list[Message], enough: int) -> list[Message]:
-    """Talk to a serial device on a pseudo-terminal as a host would; return what it said."""
+def exchange(path: Path, sent: list[Message | float], enough: Callable[[list[Message]], bool]) -> list[Message]:
+    """Talk to a serial device on a pseudo-terminal as a host would, a number being a pause; return what it said."""
 
     async def talk() -> list[Message]:
         received: list[Message] = []
@@ -128,9 +129,12 @@ def exchange(path: Path, sent: list[Message], enough: int) -> list[Message]:
             try:
                 decoder = Decoder()
                 for message in sent:
-                    await asyncio.to_thread(os.write, host, encode(message))
-                async with asyncio.timeout(5):
-                    while len(received) < enough:
+                    if isinstance(message, float):
+                        await asyncio.sleep(message)
+                    else:
+                        await asyncio.to_thread(os.write, host, encode(message))
+                async with asyncio.timeout(20):
+                    while not enough(received):
                         received += decoder.feed(await asyncio.to_thread(os.read, host, 4096))
             finally:
                 os.close(host)
@@ -141,7 +145,7 @@ def exchange(path: Path, sent: list[Message], enough: int) -> list[Message]:
 
 
 def test_the_serial_device_says_hello_and_streams_until_stopped(tmp_path: Path) -> None:
-    received = exchange(tmp_path / "line", [HelloRequest(), Start(500)], 52)
+    received = exchange(tmp_path / "line", [HelloRequest(), Start(500)], lambda so_far: len(so_far) >= 52)
     hellos = [message for message in received if isinstance(message, Hello)]
     readings = [message for message in received if isinstance(message, Reading)]
     assert len(hellos) == 2
@@ -151,13 +155,15 @@ def test_the_serial_device_says_hello_and_streams_until_stopped(tmp_path: Path) 
     assert all(reading.counts == (1, 2, 65535) for reading in readings)
     clocks = [reading.device_us for reading in readings]
     assert clocks == sorted(clocks)
-    assert clocks[-1] - clocks[0] == pytest.approx((len(readings) - 1) * 2000, rel=0.3)
+    assert np.median(np.diff(clocks)) == pytest.approx(2000, rel=0.3)  # a busy machine leaves slots out, here and there
 
 
 def test_a_stopped_device_sends_nothing_but_answers(tmp_path: Path) -> None:
-    received = exchange(tmp_path / "line", [Start(500), Stop(), HelloRequest(), HelloRequest()], 3)
-    assert isinstance(received[-1], Hello)
-    assert sum(isinstance(message, Reading) for message in received) <= 1
+    script = [Start(500), 0.05, Stop(), HelloRequest(), 0.1, HelloRequest()]
+    received = exchange(tmp_path / "line", script, lambda so_far: sum(isinstance(m, Hello) for m in so_far) == 3)
+    kinds = [type(message) for message in received]
+    assert Reading in kinds  # it had started
+    assert kinds[-2:] == [Hello, Hello]  # and once it had answered after the stop, nothing came but the next answer
 
 
 def test_a_line_disappears_with_its_name_and_never_takes_another_file(tmp_path: Path) -> None:
