@@ -1,0 +1,155 @@
+"""Cases of the estimator benchmark, and the default estimator on them."""
+
+import time
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
+
+from beamtouch_models import limit
+from beamtouch_models.beam import max_deflection_mm
+from beamtouch_models.estimators.estimator import NAMES, estimator_of
+from beamtouch_models.estimators.posterior.cells import design_for
+from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.estimators.running import runner
+from beamtouch_models.evaluation import ratio_of
+from beamtouch_models.export import to_bytes
+from beamtouch_models.modelfile import session_options
+from beamtouch_models.noise import choose_filter, noise_of
+from beamtouch_models.placement import place
+from beamtouch_models.prior import Prior
+from beamtouch_models.scene import Scene, load_scene
+from example_scenes import SCENES
+
+Array = NDArray[np.float64]
+
+DRAWS = 8000
+SEED = 11
+OPEN_N = (2.0, 20.0)
+"""Force of a scene that states one, where it is taken to be open."""
+ROUNDS, CALLS = 60, 100
+
+
+class Case(NamedTuple):
+    """A scene with so many sensors, noise in percent of the largest deflection, the force known or open."""
+
+    scene: str
+    sensors: int
+    noise_percent: float
+    known: bool
+
+    def __str__(self) -> str:
+        force = "known" if self.known else "open"
+        return f"{self.scene}, {self.sensors} sensors, {self.noise_percent:g} %, force {force}"
+
+
+def cases(scenes: Iterable[str] | None = None, counts: Iterable[int] = (2, 3, 4, 5)) -> list[Case]:
+    """Every combination."""
+    names = sorted(path.stem for path in SCENES.glob("*.toml")) if scenes is None else list(scenes)
+    return [
+        Case(name, count, noise, known)
+        for name in names
+        for count in counts
+        for noise in (10.0, 1.0, 0.1, 0.01)
+        for known in (True, False)
+    ]
+
+
+@lru_cache
+def placed(name: str, sensors: int) -> tuple[Scene, tuple[float, ...]]:
+    """A scene and its best layout."""
+    scene, _ = load_scene(SCENES / f"{name}.toml")
+    return scene, tuple(place(scene, sensors, SEED).positions_mm)
+
+
+@lru_cache(maxsize=4)
+def drawn_of(case: Case) -> tuple[Prior, limit.Draws, Array]:
+    """Prior, contacts, and the error of the posterior's median for each."""
+    scene, layout = placed(case.scene, case.sensors)
+    low, high = scene.contact.force_range_n
+    low, high = OPEN_N if low == high else (low, high)
+    largest = max_deflection_mm(scene) * high / scene.contact.force_range_n[1]
+    contact = scene.contact.model_copy(update={"force_n": high if case.known else (low, high)})
+    prior = Prior.of(
+        scene.model_copy(update={"contact": contact}), np.array(layout), largest * case.noise_percent / 100
+    )
+    drawn = limit.draw(prior, DRAWS, SEED)
+    return prior, drawn, np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
+
+
+def case_row(case: Case) -> dict[str, object]:
+    """The default estimator on a case."""
+    prior, drawn, best = drawn_of(case)
+    design = design_for(prior)
+    content = to_bytes(posterior_graph(prior, with_force=not case.known))
+    reading = drawn.deflection_mm.astype(np.float32)
+    answers = runner(content)(reading, np.ones(reading.shape, np.bool_))
+    ratio = ratio_of(np.abs(answers["position_mm"] - drawn.position_mm), best)
+
+    def held(quantity: str, unit: str, truth: Array) -> float:
+        low, high = (answers[f"{quantity}_{end}_{unit}"] for end in ("low", "high"))
+        return float(((low <= truth) & (truth <= high)).mean()) * 100
+
+    return {
+        "name": f"posterior: {case}",
+        "value": ratio.value,
+        "unit": "error over limit",
+        "goal": "at most 1.05",
+        "+-": ratio.standard_error,
+        "limit, %": float(best.mean()) / prior.length_mm * 100,
+        "position held, %": held("position", "mm", drawn.position_mm),
+        "force held, %": None if case.known else held("force", "n", drawn.force_n),
+        "cells": design.cells,
+        "kB": len(content) / 1e3,
+    }
+
+
+def latency_rows() -> list[dict[str, object]]:
+    """Time of an answer of the shipped scenes' estimators over that of a network of ten units, in turns in one run."""
+    rows: list[dict[str, object]] = []
+    for name in ("paper", "bench", "conveyor"):
+        scene, _ = load_scene(SCENES / f"{name}.toml")
+        count = scene.sensors.count_range[0]
+        prior = Prior.of(scene, np.array(placed(name, count)[1]), noise_of(scene, choose_filter(scene)).sample_mm)
+        reading = limit.draw(prior, 1, SEED).deflection_mm.astype(np.float32)
+        calls: dict[str, Callable[[], object]] = {}
+        for estimator in NAMES:
+            made = estimator_of(estimator, prior, with_force=scene.wants_force, seed=SEED, progress=lambda _done: None)
+            calls[estimator] = answer_of(to_bytes(made.graph), reading)
+        times = in_turns(calls)
+        ten = times["paper-network"]
+        for estimator in NAMES[:-1]:
+            goal = "at most 4" if estimator == NAMES[0] else None
+            rows.append(
+                {
+                    "name": f"{estimator}: {name}, one sample, over ten units",
+                    "value": times[estimator] / ten,
+                    "unit": "p50 over p50",
+                    "goal": goal,
+                    "us": times[estimator],
+                    "ten units, us": ten,
+                }
+            )
+    return rows
+
+
+def answer_of(content: bytes, reading: NDArray[np.float32]) -> Callable[[], object]:
+    """A call that answers one sample."""
+    session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
+    feed = {"deflection_mm": reading, "valid": np.ones(reading.shape, np.bool_)}
+    return lambda: session.run(None, feed)
+
+
+def in_turns(calls: dict[str, Callable[[], object]]) -> dict[str, float]:
+    """Median time of each call in us, all measured in turns."""
+    times: dict[str, list[int]] = {name: [] for name in calls}
+    for _ in range(ROUNDS):
+        for name, call in calls.items():
+            for _ in range(CALLS):
+                start = time.perf_counter_ns()
+                call()
+                times[name].append(time.perf_counter_ns() - start)
+    return {name: float(np.median(one)) / 1e3 for name, one in times.items()}
