@@ -51,7 +51,7 @@ def test_the_page_is_whole_and_asks_nothing_of_the_network(facts: Facts) -> None
 def test_whoever_cannot_see_the_figures_is_told(facts: Facts) -> None:
     tags = Tags(page(facts))
     figures = tags.of("svg")
-    assert len(figures) == len(tags.of("figure")) == len(tags.of("figcaption")) == 4
+    assert len(figures) == len(tags.of("figure")) == len(tags.of("figcaption")) == 5
     assert all(figure["role"] == "img" and len(figure["aria-label"]) > 30 for figure in figures)
     assert len(tags.of("caption")) == len(tags.of("table"))
     assert all(cell["scope"] in {"row", "col"} for cell in tags.of("th"))
@@ -79,6 +79,20 @@ def test_the_error_along_the_beam_adds_up_to_the_mean(facts: Facts) -> None:
     # The ends are where the error lives.
     assert profile.limit_mm[[0, -1]].min() > 3 * profile.limit_mm[len(profile.limit_mm) // 2]
     assert profile.position_mm[0] + profile.position_mm[-1] == pytest.approx(400)
+
+
+def test_the_interval_along_the_beam_is_shown_with_its_ends(facts: Facts) -> None:
+    profile = facts.profile
+    assert profile.held is not None
+    assert profile.width_mm is not None
+    assert profile.held.mean() == pytest.approx(0.95, abs=0.01)
+    assert profile.width_mm[[0, -1]].min() > 3 * profile.width_mm[len(profile.width_mm) // 2]
+    words = " ".join(Tags(page(facts)).text)
+    assert f"held {profile.held.mean() * 100:.1f} % of the contacts" in words
+    assert f"{profile.held[0] * 100:.1f} % and {profile.held[-1] * 100:.1f} %" in words
+    silent = replace(facts, profile=replace(profile, held=None, width_mm=None))
+    assert "Interval along the beam" in words
+    assert "Interval along the beam" not in " ".join(Tags(page(silent)).text)
 
 
 def test_layouts_are_compared_on_the_same_contacts(facts: Facts) -> None:

@@ -1,13 +1,18 @@
 """The posterior graph at the extremes of noise, force and input: finite, in order, in range, right where it can be."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
 
 from beamtouch_models import limit
+from beamtouch_models.beam import max_deflection_mm
+from beamtouch_models.build import sensor_of
 from beamtouch_models.limit import Array
 from beamtouch_models.prior import Prior
+from beamtouch_models.scene import load_scene
+from example_scenes import SCENES
 from posterior_cases import answers_of, double_answers, graph_of, prior_of
 
 TINY = np.nextafter(np.float32(0), np.float32(1))
@@ -100,6 +105,18 @@ def test_forces_over_six_decades() -> None:
     best = limit.posterior_median_mm(prior, readings)
     width = answers["position_high_mm"] - answers["position_low_mm"]
     assert np.abs(answers["position_mm"] - best).mean() < 0.02 * width.mean()
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_counts_of_16_bits_at_the_rails_get_a_sane_answer(known: bool) -> None:
+    scene, _ = load_scene(SCENES / "bench.toml")
+    prior = prior_of("bench", 4, 0.2, known=known)
+    scene = scene.model_copy(update={"sensors": scene.sensors.model_copy(update={"adc_bits": 16})})
+    sensor = sensor_of(scene)
+    rails = np.array(list(itertools.product((0, 1, 32768, 65534, 65535), repeat=4)))
+    deflection = sensor.standoff_mm - (sensor.offset_mm + sensor.gain_mm_per_count * rails)
+    assert deflection.min() < 0 < max_deflection_mm(scene) < deflection.max()  # beyond what any contact gives
+    check_sane(prior, answers_of(graph_of(prior), deflection))
 
 
 def test_a_load_on_the_support_is_a_beam_at_rest() -> None:

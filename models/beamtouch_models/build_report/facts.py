@@ -1,8 +1,10 @@
 """What the report says beyond the model's own words: error along the beam, components, other layouts. No text here."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beamtouch_models import limit
 from beamtouch_models.beam import load_positions_mm, scene_influence
@@ -26,12 +28,18 @@ SEED_SHIFT = 5
 
 @dataclass(frozen=True)
 class Profile:
-    """Mean |error| of position along the beam, a value per stretch of equal length."""
+    """Error and interval of position along the beam, a value per stretch of equal length."""
 
     position_mm: Array
     """(stretches,) middles."""
     model_mm: Array
+    """Mean |error| of the model."""
     limit_mm: Array
+    """Mean |error| of the posterior median."""
+    held: Array | None
+    """Part of the contacts that the stated interval holds; None where the model states none."""
+    width_mm: Array | None
+    """Mean width of the stated interval."""
 
 
 @dataclass(frozen=True)
@@ -93,15 +101,22 @@ def _profile(scene: Scene, model: ModelFile, positions: Array, seed: int) -> Pro
     prior = Prior.of(scene, positions, model.metadata.noise.sample_mm)
     drawn = limit.draw(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
     deflection = drawn.deflection_mm.astype(np.float32)
-    answer = model.estimate(deflection, np.ones(deflection.shape, np.bool_))["position_mm"].astype(np.float64)
+    answers = model.estimate(deflection, np.ones(deflection.shape, np.bool_))
     best = limit.posterior_median_mm(prior, drawn.deflection_mm)
     edges = np.linspace(*scene.contact.position_mm, PROFILE_BINS + 1)
     stretch = np.clip(np.searchsorted(edges, drawn.position_mm, side="right") - 1, 0, PROFILE_BINS - 1)
-    count = np.bincount(stretch, minlength=PROFILE_BINS)
-    model_mm, limit_mm = (
-        np.bincount(stretch, np.abs(estimate - drawn.position_mm), PROFILE_BINS) / count for estimate in (answer, best)
-    )
-    return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm)
+
+    def mean(values: NDArray[Any]) -> Array:
+        return np.bincount(stretch, values.astype(np.float64), PROFILE_BINS) / np.bincount(
+            stretch, minlength=PROFILE_BINS
+        )
+
+    model_mm, limit_mm = (mean(np.abs(middle - drawn.position_mm)) for middle in (answers["position_mm"], best))
+    held = width_mm = None
+    if "position_low_mm" in answers:
+        low, high = answers["position_low_mm"], answers["position_high_mm"]
+        held, width_mm = mean((low <= drawn.position_mm) & (drawn.position_mm <= high)), mean(high - low)
+    return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held, width_mm)
 
 
 def _layouts(scene: Scene, taken: Array, noise_mm: float, seed: int) -> tuple[OtherLayout, ...]:
