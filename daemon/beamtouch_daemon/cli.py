@@ -140,7 +140,7 @@ def _print_table(states: Sequence["SurfaceState"]) -> None:
         (
             state.surface,
             channel.channel,
-            "-" if channel.counts is None else str(channel.counts),
+            "-" if channel.counts is None else f"{channel.counts:.10g}",
             "-" if channel.gap_mm is None else f"{channel.gap_mm:.4f}",
             "-" if channel.deflection_mm is None else f"{channel.deflection_mm:.4f}",
             channel.quality.value,

@@ -101,6 +101,8 @@ class SerialLine(_Strict):
     port: Annotated[str, Field(min_length=1)]
     """Path of the serial device."""
     baud: Baud = 1_000_000
+    oversampling: Annotated[int, Field(ge=1, le=255)] = 1
+    """Conversions that the device averages in one reading."""
 
 
 Source = Annotated[ModbusTcp | ModbusRtu | SerialLine, Field(discriminator="kind")]

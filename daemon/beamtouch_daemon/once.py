@@ -18,7 +18,7 @@ class ChannelState:
     """One channel in one reading."""
 
     channel: str
-    counts: int | None
+    counts: float | None
     gap_mm: float | None
     deflection_mm: float | None
     quality: Quality

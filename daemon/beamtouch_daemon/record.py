@@ -135,7 +135,7 @@ class Table:
         sample = taken.sample
         cells: list[object] = [f"{sample.acquired_unix_us / 1e6:.6f}", self.loads + 1, load.position_mm, load.force_n]
         for count, value, quality in zip(reading.counts, sample.deflection_mm, sample.quality, strict=True):
-            cells += ["" if count is None else count, "" if value is None else f"{value:.7g}", quality.value]
+            cells += ["" if count is None else f"{count:.10g}", "" if value is None else f"{value:.7g}", quality.value]
         self._writer.writerow(cells)
         self._file.flush()
         self.rows += 1

@@ -22,13 +22,35 @@ class HelloRequest(Payload):
 
 
 @dataclass(frozen=True, slots=True)
+class Ping(Payload):
+    """Host to device: what does your clock say? Changes nothing."""
+
+    TYPE: ClassVar[int] = 0x02
+
+    token: U16
+    """Comes back in the answer, so that a late answer is not taken for the one to a later question."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identify(Payload):
+    """Host to device: show yourself, so that a person sees which device this is. There is no answer."""
+
+    TYPE: ClassVar[int] = 0x03
+
+    seconds: U8
+    """How long to blink; 0 ends it."""
+
+
+@dataclass(frozen=True, slots=True)
 class Start(Payload):
-    """Host to device: send readings from now on, or go on at another rate."""
+    """Host to device: send readings from now on, or go on as this says."""
 
     TYPE: ClassVar[int] = 0x10
 
     rate_hz: U16
     """Readings per second, from 1 to the device's `max_rate_hz`; a device ignores any other."""
+    oversampling: U8
+    """Conversions of each channel that a count is the sum of, at least 1; a device ignores what it cannot keep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +79,26 @@ class Hello(Payload):
     channel_count: U8
     """Counts in each reading, 1 to 32."""
     adc_bits: U8
-    """Counts lie from 0 to 2**adc_bits - 1; 1 to 16."""
+    """One conversion gives 0 to 2**adc_bits - 1; 1 to 16."""
     max_rate_hz: U16
-    """The most readings per second that ADC and line can keep up."""
+    """The most readings per second, without oversampling, that ADC and line can keep up."""
 
     @property
     def is_compatible(self) -> bool:
         """Whether the device speaks exactly the messages of this module."""
         return (self.protocol_version, self.schema_hash) == (PROTOCOL_VERSION, SCHEMA_HASH)
+
+
+@dataclass(frozen=True, slots=True)
+class Pong(Payload):
+    """Device to host, the answer to `Ping`."""
+
+    TYPE: ClassVar[int] = 0x82
+
+    token: U16
+    """That of the ping."""
+    device_us: U32
+    """Device clock while the ping was handled, in microseconds, modulo 2**32."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +111,13 @@ class Reading(Payload):
     """Number of the scan since boot, modulo 2**16; a gap is a loss."""
     device_us: U32
     """Device clock at the middle of the scan, in microseconds, modulo 2**32."""
+    oversampling: U8
+    """Conversions that each count is the sum of, at least 1."""
     counts: Counts
     """One value per channel, in channel order."""
 
 
-Message = HelloRequest | Start | Stop | Hello | Reading
+Message = HelloRequest | Ping | Identify | Start | Stop | Hello | Pong | Reading
 
 MESSAGE_TYPES: dict[int, type[Message]] = {message.TYPE: message for message in get_args(Message)}
 """The class of each type number."""

@@ -35,3 +35,12 @@ class DeviceClock:
         else:
             self._us += (device_us - self._us) % (1 << 32)
         return self._us
+
+    def extend_near(self, device_us: int) -> int:
+        """Return the device time in microseconds of a value that may be a little older than the last; moves nothing.
+
+        An answer can overtake a reading that was taken before it, and the other way round.
+        """
+        if self._us is None:
+            return device_us
+        return self._us + (device_us - self._us + (1 << 31)) % (1 << 32) - (1 << 31)

@@ -1,6 +1,7 @@
 """Small devices that do as they are told: late, silent, damaged or reset."""
 
 import asyncio
+import dataclasses
 import struct
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, closing, suppress
@@ -19,6 +20,8 @@ from beamtouch_protocol.messages import (
     Hello,
     HelloRequest,
     Message,
+    Ping,
+    Pong,
     Reading,
     Start,
     Stop,
@@ -44,7 +47,7 @@ class StampingUnit:
         self.requests = 0
         self._fault = fault
 
-    def age_s(self, counts: int, taken_s: float) -> float:
+    def age_s(self, counts: float, taken_s: float) -> float:
         """Return how much older a value is than its reading says."""
         return taken_s - self.start_s - counts / 1e3
 
@@ -133,11 +136,14 @@ async def pymodbus_server(registers: list[int], action: SimAction | None = None,
 class SerialDevice:
     """A device that speaks our protocol on a pseudo-terminal; counts hold the number of the reading."""
 
-    def __init__(self, line: Terminal, boot_id: int = 1, channels: int = 2, schema_hash: int = SCHEMA_HASH) -> None:
+    def __init__(
+        self, line: Terminal, boot_id: int = 1, channels: int = 2, schema_hash: int = SCHEMA_HASH, adc_bits: int = 16
+    ) -> None:
         self.received: list[Message] = []
         self.sequence = 0
         self._line = line
-        self._hello = Hello(PROTOCOL_VERSION, schema_hash, boot_id, channels, 16, 1000)
+        self._start_s = monotonic()
+        self._hello = Hello(PROTOCOL_VERSION, schema_hash, boot_id, channels, adc_bits, 1000)
         self._decoder = Decoder()
         self._stream: asyncio.Task[None] | None = None
         line.on_data(self._receive)
@@ -148,9 +154,11 @@ class SerialDevice:
             match message:
                 case HelloRequest():
                     self.send(self._hello)
-                case Start(rate_hz):
+                case Ping(token):
+                    self.send(Pong(token, self.device_us()))
+                case Start(rate_hz, oversampling):
                     self.stop()
-                    self._stream = asyncio.create_task(self._run(rate_hz))
+                    self._stream = asyncio.create_task(self._run(rate_hz, oversampling))
                 case Stop():
                     self.stop()
 
@@ -170,14 +178,21 @@ class SerialDevice:
         """Start over, as after a power failure, and say so."""
         self.stop()
         self.sequence = 0
-        self._hello = Hello(PROTOCOL_VERSION, SCHEMA_HASH, boot_id, self._hello.channel_count, 16, 1000)
+        self._hello = dataclasses.replace(self._hello, boot_id=boot_id)
         self.send(self._hello)
 
-    async def _run(self, rate_hz: int) -> None:
-        start_s = monotonic()
+    def device_us(self) -> int:
+        """Return the device's clock, which wraps 65 ms after it was made."""
+        return (round((monotonic() - self._start_s) * 1e6) + 0xFFFF_0000) % 2**32
+
+    def counts(self, sequence: int) -> tuple[int, ...]:
+        """Return what one conversion of each channel gives in a reading."""
+        base = 20_000 if self._hello.adc_bits == 16 else 2000
+        return tuple(base + sequence + 1000 * i for i in range(self._hello.channel_count))
+
+    async def _run(self, rate_hz: int, oversampling: int) -> None:
         while True:
-            device_us = round((monotonic() - start_s) * 1e6) + 0xFFFF_0000  # wraps after 65 ms
-            counts = tuple(20_000 + self.sequence + 1000 * i for i in range(self._hello.channel_count))
-            self.send(Reading(self.sequence % 2**16, device_us % 2**32, counts))
+            counts = tuple(oversampling * count for count in self.counts(self.sequence))
+            self.send(Reading(self.sequence % 2**16, self.device_us(), oversampling, counts))
             self.sequence += 1
             await asyncio.sleep(1 / rate_hz)

@@ -6,7 +6,7 @@ import random
 import pytest
 
 from beamtouch_daemon.faults import Backoff
-from beamtouch_daemon.sources.clock import HostClock
+from beamtouch_daemon.sources.clock import HostClock, RoundTrips
 from beamtouch_daemon.sources.reading import Schedule
 
 
@@ -44,6 +44,41 @@ def test_device_times_follow_the_host_whether_the_device_runs_slow_or_fast(rate:
         last_s = mapped_s
         worst_s = max(worst_s, abs(mapped_s - true_s))
     assert worst_s < 0.011
+
+
+def test_round_trips_find_offset_and_drift_though_one_way_is_slow_now_and_then() -> None:
+    chance = random.Random(4)  # noqa: S311
+    clock = HostClock()
+    rate, worst_s, start = 1.004, 0.0, 5000.0
+    for number in range(20_000):  # 100 s at 200 Hz
+        true_s = number / 200.0
+        device_s = 77.0 + rate * true_s
+        if number % 100 == 0:
+            there_s = 0.0002 + (0.03 * chance.random() if chance.random() < 0.4 else 0.0)
+            back_s = 0.0002 + 0.0001 * chance.random()
+            clock.round_trip(start + true_s - there_s, device_s, start + true_s + back_s)
+        mapped_s = clock.to_host(device_s, start + true_s + 0.02 + 0.01 * chance.random())  # each reading 20 ms late
+        if number > 4000:
+            worst_s = max(worst_s, abs(mapped_s - start - true_s))
+    assert worst_s < 0.0003  # where arrivals alone are 20 ms off
+
+
+@pytest.mark.parametrize("rate", [0.99, 1.0, 1.01])
+def test_the_line_through_round_trips_is_that_of_the_clocks(rate: float) -> None:
+    trips = RoundTrips()
+    for number in range(200):
+        host_s = 1e6 + number / 2
+        trips.add(host_s - 0.001, 3.0 + number / 2 / rate, host_s + 0.001)
+        assert trips.to_host(3.0) is None or number >= 4
+    mapped_s = trips.to_host(3.0 + 120 / rate)
+    assert mapped_s == pytest.approx(1e6 + 120, abs=1e-6)
+
+
+def test_round_trips_never_make_a_reading_later_than_it_arrived() -> None:
+    clock = HostClock()
+    for number in range(10):
+        clock.round_trip(50.0 + number, float(number), 50.2 + number)  # the middle is 0.1 s late
+    assert clock.to_host(9.5, 59.55) == 59.55
 
 
 def test_what_a_stalled_line_delivers_at_once_stays_old() -> None:

@@ -39,7 +39,11 @@ def test_a_session_is_stop_hello_start_readings_stop() -> None:
             device = SerialDevice(line)
             readings = await take(make_source(line.path, [1, 0]), 20)
             await asyncio.sleep(0.05)
-            assert device.received == [messages.Stop(), messages.HelloRequest(), messages.Start(200), messages.Stop()]
+            session = [message for message in device.received if not isinstance(message, messages.Ping)]
+            assert session == [messages.Stop(), messages.HelloRequest(), messages.Start(200, 1), messages.Stop()]
+            pings = [message for message in device.received if isinstance(message, messages.Ping)]
+            assert [ping.token for ping in pings] == list(range(len(pings)))
+            assert pings
             assert [reading.counts for reading in readings] == [(21_000 + i, 20_000 + i) for i in range(20)]
             assert sum(reading.lost for reading in readings) == 0
 
@@ -73,6 +77,39 @@ def test_lost_readings_are_counted_and_not_invented() -> None:
     asyncio.run(story())
 
 
+def test_a_count_is_the_mean_of_the_conversions_that_were_asked_for() -> None:
+    async def story() -> None:
+        with terminal() as line:
+            device = SerialDevice(line, adc_bits=12)
+            settings = SerialLine(kind="serial", port=line.path, oversampling=16)
+            source = SerialSource(settings, [0], RATE_HZ, adc_bits=[12])
+            async with aclosing(source.readings()) as stream:
+                assert (await anext(stream))[0].counts == (device.counts(0)[0],)
+                device.stop()
+                await asyncio.sleep(0.05)
+                first = device.sequence
+                device.send(messages.Reading(first, 0xFFFF_F000, 16, (16 * 4095 + 1, 5)))  # more than 12 bits give
+                device.send(messages.Reading(first + 1, 0xFFFF_F000, 0, (0, 0)))
+                device.send(messages.Reading(first + 2, 0xFFFF_F000, 16, (16 * 7 + 3, 5)))
+                taken = await anext(stream)
+                while taken[-1].counts != (7.1875,):
+                    taken += await asyncio.wait_for(anext(stream), 2)
+            assert all(reading.counts[0] <= 4095 for reading in taken if reading.counts[0] is not None)
+
+    asyncio.run(story())
+
+
+def test_sums_that_do_not_fit_are_refused() -> None:
+    async def story() -> None:
+        with terminal() as line:
+            SerialDevice(line)
+            settings = SerialLine(kind="serial", port=line.path, oversampling=2)
+            with pytest.raises(SourceError, match="sums of 2 conversions of 16 bits do not fit; lower oversampling"):
+                await take(SerialSource(settings, [0], 200.0, adc_bits=[16]), 1)
+
+    asyncio.run(story())
+
+
 def test_a_repeated_frame_is_not_a_second_reading() -> None:
     async def story() -> None:
         with terminal() as line:
@@ -81,10 +118,10 @@ def test_a_repeated_frame_is_not_a_second_reading() -> None:
                 await anext(stream)
                 device.stop()
                 await asyncio.sleep(0.05)
-                device.send(messages.Reading(device.sequence + 1, 0xFFFF_F000, (1, 1)))
-                device.send(messages.Reading(device.sequence + 1, 0xFFFF_F000, (1, 1)))
-                device.send(messages.Reading(device.sequence, 0xFFFF_F000, (1, 1)))
-                device.send(messages.Reading(device.sequence + 2, 0xFFFF_F001, (2, 2)))
+                device.send(messages.Reading(device.sequence + 1, 0xFFFF_F000, 1, (1, 1)))
+                device.send(messages.Reading(device.sequence + 1, 0xFFFF_F000, 1, (1, 1)))
+                device.send(messages.Reading(device.sequence, 0xFFFF_F000, 1, (1, 1)))
+                device.send(messages.Reading(device.sequence + 2, 0xFFFF_F001, 1, (2, 2)))
                 taken: list[Reading] = []
                 while not taken or taken[-1].counts != (2, 2):
                     taken += await asyncio.wait_for(anext(stream), 2)
@@ -179,7 +216,7 @@ def test_an_unplugged_port_is_an_error_at_once() -> None:
                 await anext(stream)
                 device.stop()
                 line.unplug()
-                with pytest.raises(SourceError, match="is gone"):
+                with pytest.raises(SourceError, match=r"is gone|does not take data"):
                     await drain(stream, within_s=0.4)
 
     asyncio.run(story())

@@ -145,7 +145,7 @@ def exchange(path: Path, sent: list[Message | float], enough: Callable[[list[Mes
 
 
 def test_the_serial_device_says_hello_and_streams_until_stopped(tmp_path: Path) -> None:
-    received = exchange(tmp_path / "line", [HelloRequest(), Start(500)], lambda so_far: len(so_far) >= 52)
+    received = exchange(tmp_path / "line", [HelloRequest(), Start(500, 1)], lambda so_far: len(so_far) >= 52)
     hellos = [message for message in received if isinstance(message, Hello)]
     readings = [message for message in received if isinstance(message, Reading)]
     assert len(hellos) == 2
@@ -159,7 +159,7 @@ def test_the_serial_device_says_hello_and_streams_until_stopped(tmp_path: Path) 
 
 
 def test_a_stopped_device_sends_nothing_but_answers(tmp_path: Path) -> None:
-    script: list[Message | float] = [Start(500), 0.05, Stop(), HelloRequest(), 0.1, HelloRequest()]
+    script: list[Message | float] = [Start(500, 1), 0.05, Stop(), HelloRequest(), 0.1, HelloRequest()]
     received = exchange(tmp_path / "line", script, lambda so_far: sum(isinstance(m, Hello) for m in so_far) == 3)
     kinds = [type(message) for message in received]
     assert Reading in kinds  # it had started

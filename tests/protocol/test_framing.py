@@ -4,13 +4,25 @@ import pytest
 from cobs import cobs
 
 from beamtouch_protocol.framing import DELIMITER, MAX_FRAME_BYTES, Decoder, Rejection, encode
-from beamtouch_protocol.messages import SCHEMA_HASH, Hello, HelloRequest, Message, Reading, Start, Stop
+from beamtouch_protocol.messages import (
+    SCHEMA_HASH,
+    Hello,
+    HelloRequest,
+    Identify,
+    Message,
+    Ping,
+    Pong,
+    Reading,
+    Start,
+    Stop,
+)
 
-READING = Reading(sequence=7, device_us=1_000_000, counts=(0, 1, 4095, 65535))
+READING = Reading(sequence=7, device_us=1_000_000, oversampling=1, counts=(0, 1, 4095, 65535))
 FOREIGN_HELLO = Hello(
     protocol_version=9, schema_hash=0xFEEDFACE, boot_id=3, channel_count=60, adc_bits=24, max_rate_hz=1
 )
-MESSAGES: list[Message] = [HelloRequest(), Start(1000), Stop(), FOREIGN_HELLO, READING]
+TO_DEVICE: list[Message] = [HelloRequest(), Ping(7), Identify(5), Start(1000, 4), Stop()]
+MESSAGES: list[Message] = [*TO_DEVICE, Pong(7, 99), FOREIGN_HELLO, READING]
 
 
 def seal(body: bytes, seed: int) -> bytes:
@@ -82,7 +94,7 @@ def test_the_hello_of_another_version_is_always_taken() -> None:
 
 
 def test_the_longest_frame_fits_and_one_byte_more_does_not() -> None:
-    longest = Reading(65535, 2**32 - 1, (65535,) * 32)
+    longest = Reading(65535, 2**32 - 1, 255, (65535,) * 32)
     assert len(encode(longest)) == MAX_FRAME_BYTES
     body = bytes([Reading.TYPE]) + longest.to_bytes() + b"\x01"
     decoder = Decoder()
@@ -110,4 +122,4 @@ def test_a_frame_that_goes_on_beyond_any_length_is_not_taken_for_its_begin() -> 
 
 def test_a_value_that_does_not_fit_makes_no_frame() -> None:
     with pytest.raises(ValueError, match="rate_hz"):
-        encode(Start(65536))
+        encode(Start(65536, 1))

@@ -19,10 +19,13 @@ REJECTED = [pytest.param(frame, id=frame["name"]) for frame in GOLDEN["rejected"
 
 TYPE_AND_WIDTHS: dict[str, tuple[int, list[int]]] = {
     "HelloRequest": (0x01, []),
-    "Start": (0x10, [2]),
+    "Ping": (0x02, [2]),
+    "Identify": (0x03, [1]),
+    "Start": (0x10, [2, 1]),
     "Stop": (0x11, []),
     "Hello": (0x81, [1, 4, 4, 1, 1, 2]),
-    "Reading": (0x90, [2, 4, 2]),
+    "Pong": (0x82, [2, 4]),
+    "Reading": (0x90, [2, 4, 1, 2]),
 }
 
 

@@ -12,7 +12,10 @@ from beamtouch_protocol.messages import (
     SCHEMA_TEXT,
     Hello,
     HelloRequest,
+    Identify,
     Message,
+    Ping,
+    Pong,
     Reading,
     Start,
     Stop,
@@ -20,7 +23,7 @@ from beamtouch_protocol.messages import (
 )
 
 HELLO = Hello(PROTOCOL_VERSION, SCHEMA_HASH, boot_id=1, channel_count=8, adc_bits=12, max_rate_hz=2000)
-READING = Reading(sequence=0, device_us=0, counts=(1, 2, 3))
+READING = Reading(sequence=0, device_us=0, oversampling=1, counts=(1, 2, 3))
 
 
 @given(st.one_of([st.from_type(message) for message in MESSAGE_TYPES.values()]))
@@ -29,7 +32,7 @@ def test_a_payload_gives_back_the_message_it_came_from(message: Message) -> None
 
 
 def test_integers_are_little_endian_and_without_gaps() -> None:
-    assert Reading(0x0102, 0x03040506, (0x0708, 0x090A)).to_bytes() == bytes.fromhex("0201 06050403 0807 0a09")
+    assert Reading(0x0102, 0x03040506, 0x0B, (0x0708, 0x090A)).to_bytes() == bytes.fromhex("0201 06050403 0b 0807 0a09")
 
 
 def test_messages_without_fields_have_no_payload() -> None:
@@ -60,22 +63,24 @@ def test_half_a_microsecond_is_refused_by_name() -> None:
 
 def test_the_one_count_that_does_not_fit_is_named_with_its_channel() -> None:
     with pytest.raises(ValueError, match=r"^counts\[2\] must be .* not 65536$"):
-        Reading(0, 0, (1, 2, 65536, 4)).to_bytes()
+        Reading(0, 0, 1, (1, 2, 65536, 4)).to_bytes()
 
 
 @pytest.mark.parametrize("channels", [0, 33])
 def test_a_reading_has_one_to_32_channels(channels: int) -> None:
     with pytest.raises(ValueError, match=f"^counts must hold 1 to 32 values, not {channels}$"):
-        Reading(0, 0, (0,) * channels).to_bytes()
+        Reading(0, 0, 1, (0,) * channels).to_bytes()
 
 
-@pytest.mark.parametrize("message", [HelloRequest(), Start(1000), Stop(), HELLO, READING])
+@pytest.mark.parametrize(
+    "message", [HelloRequest(), Ping(7), Identify(5), Start(1000, 4), Stop(), HELLO, Pong(7, 99), READING]
+)
 def test_a_payload_of_another_length_is_refused(message: Message) -> None:
     payload = message.to_bytes()
     wrong = [payload + b"\x01", *(payload[:end] for end in range(len(payload)))]
     if isinstance(message, Reading):
-        wrong.remove(payload[:8])  # one channel
-        wrong.remove(payload[:10])  # two channels
+        wrong.remove(payload[:9])  # one channel
+        wrong.remove(payload[:11])  # two channels
     for candidate in wrong:
         with pytest.raises(ValueError, match=r"too long|cut off|cannot be"):
             type(message).from_bytes(candidate)
@@ -99,8 +104,10 @@ def test_only_the_introduction_is_read_across_versions() -> None:
 
 
 def test_an_answer_has_the_number_of_its_question_plus_0x80() -> None:
-    assert HelloRequest.TYPE + 0x80 == Hello.TYPE
-    assert [message for number, message in MESSAGE_TYPES.items() if number < 0x80] == [HelloRequest, Start, Stop]
+    for question, answer in ((HelloRequest, Hello), (Ping, Pong), (Start, Reading)):
+        assert question.TYPE + 0x80 == answer.TYPE
+    to_device = [message for number, message in MESSAGE_TYPES.items() if number < 0x80]
+    assert to_device == [HelloRequest, Ping, Identify, Start, Stop]
 
 
 def test_the_schema_names_every_field_of_every_message() -> None:

@@ -38,12 +38,12 @@ def test_every_message_has_a_table_of_its_fields(number: int) -> None:
 
 def test_the_worked_example_ends_in_the_frame_of_the_code() -> None:
     steps = dict(table_rows(section("### Worked example")))
-    assert bytes.fromhex(steps["frame with its delimiter"].strip("`")) == encode(Start(100))
+    assert bytes.fromhex(steps["frame with its delimiter"].strip("`")) == encode(Start(100, 16))
 
 
 def test_the_timing_table_counts_the_bytes_of_real_frames() -> None:
     for channels, length, fast, slow in table_rows(section("## Timing")):
-        frame = encode(Reading(1, 1, (1,) * int(channels)))
+        frame = encode(Reading(1, 1, 1, (1,) * int(channels)))
         assert len(frame) == int(length)
         assert (int(fast), int(slow)) == (100_000 // len(frame), 11_520 // len(frame))
 

@@ -76,8 +76,8 @@ def test_a_damaged_stream_loses_messages_but_never_changes_or_invents_one() -> N
     generator = random.Random(2)  # noqa: S311 - noise, not secrets
     received_in_all = 0
     for round_ in range(1500):
-        sent: list[Message] = [Reading((round_ + n) % 65536, 500 * n, (n, 0, 4095, 256 * n)) for n in range(6)]
-        sent += [Start(1000), Stop(), Hello(1, round_, round_, 4, 12, 1000)]
+        sent: list[Message] = [Reading((round_ + n) % 65536, 500 * n, 1, (n, 0, 4095, 256 * n)) for n in range(6)]
+        sent += [Start(1000, 1), Stop(), Hello(1, round_, round_, 4, 12, 1000)]
         stream = bytearray(b"".join(map(encode, sent)))
         damages = generator.randint(1, 4)
         for _ in range(damages):

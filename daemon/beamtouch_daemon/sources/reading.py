@@ -14,11 +14,11 @@ class SourceError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """Raw counts of all channels at one instant."""
+    """Raw counts of all channels at one instant; the mean of several conversions need not be whole."""
 
     monotonic_s: float
     """When it was taken, on the monotonic clock of this host."""
-    counts: tuple[int | None, ...]
+    counts: tuple[float | None, ...]
     """One per channel, in the order of the configuration; None for a channel that the device did not give."""
     lost: int = 0
     """Readings lost between this one and the one before it in the same session."""

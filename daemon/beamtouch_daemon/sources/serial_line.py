@@ -1,7 +1,8 @@
 """A device that speaks the protocol of `PROTOCOL.md` on a serial line.
 
-A session: stop, hello, check who it is, start, take readings. It ends in SourceError when the port goes away, the
-device falls silent or was reset, or is not the device that the configuration describes.
+A session: stop, hello, check who it is, start, take readings, with a ping now and then for the clocks. It ends in
+SourceError when the port goes away, the device falls silent or was reset, or is not the device that the configuration
+describes.
 """
 
 import contextlib
@@ -13,7 +14,7 @@ from beamtouch_daemon.sources.clock import HostClock
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.serial_port import Arrival, SerialPort
 from beamtouch_protocol import messages
-from beamtouch_protocol.messages import Hello, HelloRequest, Start, Stop
+from beamtouch_protocol.messages import Hello, HelloRequest, Ping, Pong, Start, Stop
 from beamtouch_protocol.sequence import DeviceClock, missing_between
 
 HELLO_TIMEOUT_S = 3.0
@@ -22,6 +23,12 @@ HELLO_REPEAT_S = 0.3
 SILENCE_S = 0.5
 SILENCE_PERIODS = 10.0
 """A device is silent after the longer of a time and a number of periods."""
+PING_S = 0.5
+FIRST_PINGS = 10
+FIRST_PING_S = 0.05
+"""A ping every so often, the first ones sooner, so that the clocks are known at once."""
+LATEST_PONG_S = 1.0
+MAX_COUNT = 65_535
 _REPEATED = 1 << 15
 """So many readings cannot be lost without a silence; a sequence number that says so was there before."""
 
@@ -34,6 +41,7 @@ class SerialSource:
         self._baud = settings.baud
         self._indices = tuple(indices)
         self._rate_hz = int(rate_hz)
+        self._oversampling = settings.oversampling
         self._adc_bits = tuple(adc_bits)
         self._silence_s = max(SILENCE_S, SILENCE_PERIODS / rate_hz)
 
@@ -44,16 +52,19 @@ class SerialSource:
             hello = await self._introduce(port)
             self._require(hello)
             session = Session(hello, self._indices)
-            port.send(Start(self._rate_hz))
+            port.send(Start(self._rate_hz, self._oversampling))
             heard_s = monotonic()
             while True:
+                if (ping := session.ping(monotonic())) is not None:
+                    port.send(ping)
                 arrivals = await port.receive(self._silence_s)
                 readings = [reading for arrival in arrivals if (reading := session.take(arrival))]
                 if readings:
                     heard_s = monotonic()
                     yield readings
                 elif monotonic() - heard_s >= self._silence_s:
-                    message = f"{self._path}: no reading for {self._silence_s:g} s{_damage(port)}"
+                    asked = f"{self._rate_hz} Hz, oversampling {self._oversampling}"
+                    message = f"{self._path}: no reading for {self._silence_s:g} s{_damage(port)} ({asked})"
                     raise SourceError(message)
         finally:
             with contextlib.suppress(SourceError):  # it may be gone already
@@ -91,6 +102,8 @@ class SerialSource:
             wrong = f"the device has {hello.adc_bits} ADC bits; correct adc_bits of its channels"
         elif self._rate_hz > hello.max_rate_hz:
             wrong = f"the device gives at most {hello.max_rate_hz} readings per second; lower rate_hz"
+        elif self._oversampling * (2**hello.adc_bits - 1) > MAX_COUNT:
+            wrong = f"sums of {self._oversampling} conversions of {hello.adc_bits} bits do not fit; lower oversampling"
         if wrong:
             message = f"{self._path}: {wrong}"
             raise SourceError(message)
@@ -109,6 +122,20 @@ class Session:
         self._sequence: int | None = None
         self._device_clock = DeviceClock()
         self._host_clock = HostClock()
+        self._pinged_s: dict[int, float] = {}
+        self._pings = 0
+        self._next_ping_s = 0.0
+
+    def ping(self, now_s: float) -> Ping | None:
+        """Return the ping to send now, if it is time for one."""
+        if self._sequence is None or now_s < self._next_ping_s:  # the first reading sets the device's clock
+            return None
+        self._next_ping_s = now_s + (FIRST_PING_S if self._pings < FIRST_PINGS else PING_S)
+        token = self._pings % (1 << 16)
+        self._pings += 1
+        self._pinged_s = {old: at_s for old, at_s in self._pinged_s.items() if now_s - at_s < LATEST_PONG_S}
+        self._pinged_s[token] = now_s
+        return Ping(token)
 
     def take(self, arrival: Arrival) -> Reading | None:
         """Return the reading that arrived, None for anything else; SourceError if the device was reset."""
@@ -116,7 +143,10 @@ class Session:
         if isinstance(message, Hello) and message.boot_id != self._hello.boot_id:
             text = "the device was reset"
             raise SourceError(text)
-        if not isinstance(message, messages.Reading) or len(message.counts) != self._hello.channel_count:
+        if isinstance(message, Pong) and (sent_s := self._pinged_s.pop(message.token, None)) is not None:
+            device_s = self._device_clock.extend_near(message.device_us) / 1e6
+            self._host_clock.round_trip(sent_s, device_s, arrival.monotonic_s)
+        if not isinstance(message, messages.Reading) or not self._fits(message):
             return None
         lost = 0 if self._sequence is None else missing_between(self._sequence, message.sequence)
         if lost >= _REPEATED:
@@ -124,4 +154,10 @@ class Session:
         self._sequence = message.sequence
         device_s = self._device_clock.extend(message.device_us) / 1e6
         taken_s = self._host_clock.to_host(device_s, arrival.monotonic_s)
-        return Reading(taken_s, tuple(message.counts[index] for index in self._indices), lost)
+        counts = tuple(message.counts[index] / message.oversampling for index in self._indices)
+        return Reading(taken_s, counts, lost)
+
+    def _fits(self, message: messages.Reading) -> bool:
+        """Whether a reading can be one of this device."""
+        most = message.oversampling * (2**self._hello.adc_bits - 1)
+        return len(message.counts) == self._hello.channel_count and most > 0 and max(message.counts) <= most

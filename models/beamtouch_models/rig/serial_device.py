@@ -13,6 +13,8 @@ from beamtouch_protocol.messages import (
     Hello,
     HelloRequest,
     Message,
+    Ping,
+    Pong,
     Reading,
     Start,
     Stop,
@@ -36,6 +38,7 @@ class SerialDevice:
         self._line = line
         self._convert = convert
         self._hello = Hello(PROTOCOL_VERSION, SCHEMA_HASH, secrets.randbits(32), channels, adc_bits, MAX_RATE_HZ)
+        self._most_oversampling = 65535 // (2**adc_bits - 1)
         self._decoder = Decoder()
         self._stream: asyncio.Task[None] | None = None
         self._sequence = 0
@@ -65,9 +68,11 @@ class SerialDevice:
         match message:
             case HelloRequest():
                 self._send(self._hello)
-            case Start(rate_hz=rate) if 1 <= rate <= MAX_RATE_HZ:
+            case Ping(token):
+                self._send(Pong(token, self._device_us()))
+            case Start(rate, oversampling) if 1 <= rate <= MAX_RATE_HZ and 1 <= oversampling <= self._most_oversampling:
                 self._stop()
-                self._stream = asyncio.get_running_loop().create_task(self._send_readings(rate))
+                self._stream = asyncio.get_running_loop().create_task(self._send_readings(rate, oversampling))
             case Stop():
                 self._stop()
             case _:
@@ -78,14 +83,18 @@ class SerialDevice:
             self._stream.cancel()
             self._stream = None
 
-    async def _send_readings(self, rate_hz: int) -> None:
+    def _device_us(self) -> int:
+        return round((time.monotonic() - self._boot) * 1e6) % 2**32
+
+    async def _send_readings(self, rate_hz: int, oversampling: int) -> None:
         """Send readings on a schedule that does not drift; a slot that was missed is left out."""
         start, slot = time.monotonic(), 0
         while True:
-            now = time.monotonic()
-            self._send(Reading(self._sequence, round((now - self._boot) * 1e6) % 2**32, tuple(self._convert())))
+            device_us = self._device_us()
+            sums = map(sum, zip(*(self._convert() for _ in range(oversampling)), strict=True))
+            self._send(Reading(self._sequence, device_us, oversampling, tuple(sums)))
             self._sequence = (self._sequence + 1) % 2**16
-            slot = max(slot + 1, int((now - start) * rate_hz))
+            slot = max(slot + 1, int((time.monotonic() - start) * rate_hz))
             await asyncio.sleep(max(0.0, start + slot / rate_hz - time.monotonic()))
 
     def _send(self, message: Message) -> None:
