@@ -10,8 +10,6 @@ from urllib.parse import urlsplit
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
-    ConfigDict,
     Field,
     FiniteFloat,
     PrivateAttr,
@@ -19,6 +17,8 @@ from pydantic import (
     model_validator,
 )
 
+from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, RelativePath, SerialLine, Source, Strict
+from beamtouch_daemon.modules import Encoding, module_of
 from beamtouch_service.samples import MAX_CHANNELS, ChannelName, SurfaceName
 
 
@@ -48,17 +48,9 @@ def _http_url(value: str) -> str:
 
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
-RelativePath = Annotated[Path, Field(strict=False)]
-Milliseconds = Annotated[FiniteFloat, Field(ge=1, le=60_000)]
-NetworkPort = Annotated[int, Field(ge=1, le=65_535)]
-Baud = Annotated[int, Field(ge=300, le=12_000_000)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class Publish(_Strict):
+class Publish(Strict):
     """Where samples go."""
 
     url: Annotated[str, AfterValidator(_http_url)]
@@ -71,44 +63,7 @@ class Publish(_Strict):
     """Samples of each surface kept while the service is away; beyond it the oldest are dropped and counted."""
 
 
-class ModbusTcp(_Strict):
-    """Input registers of one unit over Modbus TCP."""
-
-    kind: Literal["modbus-tcp"]
-    host: Annotated[str, Field(min_length=1)]
-    port: NetworkPort = 502
-    unit: Annotated[int, Field(ge=0, le=255)] = 1
-    timeout_ms: Milliseconds = 200.0
-    """How long to wait for the connection, and for each reply."""
-
-
-class ModbusRtu(_Strict):
-    """Input registers of one unit over Modbus RTU, 8 data bits, no parity, 1 stop bit."""
-
-    kind: Literal["modbus-rtu"]
-    port: Annotated[str, Field(min_length=1)]
-    """Path of the serial device."""
-    baud: Baud = 115_200
-    unit: Annotated[int, Field(ge=1, le=247)] = 1
-    timeout_ms: Milliseconds = 200.0
-    """How long to wait for each reply."""
-
-
-class SerialLine(_Strict):
-    """A device that speaks the protocol of `PROTOCOL.md`."""
-
-    kind: Literal["serial"]
-    port: Annotated[str, Field(min_length=1)]
-    """Path of the serial device."""
-    baud: Baud = 1_000_000
-    oversampling: Annotated[int, Field(ge=1, le=255)] = 1
-    """Conversions that the device averages in one reading."""
-
-
-Source = Annotated[ModbusTcp | ModbusRtu | SerialLine, Field(discriminator="kind")]
-
-
-class _Spike(_Strict):
+class _Spike(Strict):
     spike_mm: Positive | None = None
     """A deflection further than this from the median of the last three is replaced by that median."""
 
@@ -138,12 +93,20 @@ class LowPass(_Spike):
 Filter = Annotated[NoFilter | MovingAverage | LowPass, Field(discriminator="kind")]
 
 
-class Channel(_Strict):
+class Channel(Strict):
     """One sensor: where its counts are, and what they mean."""
 
     name: ChannelName
-    register_: Annotated[int, Field(alias="register", ge=0, le=65_535)]
-    """Modbus: address of the unsigned 16-bit input register (function 4). Serial: index in the frame, from 0."""
+    register_: Annotated[int | None, Field(alias="register", ge=0, le=65_535)] = None
+    """Modbus: address of the first register, from 0. Serial: index in the frame, from 0."""
+    input: Annotated[int, Field(ge=0, le=63)] | None = None
+    """Number of the input, from 0, instead of `register`: where the source names its module."""
+    unit: Annotated[int, Field(ge=0, le=255)] | None = None
+    """Modbus: another unit than the source's."""
+    host: Annotated[str, Field(min_length=1)] | None = None
+    """Modbus TCP: another device than the source's."""
+    type: Encoding | None = None
+    """Modbus: how the counts lie in their registers; u16 unless stated or known of the module."""
     gain_mm_per_count: Annotated[FiniteFloat, AfterValidator(_nonzero)]
     """gap = offset + gain x counts."""
     offset_mm: FiniteFloat
@@ -163,7 +126,30 @@ class Channel(_Strict):
         return self
 
 
-class Surface(_Strict):
+def place_of(source: Source, channel: Channel) -> tuple[str, int, int]:
+    """Return where a channel's counts are: host, unit, and the first register; ValueError if that is not said right."""
+    message = ""
+    module = None if isinstance(source, SerialLine) or source.module is None else module_of(source.module)
+    if isinstance(source, SerialLine) and (channel.input, channel.unit, channel.host, channel.type) != (None,) * 4:
+        message = f"channel {channel.name}: input, unit, host and type are for Modbus; a serial channel has a register"
+    elif isinstance(source, ModbusRtu) and channel.host is not None:
+        message = f"channel {channel.name}: host is for modbus-tcp"
+    elif (channel.input is None) == (channel.register_ is None):
+        message = f"channel {channel.name}: state its register{' or its input' if module else ''}"
+    elif channel.input is not None and module is None:
+        message = f"channel {channel.name}: input needs the source's module; state the register"
+    elif channel.input is not None and module is not None and channel.input >= module.inputs:
+        message = f"channel {channel.name}: the module has inputs 0 to {module.inputs - 1}"
+    if message:
+        raise ValueError(message)
+    register = channel.register_
+    if register is None and module is not None and channel.input is not None:
+        register = module.register_of(channel.input)
+    host, unit = getattr(source, "host", ""), getattr(source, "unit", 0)
+    return channel.host or host, unit if channel.unit is None else channel.unit, register or 0
+
+
+class Surface(Strict):
     """One beam with its sensors."""
 
     rate_hz: Annotated[FiniteFloat, Field(gt=0, le=10_000)]
@@ -177,20 +163,34 @@ class Surface(_Strict):
     channels: Annotated[tuple[Channel, ...], Field(strict=False, min_length=1, max_length=MAX_CHANNELS)]
 
     @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        for what, values in (
-            ("name", [channel.name for channel in self.channels]),
-            ("register", [channel.register_ for channel in self.channels]),
-        ):
-            value, times = Counter(values).most_common(1)[0]
-            if times > 1:
-                message = f"two channels have the same {what} {value}"
-                raise ValueError(message)
+    def _names_are_distinct(self) -> Self:
+        name, times = Counter(channel.name for channel in self.channels).most_common(1)[0]
+        if times > 1:
+            message = f"two channels have the same name {name}"
+            raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _rate_is_possible(self) -> Self:
+        module = getattr(self.source, "module", None)
+        most_hz = None if module is None else module_of(module).most_hz
+        message = ""
         if isinstance(self.filter, LowPass) and self.filter.cutoff_hz >= self.rate_hz / 2:
             message = f"filter.cutoff_hz must lie below half of rate_hz, {self.rate_hz / 2} Hz"
-            raise ValueError(message)
-        if isinstance(self.source, SerialLine) and (self.rate_hz < 1 or self.rate_hz != int(self.rate_hz)):
+        elif isinstance(self.source, SerialLine) and (self.rate_hz < 1 or self.rate_hz != int(self.rate_hz)):
             message = "rate_hz must be a whole number for a serial source"
+        elif most_hz is not None and self.rate_hz > most_hz:
+            message = f"rate_hz: {module} converts {most_hz:g} times a second; more would read old values again"
+        if message:
+            raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _channels_can_be_read(self) -> Self:
+        places = Counter(place_of(self.source, channel) for channel in self.channels)
+        (_, _, register), times = places.most_common(1)[0]
+        if times > 1:
+            message = f"two channels have the same register {register}"
             raise ValueError(message)
         return self
 
@@ -200,7 +200,7 @@ class Surface(_Strict):
         return [channel.name for channel in self.channels]
 
 
-class Config(_Strict):
+class Config(Strict):
     """The whole file. Relative paths in it are relative to the `directory` in the validation context."""
 
     publish: Publish
@@ -214,11 +214,19 @@ class Config(_Strict):
         return self
 
     @model_validator(mode="after")
-    def _one_surface_per_line(self) -> Self:
-        ports = Counter(s.source.port for s in self.surfaces.values() if not isinstance(s.source, ModbusTcp))
-        for port, times in ports.items():
-            if times > 1:
-                message = f"{times} surfaces use {port}; a serial port serves one surface"
+    def _ports_can_be_shared(self) -> Self:
+        users: dict[str, list[ModbusRtu | SerialLine]] = {}
+        for surface in self.surfaces.values():
+            if not isinstance(surface.source, ModbusTcp):
+                users.setdefault(surface.source.port, []).append(surface.source)
+        for port, sources in users.items():
+            lines = {source.line if isinstance(source, ModbusRtu) else None for source in sources}
+            message = ""
+            if len(sources) > 1 and None in lines:
+                message = f"{len(sources)} surfaces use {port}; a serial port serves one surface"
+            elif len(lines) > 1:
+                message = f"surfaces on {port} state different baud, parity, stop_bits or silence_ms; make them equal"
+            if message:
                 raise ValueError(message)
         return self
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from beamtouch_daemon.config import Config, ConfigError, ModbusTcp, reason_of
+from beamtouch_daemon.config import Config, ConfigError, reason_of
+from beamtouch_daemon.config_sources import ModbusTcp
 
 _KINDS = {"modbus-tcp", "modbus-rtu", "serial", "none", "moving-average", "low-pass"}
 

@@ -20,13 +20,15 @@ from beamtouch_daemon.faults import BACKOFF_MAX_S, Backoff, Fault, Tally
 from beamtouch_daemon.filters import Chain, stages
 from beamtouch_daemon.pipeline import Pipeline
 from beamtouch_daemon.publisher import Outbox, Publisher, Sender, make_client
-from beamtouch_daemon.sources import source_of
+from beamtouch_daemon.sources import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 
 DRAIN_S = 2.0
 """How long a stop may take to publish what was taken."""
 
 CANCEL_AGAIN_S = 0.1
+REOPEN_S = 0.5
+"""The longest wait before a source is opened again; opening disturbs nobody."""
 
 _log = logging.getLogger(__name__)
 
@@ -48,16 +50,18 @@ class Summary:
 class Acquisition:
     """Readings of one surface into its outbox, across any number of sessions."""
 
-    def __init__(self, name: str, surface: Surface, rest_gap_mm: dict[str, float], outbox: Outbox) -> None:
+    def __init__(
+        self, name: str, surface: Surface, rest_gap_mm: dict[str, float], outbox: Outbox, buses: Buses
+    ) -> None:
         self.readings = 0
         self.lost = 0
         self._name = name
         self._rate_hz = surface.rate_hz
-        self._source: Source = source_of(surface)
+        self._source: Source = source_of(surface, name, buses)
         self._outbox = outbox
         chain = Chain(stages(surface.filter, surface.rate_hz), len(surface.channels))
         self._pipeline = Pipeline(Calibration.of(surface.channels, rest_gap_mm), chain, surface.rate_hz)
-        self._backoff = Backoff()
+        self._backoff = Backoff(most_s=REOPEN_S)
         self._fault = Fault(_log, name)
         self._tally = Tally(_log, f"{name}: %d readings lost")
         self._last_s: float | None = None
@@ -105,12 +109,18 @@ class Line:
     """One surface from its source to the service."""
 
     def __init__(
-        self, name: str, config: Config, rest_gap_mm: dict[str, float], client: httpx2.AsyncClient, boot_id: str
+        self,
+        name: str,
+        config: Config,
+        rest_gap_mm: dict[str, float],
+        client: httpx2.AsyncClient,
+        boot_id: str,
+        buses: Buses,
     ) -> None:
         self.name = name
         surface = config.surfaces[name]
         self.outbox = Outbox(config.publish.queue_samples, name)
-        self.acquisition = Acquisition(name, surface, rest_gap_mm, self.outbox)
+        self.acquisition = Acquisition(name, surface, rest_gap_mm, self.outbox, buses)
         sender = Sender(name, surface.channel_names, boot_id)
         self.publisher = Publisher(client, sender, self.outbox, config.publish.batch_ms / 1e3)
 
@@ -136,8 +146,9 @@ async def run(config: Config, token: str) -> dict[str, Summary]:
         loop.add_signal_handler(number, stop.set)
     rest = {name: tare.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
     boot_id = str(uuid.uuid4())
+    buses: Buses = {}
     async with make_client(config.publish.url, token) as client:
-        lines = [Line(name, config, rest[name], client, boot_id) for name in config.surfaces]
+        lines = [Line(name, config, rest[name], client, boot_id, buses) for name in config.surfaces]
         await _work(lines, stop)
     return {line.name: line.summary() for line in lines}
 

@@ -69,31 +69,33 @@ def with_header(request_header: bytes, answer: bytes) -> bytes:
 
 
 @asynccontextmanager
-async def rtu_unit(line: Terminal, unit: StampingUnit) -> AsyncIterator[None]:
-    """The unit on a serial line, answering one request after the other, as real devices do."""
-    answers: asyncio.Queue[Pieces] = asyncio.Queue()
+async def rtu_units(line: Terminal, units: dict[int, StampingUnit]) -> AsyncIterator[None]:
+    """Units by address on a serial line, each answering one request after the other, as real devices do."""
+    answers: dict[int, asyncio.Queue[Pieces]] = {address: asyncio.Queue() for address in units}
     buffer = bytearray()
 
     def receive(data: bytes) -> None:
         buffer.extend(data)
         while len(buffer) >= 8:
-            answers.put_nowait(unit.answer(bytes(buffer[:6]), with_crc))
+            request = bytes(buffer[:6])
             del buffer[:8]
+            if request[0] in units:
+                answers[request[0]].put_nowait(units[request[0]].answer(request, with_crc))
 
-    async def reply() -> None:
+    async def reply(queue: asyncio.Queue[Pieces]) -> None:
         while True:
-            for busy_s, piece in await answers.get():
+            for busy_s, piece in await queue.get():
                 await asyncio.sleep(busy_s)
                 line.write(piece)
 
     line.on_data(receive)
-    task = asyncio.create_task(reply())
+    tasks = [asyncio.create_task(reply(queue)) for queue in answers.values()]
     try:
         yield
     finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 @asynccontextmanager
@@ -120,10 +122,12 @@ async def tcp_unit(unit: StampingUnit) -> AsyncIterator[int]:
 
 
 @asynccontextmanager
-async def pymodbus_server(registers: list[int], action: SimAction | None = None, port: int = 0) -> AsyncIterator[int]:
+async def pymodbus_server(
+    registers: list[int], action: SimAction | None = None, port: int = 0, host: str = "127.0.0.1"
+) -> AsyncIterator[int]:
     """pymodbus's own server with input registers from address 0 of unit 1; gives its port."""
     data = SimData(0, values=registers, datatype=DataType.REGISTERS)
-    server = ModbusTcpServer(SimDevice(1, simdata=[data], action=action), address=("127.0.0.1", port))
+    server = ModbusTcpServer(SimDevice(1, simdata=[data], action=action), address=(host, port))
     await server.serve_forever(background=True)
     listener = server.transport
     assert isinstance(listener, asyncio.Server)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from . import configs
-from .devices import SerialDevice, StampingUnit, pymodbus_server, rtu_unit
+from .devices import SerialDevice, StampingUnit, pymodbus_server, rtu_units
 from .lines import terminal
 from .process import Outcome, command
 
@@ -69,7 +69,7 @@ def test_check_reads_serial_lines(tmp_path: Path) -> None:
     async def story() -> None:
         with terminal() as bus, terminal() as line:
             SerialDevice(line)
-            async with rtu_unit(bus, StampingUnit()):
+            async with rtu_units(bus, {1: StampingUnit()}):
                 config = configs.write(
                     tmp_path,
                     configs.surface("a", configs.rtu(bus.path)),

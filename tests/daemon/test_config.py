@@ -8,13 +8,12 @@ from beamtouch_daemon.config import (
     Config,
     ConfigError,
     LowPass,
-    ModbusRtu,
-    ModbusTcp,
     MovingAverage,
     NoFilter,
-    SerialLine,
+    place_of,
 )
 from beamtouch_daemon.config_file import load, require_ports
+from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, SerialLine
 
 from . import configs
 
@@ -103,6 +102,17 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ("rate_hz = 200.0", 'rate_hz = "fast"', "surfaces.bench.rate_hz: Input should be a valid number"),
         ("register = 0", "register = 65536", "channels[0].register: Input should be less than or equal to 65535"),
         ("register = 1", "register = 0", "surfaces.bench: two channels have the same register 0"),
+        ("register = 0\n", "", "surfaces.bench: channel s1: state its register"),
+        (
+            "register = 0",
+            "input = 0",
+            "surfaces.bench: channel s1: input needs the source's module; state the register",
+        ),
+        ("port = 502", 'port = 502\nmodule = "x"', "surfaces.bench.source.module: there is no module x; there are"),
+        ("port = 502", 'port = 502\nmodule = "waveshare-8ch"', "module waveshare-8ch speaks modbus-rtu"),
+        ("port = 502", 'port = 502\nmodule = "adam-6017"', "rate_hz: adam-6017 converts 12.5 times a second; more"),
+        ("port = 502", "port = 502\nfunction = 5", "surfaces.bench.source.function: Input should be 3 or 4"),
+        ("register = 0", 'register = 0\ntype = "u8"', "channels[0].type: Input should be 'u16', 'i16', 'u32', 'i32'"),
         ('name = "s2"', 'name = "s1"', "surfaces.bench: two channels have the same name s1"),
         ("[1.0, 4.0]", "[4.0, 1.0]", "channels[0]: range_mm must be [smaller, larger], not [4.0, 1.0]"),
         ("= -0.0001", "= 0", "channels[0].gain_mm_per_count: must not be 0"),
@@ -141,6 +151,34 @@ def test_a_serial_port_serves_one_surface(tmp_path: Path) -> None:
         tmp_path, configs.surface("a", configs.rtu("/dev/x")), configs.surface("b", configs.serial("/dev/x"))
     )
     assert complaint(path) == "2 surfaces use /dev/x; a serial port serves one surface"
+
+
+def test_surfaces_on_one_bus_agree_on_its_line(tmp_path: Path) -> None:
+    rtu = configs.rtu("/dev/x")
+    both = load(configs.write(tmp_path, configs.surface("a", rtu), configs.surface("b", rtu)))
+    assert both.surfaces.keys() == {"a", "b"}
+    path = configs.write(tmp_path, configs.surface("a", rtu), configs.surface("b", f"{rtu}\nbaud = 9600"))
+    assert complaint(path) == (
+        "surfaces on /dev/x state different baud, parity, stop_bits or silence_ms; make them equal"
+    )
+
+
+def test_what_is_for_modbus_is_refused_for_a_serial_device(tmp_path: Path) -> None:
+    text = configs.surface(source=configs.serial("/dev/x")).replace("register = 0", "register = 0\nunit = 2", 1)
+    assert "unit, host and type are for Modbus" in complaint(configs.write(tmp_path, text))
+    text = configs.surface(source=configs.rtu("/dev/x")).replace("register = 0", 'register = 0\nhost = "x"', 1)
+    assert complaint(configs.write(tmp_path, text)) == "surfaces.bench: channel s1: host is for modbus-tcp"
+
+
+def test_an_input_of_a_module_has_its_register_and_its_limits(tmp_path: Path) -> None:
+    source = f'{configs.tcp(502)}\nmodule = "iologik-e1240"'
+    text = configs.surface(source=source, rate_hz=10.0).replace("register = ", "input = ")
+    surface = load(configs.write(tmp_path, text)).surfaces["bench"]
+    assert [place_of(surface.source, channel) for channel in surface.channels] == [("127.0.0.1", 1, n) for n in (0, 1)]
+    assert isinstance(surface.source, ModbusTcp)
+    assert (surface.source.function_code, surface.source.most_registers) == (4, 8)
+    beyond = configs.write(tmp_path, text.replace("input = 1", "input = 8"))
+    assert complaint(beyond) == "surfaces.bench: channel s2: the module has inputs 0 to 7"
 
 
 def test_a_device_of_ours_takes_whole_rates_only(tmp_path: Path) -> None:

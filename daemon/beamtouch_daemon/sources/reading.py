@@ -12,6 +12,10 @@ class SourceError(Exception):
     """The source cannot go on and has to be opened anew; the text is one line for the log."""
 
 
+class NoAnswerError(Exception):
+    """A unit did not answer, or not intact; the text is one line for the log."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reading:
     """Raw counts of all channels at one instant; the mean of several conversions need not be whole."""

@@ -9,7 +9,7 @@ import contextlib
 from collections.abc import AsyncGenerator, Sequence
 from time import monotonic
 
-from beamtouch_daemon.config import SerialLine
+from beamtouch_daemon.config_sources import SerialLine
 from beamtouch_daemon.sources.clock import HostClock
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.serial_port import Arrival, SerialPort

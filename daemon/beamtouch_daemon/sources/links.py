@@ -1,0 +1,116 @@
+"""The ways to Modbus units: on a serial bus, and behind a TCP connection."""
+
+from collections.abc import AsyncIterator
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from time import monotonic
+
+from pymodbus.client import AsyncModbusTcpClient
+from pymodbus.exceptions import ModbusException
+
+from beamtouch_daemon.config_sources import ModbusTcp
+from beamtouch_daemon.sources.reading import NoAnswerError
+from beamtouch_daemon.sources.registers import Block
+from beamtouch_daemon.sources.rtu_bus import RtuBus, Unit
+from beamtouch_daemon.sources.rtu_frame import EXCEPTION, Answer
+
+READ_HOLDING_REGISTERS = 3
+REST_S = 0.5
+"""A unit that was given up rests for so long between attempts."""
+REST_TIMEOUTS = 13.0
+"""On a bus for so many timeouts, if that is longer: attempts then cost the other units one part in 14."""
+
+
+class RtuLink:
+    """A unit on a serial bus."""
+
+    def __init__(self, bus: RtuBus, unit: Unit) -> None:
+        self.name = f"unit {unit.address}"
+        self._bus = bus
+        self._unit = unit
+
+    @property
+    def timeout_s(self) -> float:
+        """How long the unit may take to answer."""
+        return self._unit.timeout_s
+
+    @property
+    def rest_s(self) -> float:
+        """How long to leave the unit alone when it does not answer."""
+        return max(REST_S, REST_TIMEOUTS * self._unit.timeout_s)
+
+    def opened(self) -> AbstractAsyncContextManager[None]:
+        """Return a context in which the port is open."""
+        return self._bus.used()
+
+    async def read(self, block: Block) -> tuple[Answer, float, float]:
+        """Read registers, in turn with the other users of the bus."""
+        return await self._bus.read(self._unit, block)
+
+
+class TcpLink:
+    """A unit behind a Modbus TCP server.
+
+    Within a connection the transaction number tells answers apart. A request that timed out ends the connection, and
+    with it any answer that is still under way.
+    """
+
+    def __init__(self, settings: ModbusTcp, host: str, unit: int) -> None:
+        self.name = f"unit {unit}" if host == settings.host else f"{host} unit {unit}"
+        self.timeout_s = settings.timeout_ms / 1e3
+        self.rest_s = REST_S
+        self._host = host
+        self._port = settings.port
+        self._unit = unit
+        self._function = settings.function_code
+        self._client: AsyncModbusTcpClient | None = None
+
+    @asynccontextmanager
+    async def opened(self) -> AsyncIterator[None]:
+        """Connect when the first registers are read; disconnect at the end."""
+        try:
+            yield
+        finally:
+            self._close()
+
+    async def read(self, block: Block) -> tuple[Answer, float, float]:
+        """Read registers, connecting first if that has to be."""
+        client = self._client or await self._connected()
+        holding = self._function == READ_HOLDING_REGISTERS
+        ask = client.read_holding_registers if holding else client.read_input_registers
+        begin_s = monotonic()
+        try:
+            answer = await ask(block.first, count=block.count, device_id=self._unit)
+        except ModbusException as error:
+            self._close()
+            message = f"{self.name} does not answer within {self.timeout_s * 1e3:.0f} ms"
+            raise NoAnswerError(message) from error
+        except BaseException:  # cancelled: the answer is still to come
+            self._close()
+            raise
+        end_s = monotonic()
+        if answer.isError():
+            return Answer(exception=answer.exception_code), begin_s, end_s
+        if answer.function_code % EXCEPTION != self._function or len(answer.registers) != block.count:
+            self._close()
+            message = f"{self.name} gave the answer to another request"
+            raise NoAnswerError(message)
+        return Answer(tuple(answer.registers)), begin_s, end_s
+
+    async def _connected(self) -> AsyncModbusTcpClient:
+        client = AsyncModbusTcpClient(self._host, port=self._port, timeout=self.timeout_s, retries=0, reconnect_delay=0)
+        try:
+            connected = await client.connect()
+        except BaseException:
+            client.close()
+            raise
+        if not connected:
+            client.close()
+            message = f"no connection to {self._host}:{self._port}; is the device on, and is the address right?"
+            raise NoAnswerError(message)
+        self._client = client
+        return client
+
+    def _close(self) -> None:
+        if self._client is not None:
+            self._client.close()
+            self._client = None

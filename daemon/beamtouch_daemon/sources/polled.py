@@ -1,0 +1,194 @@
+"""Readings of a surface whose channels lie in one or several Modbus units, polled on a schedule that does not drift.
+
+Units that answer are read in every slot. One that does not is given up after a few slots: its channels are missing from
+the readings, the others go on, and it is tried again beside the slots, so seldom that the attempts cost the others
+little.
+"""
+
+import asyncio
+import logging
+from collections.abc import AsyncGenerator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, AsyncExitStack
+from dataclasses import dataclass, field
+from time import monotonic
+from typing import Protocol
+
+from beamtouch_daemon.faults import Fault
+from beamtouch_daemon.sources.reading import NoAnswerError, Reading, Schedule, SourceError
+from beamtouch_daemon.sources.registers import Block, Value
+from beamtouch_daemon.sources.rtu_frame import Answer
+
+GIVEN_UP_AFTER = 3
+"""So many slots in a row a unit may fail; one that is lost now and then stays in."""
+
+_EXCEPTIONS = {
+    1: "it does not know this function",
+    2: "it has no such register",
+    3: "it refuses that many registers",
+    4: "device failure",
+    6: "device busy",
+    10: "gateway path unavailable",
+    11: "gateway: the device does not answer",
+}
+_log = logging.getLogger(__name__)
+
+
+class Link(Protocol):
+    """The way to one unit."""
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        ...
+
+    @property
+    def timeout_s(self) -> float:
+        """How long the unit may take to answer."""
+        ...
+
+    @property
+    def rest_s(self) -> float:
+        """How long to leave a unit alone that does not answer, for the sake of others."""
+        ...
+
+    def opened(self) -> AbstractAsyncContextManager[None]:
+        """Return a context in which the unit can be read; SourceError if there is no way to it."""
+        ...
+
+    async def read(self, block: Block) -> tuple[Answer, float, float]:
+        """Read registers; return the answer, and when it was asked and answered on the monotonic clock [s].
+
+        Raises NoAnswerError if the unit does not answer, SourceError if the way to it is gone.
+        """
+        ...
+
+
+@dataclass(slots=True)
+class Part:
+    """One unit with the channels that lie in it."""
+
+    link: Link
+    blocks: tuple[Block, ...]
+    values: dict[int, Value]
+    """By the index of the channel in the reading."""
+    failures: int = GIVEN_UP_AFTER - 1
+    """Slots in a row without an answer. A unit that never answered is given up at once."""
+    rests_until_s: float = 0.0
+    complaint: str = ""
+    """Why it failed last."""
+    attempt: asyncio.Task[None] | None = field(default=None)
+
+    @property
+    def is_given_up(self) -> bool:
+        """Whether it is left out of the slots."""
+        return self.failures >= GIVEN_UP_AFTER
+
+    def failed(self, complaint: str) -> None:
+        """Note a failure."""
+        self.failures += 1
+        self.complaint = complaint
+        if self.is_given_up:
+            self.rests_until_s = monotonic() + self.link.rest_s
+
+
+class PolledSource:
+    """Readings of one surface, each of all units that answered in its slot."""
+
+    def __init__(self, name: str, parts: Sequence[Part], channels: int, rate_hz: float) -> None:
+        self._parts = tuple(parts)
+        self._channels = channels
+        self._rate_hz = rate_hz
+        self._faults = {part.link.name: Fault(_log, f"{name}: {part.link.name}") for part in parts}
+
+    async def readings(self) -> AsyncGenerator[list[Reading], None]:
+        """Open the ways to the units and yield a reading per slot, until none of them answers."""
+        async with AsyncExitStack() as stack:
+            for part in self._parts:
+                await stack.enter_async_context(part.link.opened())
+            await self._rest()
+            stack.push_async_callback(self._end_attempts)
+            schedule, unread = Schedule(self._rate_hz, monotonic()), 0
+            while True:
+                unread += await schedule.wait()
+                self._attempt_again()
+                reading = await self._poll(unread)
+                if reading is None:
+                    unread += 1
+                else:
+                    unread = 0
+                    yield [reading]
+
+    async def _rest(self) -> None:
+        """Wait until the first unit may be tried, if all were given up, and try all that may be."""
+        if all(part.is_given_up for part in self._parts):
+            until_s = min(part.rests_until_s for part in self._parts)
+            await asyncio.sleep(max(0.0, until_s - monotonic()))
+            for part in self._parts:
+                if part.rests_until_s <= until_s:
+                    part.failures = GIVEN_UP_AFTER - 1
+
+    async def _poll(self, lost: int) -> Reading | None:
+        """Read all units that are not given up; None if none of them answered, SourceError if none is left.
+
+        The reading is as old as the oldest of its parts.
+        """
+        live = [part for part in self._parts if not part.is_given_up]
+        taken = [await self._read(live[0])] if len(live) == 1 else await asyncio.gather(*map(self._read, live))
+        stamps: list[float] = []
+        counts: list[float | None] = [None] * self._channels
+        for part, found in zip(live, taken, strict=True):
+            if found is not None:
+                contents, stamp_s = found
+                stamps.append(stamp_s)
+                for index, value in part.values.items():
+                    counts[index] = value.decode(contents)
+        if stamps:
+            return Reading(min(stamps), tuple(counts), lost)
+        if all(part.is_given_up for part in self._parts):
+            raise SourceError("; ".join(dict.fromkeys(part.complaint for part in self._parts)))
+        return None
+
+    async def _read(self, part: Part) -> tuple[Mapping[int, int], float] | None:
+        """Return what the registers of a unit hold, and when: the midpoint of its own requests. None if it failed."""
+        contents: dict[int, int] = {}
+        refusal, begin_s, end_s = 0, None, 0.0
+        try:
+            for block in part.blocks:
+                answer, asked_s, end_s = await part.link.read(block)
+                begin_s = asked_s if begin_s is None else begin_s
+                refusal = answer.exception or refusal
+                contents.update(enumerate(answer.registers, block.first))
+        except NoAnswerError as error:
+            self._failed(part, str(error))
+            return None
+        if not contents or begin_s is None:
+            reason = _EXCEPTIONS.get(refusal, "an error")
+            self._failed(part, f"{part.link.name} answers with exception {refusal}: {reason}")
+            return None
+        part.failures = 0
+        self._faults[part.link.name].recovered()
+        return contents, (begin_s + end_s) / 2
+
+    def _failed(self, part: Part, complaint: str) -> None:
+        part.failed(complaint)
+        if part.is_given_up and len(self._parts) > 1:  # the only one ends the session, which is logged there
+            self._faults[part.link.name].failed(f"{complaint}; trying again")
+
+    def _attempt_again(self) -> None:
+        """Try units that were given up and have rested, beside the slots."""
+        for part in self._parts:
+            idle = part.attempt is None or part.attempt.done()
+            if part.is_given_up and idle and monotonic() >= part.rests_until_s:
+                part.attempt = asyncio.create_task(self._attempt(part))
+
+    async def _attempt(self, part: Part) -> None:
+        try:
+            await self._read(part)
+        except SourceError as error:
+            part.failed(str(error))
+
+    async def _end_attempts(self) -> None:
+        attempts = [part.attempt for part in self._parts if part.attempt is not None]
+        for attempt in attempts:
+            attempt.cancel()
+        await asyncio.gather(*attempts, return_exceptions=True)

@@ -1,0 +1,58 @@
+"""Frames of Modbus RTU, as far as reading registers needs them. Pure; no I/O.
+
+A frame has no mark at its beginning and no number, only a checksum at its end. What tells an answer from others is the
+unit, the function and its length, so that all of them are asked for here, and whatever else is in the buffer is
+passed over.
+"""
+
+import struct
+from typing import NamedTuple
+
+from pymodbus.framer.rtu import FramerRTU
+
+EXCEPTION = 0x80
+"""Added to the function of an answer that is a refusal."""
+EXCEPTION_BYTES = 5
+ENVELOPE_BYTES = 5
+"""Unit, function, number of bytes, and the checksum."""
+
+
+class Answer(NamedTuple):
+    """An answer to a request for registers."""
+
+    registers: tuple[int, ...] = ()
+    exception: int = 0
+    """Not 0: the unit refuses, and this is its reason."""
+
+
+def request(unit: int, function: int, first: int, count: int) -> bytes:
+    """Return the frame that asks for registers."""
+    return with_checksum(struct.pack(">BBHH", unit, function, first, count))
+
+
+def with_checksum(body: bytes) -> bytes:
+    """Return a body with its checksum."""
+    return body + FramerRTU.compute_CRC(body).to_bytes(2, "big")
+
+
+def answer_bytes(count: int) -> int:
+    """Return the length of the answer with so many registers."""
+    return ENVELOPE_BYTES + 2 * count
+
+
+def find_answer(buffer: bytes, unit: int, function: int, count: int) -> Answer | None:
+    """Return the first answer of a unit with so many registers, or its refusal, anywhere in a buffer; None if none."""
+    whole = bytes([unit, function, 2 * count])
+    refusal = bytes([unit, function | EXCEPTION])
+    for begin in range(len(buffer) - EXCEPTION_BYTES + 1):
+        if buffer.startswith(whole, begin) and _is_intact(buffer[begin : begin + answer_bytes(count)], count):
+            return Answer(struct.unpack_from(f">{count}H", buffer, begin + len(whole)))
+        if buffer.startswith(refusal, begin):
+            frame = buffer[begin : begin + EXCEPTION_BYTES]
+            if with_checksum(frame[:-2]) == frame:
+                return Answer(exception=frame[2])
+    return None
+
+
+def _is_intact(frame: bytes, count: int) -> bool:
+    return len(frame) == answer_bytes(count) and with_checksum(frame[:-2]) == frame

@@ -1,0 +1,102 @@
+"""Which registers are asked for together, and what their contents mean."""
+
+import math
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pymodbus.client.mixin import ModbusClientMixin
+
+from beamtouch_daemon.config_sources import ByteOrder
+from beamtouch_daemon.modules import Encoding, module_of, names, words_of
+from beamtouch_daemon.sources.registers import Block, Value, blocks_of
+from beamtouch_daemon.sources.rtu_frame import Answer, answer_bytes, find_answer, request, with_checksum
+
+
+def words(*registers: int) -> list[Value]:
+    return [Value(register) for register in registers]
+
+
+def test_registers_in_a_row_are_one_request() -> None:
+    assert blocks_of(words(3, 1, 2)) == (Block(1, 3),)
+    assert blocks_of(words(0, 1, 7)) == (Block(0, 2), Block(7, 1))
+    assert blocks_of(words(*range(126))) == (Block(0, 125), Block(125, 1))
+    assert blocks_of(words(*range(8)), most=3) == (Block(0, 3), Block(3, 3), Block(6, 2))
+
+
+def test_a_gap_is_read_along_only_where_that_is_allowed() -> None:
+    assert blocks_of(words(0, 3, 9), bridge=2) == (Block(0, 4), Block(9, 1))
+    assert blocks_of(words(0, 3, 9), bridge=5) == (Block(0, 10),)
+    assert blocks_of(words(0, 3, 9), most=9, bridge=5) == (Block(0, 4), Block(9, 1))
+
+
+def test_the_halves_of_a_value_are_read_with_one_request() -> None:
+    values = [Value(register, "u32") for register in (0, 2, 4)]
+    assert blocks_of(values, most=5) == (Block(0, 4), Block(4, 2))
+
+
+@given(st.sets(st.integers(0, 300), min_size=1), st.integers(1, 125), st.integers(0, 10))
+def test_blocks_hold_every_register_within_the_limits(registers: set[int], most: int, bridge: int) -> None:
+    blocks = blocks_of(words(*registers), most, bridge)
+    held = [register for block in blocks for register in range(block.first, block.first + block.count)]
+    assert set(held) >= registers
+    assert len(held) == len(set(held))
+    assert max(block.count for block in blocks) <= most
+    assert {block.first for block in blocks} <= registers
+
+
+@pytest.mark.parametrize(
+    ("encoding", "value"),
+    [("u16", 40_000), ("i16", -3), ("u32", 3_000_000_000), ("i32", -70_000), ("f32", -1.5)],
+)
+def test_values_are_those_that_pymodbus_writes(encoding: Encoding, value: float) -> None:
+    types = {"u16": "UINT16", "i16": "INT16", "u32": "UINT32", "i32": "INT32", "f32": "FLOAT32"}
+    kind = getattr(ModbusClientMixin.DATATYPE, types[encoding])
+    for order, word_order in (("ABCD", "big"), ("CDAB", "little")):
+        registers = ModbusClientMixin.convert_to_registers(value, kind, word_order)  # type: ignore[arg-type]
+        contents = dict(enumerate(registers, 7))
+        assert Value(7, encoding, order).decode(contents) == value  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("order", ["ABCD", "CDAB", "BADC", "DCBA"])
+def test_byte_orders_are_named_after_where_each_byte_stands(order: ByteOrder) -> None:
+    data = bytes("ABCD".index(letter) + 1 for letter in order)
+    contents = dict(enumerate(struct.unpack(">2H", data)))
+    assert Value(0, "u32", order).decode(contents) == 0x01020304
+
+
+def test_a_register_that_is_missing_and_a_number_that_is_none_are_no_value() -> None:
+    assert Value(3).decode({2: 1}) is None
+    assert Value(3, "u32").decode({3: 1}) is None
+    for strange in (math.nan, math.inf):
+        first, second = struct.unpack(">2H", struct.pack(">f", strange))
+        assert Value(0, "f32").decode({0: first, 1: second}) is None
+
+
+def test_a_request_is_the_example_of_the_modbus_manual() -> None:
+    # Modbus over serial line has no full example; this frame is that of the Waveshare manual for its eight inputs.
+    assert request(1, 4, 0, 8) == bytes.fromhex("01 04 00 00 00 08 F1 CC")
+
+
+def test_an_answer_is_found_among_others_and_never_made_of_another() -> None:
+    mine = with_checksum(bytes([5, 4, 4, 0, 1, 2, 3]))
+    other_unit = with_checksum(bytes([6, 4, 4, 9, 9, 9, 9]))
+    other_length = with_checksum(bytes([5, 4, 2, 9, 9]))
+    damaged = mine[:4] + b"\x7f" + mine[5:]
+    found = find_answer(b"\x05\x04" + other_unit + damaged + other_length + mine, 5, 4, 2)
+    assert found == Answer((1, 0x0203))
+    assert len(mine) == answer_bytes(2)
+    for strange in (other_unit, other_length, damaged, mine[:-1], b""):
+        assert find_answer(strange, 5, 4, 2) is None
+    assert find_answer(with_checksum(bytes([5, 0x84, 2])), 5, 4, 2) == Answer(exception=2)
+
+
+def test_every_module_is_whole() -> None:
+    assert set(names()) == {"adam-6017", "generic", "iologik-e1240", "waveshare-8ch"}
+    for name in names():
+        module = module_of(name)
+        assert module.register_of(module.inputs - 1) + words_of(module.type) - 1 <= 65_535
+        assert module.about
+    with pytest.raises(ValueError, match="there is no module nonesuch; there are adam-6017, "):
+        module_of("nonesuch")
