@@ -1,11 +1,15 @@
 """Which samples are new, which came before, and which never came. Pure bookkeeping."""
 
+from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 MAX_SENDERS = 16
 """Boot ids to remember. A sender has one per start, so this outlives any retry of an earlier run."""
+MAX_RUNS = 1000
+"""Runs of samples without a gap to remember of each sender; of more, the oldest gap is never filled any more."""
 
 
 @dataclass(frozen=True)
@@ -15,29 +19,64 @@ class Admission:
     accepted: int
     repeated: int
     lost: int
-    """Missing between the last sample known of this sender and the last of the batch."""
+    """By how many more samples are missing now between the first and the last of this sender; negative where a gap was
+    filled."""
+
+
+class Runs:
+    """A set of numbers, kept as runs of numbers in a row."""
+
+    def __init__(self, most: int = MAX_RUNS) -> None:
+        self._begins: list[int] = []
+        self._ends: list[int] = []
+        """One beyond the last of each run."""
+        self._most = most
+
+    @property
+    def missing(self) -> int:
+        """How many numbers are missing between the runs."""
+        return sum(begin - end for begin, end in zip(self._begins[1:], self._ends, strict=False))
+
+    def __contains__(self, number: int) -> bool:
+        index = bisect_right(self._begins, number) - 1
+        return index >= 0 and number < self._ends[index]
+
+    def add(self, begin: int, end: int) -> None:
+        """Add the numbers from `begin` up to but not with `end`, none of which is in the set."""
+        index = bisect_right(self._begins, begin)
+        if index and self._ends[index - 1] == begin:
+            index -= 1
+            self._ends[index] = end
+        else:
+            self._begins.insert(index, begin)
+            self._ends.insert(index, end)
+        if index + 1 < len(self._begins) and self._begins[index + 1] == end:
+            del self._begins[index + 1], self._ends[index]
+        if len(self._begins) > self._most:
+            del self._begins[1], self._ends[0]
 
 
 class SequenceLog:
-    """The last sequence number of each sender, of a bounded number of senders."""
+    """The sequence numbers that came from each sender, of a bounded number of senders."""
 
     def __init__(self, max_senders: int = MAX_SENDERS) -> None:
-        self._last: OrderedDict[str, int] = OrderedDict()
+        self._runs: OrderedDict[str, Runs] = OrderedDict()
         self._max_senders = max_senders
 
     def admit(self, boot_id: str, sequences: Sequence[int]) -> Admission:
         """Note the increasing `sequences` of a batch and say which part of it was new.
 
-        The first batch of a sender cannot show a loss: the sender may have started long before the service.
+        They may be older than others that came before: a sender delivers the present first, and what it could not
+        deliver then later. The first batch of a sender cannot show a loss: it may have started long before the service.
         """
-        last = self._last.get(boot_id)
-        new = [sequence for sequence in sequences if last is None or sequence > last]
-        repeated = len(sequences) - len(new)
-        if not new:
-            return Admission(accepted=0, repeated=repeated, lost=0)
-        self._last[boot_id] = new[-1]
-        self._last.move_to_end(boot_id)
-        if len(self._last) > self._max_senders:
-            self._last.popitem(last=False)
-        before = new[0] - 1 if last is None else last
-        return Admission(accepted=len(new), repeated=repeated, lost=new[-1] - before - len(new))
+        runs = self._runs.setdefault(boot_id, Runs())
+        self._runs.move_to_end(boot_id)
+        if len(self._runs) > self._max_senders:
+            self._runs.popitem(last=False)
+        missing = runs.missing
+        new = [sequence for sequence in sequences if sequence not in runs]
+        cuts = [0, *(index + 1 for index, (one, other) in enumerate(pairwise(new)) if other != one + 1), len(new)]
+        for first, last in pairwise(cuts):
+            if last > first:
+                runs.add(new[first], new[last - 1] + 1)
+        return Admission(accepted=len(new), repeated=len(sequences) - len(new), lost=runs.missing - missing)

@@ -1,6 +1,9 @@
 """New, repeated, lost: the story of sequence numbers."""
 
-from beamtouch_service.sequences import Admission, SequenceLog
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beamtouch_service.sequences import Admission, Runs, SequenceLog
 
 
 def test_a_batch_sent_twice_is_new_once() -> None:
@@ -45,3 +48,33 @@ def test_only_so_many_senders_are_remembered_and_the_one_heard_longest_ago_is_fo
 
     assert log.admit("boot-a", [2]).repeated == 1
     assert log.admit("boot-b", [1]).accepted == 1
+
+
+def test_what_was_sent_late_is_new_and_fills_its_gap() -> None:
+    log = SequenceLog()
+    log.admit("boot-a", [0, 1, 2])
+
+    assert log.admit("boot-a", [10, 11]) == Admission(accepted=2, repeated=0, lost=7)
+    assert log.admit("boot-a", [2, 3, 4, 7]) == Admission(accepted=3, repeated=1, lost=-3)
+    assert log.admit("boot-a", [5, 6, 8, 9, 10]) == Admission(accepted=4, repeated=1, lost=-4)
+
+
+@given(st.lists(st.sets(st.integers(0, 60), min_size=1), max_size=20))
+def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) -> None:
+    log, known, lost = SequenceLog(), set[int](), 0
+    for batch in batches:
+        admission = log.admit("boot-a", sorted(batch))
+        assert (admission.accepted, admission.repeated) == (len(batch - known), len(batch & known))
+        known |= batch
+        lost += admission.lost
+        assert lost == max(known) - min(known) + 1 - len(known)
+
+
+def test_only_so_many_gaps_are_remembered_and_the_oldest_counts_as_filled() -> None:
+    runs = Runs(most=3)
+    for number in (0, 10, 20, 30):
+        runs.add(number, number + 1)
+
+    assert 5 in runs
+    assert 15 not in runs
+    assert runs.missing == 18
