@@ -60,7 +60,11 @@ class Publish(Strict):
     batch_ms: Annotated[FiniteFloat, Field(ge=1, le=10_000)] = 20.0
     """Samples of a surface are collected for this long and sent together."""
     queue_samples: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
-    """Samples of each surface kept while the service is away; beyond it the oldest are dropped and counted."""
+    """Samples of each surface kept in memory; beyond it the oldest are dropped and counted."""
+    spool_file: RelativePath = Path("beamtouch-daemon.spool")
+    """Keeps on disk what cannot be delivered."""
+    spool_mb: Annotated[FiniteFloat, Field(ge=0, le=100_000)] = 200.0
+    """Size of the spool; beyond it the oldest samples are dropped and counted. 0: no spool."""
 
 
 class _Spike(Strict):
@@ -229,6 +233,11 @@ class Config(Strict):
             if message:
                 raise ValueError(message)
         return self
+
+    @property
+    def spool_file(self) -> Path:
+        """Where undelivered samples are kept."""
+        return self._directory / self.publish.spool_file
 
     def tare_file(self, name: str) -> Path:
         """Where the rest gaps of surface `name` are kept."""

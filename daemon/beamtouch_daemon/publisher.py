@@ -1,18 +1,25 @@
-"""Delivery of one surface's samples to the service: batches, retries, and a bounded queue."""
+"""Delivery of one surface's samples to the service: the present first, what waits on the disk after it.
+
+A batch that the service does not take goes to the spool, and with it all that waits. As soon as the service takes
+batches again, each live batch is followed by one from the spool, until that is empty. What was answered with nothing is
+sent again, which changes nothing.
+"""
 
 import asyncio
-import contextlib
 import logging
-from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from http import HTTPStatus
 from time import monotonic
+from typing import TypeVar
 
 import httpx2
 
-from beamtouch_daemon.faults import BACKOFF_MIN_S, Backoff, Fault, Tally
+from beamtouch_daemon.faults import BACKOFF_MIN_S, Backoff, Fault
+from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Taken
+from beamtouch_daemon.spool import Spool, SpoolError
 from beamtouch_service.samples import MAX_SAMPLES, Batch
 
 MAX_BATCH = min(1000, MAX_SAMPLES)
@@ -24,71 +31,7 @@ MAX_DETAIL = 200
 
 _NEVER_ACCEPTED = {HTTPStatus.BAD_REQUEST, HTTPStatus.REQUEST_ENTITY_TOO_LARGE, HTTPStatus.UNPROCESSABLE_ENTITY}
 _log = logging.getLogger(__name__)
-
-
-class Outbox:
-    """The samples that wait for delivery, bounded: when it is full the oldest are dropped and counted."""
-
-    def __init__(self, most: int, name: str) -> None:
-        self.dropped = 0
-        """Samples that will never be delivered."""
-        self._most = most
-        self._waiting: deque[Taken] = deque()
-        self._changed = asyncio.Event()
-        self._closed = asyncio.Event()
-        self._tally = Tally(_log, f"{name}: %d samples dropped")
-
-    def __len__(self) -> int:
-        return len(self._waiting)
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether no more samples will come."""
-        return self._closed.is_set()
-
-    def put(self, samples: Sequence[Taken]) -> None:
-        """Add samples, newest last."""
-        self._waiting.extend(samples)
-        self._trim()
-        self._changed.set()
-
-    def take(self, most: int) -> list[Taken]:
-        """Remove and return up to `most` samples, oldest first."""
-        return [self._waiting.popleft() for _ in range(min(most, len(self._waiting)))]
-
-    def put_back(self, samples: Sequence[Taken]) -> None:
-        """Return samples taken before, because they could not be delivered; they may be dropped for newer ones."""
-        self._waiting.extendleft(reversed(samples))
-        self._trim()
-
-    def drop(self, number: int) -> None:
-        """Count samples as dropped that were taken and cannot be delivered."""
-        self.dropped += number
-        self._tally.add(number)
-
-    def close(self) -> None:
-        """Say that no more samples will come, and that nobody should wait any longer than needed."""
-        self._closed.set()
-        self._changed.set()
-
-    async def filled(self) -> bool:
-        """Wait until there is a sample; False if there is none and never will be."""
-        while not self._waiting and not self._closed.is_set():
-            self._changed.clear()
-            await self._changed.wait()
-        return bool(self._waiting)
-
-    async def pause(self, delay_s: float) -> None:
-        """Wait for `delay_s`, or until closed."""
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(delay_s):
-                await self._closed.wait()
-
-    def _trim(self) -> None:
-        excess = len(self._waiting) - self._most
-        if excess > 0:
-            self.take(excess)
-            self.drop(excess)
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -100,68 +43,151 @@ class Sender:
     boot_id: str
 
 
-class Publisher:
-    """Sends one surface's samples in order; an answer that never came is asked for again, which changes nothing."""
+class Disk:
+    """The spool, called from the event loop: one thread makes all calls, as each may wait for the disk."""
 
-    def __init__(self, client: httpx2.AsyncClient, sender: Sender, outbox: Outbox, batch_s: float) -> None:
+    def __init__(self, spool: Spool) -> None:
+        self.spool = spool
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="spool")
+
+    async def call(self, work: Callable[[], _T]) -> _T:
+        """Return what `work` returns; SpoolError."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, work)
+
+    def close(self) -> None:
+        """Wait for the calls that were begun."""
+        self._thread.shutdown()
+
+
+class Publisher:
+    """Sends one surface's samples. Without a disk, what cannot be delivered waits in the outbox."""
+
+    def __init__(
+        self, client: httpx2.AsyncClient, sender: Sender, outbox: Outbox, batch_s: float, disk: Disk | None = None
+    ) -> None:
         self.published = 0
         """Samples that the service has acknowledged."""
+        self.turns = 0
+        """Grows as long as the publisher works, also when nothing can be delivered."""
         self._client = client
         self._sender = sender
         self._outbox = outbox
         self._batch_s = batch_s
+        self._disk = disk
         self._most = min(MAX_BATCH, MAX_BATCH_VALUES // len(sender.channels))
         self._fault = Fault(_log, f"{sender.surface}: publishing")
+        self._disk_fault = Fault(_log, f"{sender.surface}: spool")
+
+    @property
+    def spooled(self) -> int:
+        """Samples that wait on the disk."""
+        return self._disk.spool.waiting[self._sender.surface] if self._disk else 0
 
     async def run(self) -> None:
-        """Deliver until the outbox is closed and empty."""
+        """Deliver until the outbox is closed and empty; what cannot be delivered then stays on the disk."""
         backoff = Backoff()
         next_s = monotonic()
-        while await self._outbox.filled():
+        while await self._has_work():
+            self.turns += 1
             if len(self._outbox) < self._most:
                 await self._outbox.pause(next_s - monotonic())
             next_s = monotonic() + self._batch_s
-            if await self._deliver(self._outbox.take(self._most)):
+            if await self._deliver_live() and await self._deliver_spooled():
                 backoff.reset()
-            elif self._outbox.is_closed:
+                continue
+            await self._spool_all()
+            if self._outbox.is_closed:
                 await asyncio.sleep(BACKOFF_MIN_S)
             else:
                 await self._outbox.pause(backoff.next())
 
-    async def _deliver(self, samples: Sequence[Taken]) -> bool:
-        """Send one batch; return False if it has to be sent again."""
+    async def _has_work(self) -> bool:
+        if self._outbox.is_closed:
+            return len(self._outbox) > 0
+        return self.spooled > 0 or await self._outbox.filled()
+
+    async def _deliver_live(self) -> bool:
+        """Send what waits in memory; return False if it has to be sent again."""
+        samples = self._outbox.take(self._most)
+        if not samples:
+            return True
         try:
-            response = await self._post(samples)
-        except httpx2.TransportError as error:
-            self._outbox.put_back(samples)
-            self._fault.failed(f"no answer from {self._client.base_url} ({type(error).__name__}); trying again")
-            return False
+            taken = await self._send(self._batch(samples, monotonic()))
         except BaseException:  # cancelled: what may not have arrived stays counted
             self._outbox.put_back(samples)
             raise
-        if response.is_success:
+        if taken is None:
+            self._outbox.drop(len(samples))
+        elif taken:
             self.published += len(samples)
+        else:
+            self._outbox.put_back(samples)
+        return taken is not False
+
+    async def _deliver_spooled(self) -> bool:
+        """Send the oldest batch on the disk, if there is one; return False if it has to be sent again."""
+        if self._disk is None or not self.spooled or self._outbox.is_closed:
+            return True
+        disk, surface = self._disk, self._sender.surface
+        try:
+            oldest = await disk.call(lambda: disk.spool.oldest(surface))
+            if oldest is None:
+                return True
+            taken = await self._send(oldest.batch)
+            if taken is False:
+                return False
+            await disk.call(lambda: disk.spool.remove(surface, oldest))
+        except SpoolError as error:
+            self._disk_fault.failed(str(error))
+            return False
+        if taken is None:
+            self._outbox.drop(len(oldest.batch.samples))
+        else:
+            self.published += len(oldest.batch.samples)
+        return True
+
+    async def _spool_all(self) -> None:
+        """Put all that waits in memory on the disk; if that fails it goes on waiting."""
+        disk, surface = self._disk, self._sender.surface
+        while disk is not None and (samples := self._outbox.take(self._most)):
+            batch, newest_s = self._batch(samples, monotonic()), samples[-1].monotonic_s
+            try:
+                await disk.call(lambda: disk.spool.put(surface, batch, newest_s))  # noqa: B023 - awaited at once
+            except SpoolError as error:
+                self._outbox.put_back(samples)
+                self._disk_fault.failed(str(error))
+                return
+            except BaseException:
+                self._outbox.put_back(samples)
+                raise
+            self._disk_fault.recovered()
+
+    async def _send(self, batch: Batch) -> bool | None:
+        """Send a batch; return whether the service took it, None if it never will."""
+        try:
+            response = await self._client.post(
+                f"/surfaces/{self._sender.surface}/samples",
+                content=batch.model_dump_json(),
+                headers={"content-type": "application/json"},
+            )
+        except httpx2.TransportError as error:
+            self._fault.failed(f"no answer from {self._client.base_url} ({type(error).__name__}); trying again")
+            return False
+        if response.is_success:
             self._fault.recovered()
             return True
         if response.status_code in _NEVER_ACCEPTED:
-            self._outbox.drop(len(samples))
             self._fault.failed(f"the service will never take a batch ({_explanation(response)}); it is dropped")
-            return True
-        self._outbox.put_back(samples)
+            return None
         self._fault.failed(f"the service takes no samples ({_explanation(response)}); trying again")
         return False
 
-    async def _post(self, samples: Sequence[Taken]) -> httpx2.Response:
-        batch = Batch(
+    def _batch(self, samples: Sequence[Taken], now_s: float) -> Batch:
+        return Batch(
             boot_id=self._sender.boot_id,
             channels=self._sender.channels,
-            newest_age_ms=max(0.0, (monotonic() - samples[-1].monotonic_s) * 1e3),
+            newest_age_ms=max(0.0, (now_s - samples[-1].monotonic_s) * 1e3),
             samples=[taken.sample for taken in samples],
-        )
-        return await self._client.post(
-            f"/surfaces/{self._sender.surface}/samples",
-            content=batch.model_dump_json(),
-            headers={"content-type": "application/json"},
         )
 
 

@@ -5,8 +5,8 @@ import logging
 import signal
 import time
 import uuid
-from collections.abc import Awaitable, Callable
-from contextlib import aclosing
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import aclosing, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,13 +15,15 @@ from pymodbus.exceptions import ModbusException
 
 from beamtouch_daemon import tare
 from beamtouch_daemon.calibration import Calibration
-from beamtouch_daemon.config import Config, Surface
+from beamtouch_daemon.config import Config, ConfigError, Surface
 from beamtouch_daemon.faults import BACKOFF_MAX_S, Backoff, Fault, Tally
 from beamtouch_daemon.filters import Chain, stages
+from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Pipeline
-from beamtouch_daemon.publisher import Outbox, Publisher, Sender, make_client
+from beamtouch_daemon.publisher import Disk, Publisher, Sender, make_client
 from beamtouch_daemon.sources import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
+from beamtouch_daemon.spool import Spool, SpoolError
 
 DRAIN_S = 2.0
 """How long a stop may take to publish what was taken."""
@@ -44,7 +46,9 @@ class Summary:
     samples_published: int = 0
     """Acknowledged by the service."""
     samples_dropped: int = 0
-    """Taken, but pushed out of the full queue, refused for good, or left over at the end."""
+    """Taken, but pushed out of a full queue or spool, refused for good, or left over at the end without a spool."""
+    samples_spooled: int = 0
+    """On disk, to be delivered after the next start."""
 
 
 class Acquisition:
@@ -116,13 +120,15 @@ class Line:
         client: httpx2.AsyncClient,
         boot_id: str,
         buses: Buses,
+        disk: Disk | None,
     ) -> None:
         self.name = name
+        self._disk = disk
         surface = config.surfaces[name]
         self.outbox = Outbox(config.publish.queue_samples, name)
         self.acquisition = Acquisition(name, surface, rest_gap_mm, self.outbox, buses)
         sender = Sender(name, surface.channel_names, boot_id)
-        self.publisher = Publisher(client, sender, self.outbox, config.publish.batch_ms / 1e3)
+        self.publisher = Publisher(client, sender, self.outbox, config.publish.batch_ms / 1e3, disk)
 
     def summary(self) -> Summary:
         """Return the counts so far; what waits in the outbox counts as dropped."""
@@ -130,14 +136,15 @@ class Line:
             self.acquisition.readings,
             self.acquisition.lost,
             self.publisher.published,
-            self.outbox.dropped + len(self.outbox),
+            self.outbox.dropped + len(self.outbox) + (self._disk.spool.dropped[self.name] if self._disk else 0),
+            self.publisher.spooled,
         )
 
 
 async def run(config: Config, token: str) -> dict[str, Summary]:
     """Read and publish all surfaces until SIGTERM or SIGINT; return what became of their readings, by name.
 
-    Raises ConfigError if a tare file does not fit.
+    Raises ConfigError if a tare file does not fit, or the spool cannot be used.
     """
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -148,9 +155,31 @@ async def run(config: Config, token: str) -> dict[str, Summary]:
     boot_id = str(uuid.uuid4())
     buses: Buses = {}
     async with make_client(config.publish.url, token) as client:
-        lines = [Line(name, config, rest[name], client, boot_id, buses) for name in config.surfaces]
-        await _work(lines, stop)
-    return {line.name: line.summary() for line in lines}
+        with _disk(config) as disk:
+            lines = [Line(name, config, rest[name], client, boot_id, buses, disk) for name in config.surfaces]
+            await _work(lines, stop)
+            return {line.name: line.summary() for line in lines}
+
+
+@contextmanager
+def _disk(config: Config) -> Iterator[Disk | None]:
+    """Open the spool for a block; None without one. ConfigError if it cannot be used."""
+    if not config.publish.spool_mb:
+        yield None
+        return
+    try:
+        spool = Spool(config.spool_file, round(config.publish.spool_mb * 1e6))
+    except (SpoolError, OSError) as error:
+        message = f"publish.spool_file: {error}"
+        raise ConfigError(message) from error
+    if spool.put_aside:
+        _log.error("the spool was damaged; it is kept as %s, and a new one is begun", spool.put_aside)
+    with spool:
+        disk = Disk(spool)
+        try:
+            yield disk
+        finally:
+            disk.close()
 
 
 async def _work(lines: list[Line], stop: asyncio.Event) -> None:

@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
+from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Taken
-from beamtouch_daemon.publisher import Outbox, Publisher, Sender, make_client
+from beamtouch_daemon.publisher import Publisher, Sender, make_client
 from beamtouch_service.samples import Quality, Sample
 
 from .service import TOKEN, Service, serving
