@@ -4,28 +4,27 @@ import argparse
 import asyncio
 import dataclasses
 import json
-import logging
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from beamtouch_daemon import logs
+
 if TYPE_CHECKING:
+    from beamtouch_daemon.line import Summary
     from beamtouch_daemon.once import SurfaceState
-    from beamtouch_daemon.runtime import Summary
 
 DONE, FAILED, WRONG_INPUT = 0, 1, 2
 INTERRUPTED = 130
 LONGEST_RECORDING_S = 3600.0
-_EXTRA_MODULES = {"numpy", "serial", "pymodbus", "cobs", "httpx2"}
+_EXTRA_MODULES = {"numpy", "serial", "pymodbus", "cobs", "httpx2", "prometheus_client"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
     arguments = _parser().parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", stream=sys.stderr)
-    logging.getLogger("httpx2").setLevel(logging.WARNING)  # it logs every request
-    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs every failure; the sources report them
+    logs.set_up(as_json=getattr(arguments, "log_format", "text") == "json")
     try:
         from beamtouch_daemon.config import ConfigError  # noqa: PLC0415 - needs the extra, which may be missing
 
@@ -56,6 +55,9 @@ def _parser() -> argparse.ArgumentParser:
         command.set_defaults(command=function)
         if name == "run":
             command.add_argument("--summary", metavar="FILE", type=Path, help="write the final counts to FILE (JSON)")
+            command.add_argument(
+                "--log-format", choices=("text", "json"), default="text", help="of the log on standard error"
+            )
         elif name == "check":
             command.add_argument("--json", action="store_true", help="print one JSON object")
         else:
@@ -81,15 +83,12 @@ def _add_record(command: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from beamtouch_daemon import config_file, runtime  # noqa: PLC0415
+    from beamtouch_daemon import runtime  # noqa: PLC0415
 
-    settings = config_file.load(arguments.config)
     summary_file: Path | None = arguments.summary
     if summary_file and not summary_file.parent.is_dir():
         return _complain(f"--summary: {summary_file.parent} is not a directory", WRONG_INPUT)
-    config_file.require_ports(settings)
-    token = settings.read_token()
-    summaries = asyncio.run(runtime.run(settings, token))
+    summaries = asyncio.run(runtime.run(arguments.config))
     for name, summary in summaries.items():
         _print_summary(name, summary)
     return _write_summary(summary_file, summaries) if summary_file else DONE

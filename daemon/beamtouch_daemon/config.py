@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, RelativePath, SerialLine, Source, Strict
+from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
 from beamtouch_daemon.modules import Encoding, module_of
 from beamtouch_service.samples import MAX_CHANNELS, ChannelName, SurfaceName
 
@@ -65,6 +65,13 @@ class Publish(Strict):
     """Keeps on disk what cannot be delivered."""
     spool_mb: Annotated[FiniteFloat, Field(ge=0, le=100_000)] = 200.0
     """Size of the spool; beyond it the oldest samples are dropped and counted. 0: no spool."""
+
+
+class Metrics(Strict):
+    """What Prometheus may ask, on this machine only."""
+
+    port: NetworkPort | None = None
+    """GET http://127.0.0.1:PORT/metrics; unset: no metrics."""
 
 
 class _Spike(Strict):
@@ -208,6 +215,7 @@ class Config(Strict):
     """The whole file. Relative paths in it are relative to the `directory` in the validation context."""
 
     publish: Publish
+    metrics: Metrics = Metrics()
     surfaces: Annotated[dict[SurfaceName, Surface], Field(min_length=1)]
     _directory: Path = PrivateAttr(default=Path())
 

@@ -67,8 +67,8 @@ class Publisher:
     ) -> None:
         self.published = 0
         """Samples that the service has acknowledged."""
-        self.turns = 0
-        """Grows as long as the publisher works, also when nothing can be delivered."""
+        self.turned_s = monotonic()
+        """When there was progress last, on the monotonic clock; also that nothing can be delivered is progress."""
         self._client = client
         self._sender = sender
         self._outbox = outbox
@@ -88,7 +88,7 @@ class Publisher:
         backoff = Backoff()
         next_s = monotonic()
         while await self._has_work():
-            self.turns += 1
+            self.turned_s = monotonic()
             if len(self._outbox) < self._most:
                 await self._outbox.pause(next_s - monotonic())
             next_s = monotonic() + self._batch_s

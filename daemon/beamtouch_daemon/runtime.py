@@ -1,164 +1,132 @@
-"""The daemon at work: every surface reads and publishes on its own, and none can stop another."""
+"""The daemon at work, from its first signal handler to its last: the one place where its parts meet."""
 
 import asyncio
+import contextlib
 import logging
 import signal
-import time
-import uuid
-from collections.abc import Awaitable, Callable, Iterator
-from contextlib import aclosing, contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
 from typing import Any
 
-import httpx2
 from pymodbus.exceptions import ModbusException
 
-from beamtouch_daemon import tare
-from beamtouch_daemon.calibration import Calibration
-from beamtouch_daemon.config import Config, ConfigError, Surface
-from beamtouch_daemon.faults import BACKOFF_MAX_S, Backoff, Fault, Tally
-from beamtouch_daemon.filters import Chain, stages
-from beamtouch_daemon.outbox import Outbox
-from beamtouch_daemon.pipeline import Pipeline
-from beamtouch_daemon.publisher import Disk, Publisher, Sender, make_client
-from beamtouch_daemon.sources import Buses, source_of
-from beamtouch_daemon.sources.reading import Reading, Source, SourceError
+from beamtouch_daemon import config_file, metrics
+from beamtouch_daemon.config import Config, ConfigError
+from beamtouch_daemon.line import Summary, cancel
+from beamtouch_daemon.notify import ServiceManager
+from beamtouch_daemon.publisher import Disk
 from beamtouch_daemon.spool import Spool, SpoolError
+from beamtouch_daemon.supervisor import Supervisor
 
-DRAIN_S = 2.0
-"""How long a stop may take to publish what was taken."""
-
-CANCEL_AGAIN_S = 0.1
-REOPEN_S = 0.5
-"""The longest wait before a source is opened again; opening disturbs nobody."""
-
+WATCH_S = 1.0
+"""Progress is looked at this often at least."""
 _log = logging.getLogger(__name__)
 
 
-@dataclass(slots=True)
-class Summary:
-    """What became of one surface's readings."""
+async def run(path: Path) -> dict[str, Summary]:
+    """Read and publish all surfaces of a configuration file until SIGTERM or SIGINT; SIGHUP reads it again.
 
-    readings: int = 0
-    """Taken."""
-    readings_lost: int = 0
-    """Due but not taken: missed slots, gaps in the device's sequence, and the time without a connection."""
-    samples_published: int = 0
-    """Acknowledged by the service."""
-    samples_dropped: int = 0
-    """Taken, but pushed out of a full queue or spool, refused for good, or left over at the end without a spool."""
-    samples_spooled: int = 0
-    """On disk, to be delivered after the next start."""
+    Returns
+    -------
+    dict
+        What became of the readings, by surface.
 
-
-class Acquisition:
-    """Readings of one surface into its outbox, across any number of sessions."""
-
-    def __init__(
-        self, name: str, surface: Surface, rest_gap_mm: dict[str, float], outbox: Outbox, buses: Buses
-    ) -> None:
-        self.readings = 0
-        self.lost = 0
-        self._name = name
-        self._rate_hz = surface.rate_hz
-        self._source: Source = source_of(surface, name, buses)
-        self._outbox = outbox
-        chain = Chain(stages(surface.filter, surface.rate_hz), len(surface.channels))
-        self._pipeline = Pipeline(Calibration.of(surface.channels, rest_gap_mm), chain, surface.rate_hz)
-        self._backoff = Backoff(most_s=REOPEN_S)
-        self._fault = Fault(_log, name)
-        self._tally = Tally(_log, f"{name}: %d readings lost")
-        self._last_s: float | None = None
-
-    async def run(self) -> None:
-        """Read for ever; whatever a session dies of, the next one is tried after a while."""
-        while True:
-            try:
-                await self._session()
-            except SourceError as error:
-                self._fault.failed(f"{error}; trying again")
-            await asyncio.sleep(self._backoff.next())
-
-    async def _session(self) -> None:
-        self._pipeline.restart()
-        is_first = True
-        async with aclosing(self._source.readings()) as stream:
-            async for readings in stream:
-                if is_first:
-                    self._resume(readings[0])
-                    is_first = False
-                self._take(readings)
-
-    def _resume(self, reading: Reading) -> None:
-        """Count what was missed between the sessions, by the clock."""
-        if self._last_s is None:
-            _log.info("%s: reading", self._name)
-        else:
-            self._count_lost(max(0, round((reading.monotonic_s - self._last_s) * self._rate_hz) - 1))
-        self._fault.recovered()
-        self._backoff.reset()
-
-    def _take(self, readings: list[Reading]) -> None:
-        self.readings += len(readings)
-        self._count_lost(sum(reading.lost for reading in readings))
-        self._last_s = readings[-1].monotonic_s
-        self._outbox.put(self._pipeline.process(readings, time.time() - time.monotonic()))
-
-    def _count_lost(self, number: int) -> None:
-        self.lost += number
-        self._tally.add(number)
-
-
-class Line:
-    """One surface from its source to the service."""
-
-    def __init__(
-        self,
-        name: str,
-        config: Config,
-        rest_gap_mm: dict[str, float],
-        client: httpx2.AsyncClient,
-        boot_id: str,
-        buses: Buses,
-        disk: Disk | None,
-    ) -> None:
-        self.name = name
-        self._disk = disk
-        surface = config.surfaces[name]
-        self.outbox = Outbox(config.publish.queue_samples, name)
-        self.acquisition = Acquisition(name, surface, rest_gap_mm, self.outbox, buses)
-        sender = Sender(name, surface.channel_names, boot_id)
-        self.publisher = Publisher(client, sender, self.outbox, config.publish.batch_ms / 1e3, disk)
-
-    def summary(self) -> Summary:
-        """Return the counts so far; what waits in the outbox counts as dropped."""
-        return Summary(
-            self.acquisition.readings,
-            self.acquisition.lost,
-            self.publisher.published,
-            self.outbox.dropped + len(self.outbox) + (self._disk.spool.dropped[self.name] if self._disk else 0),
-            self.publisher.spooled,
-        )
-
-
-async def run(config: Config, token: str) -> dict[str, Summary]:
-    """Read and publish all surfaces until SIGTERM or SIGINT; return what became of their readings, by name.
-
-    Raises ConfigError if a tare file does not fit, or the spool cannot be used.
+    Raises
+    ------
+    ConfigError
+        The configuration, or something that it names, cannot be used; nothing was read or published.
     """
-    stop = asyncio.Event()
+    config = config_file.load(path)
+    config_file.require_ports(config)
+    stop, reload = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(_on_loop_error)
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
-    rest = {name: tare.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
-    boot_id = str(uuid.uuid4())
-    buses: Buses = {}
-    async with make_client(config.publish.url, token) as client:
-        with _disk(config) as disk:
-            lines = [Line(name, config, rest[name], client, boot_id, buses, disk) for name in config.surfaces]
-            await _work(lines, stop)
-            return {line.name: line.summary() for line in lines}
+    loop.add_signal_handler(signal.SIGHUP, reload.set)
+    failure: ConfigError | None = None
+    with _disk(config) as disk:
+        async with asyncio.TaskGroup() as group:
+            supervisor = Supervisor(group, disk)
+            try:
+                with metrics.served(config.metrics.port, lambda: supervisor.lines):
+                    await supervisor.apply(config)
+                    return await _serve(path, config, supervisor, group, (stop, reload))
+            except ConfigError as error:
+                failure = error  # raised inside, it would come out in a group
+    raise failure
+
+
+async def _serve(
+    path: Path,
+    config: Config,
+    supervisor: Supervisor,
+    group: asyncio.TaskGroup,
+    told: tuple[asyncio.Event, asyncio.Event],
+) -> dict[str, Summary]:
+    """Keep the lines going until told to stop."""
+    stop, reload = told
+    manager = ServiceManager()
+    manager.ready(_status(config))
+    helpers = {
+        group.create_task(_watch(supervisor, manager)),
+        group.create_task(_reload_when_told(path, config, supervisor, manager, reload)),
+    }
+    await stop.wait()
+    manager.stopping()
+    await cancel(helpers)
+    return await supervisor.stop()
+
+
+async def _watch(supervisor: Supervisor, manager: ServiceManager) -> None:
+    """Tell the manager of progress, and only of progress: a line that hangs ends in a restart."""
+    pause_s = min(WATCH_S, (manager.watchdog_s or WATCH_S) / 4)
+    while True:
+        hanging = [line.name for line in supervisor.lines if line.hangs(monotonic())]
+        if hanging:
+            _log.error("no progress on %s", ", ".join(hanging))
+        else:
+            manager.alive()
+        await asyncio.sleep(pause_s)
+
+
+async def _reload_when_told(
+    path: Path, config: Config, supervisor: Supervisor, manager: ServiceManager, told: asyncio.Event
+) -> None:
+    """Read the configuration again whenever `told`; one that is wrong changes nothing."""
+    while True:
+        await told.wait()
+        told.clear()
+        manager.reloading()
+        try:
+            new = config_file.load(path)
+            config_file.require_ports(new)
+            fixed = _takes_a_restart(config, new)
+            started = await supervisor.apply(new)
+        except ConfigError as error:
+            _log.error("the configuration is not read again, the old one holds: %s", error)
+        else:
+            _log.info("configuration read again; started anew: %s", ", ".join(started) or "nothing")
+            if fixed:
+                _log.warning("changed, and takes a restart: %s", ", ".join(fixed))
+            config = new
+        manager.ready(_status(config))
+
+
+def _takes_a_restart(old: Config, new: Config) -> list[str]:
+    """Return the keys that differ and are only read at the start."""
+    fixed = {
+        "publish.spool_file": old.spool_file != new.spool_file,
+        "publish.spool_mb": old.publish.spool_mb != new.publish.spool_mb,
+        "metrics.port": old.metrics != new.metrics,
+    }
+    return [name for name, differs in fixed.items() if differs]
+
+
+def _status(config: Config) -> str:
+    return f"reading {', '.join(config.surfaces)}"
 
 
 @contextmanager
@@ -174,45 +142,8 @@ def _disk(config: Config) -> Iterator[Disk | None]:
         raise ConfigError(message) from error
     if spool.put_aside:
         _log.error("the spool was damaged; it is kept as %s, and a new one is begun", spool.put_aside)
-    with spool:
-        disk = Disk(spool)
-        try:
-            yield disk
-        finally:
-            disk.close()
-
-
-async def _work(lines: list[Line], stop: asyncio.Event) -> None:
-    """Keep all lines going until `stop`, then let them deliver what they have, for `DRAIN_S` at most."""
-    async with asyncio.TaskGroup() as group:
-        acquisitions = [group.create_task(_keep_going(line.name, line.acquisition.run)) for line in lines]
-        deliveries = [group.create_task(_keep_going(line.name, line.publisher.run)) for line in lines]
-        await stop.wait()
-        await cancel(set(acquisitions))
-        for line in lines:
-            line.outbox.close()
-        _, unfinished = await asyncio.wait(deliveries, timeout=DRAIN_S)
-        await cancel(unfinished)
-
-
-async def cancel(tasks: set[asyncio.Task[None]]) -> None:
-    """Cancel tasks until they are done: before Python 3.12, `wait_for` swallows a cancellation at the wrong moment."""
-    while tasks:
-        for task in tasks:
-            task.cancel()
-        _, tasks = await asyncio.wait(tasks, timeout=CANCEL_AGAIN_S)
-
-
-async def _keep_going(name: str, work: Callable[[], Awaitable[None]]) -> None:
-    """Run `work` to its end; an error that nobody foresaw ends here, in the log, and `work` begins again."""
-    while True:
-        try:
-            await work()
-        except Exception:  # noqa: BLE001 - logged whole; one surface's fault must not stop the others
-            _log.exception("%s: unexpected error; starting anew", name)
-            await asyncio.sleep(BACKOFF_MAX_S)
-        else:
-            return
+    with spool, contextlib.closing(Disk(spool)) as disk:
+        yield disk
 
 
 def _on_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

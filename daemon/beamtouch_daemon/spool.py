@@ -6,6 +6,7 @@ transaction that has reached the disk when the call returns. All calls block; th
 
 import sqlite3
 import time
+import uuid
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +68,8 @@ class Spool:
         self.put_aside: Path | None = None
         """Where a damaged file was moved to."""
         self._most_bytes = most_bytes
-        self._machine_boot = BOOT_ID.read_text().strip() if BOOT_ID.exists() else ""
+        # Where that cannot be seen, every start counts as another boot: ages then come out too great, never too small.
+        self._machine_boot = BOOT_ID.read_text().strip() if BOOT_ID.exists() else str(uuid.uuid4())
         try:
             self._database = _opened(path)
         except sqlite3.DatabaseError as error:
@@ -75,7 +77,7 @@ class Spool:
                 message = f"{path} is in use by another process"
                 raise SpoolError(message) from error
             if isinstance(error, sqlite3.OperationalError):
-                message = f"{path} cannot be opened: {error}"
+                message = f"{path} cannot be opened ({error}); name a file in a folder that can be written"
                 raise SpoolError(message) from error
             self.put_aside = path.with_name(f"{path.name}.damaged-{int(time.time())}")
             path.rename(self.put_aside)

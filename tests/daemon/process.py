@@ -1,6 +1,7 @@
 """The daemon as the user starts it: a process of its own."""
 
 import asyncio
+import os
 import signal
 import sys
 from collections.abc import AsyncIterator
@@ -35,6 +36,10 @@ class Daemon:
         self._process.send_signal(number)
         return await self.end()
 
+    def tell(self, number: signal.Signals) -> None:
+        """Send a signal."""
+        self._process.send_signal(number)
+
     async def end(self) -> Outcome:
         """Wait for the end."""
         out, err = await asyncio.wait_for(self._process.communicate(), 15)
@@ -43,7 +48,9 @@ class Daemon:
 
 
 @asynccontextmanager
-async def started(*arguments: str | Path, code: str = "") -> AsyncIterator[Daemon]:
+async def started(
+    *arguments: str | Path, code: str = "", environment: dict[str, str] | None = None
+) -> AsyncIterator[Daemon]:
     """Start the daemon, with Python `code` run before it; it is gone at the end of the block."""
     program = ("-c", f"{code}; from beamtouch_daemon.cli import main; sys.exit(main())") if code else None
     process = await asyncio.create_subprocess_exec(
@@ -52,6 +59,7 @@ async def started(*arguments: str | Path, code: str = "") -> AsyncIterator[Daemo
         *map(str, arguments),
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
+        env=os.environ | (environment or {}),
     )
     try:
         yield Daemon(process)

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from beamtouch_daemon.runtime import cancel
+from beamtouch_daemon.line import cancel
 from beamtouch_daemon.spool import Spool
 from beamtouch_service.samples import Batch, Quality
 
@@ -152,14 +152,16 @@ def test_what_was_spooled_is_delivered_by_the_next_start_beside_the_present(tmp_
             with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
                 oldest = spool.oldest("bench")
                 assert oldest is not None
-            async with serving(Service(("127.0.0.1", port))) as service:
-                async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-                    old: list[Batch] = []
-                    while sum(len(batch.samples) for batch in old) < before["readings"]:
-                        await service.until(len(service.samples()) + 1)
-                        old = [batch for _, batch, _ in service.batches if batch.boot_id == oldest.batch.boot_id]
-                    await service.until(len(service.samples()) + 20)
-                    assert (await daemon.stop()).code == 0
+            async with (
+                serving(Service(("127.0.0.1", port))) as service,
+                started("run", config, "--summary", tmp_path / "summary.json") as daemon,
+            ):
+                old: list[Batch] = []
+                while sum(len(batch.samples) for batch in old) < before["readings"]:
+                    await service.until(len(service.samples()) + 1)
+                    old = [batch for _, batch, _ in service.batches if batch.boot_id == oldest.batch.boot_id]
+                await service.until(len(service.samples()) + 20)
+                assert (await daemon.stop()).code == 0
             new = [batch for _, batch, _ in service.batches if batch not in old]
             after = summary_of(tmp_path)["bench"]
             assert before["samples_spooled"] == before["readings"] >= 250

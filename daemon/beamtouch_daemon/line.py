@@ -1,0 +1,121 @@
+"""One surface from its source to the service, as tasks that nothing but a stop ends."""
+
+import asyncio
+import logging
+import uuid
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from time import monotonic
+
+import httpx2
+
+from beamtouch_daemon.acquisition import Acquisition
+from beamtouch_daemon.config import Publish, Surface
+from beamtouch_daemon.faults import BACKOFF_MAX_S
+from beamtouch_daemon.outbox import Outbox
+from beamtouch_daemon.publisher import Disk, Publisher, Sender
+from beamtouch_daemon.sources import Buses
+
+DRAIN_S = 2.0
+"""How long a stop may take to publish what was taken."""
+PATIENCE_S = 15.0
+PATIENCE_PERIODS = 20.0
+"""Without progress for so long, the longer of a time and a number of reading periods, a line hangs."""
+_CANCEL_AGAIN_S = 0.1
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class Summary:
+    """What became of one surface's readings."""
+
+    readings: int = 0
+    """Taken."""
+    readings_lost: int = 0
+    """Due but not taken: missed slots, gaps in the device's sequence, and the time without a connection."""
+    samples_published: int = 0
+    """Acknowledged by the service."""
+    samples_dropped: int = 0
+    """Taken, but pushed out of a full queue or spool, refused for good, or left over at the end without a spool."""
+    samples_spooled: int = 0
+    """On disk, to be delivered after the next start."""
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What all lines have in common."""
+
+    client: httpx2.AsyncClient
+    publish: Publish
+    buses: Buses
+    disk: Disk | None
+
+
+class Line:
+    """One surface at work."""
+
+    def __init__(self, name: str, surface: Surface, rest_gap_mm: dict[str, float], shared: Shared) -> None:
+        self.name = name
+        self.surface = surface
+        self.rest_gap_mm = rest_gap_mm
+        self.outbox = Outbox(shared.publish.queue_samples, name)
+        self.acquisition = Acquisition(name, surface, rest_gap_mm, self.outbox, shared.buses)
+        # A line that is started anew counts its samples anew, so it is another sender.
+        sender = Sender(name, surface.channel_names, str(uuid.uuid4()))
+        self.publisher = Publisher(shared.client, sender, self.outbox, shared.publish.batch_ms / 1e3, shared.disk)
+        self._disk = shared.disk
+        self._tasks: list[asyncio.Task[None]] = []
+
+    def start(self, group: asyncio.TaskGroup) -> None:
+        """Begin to read and to publish."""
+        for work in (self.acquisition.run, self.publisher.run):
+            self._tasks.append(group.create_task(_keep_going(self.name, work)))
+
+    async def stop(self) -> None:
+        """Stop reading and deliver what was taken, for `DRAIN_S` at most."""
+        acquisition, publisher = self._tasks
+        await cancel({acquisition})
+        self.outbox.close()
+        _, unfinished = await asyncio.wait({publisher}, timeout=DRAIN_S)
+        await cancel(unfinished)
+
+    def hangs(self, now_s: float) -> bool:
+        """Whether reading or publishing has made no progress for too long, at `now_s` on the monotonic clock."""
+        patience_s = PATIENCE_S + PATIENCE_PERIODS / self.surface.rate_hz
+        publishes = not len(self.outbox) or now_s - self.publisher.turned_s < patience_s
+        return not publishes or now_s - self.acquisition.turned_s > patience_s
+
+    def age_s(self) -> float | None:
+        """How long ago the last reading was taken [s]; None before the first."""
+        return None if self.acquisition.last_s is None else monotonic() - self.acquisition.last_s
+
+    def summary(self) -> Summary:
+        """Return the counts so far; what waits in memory counts as dropped."""
+        return Summary(
+            self.acquisition.readings,
+            self.acquisition.lost,
+            self.publisher.published,
+            self.outbox.dropped + len(self.outbox) + (self._disk.spool.dropped[self.name] if self._disk else 0),
+            self.publisher.spooled,
+        )
+
+
+async def cancel(tasks: set[asyncio.Task[None]]) -> None:
+    """Cancel tasks until they are done: before Python 3.12, `wait_for` swallows a cancellation at the wrong moment."""
+    while tasks:
+        for task in tasks:
+            task.cancel()
+        _, tasks = await asyncio.wait(tasks, timeout=_CANCEL_AGAIN_S)
+
+
+async def _keep_going(name: str, work: Callable[[], Awaitable[None]]) -> None:
+    """Run `work` to its end; an error that nobody foresaw ends here, in the log, and `work` begins again."""
+    while True:
+        try:
+            await work()
+        except Exception:  # noqa: BLE001 - logged whole; one surface's fault must not stop the others
+            _log.exception("%s: unexpected error; starting anew", name)
+            await asyncio.sleep(BACKOFF_MAX_S)
+        else:
+            return

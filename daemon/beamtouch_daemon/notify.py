@@ -1,0 +1,42 @@
+"""Words to the service manager: ready, reloading, stopping, and that there is progress (sd_notify, systemd 252)."""
+
+import os
+import socket
+from time import monotonic_ns
+
+
+class ServiceManager:
+    """The manager that started this process, if one did and wants to hear; else nothing is sent."""
+
+    def __init__(self) -> None:
+        self._address = os.environ.get("NOTIFY_SOCKET", "")
+        watchdog_us = os.environ.get("WATCHDOG_USEC", "")
+        is_mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        self.watchdog_s = int(watchdog_us) / 1e6 if watchdog_us.isdecimal() and is_mine else None
+        """It restarts this process when it hears nothing for so long; None: it does not watch."""
+
+    def ready(self, status: str) -> None:
+        """Say that the start, or a reload, is complete."""
+        self._send(f"READY=1\nSTATUS={status}")
+
+    def reloading(self) -> None:
+        """Say that the configuration is being read again."""
+        self._send(f"RELOADING=1\nMONOTONIC_USEC={monotonic_ns() // 1000}")
+
+    def stopping(self) -> None:
+        """Say that the end has begun."""
+        self._send("STOPPING=1")
+
+    def alive(self) -> None:
+        """Say that there is progress."""
+        self._send("WATCHDOG=1")
+
+    def _send(self, text: str) -> None:
+        if not self._address:
+            return
+        address = f"\0{self._address[1:]}" if self._address.startswith("@") else self._address
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
+            try:
+                sender.sendto(text.encode(), address)
+            except OSError:
+                return  # a manager that is gone cannot be told

@@ -1,0 +1,98 @@
+"""All lines of a configuration: started, replaced by those of a new configuration, stopped."""
+
+import asyncio
+import logging
+from collections.abc import Iterable
+
+from beamtouch_daemon import tare
+from beamtouch_daemon.config import Config
+from beamtouch_daemon.line import Line, Shared, Summary
+from beamtouch_daemon.publisher import Disk, make_client
+
+_log = logging.getLogger(__name__)
+
+
+class Supervisor:
+    """Keeps one line going per surface.
+
+    Parameters
+    ----------
+    group
+        In which the lines' tasks run.
+    disk
+        The spool, if there is one.
+    """
+
+    def __init__(self, group: asyncio.TaskGroup, disk: Disk | None) -> None:
+        self._group = group
+        self._disk = disk
+        self._lines: dict[str, Line] = {}
+        self._ended: dict[str, Summary] = {}
+        self._shared: Shared | None = None
+        self._token = ""
+
+    @property
+    def lines(self) -> Iterable[Line]:
+        """Those at work."""
+        return self._lines.values()
+
+    async def apply(self, config: Config) -> list[str]:
+        """Make the lines those of `config`; return the names of those that were started.
+
+        A line whose surface, rest gaps and publication are as before goes on undisturbed. All that can be wrong with
+        the configuration is read before anything changes.
+
+        Raises
+        ------
+        ConfigError
+            The token or a tare file cannot be used; nothing changed.
+        """
+        token = config.read_token()
+        rest = {name: tare.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
+        old = self._shared
+        if old is None or old.publish != config.publish or self._token != token:
+            client = make_client(config.publish.url, token)
+            shared = Shared(client, config.publish, old.buses if old else {}, self._disk)
+        else:
+            shared = old
+        kept = {
+            name
+            for name, line in self._lines.items()
+            if shared is old and config.surfaces.get(name) == line.surface and rest[name] == line.rest_gap_mm
+        }
+        await asyncio.gather(*(self._end(name) for name in set(self._lines) - kept))
+        if old is not None and shared is not old:
+            await old.client.aclose()
+        self._shared, self._token = shared, token
+        self._forget_buses(shared)
+        started = [name for name in config.surfaces if name not in kept]
+        for name in started:
+            self._lines[name] = Line(name, config.surfaces[name], rest[name], shared)
+            self._lines[name].start(self._group)
+        return started
+
+    async def stop(self) -> dict[str, Summary]:
+        """Stop all lines; return what became of the readings since the start, by surface."""
+        await asyncio.gather(*(self._end(name) for name in list(self._lines)))
+        if self._shared is not None:
+            await self._shared.client.aclose()
+        return self._ended
+
+    async def _end(self, name: str) -> None:
+        line = self._lines[name]
+        await line.stop()
+        del self._lines[name]
+        counts, before = line.summary(), self._ended.get(name, Summary())
+        self._ended[name] = Summary(
+            before.readings + counts.readings,
+            before.readings_lost + counts.readings_lost,
+            before.samples_published + counts.samples_published,
+            before.samples_dropped + counts.samples_dropped,
+            counts.samples_spooled,
+        )
+
+    def _forget_buses(self, shared: Shared) -> None:
+        """Forget the buses that nobody uses any more: the next user may state another line."""
+        used = {getattr(line.surface.source, "port", None) for line in self._lines.values()}
+        for port in set(shared.buses) - used:
+            del shared.buses[port]
