@@ -19,13 +19,15 @@ import httpx2
 from beamtouch_daemon.faults import BACKOFF_MIN_S, Backoff, Fault
 from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Taken
-from beamtouch_daemon.spool import Spool, SpoolError
+from beamtouch_daemon.spool import Spool, Spooled, SpoolError
 from beamtouch_service.samples import MAX_SAMPLES, Batch
 
 MAX_BATCH = min(1000, MAX_SAMPLES)
 MAX_BATCH_VALUES = 16_000
 """Samples in one request, and values in them, at most: under half of the MiB that the service takes."""
 REQUEST_TIMEOUT_S = 2.0
+DISK_REST_S = 1.0
+"""A disk that failed is left alone for so long."""
 MAX_DETAIL = 200
 """Characters of the service's explanation in the log."""
 
@@ -76,6 +78,9 @@ class Publisher:
         self._disk = disk
         self._most = min(MAX_BATCH, MAX_BATCH_VALUES // len(sender.channels))
         self._fault = Fault(_log, f"{sender.surface}: publishing")
+        self._delivered: Spooled | None = None
+        """Delivered from the disk, and not removed there yet."""
+        self._disk_rests_until_s = 0.0
         self._disk_fault = Fault(_log, f"{sender.surface}: spool")
 
     @property
@@ -129,22 +134,29 @@ class Publisher:
         if self._disk is None or not self.spooled or self._outbox.is_closed:
             return True
         disk, surface = self._disk, self._sender.surface
+        if monotonic() < self._disk_rests_until_s:
+            return True
         try:
-            oldest = await disk.call(lambda: disk.spool.oldest(surface))
-            if oldest is None:
-                return True
-            taken = await self._send(oldest.batch)
-            if taken is False:
-                return False
-            await disk.call(lambda: disk.spool.remove(surface, oldest))
-        except SpoolError as error:
+            if self._delivered is None:
+                oldest = await disk.call(lambda: disk.spool.oldest(surface))
+                taken = oldest is None or await self._send(oldest.batch)
+                if oldest is None or taken is False:
+                    return oldest is None
+                self._count(oldest.batch, taken)
+                self._delivered = oldest
+            done = self._delivered
+            await disk.call(lambda: disk.spool.remove(surface, done))
+            self._delivered = None
+        except SpoolError as error:  # the present does not wait for it
             self._disk_fault.failed(str(error))
-            return False
-        if taken is None:
-            self._outbox.drop(len(oldest.batch.samples))
-        else:
-            self.published += len(oldest.batch.samples)
+            self._disk_rests_until_s = monotonic() + DISK_REST_S
         return True
+
+    def _count(self, batch: Batch, taken: bool | None) -> None:
+        if taken is None:
+            self._outbox.drop(len(batch.samples))
+        else:
+            self.published += len(batch.samples)
 
     async def _spool_all(self) -> None:
         """Put all that waits in memory on the disk; if that fails it goes on waiting."""
