@@ -5,7 +5,8 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.peers
 PACKAGES := firmware_protocol/beamtouch_protocol models/beamtouch_models service/beamtouch_service daemon/beamtouch_daemon
-WORKERS ?= auto
+# Twice the cores: many tests wait for devices, timeouts and outages.
+WORKERS ?= $(shell expr 2 \* $$(nproc))
 
 .PHONY: help install demo test bench check format clean
 

@@ -26,6 +26,8 @@ MAX_BATCH = min(1000, MAX_SAMPLES)
 MAX_BATCH_VALUES = 16_000
 """Samples in one request, and values in them, at most: under half of the MiB that the service takes."""
 REQUEST_TIMEOUT_S = 2.0
+RETRY_S = 1.0
+"""The longest wait before a service that takes nothing is asked again."""
 DISK_REST_S = 1.0
 """A disk that failed is left alone for so long."""
 MAX_DETAIL = 200
@@ -90,7 +92,7 @@ class Publisher:
 
     async def run(self) -> None:
         """Deliver until the outbox is closed and empty; what cannot be delivered then stays on the disk."""
-        backoff = Backoff()
+        backoff = Backoff(most_s=RETRY_S)
         next_s = monotonic()
         while await self._has_work():
             self.turned_s = monotonic()
