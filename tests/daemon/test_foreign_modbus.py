@@ -1,0 +1,125 @@
+"""Modbus with programs that are not ours: a server on libmodbus, and mbpoll asking the rig."""
+
+import asyncio
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from beamtouch_daemon.sources.polled import PolledSource
+from beamtouch_daemon.sources.reading import Reading
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.rig.script import Load
+from beamtouch_models.rig.surface import VirtualSurface
+from beamtouch_models.scene import load_scene
+from example_scenes import SCENES
+from parts import require
+
+from .lines import joined_terminals
+from .sessions import polled, source_in, take
+from .test_run import free_port
+
+SERVER = Path(__file__).with_name("libmodbus_server.c")
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The server, compiled."""
+    pkg_config, compiler = require("pkg-config", "pkg-config"), require("gcc", "gcc")
+    require("mbpoll", "mbpoll libmodbus-dev")
+    flags = subprocess.run(
+        [pkg_config, "--cflags", "--libs", "libmodbus"], capture_output=True, text=True, check=True, timeout=60
+    ).stdout.split()
+    program = tmp_path_factory.mktemp("libmodbus") / "server"
+    subprocess.run([compiler, "-std=gnu11", "-Wall", "-o", str(program), str(SERVER), *flags], check=True, timeout=120)
+    return program
+
+
+@contextmanager
+def serving(program: Path, *arguments: str) -> Iterator[None]:
+    with subprocess.Popen([program, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+            yield
+        finally:
+            process.kill()
+
+
+def of(table: str, registers: list[int]) -> PolledSource:
+    return polled(table, registers, 100.0)
+
+
+def test_a_libmodbus_server_is_read_over_tcp(server: Path) -> None:
+    port = free_port()
+    table = f'kind = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\ntimeout_ms = 2000'
+
+    async def story() -> list[list[Reading]]:
+        return [
+            await take(of(table, [3, 0, 9]), 100),
+            await take(of(f"{table}\nfunction = 3", [3, 0, 9]), 50),
+            await take(source_in({}, table, ["register = 4\ntype = 'u32'\n", "register = 1"], 100.0), 50),
+        ]
+
+    with serving(server, "tcp", str(port)):
+        inputs, holding, wide = asyncio.run(story())
+    assert {reading.counts for reading in inputs} == {(1003, 1000, 1009)}
+    assert {reading.counts for reading in holding} == {(2003, 2000, 2009)}
+    assert {reading.counts for reading in wide} == {(1004 * 65536 + 1005, 1001)}
+
+
+def test_a_libmodbus_server_is_read_over_rtu(server: Path) -> None:
+    async def story() -> tuple[list[Reading], list[Reading]]:
+        with joined_terminals() as (ours, theirs):
+            process = await asyncio.create_subprocess_exec(
+                server, "rtu", theirs, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
+            )
+            try:
+                assert process.stdout is not None
+                assert await process.stdout.readline() == b"ready\n"
+                table = f'kind = "modbus-rtu"\nport = "{ours}"\ntimeout_ms = 1000'
+                together = await take(of(table, [3, 0, 9]), 100)
+                bridged = await take(of(f"{table}\nbridge_registers = 9\nfunction = 3", [3, 0, 9]), 50)
+            finally:
+                process.kill()
+                await process.wait()
+        return together, bridged
+
+    together, bridged = asyncio.run(story())
+    assert {reading.counts for reading in together} == {(1003, 1000, 1009)}
+    assert {reading.counts for reading in bridged} == {(2003, 2000, 2009)}
+
+
+@pytest.mark.parametrize("kind", ["modbus-tcp", "modbus-rtu"])
+def test_mbpoll_reads_the_rig(bench: ModelFile, bench_model: Path, tmp_path: Path, kind: str) -> None:
+    mbpoll = require("mbpoll", "mbpoll")
+    where = "127.0.0.1:0" if kind == "modbus-tcp" else str(tmp_path / "line")
+    script = tmp_path / "script.toml"
+    script.write_text("[[step]]\nseconds = 600\nposition_mm = 200\nforce_n = 20\n")
+    rig = Path(sys.executable).parent / "beamtouch-rig"
+    options = [str(SCENES / "bench.toml"), "--model", str(bench_model), f"--{kind}", where, "--script", str(script)]
+    with subprocess.Popen([rig, *options], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            address = process.stdout.readline().split()[-1]
+            if kind == "modbus-tcp":
+                target = ["-m", "tcp", "-p", address.rsplit(":", 1)[1], "127.0.0.1"]
+            else:
+                target = ["-m", "rtu", "-b", "115200", "-P", "none", address]
+            command = [mbpoll, "-a", "1", "-t", "3", "-r", "1", "-c", "4", "-1", "-o", "5", *target]
+            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+        finally:
+            process.terminate()
+    assert done.returncode == 0, done.stdout + done.stderr
+    counts = [int(count) for count in re.findall(r"^\[\d\]:\s+(\d+)", done.stdout, re.MULTILINE)]
+    scene, _ = load_scene(SCENES / "bench.toml")
+    surface = VirtualSurface(scene, bench.metadata, seed=1)
+    noise_counts = bench.metadata.noise.reading_mm / abs(surface.sensor.gain_mm_per_count)
+    expected = surface.counts(Load(200.0, 20.0))
+    assert len(counts) == 4
+    assert max(expected) - min(expected) > 100 * noise_counts
+    assert all(abs(count - other) < 10 * noise_counts for count, other in zip(counts, expected, strict=True))
