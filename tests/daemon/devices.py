@@ -169,6 +169,11 @@ class SerialDevice:
     def send(self, message: Message) -> None:
         self._line.write(encode(message))
 
+    def restart(self, rate_hz: int) -> None:
+        """Send readings though no host asked."""
+        self.stop()
+        self._stream = asyncio.create_task(self._run(rate_hz, 1))
+
     def stop(self) -> None:
         if self._stream:
             self._stream.cancel()

@@ -31,6 +31,11 @@ class Daemon:
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self._process = process
 
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
     async def stop(self, number: signal.Signals = signal.SIGTERM) -> Outcome:
         """Send a signal and wait for the end."""
         self._process.send_signal(number)

@@ -27,7 +27,11 @@ class Service:
         self._arrived = asyncio.Event()
         self.statuses: list[int] = []
         """Answers to come, one per request; 200 when there are no more."""
-        self.listener = socket.create_server(address)
+        # With the protocol named, asyncio turns off the delay of small writes.
+        self.listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+        self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self.listener.bind(address)
+        self.listener.listen()
         self.url = f"http://127.0.0.1:{self.listener.getsockname()[1]}"
 
     def samples(self, surface: str = "bench") -> list[Sample]:

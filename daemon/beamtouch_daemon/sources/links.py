@@ -62,6 +62,7 @@ class TcpLink:
         self._port = settings.port
         self._unit = unit
         self._function = settings.function_code
+        self._reads_holding = self._function == READ_HOLDING_REGISTERS
         self._client: AsyncModbusTcpClient | None = None
 
     @asynccontextmanager
@@ -75,8 +76,7 @@ class TcpLink:
     async def read(self, block: Block) -> tuple[Answer, float, float]:
         """Read registers, connecting first if that has to be."""
         client = self._client or await self._connected()
-        holding = self._function == READ_HOLDING_REGISTERS
-        ask = client.read_holding_registers if holding else client.read_input_registers
+        ask = client.read_holding_registers if self._reads_holding else client.read_input_registers
         begin_s = monotonic()
         try:
             answer = await ask(block.first, count=block.count, device_id=self._unit)
@@ -88,13 +88,13 @@ class TcpLink:
             self._close()
             raise
         end_s = monotonic()
-        if answer.isError():
+        if answer.function_code == self._function and len(answer.registers) == block.count:
+            return Answer(answer.registers), begin_s, end_s
+        if answer.isError() and answer.function_code == self._function | EXCEPTION:
             return Answer(exception=answer.exception_code), begin_s, end_s
-        if answer.function_code % EXCEPTION != self._function or len(answer.registers) != block.count:
-            self._close()
-            message = f"{self.name} gave the answer to another request"
-            raise NoAnswerError(message)
-        return Answer(tuple(answer.registers)), begin_s, end_s
+        self._close()
+        message = f"{self.name} gave the answer to another request"
+        raise NoAnswerError(message)
 
     async def _connected(self) -> AsyncModbusTcpClient:
         client = AsyncModbusTcpClient(self._host, port=self._port, timeout=self.timeout_s, retries=0, reconnect_delay=0)

@@ -110,7 +110,8 @@ class PolledSource:
             schedule, unread = Schedule(self._rate_hz, monotonic()), 0
             while True:
                 unread += await schedule.wait()
-                self._attempt_again()
+                if len(self._parts) > 1:
+                    self._attempt_again()
                 reading = await self._poll(unread)
                 if reading is None:
                     unread += 1
@@ -132,8 +133,12 @@ class PolledSource:
 
         The reading is as old as the oldest of its parts.
         """
-        live = [part for part in self._parts if not part.is_given_up]
-        taken = [await self._read(live[0])] if len(live) == 1 else await asyncio.gather(*map(self._read, live))
+        if len(self._parts) == 1:
+            live: Sequence[Part] = self._parts
+            taken = [await self._read(live[0])]
+        else:
+            live = [part for part in self._parts if not part.is_given_up]
+            taken = await asyncio.gather(*map(self._read, live))
         stamps: list[float] = []
         counts: list[float | None] = [None] * self._channels
         for part, found in zip(live, taken, strict=True):
@@ -165,8 +170,9 @@ class PolledSource:
             reason = _EXCEPTIONS.get(refusal, "an error")
             self._failed(part, f"{part.link.name} answers with exception {refusal}: {reason}")
             return None
-        part.failures = 0
-        self._faults[part.link.name].recovered()
+        if part.failures:
+            part.failures = 0
+            self._faults[part.link.name].recovered()
         return contents, (begin_s + end_s) / 2
 
     def _failed(self, part: Part, complaint: str) -> None:

@@ -3,9 +3,8 @@
 import asyncio
 import math
 from collections.abc import AsyncGenerator
-from dataclasses import dataclass
 from time import monotonic
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 
 class SourceError(Exception):
@@ -16,8 +15,7 @@ class NoAnswerError(Exception):
     """A unit did not answer, or not intact; the text is one line for the log."""
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(NamedTuple):
     """Raw counts of all channels at one instant; the mean of several conversions need not be whole."""
 
     monotonic_s: float
@@ -69,5 +67,6 @@ class Schedule:
     async def wait(self) -> int:
         """Wait for the next slot and return how many were missed before it."""
         delay_s, missed = self.advance(monotonic())
-        await asyncio.sleep(delay_s)
+        if delay_s > 0:
+            await asyncio.sleep(delay_s)
         return missed

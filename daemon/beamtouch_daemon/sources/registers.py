@@ -35,6 +35,11 @@ class Value:
         """The registers that it takes."""
         return range(self.register, self.register + words_of(self.encoding))
 
+    @property
+    def swaps_bytes(self) -> bool:
+        """Whether the two bytes of a register are the other way round."""
+        return self.byte_order in {"BADC", "DCBA"}
+
     def decode(self, contents: Mapping[int, int]) -> float | None:
         """Return the value; None where a register is missing, or where it is no number.
 
@@ -43,12 +48,15 @@ class Value:
         contents
             Content of each register that was read, 0 to 65535.
         """
+        if self.encoding == "u16" and not self.swaps_bytes:
+            return contents.get(self.register)
         try:
             words = [contents[register] for register in self.registers]
         except KeyError:
             return None
-        swaps_words, swaps_bytes = self.byte_order in {"CDAB", "DCBA"}, self.byte_order in {"BADC", "DCBA"}
-        data = struct.pack(f"{'<' if swaps_bytes else '>'}{len(words)}H", *(reversed(words) if swaps_words else words))
+        swaps_words = self.byte_order in {"CDAB", "DCBA"}
+        order = "<" if self.swaps_bytes else ">"
+        data = struct.pack(f"{order}{len(words)}H", *(reversed(words) if swaps_words else words))
         value: float = struct.unpack(_FORMATS[self.encoding], data)[0]
         return value if math.isfinite(value) else None
 

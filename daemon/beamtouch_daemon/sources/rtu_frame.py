@@ -6,6 +6,7 @@ passed over.
 """
 
 import struct
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from pymodbus.framer.rtu import FramerRTU
@@ -20,7 +21,7 @@ ENVELOPE_BYTES = 5
 class Answer(NamedTuple):
     """An answer to a request for registers."""
 
-    registers: tuple[int, ...] = ()
+    registers: Sequence[int] = ()
     exception: int = 0
     """Not 0: the unit refuses, and this is its reason."""
 
