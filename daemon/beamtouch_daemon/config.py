@@ -10,8 +10,6 @@ from urllib.parse import urlsplit
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
-    ConfigDict,
     Field,
     FiniteFloat,
     PrivateAttr,
@@ -19,7 +17,9 @@ from pydantic import (
     model_validator,
 )
 
-from beamtouch_service.samples import MAX_CHANNELS, ChannelName, SurfaceName
+from beamtouch_daemon.config_signal import Channel, Filter, LowPass, NoFilter, Positive, ZeroTracking
+from beamtouch_daemon.config_signal import Strict as _Strict
+from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
 
 
 class ConfigError(Exception):
@@ -31,13 +31,6 @@ def reason_of(error: OSError | UnicodeDecodeError) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or "not text"
 
 
-def _nonzero(value: float) -> float:
-    if value == 0:
-        message = "must not be 0: every count would give the same gap"
-        raise ValueError(message)
-    return value
-
-
 def _http_url(value: str) -> str:
     parts = urlsplit(value)
     if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment:
@@ -47,15 +40,10 @@ def _http_url(value: str) -> str:
     return value.rstrip("/")
 
 
-Positive = Annotated[FiniteFloat, Field(gt=0)]
 RelativePath = Annotated[Path, Field(strict=False)]
 Milliseconds = Annotated[FiniteFloat, Field(ge=1, le=60_000)]
 NetworkPort = Annotated[int, Field(ge=1, le=65_535)]
 Baud = Annotated[int, Field(ge=300, le=12_000_000)]
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class Publish(_Strict):
@@ -108,61 +96,6 @@ class SerialLine(_Strict):
 Source = Annotated[ModbusTcp | ModbusRtu | SerialLine, Field(discriminator="kind")]
 
 
-class _Spike(_Strict):
-    spike_mm: Positive | None = None
-    """A deflection further than this from the median of the last three is replaced by that median."""
-
-
-class NoFilter(_Spike):
-    """Every reading is a sample."""
-
-    kind: Literal["none"] = "none"
-
-
-class MovingAverage(_Spike):
-    """The mean of the last readings."""
-
-    kind: Literal["moving-average"]
-    window: Annotated[int, Field(ge=1, le=10_000)] = 4
-    """Readings in the mean."""
-
-
-class LowPass(_Spike):
-    """A single pole."""
-
-    kind: Literal["low-pass"]
-    cutoff_hz: Positive
-    """Where the gain has fallen by 3 dB."""
-
-
-Filter = Annotated[NoFilter | MovingAverage | LowPass, Field(discriminator="kind")]
-
-
-class Channel(_Strict):
-    """One sensor: where its counts are, and what they mean."""
-
-    name: ChannelName
-    register_: Annotated[int, Field(alias="register", ge=0, le=65_535)]
-    """Modbus: address of the unsigned 16-bit input register (function 4). Serial: index in the frame, from 0."""
-    gain_mm_per_count: Annotated[FiniteFloat, AfterValidator(_nonzero)]
-    """gap = offset + gain x counts."""
-    offset_mm: FiniteFloat
-    rest_gap_mm: FiniteFloat
-    """Gap with nothing on the beam; the tare file overrides it."""
-    range_mm: Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
-    """Linear range of the sensor; a gap outside it is out-of-range."""
-    adc_bits: Annotated[int, Field(ge=1, le=16)] = 16
-    """Counts of 0 and of 2**adc_bits - 1 are saturated."""
-
-    @model_validator(mode="after")
-    def _range_in_order(self) -> Self:
-        low, high = self.range_mm
-        if not low < high:
-            message = f"range_mm must be [smaller, larger], not [{low}, {high}]"
-            raise ValueError(message)
-        return self
-
-
 class Surface(_Strict):
     """One beam with its sensors."""
 
@@ -171,9 +104,13 @@ class Surface(_Strict):
     tare_file: RelativePath | None = None
     """Rest gaps measured by `tare`; NAME.tare.json beside the configuration unless stated."""
     noise_mm: Positive | None = None
-    """Standard deviation of one reading; `tare` refuses a surface that moves more. Unset: judged from the readings."""
+    """Standard deviation of one reading; `tare` refuses a surface that moves more. Unset: judged from the readings.
+
+    It also says after how many equal readings a channel is stuck.
+    """
     source: Source
     filter: Filter = NoFilter()
+    zero_tracking: ZeroTracking | None = None
     channels: Annotated[tuple[Channel, ...], Field(strict=False, min_length=1, max_length=MAX_CHANNELS)]
 
     @model_validator(mode="after")

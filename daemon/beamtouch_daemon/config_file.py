@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from beamtouch_daemon.config import Config, ConfigError, ModbusTcp, reason_of
 
-_KINDS = {"modbus-tcp", "modbus-rtu", "serial", "none", "moving-average", "low-pass"}
+_KINDS = {"modbus-tcp", "modbus-rtu", "serial", "none", "moving-average", "low-pass", "adaptive"}
 
 
 def load(path: Path) -> Config:

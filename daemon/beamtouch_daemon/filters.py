@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_daemon.config import Filter, LowPass, MovingAverage
+from beamtouch_daemon.config_signal import Filter, LowPass, MovingAverage
 
 FloatArray = NDArray[np.float64]
 Step = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]

@@ -25,10 +25,12 @@ class Taken:
 
 
 def counts_of(readings: Sequence[Reading]) -> NDArray[np.float64]:
-    """Return the counts, shape (readings, channels), NaN where a channel is missing."""
-    return np.array(
+    """Return the counts, shape (readings, channels), NaN where a channel is missing or no number."""
+    counts = np.array(
         [[np.nan if count is None else count for count in reading.counts] for reading in readings], dtype=np.float64
     )
+    counts[np.isinf(counts)] = np.nan
+    return counts
 
 
 class Pipeline:

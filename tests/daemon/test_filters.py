@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_daemon.config import LowPass, MovingAverage, NoFilter
+from beamtouch_daemon.config_signal import LowPass, MovingAverage, NoFilter
 from beamtouch_daemon.filters import Chain, FloatArray, fresh, low_pass, moving_average, smoothing, spike, stages
 
 RATE_HZ = 200.0

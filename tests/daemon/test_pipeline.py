@@ -3,7 +3,7 @@
 import pytest
 
 from beamtouch_daemon.calibration import Calibration
-from beamtouch_daemon.config import Channel, MovingAverage
+from beamtouch_daemon.config_signal import Channel, MovingAverage
 from beamtouch_daemon.filters import Chain, stages
 from beamtouch_daemon.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.reading import Reading
