@@ -14,10 +14,8 @@ import httpx2
 from pymodbus.exceptions import ModbusException
 
 from beamtouch_daemon import tare
-from beamtouch_daemon.calibration import Calibration
 from beamtouch_daemon.config import Config, Surface
 from beamtouch_daemon.faults import BACKOFF_MAX_S, Backoff, Fault, Tally
-from beamtouch_daemon.filters import Chain, stages
 from beamtouch_daemon.pipeline import Pipeline
 from beamtouch_daemon.publisher import Outbox, Publisher, Sender, make_client
 from beamtouch_daemon.sources import source_of
@@ -55,8 +53,7 @@ class Acquisition:
         self._rate_hz = surface.rate_hz
         self._source: Source = source_of(surface)
         self._outbox = outbox
-        chain = Chain(stages(surface.filter, surface.rate_hz), len(surface.channels))
-        self._pipeline = Pipeline(Calibration.of(surface.channels, rest_gap_mm), chain, surface.rate_hz)
+        self._pipeline = Pipeline(surface, rest_gap_mm)
         self._backoff = Backoff()
         self._fault = Fault(_log, name)
         self._tally = Tally(_log, f"{name}: %d readings lost")

@@ -6,7 +6,7 @@ import pytest
 
 from beamtouch_daemon.config import Config, ConfigError, ModbusRtu, ModbusTcp, SerialLine
 from beamtouch_daemon.config_file import load, require_ports
-from beamtouch_daemon.config_signal import Adaptive, LowPass, MovingAverage, NoFilter
+from beamtouch_daemon.config_signal import Adaptive, LowPass, MovingAverage, NoFilter, ZeroTracking
 
 from . import configs
 
@@ -52,6 +52,18 @@ def test_every_kind_of_source_in_the_example_is_valid(tmp_path: Path, kind: str,
 )
 def test_every_kind_of_filter_in_the_example_is_valid(tmp_path: Path, kind: str, expected: type) -> None:
     assert isinstance(load(choose(tmp_path, "filter", kind)).surfaces["bench"].filter, expected)
+
+
+def test_the_zero_tracking_in_the_example_is_valid(tmp_path: Path) -> None:
+    before, after = EXAMPLE.read_text().split("# [surfaces.bench.zero_tracking]")
+    block, rest = after.split("\n\n", 1)
+    lines = "\n".join(line.removeprefix("# ") for line in block.splitlines())
+    path = tmp_path / "daemon.toml"
+    path.write_text(f"{before}[surfaces.bench.zero_tracking]{lines}\n\n{rest}".replace("# stuck_after", "stuck_after"))
+    surface = load(path).surfaces["bench"]
+    assert surface.zero_tracking == ZeroTracking(band_mm=0.006, rate_mm_per_min=0.01, most_mm=0.05)
+    assert [channel.stuck_after_ms for channel in surface.channels] == [500, None]
+    assert load(EXAMPLE).surfaces["bench"].zero_tracking is None
 
 
 def test_the_table_in_the_example_is_valid_in_place_of_a_line(tmp_path: Path) -> None:
@@ -121,6 +133,11 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ('"modbus-tcp"', '"modbus"', "surfaces.bench.source: Input tag 'modbus' found using 'kind'"),
         ('kind = "moving-average"\n', "", "surfaces.bench.filter: Unable to extract tag using discriminator 'kind'"),
         ('"moving-average"\nwindow = 4', '"low-pass"\ncutoff_hz = 100', "filter.cutoff_hz must lie below half of"),
+        (
+            "[surfaces.bench.filter]",
+            "[surfaces.bench.zero_tracking]\nband_mm = 1.0\nrate_mm_per_min = 1.0\nmost_mm = 0\n[surfaces.bench.filter]",
+            "surfaces.bench.zero_tracking.most_mm: Input should be greater than 0",
+        ),
         ("[publish]", "[publish", "not valid TOML: "),
     ],
 )
