@@ -135,7 +135,7 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ('"moving-average"\nwindow = 4', '"low-pass"\ncutoff_hz = 100', "filter.cutoff_hz must lie below half of"),
         (
             "[surfaces.bench.filter]",
-            "[surfaces.bench.zero_tracking]\nband_mm = 1.0\nrate_mm_per_min = 1.0\nmost_mm = 0\n[surfaces.bench.filter]",
+            "[surfaces.bench.zero_tracking]\nband_mm = 1\nrate_mm_per_min = 1\nmost_mm = 0\n[surfaces.bench.filter]",
             "surfaces.bench.zero_tracking.most_mm: Input should be greater than 0",
         ),
         ("[publish]", "[publish", "not valid TOML: "),
