@@ -5,10 +5,8 @@ import logging
 import time
 from contextlib import aclosing
 
-from beamtouch_daemon.calibration import Calibration
 from beamtouch_daemon.config import Surface
 from beamtouch_daemon.faults import Backoff, Fault, Tally
-from beamtouch_daemon.filters import Chain, stages
 from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Pipeline
 from beamtouch_daemon.sources import Buses, source_of
@@ -37,8 +35,7 @@ class Acquisition:
         self._rate_hz = surface.rate_hz
         self._source: Source = source_of(surface, name, buses)
         self._outbox = outbox
-        chain = Chain(stages(surface.filter, surface.rate_hz), len(surface.channels))
-        self._pipeline = Pipeline(Calibration.of(surface.channels, rest_gap_mm), chain, surface.rate_hz)
+        self._pipeline = Pipeline(surface, rest_gap_mm)
         self._backoff = Backoff(most_s=REOPEN_S)
         self._fault = Fault(_log, name)
         self._tally = Tally(_log, f"{name}: %d readings lost")

@@ -5,7 +5,7 @@
 
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 from urllib.parse import urlsplit
 
 from pydantic import (
@@ -17,9 +17,10 @@ from pydantic import (
     model_validator,
 )
 
+from beamtouch_daemon.config_signal import Channel, Filter, LowPass, NoFilter, Positive, ZeroTracking
 from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
-from beamtouch_daemon.modules import Encoding, module_of
-from beamtouch_service.samples import MAX_CHANNELS, ChannelName, SurfaceName
+from beamtouch_daemon.modules import module_of
+from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
 
 
 class ConfigError(Exception):
@@ -31,13 +32,6 @@ def reason_of(error: OSError | UnicodeDecodeError) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or "not text"
 
 
-def _nonzero(value: float) -> float:
-    if value == 0:
-        message = "must not be 0: every count would give the same gap"
-        raise ValueError(message)
-    return value
-
-
 def _http_url(value: str) -> str:
     parts = urlsplit(value)
     if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment:
@@ -45,9 +39,6 @@ def _http_url(value: str) -> str:
         raise ValueError(message)
     _ = parts.port  # raises ValueError when it is not a port number
     return value.rstrip("/")
-
-
-Positive = Annotated[FiniteFloat, Field(gt=0)]
 
 
 class Publish(Strict):
@@ -72,69 +63,6 @@ class Metrics(Strict):
 
     port: NetworkPort | None = None
     """GET http://127.0.0.1:PORT/metrics; unset: no metrics."""
-
-
-class _Spike(Strict):
-    spike_mm: Positive | None = None
-    """A deflection further than this from the median of the last three is replaced by that median."""
-
-
-class NoFilter(_Spike):
-    """Every reading is a sample."""
-
-    kind: Literal["none"] = "none"
-
-
-class MovingAverage(_Spike):
-    """The mean of the last readings."""
-
-    kind: Literal["moving-average"]
-    window: Annotated[int, Field(ge=1, le=10_000)] = 4
-    """Readings in the mean."""
-
-
-class LowPass(_Spike):
-    """A single pole."""
-
-    kind: Literal["low-pass"]
-    cutoff_hz: Positive
-    """Where the gain has fallen by 3 dB."""
-
-
-Filter = Annotated[NoFilter | MovingAverage | LowPass, Field(discriminator="kind")]
-
-
-class Channel(Strict):
-    """One sensor: where its counts are, and what they mean."""
-
-    name: ChannelName
-    register_: Annotated[int | None, Field(alias="register", ge=0, le=65_535)] = None
-    """Modbus: address of the first register, from 0. Serial: index in the frame, from 0."""
-    input: Annotated[int, Field(ge=0, le=63)] | None = None
-    """Number of the input, from 0, instead of `register`: where the source names its module."""
-    unit: Annotated[int, Field(ge=0, le=255)] | None = None
-    """Modbus: another unit than the source's."""
-    host: Annotated[str, Field(min_length=1)] | None = None
-    """Modbus TCP: another device than the source's."""
-    type: Encoding | None = None
-    """Modbus: how the counts lie in their registers; u16 unless stated or known of the module."""
-    gain_mm_per_count: Annotated[FiniteFloat, AfterValidator(_nonzero)]
-    """gap = offset + gain x counts."""
-    offset_mm: FiniteFloat
-    rest_gap_mm: FiniteFloat
-    """Gap with nothing on the beam; the tare file overrides it."""
-    range_mm: Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
-    """Linear range of the sensor; a gap outside it is out-of-range."""
-    adc_bits: Annotated[int, Field(ge=1, le=16)] = 16
-    """Counts of 0 and of 2**adc_bits - 1 are saturated."""
-
-    @model_validator(mode="after")
-    def _range_in_order(self) -> Self:
-        low, high = self.range_mm
-        if not low < high:
-            message = f"range_mm must be [smaller, larger], not [{low}, {high}]"
-            raise ValueError(message)
-        return self
 
 
 def place_of(source: Source, channel: Channel) -> tuple[str, int, int]:
@@ -168,9 +96,13 @@ class Surface(Strict):
     tare_file: RelativePath | None = None
     """Rest gaps measured by `tare`; NAME.tare.json beside the configuration unless stated."""
     noise_mm: Positive | None = None
-    """Standard deviation of one reading; `tare` refuses a surface that moves more. Unset: judged from the readings."""
+    """Standard deviation of one reading; `tare` refuses a surface that moves more. Unset: judged from the readings.
+
+    It also says after how many equal readings a channel is stuck.
+    """
     source: Source
     filter: Filter = NoFilter()
+    zero_tracking: ZeroTracking | None = None
     channels: Annotated[tuple[Channel, ...], Field(strict=False, min_length=1, max_length=MAX_CHANNELS)]
 
     @model_validator(mode="after")

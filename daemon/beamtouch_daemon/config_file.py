@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from beamtouch_daemon.config import Config, ConfigError, reason_of
 from beamtouch_daemon.config_sources import ModbusTcp
 
-_KINDS = {"modbus-tcp", "modbus-rtu", "serial", "none", "moving-average", "low-pass"}
+_KINDS = {"modbus-tcp", "modbus-rtu", "serial", "none", "moving-average", "low-pass", "adaptive"}
 
 
 def load(path: Path) -> Config:

@@ -5,7 +5,8 @@ where there is nothing; `fresh` makes an empty one. The answer is the same, to t
 every value is computed from the same rows in the same order, and no sum runs on, so nothing drifts.
 
 NaN stands for a reading of a channel that is not good. It gives NaN, and never touches a later value: a moving average
-leaves it out and goes on with the good readings in its window, a low-pass starts anew at the next good reading.
+leaves it out and goes on with the good readings in its window, an adaptive mean too, and a low-pass starts anew at the
+next good reading.
 """
 
 import math
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_daemon.config import Filter, LowPass, MovingAverage
+from beamtouch_daemon.config_signal import Adaptive, Filter, LowPass, MovingAverage
 
 FloatArray = NDArray[np.float64]
 Step = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
@@ -82,6 +83,50 @@ def spike(values: FloatArray, state: FloatArray, limit_mm: float) -> tuple[Float
     return np.where(replace, median, newest), rows[-SPIKE_MEMORY:]
 
 
+def adaptive(values: FloatArray, state: FloatArray, window: int, step_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Average the readings since the last step, at most `window` of them; the window is at least 2.
+
+    A reading further than `step_mm` from the mean so far waits: its channel keeps that mean, and the next reading
+    decides. If that one is as far the same way, it was a step, and the means of all channels begin anew with these two
+    readings, so that all channels have equal noise. Else it was a spike, which never enters. If spikes are all that a
+    window holds, the next reading is taken as it is.
+
+    White noise comes out at 1/sqrt(n) of its standard deviation s, n being the readings since the step. A mean of n
+    readings mistakes noise for a step where two readings in a row are far from it the same way; with k = `step_mm` / s,
+    that happens less often, per reading and channel, than exp(-k^2 n / (n + 2)), as then the mean of the two, too, is
+    further than `step_mm` from the mean of the n, and their difference has the variance s^2 (1/2 + 1/n).
+
+    `state` holds the last `window` - 1 readings as they entered the mean, NaN before its beginning and where one waits
+    or was left out, and in its last row the last reading as it came.
+    """
+    rows = np.concatenate([state[:-1], values])  # overwritten, reading by reading, with what enters
+    newest = state[-1]
+    averaged = np.empty_like(values)
+    for row, value in enumerate(values):
+        end = row + window - 1
+        before = _mean(rows[row:end])
+        far = np.abs(value - before) > step_mm  # False where either is NaN
+        waited = np.isnan(rows[end - 1]) & (np.abs(newest - before) > step_mm)
+        if np.any(far & waited & ((value > before) == (newest > before))):
+            rows[row : end - 1] = np.nan
+            rows[end - 1] = newest
+            far[:] = False
+        rows[end] = np.where(far, np.nan, value)
+        averaged[row] = np.where(np.isnan(value), np.nan, np.where(far, before, _mean(rows[row : end + 1])))
+        newest = value
+    return averaged, np.concatenate([rows[len(values) :], newest[np.newaxis]])
+
+
+def _mean(rows: FloatArray) -> FloatArray:
+    """Return the mean of the good values of each column, NaN where there are none."""
+    good = ~np.isnan(rows)
+    number = good.sum(axis=0)
+    total = np.where(good, rows, 0.0).sum(axis=0)
+    mean = np.full(rows.shape[1], np.nan)
+    np.divide(total, number, out=mean, where=number > 0)
+    return mean
+
+
 @dataclass(frozen=True)
 class Stage:
     """One filter with its numbers filled in."""
@@ -102,6 +147,9 @@ def stages(settings: Filter, rate_hz: float) -> tuple[Stage, ...]:
     elif isinstance(settings, LowPass):
         factor = smoothing(settings.cutoff_hz, rate_hz)
         chosen.append(Stage(LOW_PASS_MEMORY, lambda values, state: low_pass(values, state, factor)))
+    elif isinstance(settings, Adaptive):
+        most, step_mm = settings.window, settings.step_mm
+        chosen.append(Stage(most, lambda values, state: adaptive(values, state, most, step_mm)))
     return tuple(chosen)
 
 

@@ -1,18 +1,26 @@
-"""From readings to samples: calibration, quality, filter, sequence number."""
+"""From readings to samples: calibration, quality, zero, filter, sequence number."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_daemon import stuck, zero_tracking
 from beamtouch_daemon.calibration import QUALITIES, Calibration
-from beamtouch_daemon.filters import Chain
+from beamtouch_daemon.config import Surface
+from beamtouch_daemon.filters import Chain, stages
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_service.samples import Quality, Sample
 
+FloatArray = NDArray[np.float64]
+
 GAP_PERIODS = 3.0
 """Readings further apart than this many periods have a gap between them, and the filter starts anew."""
+
+_GOOD = QUALITIES.index(Quality.GOOD)
+_STUCK = QUALITIES.index(Quality.STUCK)
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,30 +32,42 @@ class Taken:
     sample: Sample
 
 
-def counts_of(readings: Sequence[Reading]) -> NDArray[np.float64]:
-    """Return the counts, shape (readings, channels), NaN where a channel is missing."""
-    return np.array(
+def counts_of(readings: Sequence[Reading]) -> FloatArray:
+    """Return the counts, shape (readings, channels), NaN where a channel is missing or no number."""
+    counts = np.array(
         [[np.nan if count is None else count for count in reading.counts] for reading in readings], dtype=np.float64
     )
+    counts[np.isinf(counts)] = np.nan
+    return counts
 
 
 class Pipeline:
     """The way of one surface's readings, in order.
 
     A channel that is not good passes with its own unfiltered deflection, for the record, and never enters the filter.
-    After a gap in the readings the filter starts anew, so that an old value is never passed for a new one.
+    After a gap in the readings the filter starts anew, so that an old value is never passed for a new one; what is
+    known of stuck channels and of the zeros stays.
     """
 
-    def __init__(self, calibration: Calibration, chain: Chain, rate_hz: float) -> None:
-        self._calibration = calibration
-        self._chain = chain
-        self._gap_s = GAP_PERIODS / rate_hz
+    def __init__(self, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None) -> None:
+        channels = len(surface.channels)
+        self._calibration = Calibration.of(surface.channels, rest_gap_mm)
+        self._chain = Chain(stages(surface.filter, surface.rate_hz), channels)
+        self._longest_runs = stuck.longest_runs(
+            surface.channels, self._calibration.steepest, surface.noise_mm, surface.rate_hz
+        )
+        self._runs = stuck.fresh(channels)
+        tracking = surface.zero_tracking
+        self._zero_rules = None if tracking is None else zero_tracking.Rules.of(tracking, surface.rate_hz)
+        self._zero = zero_tracking.fresh(channels)
+        self._gap_s = GAP_PERIODS / surface.rate_hz
         self._last_s: float | None = None
         self._sequence = 0
 
     def restart(self) -> None:
         """Start the filter anew, as after a gap; sequence numbers go on."""
         self._chain.restart()
+        self._zero = self._zero.disturbed()
         self._last_s = None
 
     def process(self, readings: Sequence[Reading], unix_minus_monotonic_s: float) -> list[Taken]:
@@ -62,28 +82,42 @@ class Pipeline:
         """
         times = np.array([reading.monotonic_s for reading in readings])
         counts = counts_of(readings)
-        codes = self._calibration.quality(counts)
+        codes = self._quality(counts)
         raw = self._calibration.deflection(self._calibration.gap(counts))
-        good = codes == QUALITIES.index(Quality.GOOD)
-        filtered = self._filter(times, np.where(good, raw, np.nan))
-        values = np.where(good, filtered, raw)
+        values = np.empty_like(raw)
+        for part in self._without_gaps(times):
+            values[part] = self._values(raw[part], codes[part] == _GOOD)
         return [
             Taken(reading.monotonic_s, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code))
             for reading, value, code in zip(readings, values, codes, strict=True)
         ]
 
-    def _filter(self, times: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _quality(self, counts: FloatArray) -> NDArray[np.int8]:
+        codes = self._calibration.quality(counts)
+        lengths, self._runs = stuck.runs(counts, self._runs)
+        codes[(codes == _GOOD) & (lengths > self._longest_runs)] = _STUCK
+        return codes
+
+    def _without_gaps(self, times: FloatArray) -> Iterator[slice]:
+        """Yield the parts of some readings between which there are gaps, having started anew before each."""
         before = times[0] if self._last_s is None else self._last_s
         self._last_s = float(times[-1])
-        starts = np.flatnonzero(np.diff(times, prepend=before) > self._gap_s)
-        parts = []
-        for number, part in enumerate(np.split(values, starts)):
-            if number:
+        starts = np.flatnonzero(np.diff(times, prepend=before) > self._gap_s).tolist()
+        for start, end in pairwise([*sorted({0, *starts}), len(times)]):
+            if start in starts:
                 self._chain.restart()
-            parts.append(self._chain.apply(part))
-        return np.concatenate(parts)
+                self._zero = self._zero.disturbed()
+            yield slice(start, end)
 
-    def _sample(self, unix_s: float, values: NDArray[np.float64], codes: NDArray[np.int8]) -> Sample:
+    def _values(self, raw: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
+        """Return the deflections to publish of readings without a gap."""
+        if self._zero_rules is not None:
+            zeros, self._zero = zero_tracking.track(np.where(good, raw, np.nan), self._zero, self._zero_rules)
+            raw = raw - zeros
+        filtered = self._chain.apply(np.where(good, raw, np.nan))
+        return np.where(good, filtered, raw)
+
+    def _sample(self, unix_s: float, values: FloatArray, codes: NDArray[np.int8]) -> Sample:
         qualities = [QUALITIES[code] for code in codes]
         sample = Sample(
             sequence=self._sequence,

@@ -13,7 +13,6 @@ from typing import TextIO
 from beamtouch_daemon import tare
 from beamtouch_daemon.calibration import Calibration
 from beamtouch_daemon.config import ConfigError, Surface
-from beamtouch_daemon.filters import Chain, stages
 from beamtouch_daemon.pipeline import Pipeline, Taken, counts_of
 from beamtouch_daemon.sources import source_of
 from beamtouch_daemon.sources.reading import Reading, Source
@@ -46,8 +45,7 @@ class Recorder:
         self._noise_mm = surface.noise_mm
         self._source: Source = source_of(surface)
         self._calibration = Calibration.of(surface.channels, rest_gap_mm)
-        chain = Chain(stages(surface.filter, surface.rate_hz), len(surface.channels))
-        self._pipeline = Pipeline(self._calibration, chain, surface.rate_hz)
+        self._pipeline = Pipeline(surface, rest_gap_mm)
         needed = max(MIN_READINGS, round(SETTLED_S * surface.rate_hz))
         self._recent: deque[Reading] = deque(maxlen=needed)
         self._arrived: list[tuple[Reading, Taken]] = []

@@ -71,7 +71,7 @@ def rest_gaps(
     """
     codes = calibration.quality(counts)
     gaps = calibration.gap(counts)
-    for name, code, gap, step in zip(channels, codes.T, gaps.T, np.abs(calibration.gain), strict=True):
+    for name, code, gap, step in zip(channels, codes.T, gaps.T, calibration.steepest, strict=True):
         if bad := code[code != QUALITIES.index(Quality.GOOD)].tolist():
             message = f"{name} is {QUALITIES[bad[0]]} in {len(bad)} of {len(gap)} readings; check the sensor"
             raise TareRefusedError(message)

@@ -38,8 +38,7 @@ token_file = "{TOKEN_FILE}"       # the same file that `beamtouch-service run --
 
 [surfaces.{name}]
 rate_hz = {metadata.sensor.rate_hz!r}
-noise_mm = {metadata.noise.reading_mm!r}        # of one reading; `tare` refuses a surface that moves more
-
+{_noise(metadata)}
 [surfaces.{name}.source]
 kind = "modbus-tcp"                   # the rig: beamtouch-rig ... --modbus-tcp 127.0.0.1:{RIG_PORT}
 host = "127.0.0.1"
@@ -53,6 +52,16 @@ unit = 1
 # port = "/dev/ttyACM0"
 # baud = 1000000
 """
+
+
+def _noise(metadata: Metadata) -> str:
+    """The noise of a reading, left out where the scene has none: the daemon then judges it from the readings."""
+    if metadata.noise.reading_mm == 0:
+        return ""
+    return (
+        f"noise_mm = {metadata.noise.reading_mm!r}        # of one reading; `tare` refuses a surface that moves more,\n"
+        "                                      # and a channel whose counts repeat for longer than it allows is stuck\n"
+    )
 
 
 def _filter(metadata: Metadata) -> str:

@@ -69,8 +69,13 @@ def with_header(request_header: bytes, answer: bytes) -> bytes:
 
 
 @asynccontextmanager
-async def rtu_units(line: Terminal, units: dict[int, StampingUnit]) -> AsyncIterator[None]:
-    """Units by address on a serial line, each answering one request after the other, as real devices do."""
+async def rtu_units(
+    line: Terminal, units: dict[int, StampingUnit], unanswered: list[int] | None = None
+) -> AsyncIterator[None]:
+    """Units by address on a serial line, each answering one request after the other, as real devices do.
+
+    The addresses of requests to others are put into `unanswered`.
+    """
     answers: dict[int, asyncio.Queue[Pieces]] = {address: asyncio.Queue() for address in units}
     buffer = bytearray()
 
@@ -81,6 +86,8 @@ async def rtu_units(line: Terminal, units: dict[int, StampingUnit]) -> AsyncIter
             del buffer[:8]
             if request[0] in units:
                 answers[request[0]].put_nowait(units[request[0]].answer(request, with_crc))
+            elif unanswered is not None:
+                unanswered.append(request[0])
 
     async def reply(queue: asyncio.Queue[Pieces]) -> None:
         while True:

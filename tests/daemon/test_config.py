@@ -4,15 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon.config import (
-    Config,
-    ConfigError,
-    LowPass,
-    MovingAverage,
-    NoFilter,
-    place_of,
-)
+from beamtouch_daemon.config import Config, ConfigError, place_of
 from beamtouch_daemon.config_file import load, require_ports
+from beamtouch_daemon.config_signal import Adaptive, LowPass, MovingAverage, NoFilter, ZeroTracking
 from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, SerialLine
 
 from . import configs
@@ -54,10 +48,35 @@ def test_every_kind_of_source_in_the_example_is_valid(tmp_path: Path, kind: str,
 
 
 @pytest.mark.parametrize(
-    ("kind", "expected"), [("moving-average", MovingAverage), ("low-pass", LowPass), ("none", NoFilter)]
+    ("kind", "expected"),
+    [("moving-average", MovingAverage), ("low-pass", LowPass), ("adaptive", Adaptive), ("none", NoFilter)],
 )
 def test_every_kind_of_filter_in_the_example_is_valid(tmp_path: Path, kind: str, expected: type) -> None:
     assert isinstance(load(choose(tmp_path, "filter", kind)).surfaces["bench"].filter, expected)
+
+
+def test_the_zero_tracking_in_the_example_is_valid(tmp_path: Path) -> None:
+    before, after = EXAMPLE.read_text().split("# [surfaces.bench.zero_tracking]")
+    block, rest = after.split("\n\n", 1)
+    lines = "\n".join(line.removeprefix("# ") for line in block.splitlines())
+    path = tmp_path / "daemon.toml"
+    path.write_text(f"{before}[surfaces.bench.zero_tracking]{lines}\n\n{rest}".replace("# stuck_after", "stuck_after"))
+    surface = load(path).surfaces["bench"]
+    assert surface.zero_tracking == ZeroTracking(band_mm=0.006, rate_mm_per_min=0.01, most_mm=0.05)
+    assert [channel.stuck_after_ms for channel in surface.channels] == [500, None]
+    assert load(EXAMPLE).surfaces["bench"].zero_tracking is None
+
+
+def test_the_table_in_the_example_is_valid_in_place_of_a_line(tmp_path: Path) -> None:
+    text = EXAMPLE.read_text()
+    line = "gain_mm_per_count = -0.0001            # gap = offset + gain x counts\noffset_mm = 4.5\n"
+    assert line in text
+    path = tmp_path / "daemon.toml"
+    path.write_text(text.replace(line, "").replace("# table =", "table =").replace("# counts_range", "counts_range"))
+    first, second = load(path).surfaces["bench"].channels
+    assert first.table == ((5000, 4.0), (20000, 2.4), (35000, 1.0))
+    assert first.counts_range == (-8388608, 8388607)
+    assert second.table is None
 
 
 def choose(folder: Path, table: str, kind: str) -> Path:
@@ -96,7 +115,12 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ("window = 4", "windw = 4", "unknown key surfaces.bench.filter.windw; remove it or correct its spelling"),
         ("port = 502", "prt = 502", "unknown key surfaces.bench.source.prt; remove it or correct its spelling"),
         ("[publish]", "x = 1\n[publish]", "unknown key x; remove it or correct its spelling"),
-        ("offset_mm = 4.5\n", "", "surfaces.bench.channels[0].offset_mm is missing; add it"),
+        ("rest_gap_mm = 2.5\n", "", "surfaces.bench.channels[0].rest_gap_mm is missing; add it"),
+        (
+            "offset_mm = 4.5\n",
+            "",
+            "surfaces.bench.channels[0]: offset_mm missing; give gain_mm_per_count with offset_mm",
+        ),
         ("rate_hz = 200.0", "rate_hz = -1.0", "surfaces.bench.rate_hz: Input should be greater than 0"),
         ("rate_hz = 200.0", "rate_hz = nan", "surfaces.bench.rate_hz: Input should be a finite number"),
         ("rate_hz = 200.0", 'rate_hz = "fast"', "surfaces.bench.rate_hz: Input should be a valid number"),
@@ -121,6 +145,11 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ('"modbus-tcp"', '"modbus"', "surfaces.bench.source: Input tag 'modbus' found using 'kind'"),
         ('kind = "moving-average"\n', "", "surfaces.bench.filter: Unable to extract tag using discriminator 'kind'"),
         ('"moving-average"\nwindow = 4', '"low-pass"\ncutoff_hz = 100', "filter.cutoff_hz must lie below half of"),
+        (
+            "[surfaces.bench.filter]",
+            "[surfaces.bench.zero_tracking]\nband_mm = 1\nrate_mm_per_min = 1\nmost_mm = 0\n[surfaces.bench.filter]",
+            "surfaces.bench.zero_tracking.most_mm: Input should be greater than 0",
+        ),
         ("[publish]", "[publish", "not valid TOML: "),
     ],
 )

@@ -7,8 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_daemon.config import LowPass, MovingAverage, NoFilter
-from beamtouch_daemon.filters import Chain, FloatArray, fresh, low_pass, moving_average, smoothing, spike, stages
+from beamtouch_daemon.config_signal import Adaptive, Filter, LowPass, MovingAverage, NoFilter
+from beamtouch_daemon.filters import (
+    Chain,
+    FloatArray,
+    adaptive,
+    fresh,
+    low_pass,
+    moving_average,
+    smoothing,
+    spike,
+    stages,
+)
 
 RATE_HZ = 200.0
 WHITE = np.random.default_rng(7).standard_normal((60_000, 2))
@@ -58,6 +68,78 @@ def test_noise_below_the_limit_passes_the_spike_filter_untouched() -> None:
     np.testing.assert_array_equal(cleaned, WHITE)
 
 
+def test_with_no_limit_the_spike_filter_is_a_median_of_three() -> None:
+    cleaned, _ = spike(WHITE, fresh(2, 2), 1e-12)
+    # The median of three has the variance 1 - sqrt(3) / pi; David & Nagaraja, Order Statistics, 2003, ch. 3.
+    assert np.var(cleaned[2:]) == pytest.approx(1 - math.sqrt(3) / math.pi, rel=0.02)
+
+
+def test_an_adaptive_mean_is_at_the_new_level_with_the_second_reading_of_a_step() -> None:
+    averaged, _ = adaptive(column(0, 0, 0, 0, 5, 7, 6, 6, 6, 6), fresh(4, 1), 4, 1.5)
+    assert averaged[:, 0].tolist() == [0, 0, 0, 0, 0, 6, 6, 6, 6.25, 6]
+    preceded = Chain(stages(Adaptive(kind="adaptive", window=4, step_mm=0.5, spike_mm=0.5), RATE_HZ), 1)
+    assert preceded.apply(column(0, 0, 0, 0, 6, 6, 6))[:, 0].tolist() == [0, 0, 0, 0, 0, 0, 6]  # one later
+
+
+def test_after_a_step_the_noise_of_an_adaptive_mean_falls_as_one_over_root_n() -> None:
+    noise = np.random.default_rng(1).standard_normal((60, 4000))  # the channels are the ensemble
+    averaged, _ = adaptive(noise + np.where(np.arange(60) < 30, 0, 100)[:, np.newaxis], fresh(16, 4000), 16, 8.0)
+    readings = np.minimum(np.arange(2, 31), 16)
+    np.testing.assert_allclose(averaged[31:].std(axis=1), 1 / np.sqrt(readings), rtol=0.06)
+    np.testing.assert_allclose(averaged[31:].mean(axis=1), 100, atol=5 / math.sqrt(2 * 4000))
+    assert np.abs(averaged[30].mean()) < 5 / math.sqrt(16 * 4000)  # the first reading of the step waits
+
+
+def test_in_an_adaptive_mean_all_channels_restart_together() -> None:
+    values = np.array([[0.0, 0], [0, 0], [0, 0], [9, 0.2], [9, 0.4], [9, 0.3]])
+    averaged, _ = adaptive(values, fresh(8, 2), 8, 1.0)
+    np.testing.assert_allclose(averaged[4:], [[9, 0.3], [9, 0.3]])
+
+
+def test_a_lone_spike_never_enters_an_adaptive_mean() -> None:
+    averaged, _ = adaptive(column(0, 0, 9, 0, -9, 9, 0, 0), fresh(4, 1), 4, 1.0)
+    assert averaged[:, 0].tolist() == [0] * 8
+
+
+def test_an_adaptive_mean_that_knows_nothing_but_spikes_begins_anew() -> None:
+    averaged, _ = adaptive(column(0, 0, 9, -9, 9, -9, 9, -9), fresh(4, 1), 4, 1.0)
+    assert averaged[:, 0].tolist() == [0, 0, 0, 0, 0, -9, -9, -9]  # after three, all that the mean remembers
+
+
+def test_an_adaptive_mean_follows_a_slow_drift_within_the_step() -> None:
+    drift = column(*(np.arange(1000) * 0.01))
+    averaged, _ = adaptive(drift, fresh(1000, 1), 1000, 0.5)
+    assert np.abs(averaged - drift).max() <= 0.5 + 0.01
+
+
+@pytest.mark.parametrize("window", [2, 5, 16])
+def test_at_rest_an_adaptive_mean_of_n_passes_white_noise_at_one_over_root_n(window: int) -> None:
+    averaged, _ = adaptive(WHITE, fresh(window, 2), window, 6.5)
+    expected, _ = moving_average(WHITE, fresh(window - 1, 2), window)
+    assert np.std(averaged[window:]) == pytest.approx(1 / math.sqrt(window), rel=0.02)
+    np.testing.assert_allclose(averaged, expected, atol=1e-12)  # no restart, nothing left out
+
+
+def test_false_restarts_are_as_rare_as_stated() -> None:
+    averaged, _ = adaptive(WHITE, fresh(8, 2), 8, 2.0)
+    pairs = (WHITE[1:] + WHITE[:-1]) / 2  # what comes out at a restart
+    restarts = int(np.all(np.abs(averaged[1:] - pairs) < 1e-12, axis=1).sum())
+    assert 0 < restarts < 2 * math.exp(-(2.0**2) * 2 / 4) * len(WHITE)  # two channels, n = 2 being the worst
+
+
+def test_at_six_standard_deviations_there_is_no_false_restart_in_a_million_readings() -> None:
+    noise = np.random.default_rng(5).standard_normal((62_500, 16))
+    averaged, _ = adaptive(noise, fresh(16, 16), 16, 6.0)
+    expected, _ = moving_average(noise, fresh(15, 16), 16)
+    np.testing.assert_allclose(averaged, expected, atol=1e-12)
+
+
+def test_a_bad_reading_gives_nothing_and_an_adaptive_mean_goes_on() -> None:
+    averaged, _ = adaptive(column(1, 2, math.nan, 3, 9, math.nan, 9, 9), fresh(4, 1), 4, 4.0)
+    # A step needs two readings running: the bad one between the first two nines keeps them from being one.
+    np.testing.assert_array_equal(averaged[:, 0], [1, 1.5, math.nan, 2, 2.5, math.nan, 3, 9])
+
+
 def test_a_bad_reading_gives_nothing_and_leaves_the_average_at_once() -> None:
     averaged, _ = moving_average(column(1, 1, math.nan, 3, 3, 3, 3), fresh(3, 1), 4)
     np.testing.assert_array_equal(averaged[:, 0], [1, 1, math.nan, 5 / 3, 7 / 3, 3, 3])
@@ -75,11 +157,20 @@ def test_a_bad_reading_of_one_channel_leaves_the_others_alone() -> None:
     np.testing.assert_array_equal(together[:, 1:], alone)
 
 
-def test_nothing_drifts_however_much_has_passed() -> None:
-    chain = Chain(stages(MovingAverage(kind="moving-average", window=8), RATE_HZ), 2)
-    for _ in range(20):
+@pytest.mark.parametrize(
+    "kind",
+    [
+        MovingAverage(kind="moving-average", window=8),
+        MovingAverage(kind="moving-average", window=8, spike_mm=0.5),
+        Adaptive(kind="adaptive", window=8, step_mm=0.5),
+    ],
+)
+def test_nothing_drifts_however_much_has_passed(kind: Filter) -> None:
+    chain = Chain(stages(kind, RATE_HZ), 2)
+    for _ in range(20 if isinstance(kind, MovingAverage) else 1):
         chain.apply(1e12 + 1e9 * WHITE[:50_000])
-    new = Chain(stages(MovingAverage(kind="moving-average", window=8), RATE_HZ), 2)
+    chain.apply(np.full((3, 2), 1e21))  # what a sum that runs on would hold after 1e9 readings of 1e12
+    new = Chain(stages(kind, RATE_HZ), 2)
     after, untouched = (used.apply(np.full((16, 2), 0.1))[8:] for used in (chain, new))
     np.testing.assert_array_equal(after, untouched)  # to the bit, after a million large ones
 
@@ -100,13 +191,15 @@ kinds = st.sampled_from(
         MovingAverage(kind="moving-average", window=5, spike_mm=0.5),
         MovingAverage(kind="moving-average", window=1),
         LowPass(kind="low-pass", cutoff_hz=20.0, spike_mm=0.5),
+        Adaptive(kind="adaptive", window=5, step_mm=0.5),
+        Adaptive(kind="adaptive", window=2, step_mm=100.0, spike_mm=0.5),
     ]
 )
 
 
 @given(values=streams, kind=kinds, data=st.data())
 def test_any_split_of_the_stream_gives_the_same_to_the_bit(
-    values: FloatArray, kind: NoFilter | MovingAverage | LowPass, data: st.DataObject
+    values: FloatArray, kind: Filter, data: st.DataObject
 ) -> None:
     cuts = sorted(data.draw(st.lists(st.integers(0, len(values)), max_size=6), label="cuts"))
     whole = Chain(stages(kind, RATE_HZ), 2).apply(values)

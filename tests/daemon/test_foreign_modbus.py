@@ -119,7 +119,7 @@ def test_mbpoll_reads_the_rig(bench: ModelFile, bench_model: Path, tmp_path: Pat
     scene, _ = load_scene(SCENES / "bench.toml")
     surface = VirtualSurface(scene, bench.metadata, seed=1)
     noise_counts = bench.metadata.noise.reading_mm / abs(surface.sensor.gain_mm_per_count)
-    expected = surface.counts(Load(200.0, 20.0))
+    expected = surface.counts(Load(200.0, 20.0), 0.0)
     assert len(counts) == 4
     assert max(expected) - min(expected) > 100 * noise_counts
     assert all(abs(count - other) < 10 * noise_counts for count, other in zip(counts, expected, strict=True))

@@ -1,10 +1,10 @@
 """Readings to samples: what the service is told, and what never reaches the filter."""
 
+import math
+
 import pytest
 
-from beamtouch_daemon.calibration import Calibration
-from beamtouch_daemon.config import Channel, MovingAverage
-from beamtouch_daemon.filters import Chain, stages
+from beamtouch_daemon.config import Surface
 from beamtouch_daemon.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_service.samples import Quality
@@ -12,23 +12,26 @@ from beamtouch_service.samples import Quality
 RATE_HZ = 100.0
 
 
-def make_pipeline(window: int = 4) -> Pipeline:
+def make_pipeline(window: int = 4, **changes: object) -> Pipeline:
     channels = [
-        Channel.model_validate(
-            {
-                "name": name,
-                "register": index,
-                "gain_mm_per_count": -0.001,
-                "offset_mm": 4.0,
-                "rest_gap_mm": 3.0,
-                "range_mm": [1.0, 3.5],
-                "adc_bits": 12,
-            }
-        )
+        {
+            "name": name,
+            "register": index,
+            "gain_mm_per_count": -0.001,
+            "offset_mm": 4.0,
+            "rest_gap_mm": 3.0,
+            "range_mm": [1.0, 3.5],
+            "adc_bits": 12,
+        }
         for index, name in enumerate(("s1", "s2"))
     ]
-    chain = Chain(stages(MovingAverage(kind="moving-average", window=window), RATE_HZ), 2)
-    return Pipeline(Calibration.of(channels), chain, RATE_HZ)
+    values: dict[str, object] = {
+        "rate_hz": RATE_HZ,
+        "source": {"kind": "modbus-tcp", "host": "127.0.0.1"},
+        "filter": {"kind": "moving-average", "window": window},
+        "channels": channels,
+    }
+    return Pipeline(Surface.model_validate(values | changes))
 
 
 def deflections(taken: list[Taken]) -> list[float | None]:
@@ -85,3 +88,64 @@ def test_a_new_session_starts_the_filter_anew_and_goes_on_counting() -> None:
     (taken,) = pipeline.process([Reading(5.01, (2000, 1500))], 0.0)
     assert taken.sample.sequence == 1
     assert deflections([taken]) == pytest.approx([1.0])
+
+
+def readings_of(*counts: tuple[float | None, float | None], start_s: float = 5.0) -> list[Reading]:
+    return [Reading(start_s + index / RATE_HZ, pair) for index, pair in enumerate(counts)]
+
+
+def test_a_frozen_channel_is_stuck_until_its_first_other_count_and_never_enters_the_average() -> None:
+    pipeline = make_pipeline(window=2, noise_mm=0.003)  # three counts: 14 equal ones in a row are noise, 15 are not
+    moving = [1000.0 + index % 2 for index in range(30)]
+    frozen = [*[1500.0] * 20, *(1500.0 + index for index in range(1, 11))]
+    taken = pipeline.process(readings_of(*zip(frozen, moving, strict=True)), 0.0)
+    first = [sample.sample.quality[0] for sample in taken]
+    assert first == [Quality.GOOD] * 14 + [Quality.STUCK] * 6 + [Quality.GOOD] * 10
+    assert {sample.sample.quality[1] for sample in taken} == {Quality.GOOD}
+    assert taken[19].sample.deflection_mm[0] == pytest.approx(0.5)  # its own, for the record
+    assert taken[20].sample.deflection_mm[0] == pytest.approx(0.501)  # not the mean with the 1500 before it
+
+
+def test_a_gap_does_not_free_a_stuck_channel() -> None:
+    pipeline = make_pipeline(noise_mm=0.003)
+    pipeline.process(readings_of(*[(1500, index) for index in range(100, 120)]), 0.0)
+    pipeline.restart()
+    (taken,) = pipeline.process(readings_of((1500, 1000), start_s=9.0), 0.0)
+    assert taken.sample.quality == [Quality.STUCK, Quality.GOOD]
+
+
+def test_what_is_saturated_or_out_of_range_is_not_called_stuck() -> None:
+    taken = make_pipeline(noise_mm=0.003).process(readings_of(*[(4095, 400)] * 20), 0.0)
+    assert taken[-1].sample.quality == [Quality.SATURATED, Quality.OUT_OF_RANGE]
+
+
+def test_without_a_stated_noise_no_channel_is_stuck() -> None:
+    taken = make_pipeline().process(readings_of(*[(1500, 1500)] * 5000), 0.0)
+    assert taken[-1].sample.quality == [Quality.GOOD, Quality.GOOD]
+
+
+def test_a_tracked_zero_comes_off_before_the_filter_and_off_what_is_not_good_too() -> None:
+    tracking = {"band_mm": 0.01, "rate_mm_per_min": 6.0, "most_mm": 1.0}  # 0.001 mm a reading
+    pipeline = make_pipeline(window=1, zero_tracking=tracking)
+    taken = pipeline.process(readings_of(*[(1005, 998)] * 110, (None, 1500), (400, 1500)), 0.0)
+    assert taken[98].sample.deflection_mm == pytest.approx([0.005, -0.002])  # after a second the zeros begin to move
+    assert taken[102].sample.deflection_mm == pytest.approx([0.002, 0.0])
+    assert taken[109].sample.deflection_mm == pytest.approx([0.0, 0.0])
+    assert taken[110].sample.deflection_mm == [None, pytest.approx(0.502)]
+    assert taken[111].sample.deflection_mm == pytest.approx([-0.605, 0.502])
+
+
+def test_a_gap_and_a_new_session_keep_the_zeros_and_hold_them_for_a_second() -> None:
+    pipeline = make_pipeline(window=1, zero_tracking={"band_mm": 0.01, "rate_mm_per_min": 6.0, "most_mm": 1.0})
+    pipeline.process(readings_of(*[(1003, 1000)] * 110), 0.0)
+    after_a_gap = pipeline.process(readings_of(*[(1006, 1000)] * 99, start_s=20.0), 0.0)
+    pipeline.restart()
+    in_a_new_session = pipeline.process(readings_of(*[(1006, 1000)] * 110, start_s=21.0), 0.0)
+    assert deflections(after_a_gap + in_a_new_session[:100]) == pytest.approx([0.003] * 199)
+    assert deflections(in_a_new_session)[-1] == pytest.approx(0.0)
+
+
+def test_a_count_that_is_no_number_is_missing() -> None:
+    (taken,) = make_pipeline().process(readings_of((math.inf, math.nan)), 0.0)
+    assert taken.sample.quality == [Quality.MISSING, Quality.MISSING]
+    assert taken.sample.deflection_mm == [None, None]

@@ -9,7 +9,8 @@ import pytest
 
 from beamtouch_daemon import tare
 from beamtouch_daemon.calibration import Calibration, FloatArray
-from beamtouch_daemon.config import Channel, ConfigError
+from beamtouch_daemon.config import ConfigError
+from beamtouch_daemon.config_signal import Channel
 
 CHANNELS = ["s1", "s2"]
 NOISE_MM = 0.002

@@ -108,13 +108,13 @@ def test_the_characteristic_is_linear_from_1_to_4_mm_and_levels_off_beyond(bits:
 def test_counts_come_back_as_the_deflection_with_the_noise_of_the_scene(bench: ModelFile) -> None:
     surface = VirtualSurface(scene, bench.metadata, seed=1)
     sensor = bench.metadata.sensor
-    counts = np.array([surface.counts(Load(150.0, 12.0)) for _ in range(4000)])
+    counts = np.array([surface.counts(Load(150.0, 12.0), 0.0) for _ in range(4000)])
     deflection = sensor.standoff_mm - (sensor.offset_mm + sensor.gain_mm_per_count * counts)
     expected = 12.0 * influence(scene.beam, [68, 156, 244, 332], [150.0])[0]
     noise = 0.002 * bench.metadata.max_deflection_mm
     assert deflection.mean(axis=0) == pytest.approx(expected, abs=5 * noise / np.sqrt(4000))
     assert deflection.std(axis=0) == pytest.approx(np.full(4, noise), rel=0.06)
-    assert VirtualSurface(scene, bench.metadata, seed=1).counts(Load(150.0, 12.0)) == counts[0].tolist()
+    assert VirtualSurface(scene, bench.metadata, seed=1).counts(Load(150.0, 12.0), 0.0) == counts[0].tolist()
 
 
 def exchange(path: Path, sent: list[Message | float], enough: Callable[[list[Message]], bool]) -> list[Message]:
@@ -205,7 +205,7 @@ def test_imperfections_change_what_the_device_sees_as_they_say(bench: ModelFile,
     path.write_text(IMPERFECT)
     surface = VirtualSurface(scene, bench.metadata, 1, load_imperfections(path))
     sensor, layout = bench.metadata.sensor, np.array([c.position_mm for c in bench.metadata.layout])
-    counts = np.mean([surface.counts(Load(150.0, 12.0)) for _ in range(4000)], axis=0)
+    counts = np.mean([surface.counts(Load(150.0, 12.0), 0.0) for _ in range(4000)], axis=0)
     ends = [{"at_mm": 0.0, "fixity": 0.05}, {"at_mm": 400.0}]
     stiffer = {**scene.beam.model_dump(), "youngs_modulus_gpa": 231.0, "supports": ends}
     deflection = 12 * influence(Beam.model_validate(stiffer), layout + np.array([1, -1, 0.5, 0]), [150.0])[0]
@@ -221,6 +221,7 @@ def test_imperfections_change_what_the_device_sees_as_they_say(bench: ModelFile,
         ("gian = [1, 1, 1, 1]", "unknown key gian"),
         ("fixity = [1.0, 0.0]", "fixity"),
         ("rigidity = 0", "rigidity"),
+        ("damping_ratio = 1", "damping_ratio"),
         ("position_offset_mm = [-200, 0, 0, 0]", "not under the beam"),
         ("gain = [", "imperfections.toml"),
     ],

@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from beamtouch_daemon.config import Channel, Surface, place_of
+from beamtouch_daemon.config import Surface, place_of
+from beamtouch_daemon.config_signal import Channel
 from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, SerialLine
 from beamtouch_daemon.modules import Encoding, module_of
 from beamtouch_daemon.sources.links import RtuLink, TcpLink

@@ -2,16 +2,18 @@
 
 import tomllib
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene import Scene, first_error
 from beamtouch_models.structure import Finite, Fixity, PositiveFinite, Strict, changed_beam
 
 Array = NDArray[np.float64]
+DampingRatio = Annotated[float, Field(gt=0, lt=1)]
 
 
 class Imperfections(Strict):
@@ -29,6 +31,11 @@ class Imperfections(Strict):
     """Of the leftmost and of the rightmost support."""
     rigidity: PositiveFinite = 1.0
     """Factor on E I."""
+    damping_ratio: DampingRatio | None = None
+    """With it the beam rings in its first mode, so damped, where the scene prices ringing as more than negligible.
+
+    Without it deflections follow the load at once, as if every load came slowly beside the beam's first period.
+    """
 
     def check_channels(self, channels: int) -> None:
         """Raise SceneError unless every list has an entry per channel."""

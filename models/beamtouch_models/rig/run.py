@@ -49,7 +49,8 @@ async def run(surface: VirtualSurface, script: Script, device: Device, truth: Pa
         return script.at(time.monotonic() - started)
 
     def convert() -> list[int]:
-        return surface.counts(load())
+        seconds = time.monotonic() - started
+        return surface.counts(script.at(seconds), seconds)
 
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()

@@ -8,6 +8,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import Metadata, Sensor
 from beamtouch_models.noise import sensor_noise_mm
 from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.ringing import Ringing, ringing_of
 from beamtouch_models.rig.script import Load
 from beamtouch_models.scene import Scene
 
@@ -31,18 +32,23 @@ class VirtualSurface:
             raise SceneError(message)
         self._noise_mm = sensor_noise_mm(scene)
         self._rng = np.random.default_rng(seed)
+        damping_ratio = imperfections.damping_ratio
+        self._ringing: Ringing | None = None if damping_ratio is None else ringing_of(self._scene, damping_ratio)
 
-    def counts(self, load: Load) -> list[int]:
-        """Convert all channels once under a load; (channels,) counts."""
-        gap = self.sensor.standoff_mm - self._deflection_mm(load)
+    def counts(self, load: Load, seconds: float) -> list[int]:
+        """Convert all channels once under a load, at a time [s] not before the last conversion; (channels,) counts."""
+        static = self._static_mm(load)
+        deflection = static if self._ringing is None else self._ringing.at(seconds, static)
+        gap = self.sensor.standoff_mm - self._imperfections.seen_mm(deflection)
         noisy = gap + self._rng.normal(scale=self._noise_mm, size=gap.shape)
         return [int(count) for count in counts_of_gap(self.sensor, noisy)]
 
-    def _deflection_mm(self, load: Load) -> Array:
+    def _static_mm(self, load: Load) -> Array:
+        """Deflections (channels,) once the beam is still under a load."""
         if load.position_mm is None:
-            return self._imperfections.seen_mm(np.zeros(self.channels))
+            return np.zeros(self.channels)
         deflection: Array = load.force_n * scene_influence(self._scene, self._sensor_mm, load.position_mm)[0]
-        return self._imperfections.seen_mm(deflection)
+        return deflection
 
 
 def counts_of_gap(sensor: Sensor, gap_mm: Array) -> NDArray[np.int64]:

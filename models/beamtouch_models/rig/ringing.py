@@ -1,0 +1,85 @@
+"""How the virtual surface rings after a change of load: all of the motion in the first mode, as it is priced."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models import dynamics
+from beamtouch_models.effects import effects_of
+from beamtouch_models.errors import SceneError
+from beamtouch_models.noise import sensor_noise_mm
+from beamtouch_models.scene import Scene
+
+Array = NDArray[np.float64]
+
+_GONE = 700.0
+"""After so many time constants nothing is left in float64."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """y'' + 2 zeta w y' + w^2 y = w^2 s: a deflection y on its way to the static one, s."""
+
+    frequency_hz: float
+    """w / (2 pi), without damping."""
+    damping_ratio: float
+    """zeta, between 0 and 1."""
+
+    def after(self, seconds: float, static: Array, deflection: Array, velocity: Array) -> tuple[Array, Array]:
+        """Return deflections and their velocities after a time with a static deflection that does not change.
+
+        The exact solution, for any time; Blevins, Formulas for Natural Frequency and Mode Shape, 1979, ch. 2, or any
+        book on vibration. All arrays have the shape (channels,), in mm and mm/s.
+        """
+        omega, zeta = 2 * math.pi * self.frequency_hz, self.damping_ratio
+        if zeta * omega * seconds > _GONE:
+            return static, np.zeros_like(static)
+        damped = omega * math.sqrt(1 - zeta**2)
+        decay = math.exp(-zeta * omega * seconds)
+        cosine, sine = math.cos(damped * seconds), math.sin(damped * seconds)
+        away = deflection - static
+        later = decay * (away * cosine + (velocity + zeta * omega * away) / damped * sine)
+        speed = decay * (velocity * cosine - (zeta * velocity + omega * away) * (omega / damped) * sine)
+        return static + later, speed
+
+
+class Ringing:
+    """The motion from one conversion to the next."""
+
+    def __init__(self, mode: Mode) -> None:
+        self._mode = mode
+        self._last: tuple[float, Array, Array] | None = None
+
+    def at(self, seconds: float, static: Array) -> Array:
+        """Return the deflections (channels,) at a time [s] that is not before the last one.
+
+        The load that is there at a conversion is taken to have come right after the one before, so that a mode much
+        faster than the conversions follows at once. At the first conversion the beam is still.
+        """
+        if self._last is None:
+            self._last = (seconds, static, np.zeros_like(static))
+        before, deflection, velocity = self._last
+        deflection, velocity = self._mode.after(max(0.0, seconds - before), static, deflection, velocity)
+        self._last = (seconds, deflection, velocity)
+        return deflection
+
+
+def ringing_of(scene: Scene, damping_ratio: float) -> Ringing | None:
+    """Return how a scene rings; None where that is priced out, so that deflections follow the load at once.
+
+    Raises
+    ------
+    SceneError
+        The scene does not state what its frequency depends on.
+    """
+    frequency = dynamics.first_frequency_hz(scene.beam)
+    if frequency is None:
+        message = "damping_ratio: the scene cannot ring; give beam.density_kg_m3 with width_mm and thickness_mm"
+        raise SceneError(message)
+    if sensor_noise_mm(scene) > 0:  # without noise nothing is negligible
+        (priced,) = (effect for effect in effects_of(scene) if effect.name == "dynamics")
+        if priced.verdict == "out":
+            return None
+    return Ringing(Mode(frequency, damping_ratio))

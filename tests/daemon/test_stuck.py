@@ -1,0 +1,94 @@
+"""Stuck channels: what noise never does, and what a frozen sensor does."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from beamtouch_daemon.config_signal import Channel
+from beamtouch_daemon.stuck import FloatArray, fresh, longest_run, longest_runs, runs
+
+NOISES = (0.3, 0.5, 2.0)
+"""Before rounding, in counts."""
+
+
+def stated(noise_counts: float) -> float:
+    """Standard deviation of a reading: with that of rounding (Widrow & Kollar, Quantization Noise, 2008, sec. 1.2)."""
+    return math.sqrt(noise_counts**2 + 1 / 12)
+
+
+@pytest.mark.parametrize(("noise", "run"), [(0.3, 276), (0.5, 73), (2.0, 18)])
+def test_the_longest_run_is_that_of_the_formula(noise: float, run: int) -> None:
+    assert longest_run(stated(noise), 200.0) == run
+    repeat = math.erf(0.5 / (noise * math.sqrt(2)))
+    assert repeat**run <= 1e-12 < repeat ** (run - 1)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2, 1 / math.sqrt(12)])
+def test_noise_that_rounding_alone_explains_judges_nothing(noise: float) -> None:
+    assert longest_run(noise, 200.0) == math.inf
+
+
+def test_a_run_longer_than_ten_seconds_judges_nothing() -> None:
+    assert longest_run(stated(0.3), 27.6) == 276
+    assert longest_run(stated(0.3), 27.5) == math.inf
+    assert longest_run(1e300, 200.0) == 1  # no count repeats
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_noise_at_its_worst_is_not_taken_for_stuck_in_a_million_readings(noise: float) -> None:
+    counts = np.rint(1000 + noise * np.random.default_rng(2).standard_normal((1_000_000, 1)))
+    lengths, _ = runs(counts, fresh(1))
+    assert lengths.max() <= longest_run(stated(noise), 200.0)
+
+
+def test_runs_of_noise_are_as_long_as_the_formula_says() -> None:
+    counts = np.rint(0.5 * np.random.default_rng(3).standard_normal((1_000_000, 1)))
+    lengths, _ = runs(counts, fresh(1))
+    repeat = math.erf(0.5 / (0.5 * math.sqrt(2)))
+    for run in (5, 10, 15):  # a reading ends so many equal ones in a row with the chance q^run, if they are the middle
+        in_run = np.mean((lengths >= run) & (counts == 0))
+        assert in_run == pytest.approx(repeat**run, rel=0.15)
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_a_frozen_channel_is_found_with_the_first_reading_that_is_too_many(noise: float) -> None:
+    run = int(longest_run(stated(noise), 200.0))
+    counts = np.concatenate([[1.0, 2.0], np.full(run + 5, 3.0), [4.0]])[:, np.newaxis]
+    lengths, _ = runs(counts, fresh(1))
+    is_stuck = lengths[:, 0] > run
+    assert np.flatnonzero(is_stuck).tolist() == list(range(2 + run, 2 + run + 5))
+
+
+def test_a_missing_count_neither_adds_to_a_run_nor_ends_it() -> None:
+    lengths, _ = runs(np.array([[7.0], [7.0], [math.nan], [7.0], [math.nan], [8.0]]), fresh(1))
+    assert lengths[:, 0].tolist() == [1, 2, 2, 3, 3, 1]
+    lengths, _ = runs(np.array([[math.nan], [7.0]]), fresh(1))
+    assert lengths[:, 0].tolist() == [0, 1]
+
+
+columns = st.lists(st.tuples(*[st.sampled_from([1.0, 1.0, 2.5, math.nan])] * 2), min_size=1, max_size=40)
+
+
+@given(rows=columns, data=st.data())
+def test_any_split_of_the_stream_gives_the_same(rows: list[tuple[float, float]], data: st.DataObject) -> None:
+    counts: FloatArray = np.array(rows)
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(rows)), max_size=6), label="cuts"))
+    whole, end = runs(counts, fresh(2))
+    state, pieces = fresh(2), []
+    for piece in np.split(counts, cuts):
+        lengths, state = runs(piece, state)
+        pieces.append(lengths)
+    np.testing.assert_array_equal(np.concatenate(pieces), whole)
+    np.testing.assert_array_equal(state, end)
+
+
+def test_a_stated_time_overrides_the_noise_and_the_steepest_piece_counts() -> None:
+    values = {"register": 0, "rest_gap_mm": 2.0, "range_mm": [1.0, 4.0]}
+    table = Channel.model_validate(values | {"name": "a", "table": [[0, 1.0], [10, 1.1], [20, 4.1]]})
+    timed = Channel.model_validate(values | {"name": "b", "table": [[0, 1.0], [10, 4.0]], "stuck_after_ms": 251.0})
+    noise_mm = 0.3 * stated(2.0)
+    assert longest_runs([table, timed], np.array([0.3, 0.3]), noise_mm, 200.0).tolist() == [18, 51]
+    assert longest_runs([table, timed], np.array([0.3, 0.3]), None, 200.0).tolist() == [math.inf, 51]

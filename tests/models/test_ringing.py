@@ -1,0 +1,132 @@
+"""How the rig rings: the exact solution against theory and against scipy, and which surfaces ring at all."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import lsim, lti
+
+from beamtouch_models import modelfile
+from beamtouch_models.dynamics import first_frequency_hz
+from beamtouch_models.errors import SceneError
+from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.ringing import Array, Mode, Ringing, ringing_of
+from beamtouch_models.rig.script import Load
+from beamtouch_models.rig.surface import VirtualSurface
+from beamtouch_models.scene import load_scene
+from example_scenes import SCENES, paper_scene
+
+scene, _ = load_scene(SCENES / "bench.toml")
+
+
+def after_a_step(mode: Mode, times: Array) -> Array:
+    """Deflections of a beam that was still at 0, with 1 applied since the first time."""
+    ringing = Ringing(mode)
+    ringing.at(float(times[0]), np.zeros(1))
+    return np.array([ringing.at(float(time), np.ones(1))[0] for time in times])
+
+
+@pytest.mark.parametrize("frequency_hz", [1e-6, 0.3, 44.0, 99.9, 100.0, 1234.5, 1e5])
+@pytest.mark.parametrize("zeta", [1e-4, 0.01, 0.5, 0.99])
+def test_a_step_is_answered_as_the_closed_form_says_however_far_apart_the_conversions(
+    frequency_hz: float, zeta: float
+) -> None:
+    times = np.cumsum(np.random.default_rng(1).uniform(0.001, 0.009, 200))
+    omega, since = 2 * math.pi * frequency_hz, times - times[0]
+    damped = omega * math.sqrt(1 - zeta**2)
+    # Step response of a second-order system; Ogata, Modern Control Engineering, sec. 5-3.
+    swing = np.cos(damped * since) + zeta / math.sqrt(1 - zeta**2) * np.sin(damped * since)
+    closed = 1 - np.exp(-zeta * omega * since) * swing
+    tolerance = 1e-12 * max(1.0, omega * since[-1])  # the phase is a product of a float64 with the time
+    np.testing.assert_allclose(after_a_step(Mode(frequency_hz, zeta), times), closed, atol=tolerance)
+
+
+def test_moving_loads_are_followed_as_scipy_follows_them() -> None:
+    omega, zeta = 2 * math.pi * 44.0, 0.01
+    times = np.arange(400) / 200.0
+    static = np.where(times < 0.5, 0.0, np.sin(3 * times))
+    ringing = Ringing(Mode(44.0, zeta))
+    found = np.array([ringing.at(float(time), np.array([value]))[0] for time, value in zip(times, static, strict=True)])
+    # Each static deflection acts from the conversion before it; scipy holds each from its own time on.
+    system = lti([omega**2], [1, 2 * zeta * omega, omega**2])
+    _, expected, _ = lsim(system, np.append(static[1:], 0.0), times, interp=False)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_velocity_and_deflection_satisfy_the_equation_of_motion() -> None:
+    mode, omega = Mode(7.0, 0.2), 2 * math.pi * 7.0
+    begin, static = np.array([0.3, -0.1]), np.array([0.5, 0.2])
+    speed = np.array([4.0, -2.0])
+
+    def motion(_time: float, state: Array) -> Array:
+        return np.concatenate([state[2:], omega**2 * (static - state[:2]) - 0.4 * omega * state[2:]])
+
+    solved = solve_ivp(motion, (0, 0.31), np.concatenate([begin, speed]), rtol=1e-11, atol=1e-12)
+    found = mode.after(0.31, static, begin, speed)
+    np.testing.assert_allclose(np.concatenate(found), solved.y[:, -1], rtol=1e-8)
+
+
+def test_a_mode_much_faster_than_the_conversions_follows_at_once_and_a_much_slower_one_hardly() -> None:
+    times = np.arange(100) / 200.0
+    np.testing.assert_array_equal(after_a_step(Mode(1e9, 0.01), times)[1:], np.ones(99))
+    assert np.abs(after_a_step(Mode(1e-9, 0.01), times)).max() < 1e-16
+    far = Mode(1e300, 0.5).after(1e300, np.ones(1), np.zeros(1), np.zeros(1))
+    assert [value.tolist() for value in far] == [[1.0], [0.0]]
+
+
+def test_two_conversions_at_the_same_time_see_the_same() -> None:
+    ringing = Ringing(Mode(44.0, 0.01))
+    ringing.at(0.0, np.zeros(1))
+    assert ringing.at(0.01, np.ones(1)) == ringing.at(0.01, np.ones(1))
+
+
+def mean_deflection(model: Path, imperfections: Imperfections, times: Array) -> Array:
+    """Deflection over the static one, in the mean of the channels; a load comes right after the first conversion."""
+    metadata = modelfile.load(model).metadata
+    surface, sensor = VirtualSurface(scene, metadata, 1, imperfections), metadata.sensor
+    loads = [Load(None, 0.0)] + [Load(200.0, 8.0)] * (len(times) - 1)
+    counts = np.array([surface.counts(load, float(time)) for load, time in zip(loads, times, strict=True)])
+    deflection = sensor.standoff_mm - (sensor.offset_mm + sensor.gain_mm_per_count * counts)
+    static = VirtualSurface(scene, metadata, 1)._static_mm(Load(200.0, 8.0))  # what it settles at
+    mean: Array = deflection.mean(axis=1) / static.mean()
+    return mean
+
+
+def test_a_surface_rings_about_its_static_deflection_where_it_is_told_to(bench_model: Path) -> None:
+    times = np.arange(2000) / 200.0
+    frequency = first_frequency_hz(scene.beam) or 0.0
+    expected = after_a_step(Mode(frequency, 0.01), times)
+    found = mean_deflection(bench_model, Imperfections(damping_ratio=0.01), times)
+    np.testing.assert_allclose(found, expected, atol=0.03)  # six times the noise of a mean of four channels
+    assert found.max() > 1.8
+    np.testing.assert_allclose(found[-100:], 1.0, atol=0.03)
+
+
+def test_without_a_damping_ratio_it_follows_at_once(bench_model: Path) -> None:
+    found = mean_deflection(bench_model, Imperfections(), np.arange(50) / 200.0)
+    np.testing.assert_allclose(found[1:], 1.0, atol=0.03)
+
+
+def test_a_scene_rings_where_ringing_is_priced_in_and_its_stiffness_says_how_fast() -> None:
+    assert ringing_of(scene, 0.01) is not None
+    heavy_noise = scene.model_dump()
+    heavy_noise["sensors"]["noise_percent_of_max"] = None
+    heavy_noise["sensors"]["noise_mm"] = 100.0
+    assert ringing_of(type(scene).model_validate(heavy_noise), 0.01) is None
+    with pytest.raises(SceneError, match="density_kg_m3"):
+        ringing_of(paper_scene(), 0.01)
+
+
+def test_without_noise_every_beam_rings() -> None:
+    quiet = scene.model_dump()
+    quiet["sensors"]["noise_percent_of_max"] = None
+    quiet["sensors"]["noise_mm"] = 0.0
+    assert ringing_of(type(scene).model_validate(quiet), 0.01) is not None
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+def test_all_shipped_scenes_can_be_told_to_ring(path: Path) -> None:
+    other, _ = load_scene(path)
+    assert ringing_of(other, 0.01) is not None
