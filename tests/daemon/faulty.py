@@ -1,0 +1,121 @@
+"""What tests of faults share: a cable that can be pulled, a line that mangles, samples that are the counts."""
+
+import asyncio
+import random
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+
+from beamtouch_daemon.spool import Spool
+from beamtouch_service.samples import Batch, Sample
+
+from . import configs
+from .lines import Terminal
+from .process import Daemon, started
+from .service import Service
+
+RATE_HZ = 200.0
+BACK_S = 2.0
+SLACK_S = 1.0
+"""What a busy machine may add."""
+
+
+class Cable:
+    """A name under which a device can be plugged in, out, and in again, as /dev/serial/by-id has them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "usb-beamtouch"
+        self._line: Terminal | None = None
+
+    def plug(self) -> Terminal:
+        self.unplug()
+        self._line = Terminal()
+        self.path.symlink_to(self._line.path)
+        return self._line
+
+    def unplug(self) -> None:
+        self.path.unlink(missing_ok=True)
+        if self._line is not None:
+            self._line.unplug()
+            self._line = None
+
+
+@contextmanager
+def cable(folder: Path) -> Iterator[Cable]:
+    one = Cable(folder)
+    try:
+        yield one
+    finally:
+        one.unplug()
+
+
+def plain(source: str) -> str:
+    """Return a surface whose samples are the counts themselves, negative: no filter, a gap is a count."""
+    text = configs.surface(source=source, rate_hz=RATE_HZ)
+    text = text.replace("-0.0001", "1.0").replace("= 4.5", "= 0.0").replace("= 2.5", "= 0.0")
+    text = text.replace("[1.0, 4.0]", "[0.0, 65535.0]")
+    head, _, tail = text.partition('kind = "moving-average"\nwindow = 4')
+    return f'{head}kind = "none"{tail}'
+
+
+def counts_of(samples: list[Sample]) -> list[tuple[float, float]]:
+    """Return the counts of samples of which both channels are good."""
+    return [
+        (-first, -second)
+        for first, second in (sample.deflection_mm for sample in samples)
+        if first is not None and second is not None
+    ]
+
+
+async def everything(service: Service) -> None:
+    """Wait until a service has every sample up to the newest that it has."""
+    async with asyncio.timeout(30):
+        while len(service.samples()) <= max(sample.sequence for sample in service.samples()):
+            await service.until(len(service.samples()) + 1)
+
+
+@asynccontextmanager
+async def running(folder: Path, source: str, url: str, code: str = "") -> AsyncIterator[Daemon]:
+    config = configs.write(folder, plain(source), url=url)
+    async with started("run", config, "--summary", folder / "summary.json", code=code) as daemon:
+        yield daemon
+
+
+class Mangler:
+    """Does to frames on their way what bad lines do; counts what it leaves whole."""
+
+    def __init__(self, line: Terminal) -> None:
+        self._line = line
+        self._chance = random.Random(5)  # noqa: S311 - noise, not secrets
+        self.whole = 0
+
+    def write(self, frame: bytes) -> None:
+        kind = self._chance.randrange(50)
+        flipped = bytearray(frame)
+        flipped[self._chance.randrange(len(frame))] ^= 1 << self._chance.randrange(8)
+        match kind:
+            case 0 | 1 | 2 | 3 | 4:
+                self._line.write(bytes(flipped))  # one frame in ten
+            case 5:
+                self._line.write(frame[: len(frame) // 2])
+            case 6:
+                pass
+            case 7:
+                self._line.write(self._chance.randbytes(30) + frame)
+            case 8:
+                self._line.write(frame + frame)
+                self.whole += 1
+            case _:
+                self._line.write(frame)
+                self.whole += 1
+
+
+def names(batches: list[Batch]) -> list[tuple[str, int]]:
+    """Return what names each sample for good."""
+    return [(batch.boot_id, sample.sequence) for batch in batches for sample in batch.samples]
+
+
+def batches_in(spool: Spool) -> list[Batch]:
+    """Return all batches without taking them out."""
+    rows = spool._database.execute("SELECT content FROM batch ORDER BY id").fetchall()
+    return [Batch.model_validate_json(content) for (content,) in rows]
