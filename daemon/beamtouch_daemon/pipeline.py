@@ -56,6 +56,7 @@ class Pipeline:
         self._longest_runs = stuck.longest_runs(
             surface.channels, self._calibration.steepest, surface.noise_mm, surface.rate_hz
         )
+        self._judges_runs = bool(np.isfinite(self._longest_runs).any())
         self._runs = stuck.fresh(channels)
         tracking = surface.zero_tracking
         self._zero_rules = None if tracking is None else zero_tracking.Rules.of(tracking, surface.rate_hz)
@@ -94,8 +95,9 @@ class Pipeline:
 
     def _quality(self, counts: FloatArray) -> NDArray[np.int8]:
         codes = self._calibration.quality(counts)
-        lengths, self._runs = stuck.runs(counts, self._runs)
-        codes[(codes == _GOOD) & (lengths > self._longest_runs)] = _STUCK
+        if self._judges_runs:
+            lengths, self._runs = stuck.runs(counts, self._runs)
+            codes[(codes == _GOOD) & (lengths > self._longest_runs)] = _STUCK
         return codes
 
     def _without_gaps(self, times: FloatArray) -> Iterator[slice]:
