@@ -9,10 +9,10 @@ enum { CRC_BYTES = 4, TYPE_BYTES = 1, FIXED_READING_BYTES = 7 };
 #ifdef __AVR__
 #include <avr/pgmspace.h>
 #define IN_FLASH PROGMEM
-#define FROM_FLASH(entry) pgm_read_dword(&(entry))
+#define ENTRY(table, index) pgm_read_dword((const uint8_t *)(table) + (uint8_t)((index) * 4u)) /* 8 bits will do */
 #else
 #define IN_FLASH
-#define FROM_FLASH(entry) (entry)
+#define ENTRY(table, index) ((table)[index])
 #endif
 
 static const uint32_t low_nibble[16] IN_FLASH = {
@@ -29,7 +29,7 @@ uint32_t beamtouch_crc(const uint8_t *body, uint8_t length, uint32_t seed) {
     uint32_t crc = ~seed;
     while (length--) {
         uint8_t low = (uint8_t)crc ^ *body++;
-        crc = (crc >> 8) ^ FROM_FLASH(low_nibble[low & 15]) ^ FROM_FLASH(high_nibble[low >> 4]);
+        crc = (crc >> 8) ^ ENTRY(low_nibble, low & 15) ^ ENTRY(high_nibble, low >> 4);
     }
     return ~crc;
 }
