@@ -89,6 +89,7 @@ static uint8_t after(uint8_t reading) { return (reading + 1) % READINGS; }
 const beamtouch_message *scan_waiting(void) {
     uint8_t first = waiting;
     if (first == filling) return NULL;
+    asm volatile("" ::: "memory"); /* what it holds is read now, and not before it was there */
     beamtouch_message *message = &readings[first];
     message->as.reading.device_us += scan_ticks[first] / (2 * TICKS_PER_US); /* from its begin to its middle, once */
     scan_ticks[first] = 0;
