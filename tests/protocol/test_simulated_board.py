@@ -80,10 +80,7 @@ def test_a_host_can_open_it_as_a_serial_port(board: Board, tmp_path: Path) -> No
         for millivolts in (1000, 4000):
             process.stdin.write(f"{millivolts}\n")
             process.stdin.flush()
-            expected = count_of(millivolts)
-            line.wait_for(
-                lambda message, expected=expected: isinstance(message, Reading) and message.counts[0] == expected
-            )
+            line.wait_for(reading_of(count_of(millivolts)))
         line.close()
         process.stdin.close()
         assert process.wait(LIVE_TIMEOUT_S) == 0
