@@ -25,8 +25,7 @@ from beamtouch_protocol.messages import (
     Start,
     Stop,
 )
-
-from .toolchain import CODEC, FIRMWARE_PROTOCOL, made_once, need, run
+from toolchain import CODEC, FIRMWARE_PROTOCOL, made_once, need, run
 
 GOLDEN = json.loads((FIRMWARE_PROTOCOL / "golden_vectors.json").read_text())
 REASONS = list(Rejection)

@@ -11,8 +11,7 @@ import pytest
 
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Reading, Start
-
-from .simulated_board import Board, count_of
+from simulated_board import Board, count_of
 
 LIVE_TIMEOUT_S = 60.0
 

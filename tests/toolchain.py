@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-FIRMWARE_PROTOCOL = Path(__file__).parents[2] / "firmware_protocol"
+FIRMWARE_PROTOCOL = Path(__file__).parents[1] / "firmware_protocol"
 CODEC = FIRMWARE_PROTOCOL / "c"
 
 

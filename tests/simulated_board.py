@@ -9,8 +9,7 @@ from pathlib import Path
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, Message, Pong, Reading
 from beamtouch_protocol.sequence import missing_between
-
-from .toolchain import FIRMWARE_PROTOCOL, give_up, need, run
+from toolchain import FIRMWARE_PROTOCOL, give_up, need, run
 
 MILLIVOLTS = 5000
 TIMEOUT_S = 120
