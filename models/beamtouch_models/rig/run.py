@@ -13,6 +13,7 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.rig import modbus_device
+from beamtouch_models.rig.firmware import Firmware, FirmwareDevice
 from beamtouch_models.rig.pty_line import joined_line, named_line
 from beamtouch_models.rig.script import Load, Script
 from beamtouch_models.rig.serial_device import SerialDevice
@@ -21,16 +22,15 @@ from beamtouch_models.rig.surface import VirtualSurface
 TRUTH_PERIOD_S = 0.01
 TRUTH_HEADER = "unix_time_s,position_mm,force_n"
 
-Convert = Callable[[], list[int]]
-
 
 @dataclass(frozen=True)
 class Device:
-    """How the surface is reached; exactly one is given."""
+    """How the surface is reached; exactly one is given, and with `serial` perhaps the firmware that speaks there."""
 
     modbus_tcp: tuple[str, int] | None = None
     modbus_rtu: Path | None = None
     serial: Path | None = None
+    firmware: Firmware | None = None
 
 
 async def run(surface: VirtualSurface, script: Script, device: Device, truth: Path | None) -> None:
@@ -48,15 +48,12 @@ async def run(surface: VirtualSurface, script: Script, device: Device, truth: Pa
     def load() -> Load:
         return script.at(time.monotonic() - started)
 
-    def convert() -> list[int]:
-        return surface.counts(load())
-
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     with ExitStack() as resources:
-        serve = await _device(device, surface, convert, resources)
+        serve = await _device(device, surface, load, resources)
         tasks: list[asyncio.Future[Any]] = [asyncio.ensure_future(serve)]
         if truth is not None:
             tasks.append(asyncio.ensure_future(_write_truth(truth, load)))
@@ -69,8 +66,14 @@ async def run(surface: VirtualSurface, script: Script, device: Device, truth: Pa
             task.result()
 
 
-async def _device(device: Device, surface: VirtualSurface, convert: Convert, resources: ExitStack) -> Awaitable[None]:
+async def _device(
+    device: Device, surface: VirtualSurface, load: Callable[[], Load], resources: ExitStack
+) -> Awaitable[None]:
     """Open the device, say where it is, and return what serves it."""
+
+    def convert() -> list[int]:
+        return surface.counts(load())
+
     if device.modbus_tcp is not None:
         host, port = device.modbus_tcp
         tcp = modbus_device.tcp_server(convert, surface.channels, host, port)
@@ -84,6 +87,10 @@ async def _device(device: Device, surface: VirtualSurface, convert: Convert, res
         await _listen(rtu, str(device.modbus_rtu))
         _announce(f"modbus-rtu {device.modbus_rtu}")
         return rtu.serving
+    if device.serial is not None and device.firmware is not None:
+        board = await FirmwareDevice.started(device.firmware, device.serial)
+        _announce(f"serial {device.serial}")
+        return board.serve(lambda: surface.outputs(load()))
     if device.serial is not None:
         line = resources.enter_context(named_line(device.serial))
         _announce(f"serial {device.serial}")
