@@ -53,13 +53,12 @@ static void handle(const beamtouch_message *message) {
     }
 }
 
-/* Take what has arrived up to the first question; the next one waits until that is answered. */
+/* Take one byte, so that no flood of them keeps the others waiting. A question waits until the one before is answered. */
 static void listen(void) {
     uint8_t byte;
     beamtouch_message message;
-    while (answer.type == 0 && uart_receive(&byte)) {
-        if (beamtouch_decode(&decoder, byte, &message)) handle(&message);
-    }
+    if (answer.type != 0 || !uart_receive(&byte)) return;
+    if (beamtouch_decode(&decoder, byte, &message)) handle(&message);
 }
 
 /* False if the transmit buffer is full. */

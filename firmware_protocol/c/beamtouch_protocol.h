@@ -12,6 +12,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define BEAMTOUCH_PROTOCOL_VERSION 1
 #define BEAMTOUCH_SCHEMA_HASH 0x3D4A3321u
 
@@ -119,5 +123,9 @@ bool beamtouch_decode(beamtouch_decoder *decoder, uint8_t byte, beamtouch_messag
 
 /* CRC-32 with a seed, as the checksum of a frame. */
 uint32_t beamtouch_crc(const uint8_t *body, uint8_t length, uint32_t seed);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -1,6 +1,7 @@
 /* A simulated board: runs a firmware, its serial line on a pseudo-terminal or in a file, its analogue inputs told on
  * standard input. `usage` says how. */
 #define _GNU_SOURCE
+#include <ctype.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <getopt.h>
@@ -17,7 +18,7 @@
 
 #define CHANNELS 8
 #define MOST_BEHIND_S 0.1 /* later than this, time lost is not made up for */
-#define SCRIPT_BYTES 65536
+#define SCRIPT_BYTES 1000000
 
 static const char usage[] =
     "usage: board FIRMWARE.elf [--link PATH] [--eeprom FILE]\n"
@@ -51,8 +52,10 @@ static double wall_s(void) {
 }
 
 static void send_hex(const char *at) {
-    unsigned byte;
-    for (int used; sscanf(at, "%2x%n", &byte, &used) == 1; at += used) queue_put(&to_device, (uint8_t)byte);
+    for (char pair[3] = ""; isxdigit((unsigned char)at[0]) && isxdigit((unsigned char)at[1]); at += 2) {
+        memcpy(pair, at, 2);
+        queue_put(&to_device, (uint8_t)strtoul(pair, NULL, 16));
+    }
 }
 
 static void set_voltages(char *at) {
@@ -85,11 +88,11 @@ static void follow_script(void) {
         script_length -= (size_t)(end + 1 - script);
         memmove(script, end + 1, script_length);
     }
-    if (script_length == sizeof script) script_length = 0; /* no line is that long */
 }
 
 static void read_script(void) {
-    if (script_length == sizeof script) return;
+    errno = 0;
+    if (script_length == sizeof script) fail("so much on standard input that has to wait");
     ssize_t got = read(STDIN_FILENO, script + script_length, sizeof script - script_length);
     if (got > 0) script_length += (size_t)got;
     script_ended = got == 0 || (got < 0 && errno != EAGAIN && errno != EINTR);

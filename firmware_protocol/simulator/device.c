@@ -86,7 +86,6 @@ static void connect_uart(void) {
     avr_irq_register_notify(avr_io_getirq(avr, irqs, UART_IRQ_OUTPUT), on_sent, NULL);
     avr_irq_register_notify(avr_io_getirq(avr, irqs, UART_IRQ_OUT_XON), on_has_room, NULL);
     avr_irq_register_notify(avr_io_getirq(avr, irqs, UART_IRQ_OUT_XOFF), on_is_full, NULL);
-    avr_cycle_timer_register_usec(avr, BYTE_US, feed, NULL);
 }
 
 /* simavr tells what it loads on standard output, which is ours. */
@@ -112,10 +111,11 @@ void device_start(const char *elf_path) {
 void device_reset(void) {
     device_is_full = true;
     avr_reset(avr);
-    avr_cycle_timer_register_usec(avr, BYTE_US, feed, NULL); /* a reset takes all timers away */
 }
 
 bool device_run(void) {
+    /* A reset, also that by the watchdog, takes all timers away. */
+    if (!avr_cycle_timer_status(avr, feed, NULL)) avr_cycle_timer_register_usec(avr, BYTE_US, feed, NULL);
     for (avr_cycle_count_t end = avr->cycle + FREQUENCY / 1000; avr->cycle < end;) {
         int state = avr_run(avr);
         if (state == cpu_Done || state == cpu_Crashed) return false;

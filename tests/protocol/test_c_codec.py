@@ -34,7 +34,6 @@ WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
 DEVICE = ("-DBEAMTOUCH_MOST_FRAME_BYTES=10", "-DBEAMTOUCH_MOST_CHANNELS=8")
 DEVICE_BYTES = 10
-MOST_FLASH_BYTES = 2048
 
 Filter = Callable[[str, bytes], list[str]]
 
@@ -218,23 +217,3 @@ def test_a_device_with_ten_bytes_takes_all_that_it_is_sent_and_drops_what_is_lon
     expected = to_device[: len(longer)]
     assert found == expected
     assert {reason: number for reason, number in rejected.items() if number} == {Rejection.OVERLONG: len(expected)}
-
-
-def test_it_takes_less_than_2_kb_of_flash_for_both_sides(tmp_path: Path) -> None:
-    need("avr-gcc", "avr-size")
-    target = tmp_path / "codec.o"
-    for defines in ((), DEVICE):
-        run(
-            "avr-gcc",
-            *WARNINGS,
-            "-Os",
-            "-mmcu=atmega328p",
-            *defines,
-            "-c",
-            CODEC / "beamtouch_protocol.c",
-            "-o",
-            target,
-        )
-        text, data, bss, *_ = map(int, run("avr-size", target).splitlines()[1].split()[:3])
-        assert text + data < MOST_FLASH_BYTES
-        assert data + bss == 0

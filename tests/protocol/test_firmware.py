@@ -183,6 +183,15 @@ def test_garbage_on_the_line_does_no_harm(board: Board, tmp_path: Path) -> None:
     assert (len(seen.hellos), seen.lost, seen.rejected) == (1, 0, 0)
 
 
+def test_a_flood_of_garbage_neither_stops_readings_nor_ends_in_a_reset(board: Board, tmp_path: Path) -> None:
+    for byte in (b"\0", b"\x55", b"\x01\0"):
+        flood = byte * (60_000 // len(byte))  # 0.6 s of the line
+        seen = board.record(tmp_path, 0.9, at(0.1, Start(500, 1)), at(0.11, flood), at(0.8, b"\0" + encode(Ping(7))))
+        assert [pong.token for pong in seen.pongs] == [7]
+        assert (len(seen.hellos), seen.lost, seen.rejected) == (1, 0, 0)
+        assert len(seen.readings) == pytest.approx(400, abs=3)
+
+
 def test_it_blinks_when_asked_as_long_as_asked(board: Board, tmp_path: Path) -> None:
     def changes(seconds: float, *script: str) -> int:
         return board.record(tmp_path, seconds, *script).report["light_changes"]
