@@ -18,9 +18,9 @@ TIMEOUT_S = 120
 def build_board(folder: Path) -> None:
     """Build the simulated board."""
     need("gcc", "make", "pkg-config")
-    if subprocess.run(["pkg-config", "--exists", "simavr"], check=False).returncode != 0:
-        give_up("libsimavr-dev not installed")
-    run("make", "-C", FIRMWARE_PROTOCOL / "simulator", f"BUILD={folder}")
+    if subprocess.run(["pkg-config", "--exists", "simavr", "libelf"], check=False).returncode != 0:
+        give_up("libsimavr-dev or libelf-dev not installed")
+    run("make", "-C", FIRMWARE_PROTOCOL / "simulator", f"BUILD={folder}", "CC=gcc")
 
 
 def build_firmware(folder: Path, channels: int, more: str = "") -> None:
