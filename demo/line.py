@@ -31,6 +31,7 @@ class Surface:
     name: str
     kind: Kind
     script: Path | None = None
+    rig_options: tuple[str, ...] = ()
 
 
 class Line:
@@ -108,7 +109,9 @@ class Line:
         where = "127.0.0.1:0" if surface.kind == "modbus-tcp" else str(path)
         options = ["--script", str(surface.script)] if surface.script else []
         command = ["beamtouch-rig", str(self._scene), "--model", str(self._model), f"--{surface.kind}", where]
-        self._start(f"rig-{surface.name}", [*command, "--truth", str(self.truth(surface.name)), *options])
+        self._start(
+            f"rig-{surface.name}", [*command, "--truth", str(self.truth(surface.name)), *options, *surface.rig_options]
+        )
         said = self._first_line(f"rig-{surface.name}")
         if surface.kind == "modbus-tcp":
             return {"kind": surface.kind, "host": "127.0.0.1", "port": int(said.rpartition(":")[2])}

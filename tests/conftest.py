@@ -1,4 +1,4 @@
-"""What several rooms need: the shipped scenes, and models built from them once per run."""
+"""What several rooms need: models of the shipped scenes, simulated boards with the firmware; built once per run."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +10,8 @@ from beamtouch_models import modelfile
 from beamtouch_models.build import build
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
+from simulated_board import Board, Boards, build_board, build_firmware
+from toolchain import made_once
 
 
 @pytest.fixture(scope="session")
@@ -40,3 +42,22 @@ def bench_model(built_model: Callable[[str], Path]) -> Path:
 def bench(bench_model: Path) -> modelfile.ModelFile:
     """The same model, loaded."""
     return modelfile.load(bench_model)
+
+
+@pytest.fixture(scope="session")
+def board_for(tmp_path_factory: pytest.TempPathFactory) -> Boards:
+    """A function from a number of channels to a board with a firmware for it; each is built once."""
+
+    def board(channels: int, more: str = "") -> Board:
+        program = made_once(tmp_path_factory, "board", build_board) / "board"
+        name = f"firmware-{channels}{more}"
+        folder = made_once(tmp_path_factory, name, lambda folder: build_firmware(folder, channels, more))
+        return Board(program, folder / "firmware.elf")
+
+    return board
+
+
+@pytest.fixture(scope="session")
+def board(board_for: Boards) -> Board:
+    """A board with four channels."""
+    return board_for(4)

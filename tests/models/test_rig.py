@@ -155,7 +155,9 @@ def test_the_serial_device_says_hello_and_streams_until_stopped(tmp_path: Path) 
     assert all(reading.counts == (1, 2, 65535) for reading in readings)
     clocks = [reading.device_us for reading in readings]
     assert clocks == sorted(clocks)
-    assert np.median(np.diff(clocks)) == pytest.approx(2000, rel=0.3)  # a busy machine leaves slots out, here and there
+    # A busy machine leaves slots out and is late for others; it never makes up for them.
+    assert clocks[-1] - clocks[0] >= (len(readings) - 3) * 2000
+    assert np.percentile(np.diff(clocks), 20) < 2600
 
 
 def test_a_stopped_device_sends_nothing_but_answers(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Imported here so that a missing extra is one clear line.
         from beamtouch_models import modelfile  # noqa: PLC0415
         from beamtouch_models.errors import InputError  # noqa: PLC0415
+        from beamtouch_models.rig.firmware import ADC_BITS, Firmware  # noqa: PLC0415
         from beamtouch_models.rig.imperfections import Imperfections, load_imperfections  # noqa: PLC0415
         from beamtouch_models.rig.run import Device, run  # noqa: PLC0415
         from beamtouch_models.rig.script import default_script, load_script  # noqa: PLC0415
@@ -27,7 +28,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         script = load_script(options.script, scene.beam.length_mm) if options.script else default_script(scene)
         imperfect = load_imperfections(options.imperfections) if options.imperfections else Imperfections()
         surface = VirtualSurface(scene, model.metadata, options.seed, imperfect)
-        device = Device(options.modbus_tcp, options.modbus_rtu, options.serial)
+        firmware = Firmware(*options.firmware) if options.firmware else None
+        if firmware and options.serial is None:
+            return _fail("--firmware speaks on a serial line: give --serial as well")
+        if firmware and surface.sensor.adc_bits != ADC_BITS:
+            return _fail(f"the firmware's ADC has {ADC_BITS} bits: give sensors.adc_bits = {ADC_BITS} in the scene")
+        device = Device(options.modbus_tcp, options.modbus_rtu, options.serial, firmware)
         asyncio.run(run(surface, script, device, options.truth))
     except InputError as error:
         return _fail(str(error))
@@ -53,6 +59,13 @@ def _parser() -> argparse.ArgumentParser:
         help="be a Modbus RTU module; PATH is made unless it is a serial device",
     )
     device.add_argument("--serial", type=Path, metavar="PATH", help="be a device of the serial protocol; PATH is made")
+    parser.add_argument(
+        "--firmware",
+        type=Path,
+        nargs=2,
+        metavar=("BOARD", "ELF"),
+        help="with --serial: let this firmware speak there, on the simulated board",
+    )
     parser.add_argument("--script", type=Path, metavar="FILE", help="what touches when (TOML; a default is built in)")
     parser.add_argument(
         "--truth", type=Path, metavar="FILE.csv", help="write the true position and force, a row each 10 ms"

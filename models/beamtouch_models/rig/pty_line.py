@@ -61,9 +61,14 @@ def joined_line(path: Path) -> Iterator[str]:
             loop.remove_reader(far)
 
 
-def _link(path: Path, target: str) -> None:
+def remove_left_behind(path: Path) -> None:
+    """Remove the name of a line that an earlier rig left when it was killed."""
     if path.is_symlink() and not path.exists():
-        path.unlink()  # what an earlier rig left when it was killed
+        path.unlink()
+
+
+def _link(path: Path, target: str) -> None:
+    remove_left_behind(path)
     try:
         path.symlink_to(target)
     except FileExistsError:

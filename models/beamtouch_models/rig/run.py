@@ -7,12 +7,13 @@ from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.rig import modbus_device
+from beamtouch_models.rig.firmware import Firmware, FirmwareDevice
 from beamtouch_models.rig.pty_line import joined_line, named_line
 from beamtouch_models.rig.script import Load, Script
 from beamtouch_models.rig.serial_device import SerialDevice
@@ -21,16 +22,23 @@ from beamtouch_models.rig.surface import VirtualSurface
 TRUTH_PERIOD_S = 0.01
 TRUTH_HEADER = "unix_time_s,position_mm,force_n"
 
-Convert = Callable[[], list[int]]
+
+class Touching(NamedTuple):
+    """What touches the surface, and when."""
+
+    load: Load
+    seconds: float
+    """Since the start."""
 
 
 @dataclass(frozen=True)
 class Device:
-    """How the surface is reached; exactly one is given."""
+    """How the surface is reached; exactly one is given, and with `serial` perhaps the firmware that speaks there."""
 
     modbus_tcp: tuple[str, int] | None = None
     modbus_rtu: Path | None = None
     serial: Path | None = None
+    firmware: Firmware | None = None
 
 
 async def run(surface: VirtualSurface, script: Script, device: Device, truth: Path | None) -> None:
@@ -45,22 +53,19 @@ async def run(surface: VirtualSurface, script: Script, device: Device, truth: Pa
     """
     started = time.monotonic()
 
-    def load() -> Load:
-        return script.at(time.monotonic() - started)
-
-    def convert() -> list[int]:
+    def touching() -> Touching:
         seconds = time.monotonic() - started
-        return surface.counts(script.at(seconds), seconds)
+        return Touching(script.at(seconds), seconds)
 
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
     with ExitStack() as resources:
-        serve = await _device(device, surface, convert, resources)
+        serve = await _device(device, surface, touching, resources)
         tasks: list[asyncio.Future[Any]] = [asyncio.ensure_future(serve)]
         if truth is not None:
-            tasks.append(asyncio.ensure_future(_write_truth(truth, load)))
+            tasks.append(asyncio.ensure_future(_write_truth(truth, touching)))
         tasks.append(asyncio.ensure_future(stop.wait()))
         done, pending = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in pending:
@@ -70,8 +75,14 @@ async def run(surface: VirtualSurface, script: Script, device: Device, truth: Pa
             task.result()
 
 
-async def _device(device: Device, surface: VirtualSurface, convert: Convert, resources: ExitStack) -> Awaitable[None]:
+async def _device(
+    device: Device, surface: VirtualSurface, touching: Callable[[], Touching], resources: ExitStack
+) -> Awaitable[None]:
     """Open the device, say where it is, and return what serves it."""
+
+    def convert() -> list[int]:
+        return surface.counts(*touching())
+
     if device.modbus_tcp is not None:
         host, port = device.modbus_tcp
         tcp = modbus_device.tcp_server(convert, surface.channels, host, port)
@@ -85,6 +96,10 @@ async def _device(device: Device, surface: VirtualSurface, convert: Convert, res
         await _listen(rtu, str(device.modbus_rtu))
         _announce(f"modbus-rtu {device.modbus_rtu}")
         return rtu.serving
+    if device.serial is not None and device.firmware is not None:
+        board = await FirmwareDevice.started(device.firmware, device.serial)
+        _announce(f"serial {device.serial}")
+        return board.serve(lambda: surface.outputs(*touching()))
     if device.serial is not None:
         line = resources.enter_context(named_line(device.serial))
         _announce(f"serial {device.serial}")
@@ -110,12 +125,12 @@ def _announce(where: str) -> None:
     print(f"listening on {where}", flush=True)
 
 
-async def _write_truth(path: Path, load: Callable[[], Load]) -> None:
+async def _write_truth(path: Path, touching: Callable[[], Touching]) -> None:
     """Write what really touches, a row each 10 ms, each row at once so that it can be followed live."""
     with path.open("w", encoding="ascii", buffering=1) as file:
         file.write(TRUTH_HEADER + "\n")
         while True:
-            now = load()
+            now = touching().load
             position = "" if now.position_mm is None else f"{now.position_mm:.4f}"
             file.write(f"{time.time():.6f},{position},{now.force_n:.4f}\n")
             await asyncio.sleep(TRUTH_PERIOD_S)

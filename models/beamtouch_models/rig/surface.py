@@ -37,11 +37,17 @@ class VirtualSurface:
 
     def counts(self, load: Load, seconds: float) -> list[int]:
         """Convert all channels once under a load, at a time [s] not before the last conversion; (channels,) counts."""
+        return [int(count) for count in counts_of_gap(self.sensor, self._noisy_gap_mm(load, seconds))]
+
+    def outputs(self, load: Load, seconds: float) -> list[float]:
+        """Return what the sensors put out, 0 to 1 of the scale that the ADC converts; (channels,), as `counts`."""
+        return [float(output) for output in output_of_gap(self.sensor, self._noisy_gap_mm(load, seconds))]
+
+    def _noisy_gap_mm(self, load: Load, seconds: float) -> Array:
         static = self._static_mm(load)
         deflection = static if self._ringing is None else self._ringing.at(seconds, static)
         gap = self.sensor.standoff_mm - self._imperfections.seen_mm(deflection)
-        noisy = gap + self._rng.normal(scale=self._noise_mm, size=gap.shape)
-        return [int(count) for count in counts_of_gap(self.sensor, noisy)]
+        return gap + self._rng.normal(scale=self._noise_mm, size=gap.shape)
 
     def _static_mm(self, load: Load) -> Array:
         """Deflections (channels,) once the beam is still under a load."""
@@ -52,13 +58,19 @@ class VirtualSurface:
 
 
 def counts_of_gap(sensor: Sensor, gap_mm: Array) -> NDArray[np.int64]:
-    """Characteristic of a proximity sensor with its ADC, as the paper's figure 2: linear, then levelling off.
+    """Counts of a proximity sensor with its ADC."""
+    full_scale = 2**sensor.adc_bits - 1
+    counts: NDArray[np.int64] = np.rint(output_of_gap(sensor, gap_mm) * full_scale).astype(np.int64)
+    return counts
+
+
+def output_of_gap(sensor: Sensor, gap_mm: Array) -> Array:
+    """Characteristic of a proximity sensor, 0 to 1, as the paper's figure 2: linear, then levelling off.
 
     The linear range takes the middle 80 % of the scale; beyond it the output approaches the end of the scale.
     """
     full_scale = 2**sensor.adc_bits - 1
     linear = (gap_mm - sensor.offset_mm) / sensor.gain_mm_per_count / full_scale
     inside = np.clip(linear, 0.1, 0.9)
-    levelled = inside + 0.1 * np.tanh((linear - inside) / 0.1)
-    counts: NDArray[np.int64] = np.rint(levelled * full_scale).astype(np.int64)
-    return counts
+    levelled: Array = inside + 0.1 * np.tanh((linear - inside) / 0.1)
+    return levelled

@@ -1,0 +1,21 @@
+#include "boot_id.h"
+
+#include <avr/eeprom.h>
+
+static uint32_t EEMEM boots;
+
+/* Spread over 32 bits, so that two devices that were booted about as often rarely have the same number. Every step can
+ * be undone: two counts never give the same number. */
+static uint32_t mixed(uint32_t count) {
+    count ^= count >> 16;
+    count *= 0x7FEB352DUL;
+    count ^= count >> 15;
+    count *= 0x846CA68BUL;
+    return count ^ count >> 16;
+}
+
+uint32_t next_boot_id(void) {
+    uint32_t count = eeprom_read_dword(&boots) + 1;
+    eeprom_update_dword(&boots, count); /* nearly always one byte; an EEPROM lasts for 100 000 boots */
+    return mixed(count);
+}

@@ -1,0 +1,56 @@
+"""What `beamtouch-rig --firmware` refuses; that it works is seen in tests/system/test_firmware_line.py."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from beamtouch_models.build import build
+from beamtouch_models.scene import load_scene
+from example_scenes import SCENES
+
+RIG = str(Path(sys.executable).parent / "beamtouch-rig")
+
+
+def refused(*arguments: str | Path) -> str:
+    done = subprocess.run([RIG, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    return done.stderr
+
+
+@pytest.fixture(scope="module")
+def ten_bits(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The bench with the ADC of the chip, and its model."""
+    folder = tmp_path_factory.mktemp("ten-bits")
+    path, model = folder / "scene.toml", folder / "model.onnx"
+    path.write_text((SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10"))
+    scene, text = load_scene(path)
+    model.write_bytes(build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
+    return path, model
+
+
+def test_it_needs_a_serial_line(ten_bits: tuple[Path, Path]) -> None:
+    scene, model = ten_bits
+    said = refused(scene, "--model", model, "--modbus-tcp", "127.0.0.1:0", "--firmware", "board", "firmware.elf")
+    assert said == "beamtouch-rig: --firmware speaks on a serial line: give --serial as well\n"
+
+
+def test_the_scene_has_to_have_its_adc(built_model: Callable[[str], Path], tmp_path: Path) -> None:
+    serial = ("--serial", tmp_path / "line", "--firmware", "board", "firmware.elf")
+    said = refused(SCENES / "bench.toml", "--model", built_model("bench"), *serial)
+    assert said == "beamtouch-rig: the firmware's ADC has 10 bits: give sensors.adc_bits = 10 in the scene\n"
+
+
+def test_a_board_that_is_not_there_is_one_line(ten_bits: tuple[Path, Path], tmp_path: Path) -> None:
+    scene, model = ten_bits
+    line, board = tmp_path / "line", tmp_path / "board"
+    said = refused(scene, "--model", model, "--serial", line, "--firmware", board, "firmware.elf")
+    assert said == f"beamtouch-rig: {board}: No such file or directory\n"
+
+
+def test_a_board_that_does_not_start_is_named(ten_bits: tuple[Path, Path], tmp_path: Path) -> None:
+    scene, model = ten_bits
+    said = refused(scene, "--model", model, "--serial", tmp_path / "line", "--firmware", "/bin/false", "firmware.elf")
+    assert said == "beamtouch-rig: /bin/false did not start\n"

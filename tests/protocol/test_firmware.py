@@ -1,0 +1,201 @@
+"""The reference firmware keeps to PROTOCOL.md, on a simulated chip. All figures are in simulated time."""
+
+import random
+from pathlib import Path
+
+import pytest
+
+from beamtouch_protocol.framing import encode
+from beamtouch_protocol.messages import Hello, HelloRequest, Identify, Message, Ping, Pong, Reading, Start, Stop
+from simulated_board import Board, Boards, at, count_of
+
+VOLTAGES = (1000, 2000, 3000, 4000, 500, 0, 5000, 4500)
+CHANNELS = (1, 4, 8)
+
+
+def assert_counts(reading: Reading, millivolts: tuple[int, ...]) -> None:
+    assert len(reading.counts) == len(millivolts)
+    for count, voltage in zip(reading.counts, millivolts, strict=True):
+        assert abs(count - reading.oversampling * count_of(voltage)) <= 2 * reading.oversampling
+
+
+@pytest.mark.parametrize("channels", CHANNELS)
+def test_it_says_hello_at_boot_and_when_asked(board_for: Boards, tmp_path: Path, channels: int) -> None:
+    seen = board_for(channels).record(tmp_path, 0.2, at(0.1, HelloRequest()))
+    first, second = seen.messages
+    assert first == second
+    assert isinstance(first, Hello)
+    assert first.is_compatible
+    assert (first.channel_count, first.adc_bits) == (channels, 10)
+    assert first.max_rate_hz == 90_000 // (14 + 2 * channels)  # nine tenths of the line
+    assert seen.report["baud"] == 1_000_000
+    assert seen.rejected == 0
+
+
+def test_readings_hold_the_voltages_in_order_without_gaps_at_the_rate(board: Board, tmp_path: Path) -> None:
+    seen = board.record(tmp_path, 1.1, at(0, VOLTAGES), at(0.1, Start(200, 1)))
+    assert [reading.sequence for reading in seen.readings] == list(range(len(seen.readings)))
+    assert 198 <= len(seen.readings) <= 201
+    for reading in seen.readings:
+        assert_counts(reading, VOLTAGES[:4])
+    assert all(abs(step - 5000) <= 30 for step in seen.steps_us)
+    assert sum(seen.steps_us) == pytest.approx(5000 * len(seen.steps_us), abs=30)
+
+
+def test_oversampling_gives_sums(board: Board, tmp_path: Path) -> None:
+    seen = board.record(tmp_path, 0.5, at(0, VOLTAGES), at(0.1, Start(200, 16)), at(0.3, Start(100, 64)))
+    assert {reading.oversampling for reading in seen.readings} == {16, 64}
+    for reading in seen.readings:
+        assert_counts(reading, VOLTAGES[:4])
+
+
+def test_a_reading_has_the_time_of_the_middle_of_its_scan(board: Board, tmp_path: Path) -> None:
+    """A voltage that steps amid long scans divides each channel's sum by the time before it and after it."""
+    scan_us = 64 * 4 * 28
+    seen = board.record(tmp_path, 0.5, at(0, (0, 0, 0, 0)), at(0.1, Start(100, 64)), at(0.3025, (5000,) * 4 + (0,)))
+    pinged = board.record(tmp_path, 0.5, at(0.3025, Ping(1)))
+    step_us = pinged.pongs[0].device_us
+    halved = [reading for reading in seen.readings if 0 < sum(reading.counts) < 4 * 64 * 1020]
+    assert halved
+    for reading in halved:
+        share_after = sum(reading.counts) / (4 * 64 * 1023)
+        assert step_us - reading.device_us == pytest.approx((0.5 - share_after) * scan_us, abs=500)
+    full = [reading for reading in seen.readings if reading not in halved]
+    assert all((reading.device_us > step_us) == (reading.counts[0] > 0) for reading in full)
+
+
+def test_a_changed_voltage_changes_the_counts(board: Board, tmp_path: Path) -> None:
+    later = (4000, 3000, 2000, 1000)
+    seen = board.record(tmp_path, 0.5, at(0, VOLTAGES), at(0.1, Start(200, 1)), at(0.3, later))
+    assert_counts(seen.readings[0], VOLTAGES[:4])
+    assert_counts(seen.readings[-1], later)
+
+
+def test_it_stops_when_told_and_goes_on_with_the_next_number(board: Board, tmp_path: Path) -> None:
+    script = [at(0.1, Start(200, 1)), at(0.2, Stop()), at(0.4, Start(200, 1)), at(0.5, Stop())]
+    seen = board.record(tmp_path, 0.8, *script)
+    assert 38 <= len(seen.readings) <= 42
+    assert seen.lost == 0
+    assert len([step for step in seen.steps_us if step > 100_000]) == 1
+
+
+def test_a_start_amid_a_stream_changes_it_without_a_gap(board: Board, tmp_path: Path) -> None:
+    seen = board.record(tmp_path, 0.5, *(at(0.1 + 0.0137 * n, Start(500 + 100 * n, 1 + n % 3)) for n in range(12)))
+    assert seen.lost == 0
+    assert {reading.oversampling for reading in seen.readings} == {1, 2, 3}
+
+
+@pytest.mark.parametrize(("rate_hz", "seconds"), [(1, 3), (7, 3), (30, 3), (300, 2), (999, 2), (3001, 1)])
+def test_any_rate_is_kept_in_the_long_run(board: Board, tmp_path: Path, rate_hz: int, seconds: int) -> None:
+    seen = board.record(tmp_path, seconds + 0.1, at(0.05, Start(rate_hz, 1)))
+    assert seen.lost == 0
+    assert sum(seen.steps_us) / len(seen.steps_us) == pytest.approx(1e6 / rate_hz, rel=1e-4)
+
+
+REFUSED = [Start(0, 1), Start(100, 0), Start(4091, 1), Start(65535, 1), Start(100, 65), Start(100, 255), Start(122, 64)]
+
+
+def test_it_refuses_to_start_what_it_cannot_keep(board: Board, tmp_path: Path) -> None:
+    refused = [at(0.1 + 0.05 * n, start) for n, start in enumerate(REFUSED)]
+    seen = board.record(tmp_path, 0.8, *refused, at(0.6, Start(121, 64)))
+    assert seen.readings
+    assert {reading.oversampling for reading in seen.readings} == {64}
+    assert seen.readings[0].device_us > 590_000
+
+
+def test_a_stream_goes_on_through_what_is_refused(board: Board, tmp_path: Path) -> None:
+    refused = [at(0.2 + 0.05 * n, start) for n, start in enumerate(REFUSED)]
+    seen = board.record(tmp_path, 0.8, at(0.1, Start(200, 2)), *refused)
+    assert seen.lost == 0
+    assert all(abs(step - 5000) <= 30 for step in seen.steps_us)
+
+
+def test_every_ping_gets_its_pong_with_the_clock(board: Board, tmp_path: Path) -> None:
+    tokens = [0, 1, 513, 65535]
+    pings = [at(0.1 + 0.1 * n, Ping(token)) for n, token in enumerate(tokens)]
+    seen = board.record(tmp_path, 0.6, *pings, at(0.55, encode(Ping(1)) + encode(HelloRequest()) + encode(Ping(2))))
+    assert [pong.token for pong in seen.pongs] == [*tokens, 1, 2]
+    for n, pong in enumerate(seen.pongs[: len(tokens)]):
+        assert pong.device_us - seen.pongs[0].device_us == pytest.approx(100_000 * n, abs=2000)
+    assert [type(message) for message in seen.messages[-3:]] == [Pong, Hello, Pong]
+
+
+@pytest.mark.parametrize("channels", CHANNELS)
+def test_it_loses_nothing_at_its_highest_rate_while_it_answers(
+    board_for: Boards, tmp_path: Path, channels: int
+) -> None:
+    rate_hz = 90_000 // (14 + 2 * channels)
+    burst = encode(Ping(1)) + encode(HelloRequest()) + encode(Ping(2))
+    bursts = [at(0.2 + 0.05 * n, burst) for n in range(20)]
+    script = [at(0, VOLTAGES), at(0.1, Start(rate_hz, 1)), *bursts, at(2.1, Stop())]
+    seen = board_for(channels).record(tmp_path, 2.2, *script)
+    assert (seen.lost, seen.rejected) == (0, 0)
+    assert len(seen.readings) == pytest.approx(2 * rate_hz, abs=0.002 * rate_hz + 2)  # told to the millisecond
+    assert sum(seen.steps_us) / len(seen.steps_us) == pytest.approx(1e6 / rate_hz, rel=1e-4)
+    assert (len(seen.pongs), len(seen.hellos)) == (40, 21)
+    for reading in seen.readings:
+        assert_counts(reading, VOLTAGES[:channels])
+
+
+@pytest.mark.parametrize(
+    ("channels", "rate_hz", "oversampling"), [(1, 5625, 4), (4, 3378, 2), (4, 478, 16), (8, 60, 64)]
+)
+def test_it_keeps_every_oversampling_that_it_takes(
+    board_for: Boards, tmp_path: Path, channels: int, rate_hz: int, oversampling: int
+) -> None:
+    seen = board_for(channels).record(tmp_path, 1.1, at(0.1, Start(rate_hz, oversampling)))
+    assert seen.lost == 0
+    assert len(seen.readings) == pytest.approx(rate_hz, abs=0.002 * rate_hz + 2)
+
+
+def test_clock_and_sequence_wrap(board_for: Boards, tmp_path: Path) -> None:
+    begin_us = 2**32 - 1_000_000
+    board = board_for(1, f"-DCLOCK_BEGINS_US={begin_us}UL")
+    seen = board.record(tmp_path, 12.0, at(0.1, Start(5625, 1)))
+    assert len(seen.readings) > 2**16
+    assert seen.lost == 0
+    assert seen.readings[0].device_us > begin_us
+    assert all(abs(step - 1e6 / 5625) <= 30 for step in seen.steps_us)
+
+
+def test_a_reset_shows_in_a_hello_with_another_boot_id(board: Board, tmp_path: Path) -> None:
+    seen = board.record(tmp_path, 0.5, at(0.1, Start(200, 1)), at(0.3, "reset"), at(0.4, Start(200, 1)))
+    assert len({hello.boot_id for hello in seen.hellos}) == 2
+    numbers = [reading.sequence for reading in seen.readings]
+    assert numbers.count(0) == 2
+
+
+def test_the_boot_id_differs_from_boot_to_boot_without_power(board: Board, tmp_path: Path) -> None:
+    memory = ("--eeprom", tmp_path / "eeprom.bin")
+    ids = [board.record(tmp_path, 0.1, options=memory).hellos[0].boot_id for _ in range(5)]
+    assert len(set(ids)) == 5
+
+
+def test_garbage_on_the_line_does_no_harm(board: Board, tmp_path: Path) -> None:
+    generator = random.Random(6)  # noqa: S311 - noise, not secrets
+    for_hosts: list[Message] = [Hello(1, 2, 3, 4, 5, 6), Pong(1, 2), Reading(1, 2, 3, (4,) * 32)]
+    noise = generator.randbytes(3000) + b"".join(map(encode, for_hosts)) + encode(Stop())[:-2]
+    garbage = tmp_path / "garbage.bin"
+    garbage.write_bytes(noise)
+    script = [at(0.1, Start(1000, 1)), at(0.2, noise), at(0.3, b"\0" + encode(Ping(7)))]
+    seen = board.record(tmp_path, 0.4, *script, options=("--input", garbage))
+    assert [pong.token for pong in seen.pongs] == [7]
+    assert (len(seen.hellos), seen.lost, seen.rejected) == (1, 0, 0)
+
+
+def test_a_flood_of_garbage_neither_stops_readings_nor_ends_in_a_reset(board: Board, tmp_path: Path) -> None:
+    for byte in (b"\0", b"\x55", b"\x01\0"):
+        flood = byte * (60_000 // len(byte))  # 0.6 s of the line
+        seen = board.record(tmp_path, 0.9, at(0.1, Start(500, 1)), at(0.11, flood), at(0.8, b"\0" + encode(Ping(7))))
+        assert [pong.token for pong in seen.pongs] == [7]
+        assert (len(seen.hellos), seen.lost, seen.rejected) == (1, 0, 0)
+        assert len(seen.readings) == pytest.approx(400, abs=3)
+
+
+def test_it_blinks_when_asked_as_long_as_asked(board: Board, tmp_path: Path) -> None:
+    def changes(seconds: float, *script: str) -> int:
+        return board.record(tmp_path, seconds, *script).report["light_changes"]
+
+    assert changes(0.5) == 0
+    assert 6 <= changes(3.0, at(0.1, Identify(1))) <= 9
+    assert changes(3.0, at(0.1, Identify(2)), at(0.6, Identify(0))) <= 5

@@ -1,0 +1,47 @@
+"""The whole line with the real firmware in it: rig, simulated chip, daemon, service."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import pytest
+
+from beamtouch_models.build import build
+from beamtouch_models.daemon_config import daemon_config
+from beamtouch_models.scene import load_scene
+from example_scenes import SCENES
+from line import Line, Surface
+from simulated_board import Board
+
+TIMEOUT_S = 60.0
+SCRIPT = "repeat = false\n[[step]]\nseconds = 1e6\nposition_mm = 120\nforce_n = 10\n"
+
+
+def ten_bits(folder: Path) -> tuple[Path, Path, Path]:
+    """The bench with the ADC of the chip: scene, model and daemon config."""
+    scene_path, model_path, config_path = (folder / name for name in ("scene.toml", "model.onnx", "generated.toml"))
+    scene_path.write_text((SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10"))
+    scene, text = load_scene(scene_path)
+    built = build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None)
+    model_path.write_bytes(built.content)
+    config_path.write_text(daemon_config(built.metadata))
+    return scene_path, model_path, config_path
+
+
+def test_a_touch_is_found_through_the_firmware(board: Board, tmp_path: Path) -> None:
+    scene, model, config = ten_bits(tmp_path)
+    (tmp_path / "script.toml").write_text(SCRIPT)
+    surface = Surface("bench", "serial", tmp_path / "script.toml", ("--firmware", *board.command))
+    with Line(tmp_path, scene, model, config, [surface]) as line:
+        contact: dict[str, Any] = {}
+        end = time.monotonic() + TIMEOUT_S
+        while contact.get("state") != "contact" and time.monotonic() < end:
+            time.sleep(0.1)
+            answer = httpx2.get(f"{line.url}/contact")
+            contact = answer.json() if answer.is_success else {}
+        assert contact["position_mm"] == pytest.approx(120, abs=15)
+        assert contact["force_n"] == pytest.approx(10, rel=0.3)
+        assert line.dead() == []
+        assert line.end("rig-bench") == 0
+    assert not (tmp_path / "bench.line").is_symlink()
