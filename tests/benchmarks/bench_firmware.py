@@ -1,4 +1,4 @@
-"""The reference firmware on the simulated board, in simulated time: scans per second, against what ADC and line allow."""
+"""The reference firmware on the simulated board, in simulated time: scans per second, and what ADC and line allow."""
 
 import sys
 import tempfile
