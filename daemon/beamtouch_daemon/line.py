@@ -15,13 +15,13 @@ from beamtouch_daemon.faults import BACKOFF_MAX_S
 from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.publisher import Disk, Publisher, Sender
 from beamtouch_daemon.sources import Buses
+from beamtouch_daemon.tasks import cancel
 
 DRAIN_S = 2.0
 """How long a stop may take to publish what was taken."""
 PATIENCE_S = 15.0
 PATIENCE_PERIODS = 20.0
 """Without progress for so long, the longer of a time and a number of reading periods, a line hangs."""
-_CANCEL_AGAIN_S = 0.1
 
 _log = logging.getLogger(__name__)
 
@@ -99,14 +99,6 @@ class Line:
             self.outbox.dropped + len(self.outbox) + (self._disk.spool.dropped[self.name] if self._disk else 0),
             self.publisher.spooled,
         )
-
-
-async def cancel(tasks: set[asyncio.Task[None]]) -> None:
-    """Cancel tasks until they are done: before Python 3.12, `wait_for` swallows a cancellation at the wrong moment."""
-    while tasks:
-        for task in tasks:
-            task.cancel()
-        _, tasks = await asyncio.wait(tasks, timeout=_CANCEL_AGAIN_S)
 
 
 async def _keep_going(name: str, work: Callable[[], Awaitable[None]]) -> None:

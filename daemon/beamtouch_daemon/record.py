@@ -16,6 +16,7 @@ from beamtouch_daemon.config import ConfigError, Surface
 from beamtouch_daemon.pipeline import Pipeline, Taken, counts_of
 from beamtouch_daemon.sources import source_of
 from beamtouch_daemon.sources.reading import Reading, Source
+from beamtouch_daemon.tasks import cancel
 
 SETTLED_S = 0.5
 """So long no channel may have moved before a load is recorded."""
@@ -200,6 +201,4 @@ async def record_loads(
             following.result()
         await recording
     finally:
-        for task in (recording, following):
-            task.cancel()
-        await asyncio.gather(recording, following, return_exceptions=True)
+        await cancel((recording, following))

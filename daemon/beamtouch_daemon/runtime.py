@@ -14,11 +14,12 @@ from pymodbus.exceptions import ModbusException
 
 from beamtouch_daemon import config_file, metrics
 from beamtouch_daemon.config import Config, ConfigError
-from beamtouch_daemon.line import Summary, cancel
+from beamtouch_daemon.line import Summary
 from beamtouch_daemon.notify import ServiceManager
 from beamtouch_daemon.publisher import Disk
 from beamtouch_daemon.spool import Spool, SpoolError
 from beamtouch_daemon.supervisor import Supervisor
+from beamtouch_daemon.tasks import cancel
 
 WATCH_S = 1.0
 """Progress is looked at this often at least."""

@@ -3,7 +3,7 @@
 import asyncio
 import dataclasses
 import struct
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, closing, suppress
 from functools import partial
 from time import monotonic
@@ -51,13 +51,30 @@ class StampingUnit:
         """Return how much older a value is than its reading says."""
         return taken_s - self.start_s - counts / 1e3
 
+    def value(self) -> int:
+        """Return what the registers hold now."""
+        return round((monotonic() - self.start_s) * 1e3)
+
     def answer(self, request: bytes, wrap: Callable[[bytes], bytes]) -> Pieces:
         """Take unit, function, address and count; return what the device sends, `wrap` making a frame of an answer."""
         unit, function, _, count = struct.unpack(">BBHH", request)
-        value = round((monotonic() - self.start_s) * 1e3)
+        value = self.value()
         answer = struct.pack(f">BBB{count}H", unit, function, 2 * count, *[value] * count)
         self.requests += 1
         return self._fault(self.requests, wrap(answer))
+
+
+class NumberingUnit(StampingUnit):
+    """A Modbus unit whose registers hold the number of the request, from 0: one that was taken for another is seen."""
+
+    def value(self) -> int:
+        """Return how many requests came before."""
+        return self.requests
+
+    @property
+    def newest(self) -> int:
+        """The value in the answer to the newest request."""
+        return self.requests - 1
 
 
 def with_crc(frame: bytes) -> bytes:
@@ -70,7 +87,7 @@ def with_header(request_header: bytes, answer: bytes) -> bytes:
 
 @asynccontextmanager
 async def rtu_units(
-    line: Terminal, units: dict[int, StampingUnit], unanswered: list[int] | None = None
+    line: Terminal, units: Mapping[int, StampingUnit], unanswered: list[int] | None = None
 ) -> AsyncIterator[None]:
     """Units by address on a serial line, each answering one request after the other, as real devices do.
 

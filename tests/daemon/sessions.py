@@ -2,6 +2,7 @@
 
 import asyncio
 import tomllib
+from collections.abc import Callable
 from contextlib import aclosing
 
 from beamtouch_daemon.config import Surface
@@ -49,15 +50,19 @@ async def take(source: Source, number: int) -> list[Reading]:
     return readings
 
 
-async def take_across_sessions(source: Source, number: int) -> tuple[list[Reading], list[str]]:
-    """Return readings and the errors in between, opening anew after each."""
+async def take_across_sessions(
+    source: Source, number: int, check: Callable[[Reading], None] = lambda _reading: None
+) -> tuple[list[Reading], list[str]]:
+    """Return readings and the errors in between, opening anew after each; `check` sees each reading as it comes."""
     readings: list[Reading] = []
     errors: list[str] = []
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(60):
         while len(readings) < number:
             try:
                 async with aclosing(source.readings()) as stream:
                     async for arrived in stream:
+                        for reading in arrived:
+                            check(reading)
                         readings += arrived
                         if len(readings) >= number:
                             break

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from beamtouch_daemon.line import cancel
 from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.tasks import cancel
 from beamtouch_service.samples import Batch, Quality
 
 from . import configs

@@ -17,6 +17,7 @@ from beamtouch_daemon.faults import Fault
 from beamtouch_daemon.sources.reading import NoAnswerError, Reading, Schedule, SourceError
 from beamtouch_daemon.sources.registers import Block, Value
 from beamtouch_daemon.sources.rtu_frame import Answer
+from beamtouch_daemon.tasks import cancel
 
 GIVEN_UP_AFTER = 3
 """So many slots in a row a unit may fail; one that is lost now and then stays in."""
@@ -194,7 +195,4 @@ class PolledSource:
             part.failed(str(error))
 
     async def _end_attempts(self) -> None:
-        attempts = [part.attempt for part in self._parts if part.attempt is not None]
-        for attempt in attempts:
-            attempt.cancel()
-        await asyncio.gather(*attempts, return_exceptions=True)
+        await cancel(part.attempt for part in self._parts if part.attempt is not None)
