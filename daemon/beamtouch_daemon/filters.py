@@ -24,6 +24,12 @@ Step = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 SPIKE_MEMORY = 2
 LOW_PASS_MEMORY = 1
+ENOUGH = 0.75
+"""Part of the window that good readings must fill before a channel has a value.
+
+Its noise is then 1.15 times what it is when still, at most. With more, as that of a single reading at the start, a beam
+at rest could look like a touch.
+"""
 
 
 def fresh(rows: int, channels: int) -> FloatArray:
@@ -31,11 +37,14 @@ def fresh(rows: int, channels: int) -> FloatArray:
     return np.full((rows, channels), np.nan)
 
 
-def moving_average(values: FloatArray, state: FloatArray, window: int) -> tuple[FloatArray, FloatArray]:
+def moving_average(
+    values: FloatArray, state: FloatArray, window: int, needed: int = 1
+) -> tuple[FloatArray, FloatArray]:
     """Average the last `window` readings; `state` holds the last `window` - 1.
 
     White noise comes out at 1/sqrt(window) of its standard deviation, a step is through after `window` readings. At the
-    start, and after a bad reading, the average is over the good readings that the window holds.
+    start, and after a bad reading, the average is over the good readings that the window holds; NaN where those are
+    fewer than `needed`.
     """
     rows = np.concatenate([state, values])
     count = len(values)
@@ -47,7 +56,7 @@ def moving_average(values: FloatArray, state: FloatArray, window: int) -> tuple[
         total += np.where(is_good, part, 0.0)
         good += is_good
     averaged = np.full_like(values, np.nan)
-    np.divide(total, good, out=averaged, where=~np.isnan(values))
+    np.divide(total, good, out=averaged, where=~np.isnan(values) & (good >= needed))
     return averaged, rows[len(rows) - (window - 1) :]
 
 
@@ -143,7 +152,8 @@ def stages(settings: Filter, rate_hz: float) -> tuple[Stage, ...]:
         chosen.append(Stage(SPIKE_MEMORY, lambda values, state: spike(values, state, limit_mm)))
     if isinstance(settings, MovingAverage):
         window = settings.window
-        chosen.append(Stage(window - 1, lambda values, state: moving_average(values, state, window)))
+        needed = math.ceil(ENOUGH * window)
+        chosen.append(Stage(window - 1, lambda values, state: moving_average(values, state, window, needed)))
     elif isinstance(settings, LowPass):
         factor = smoothing(settings.cutoff_hz, rate_hz)
         chosen.append(Stage(LOW_PASS_MEMORY, lambda values, state: low_pass(values, state, factor)))

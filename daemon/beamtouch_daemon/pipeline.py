@@ -20,16 +20,21 @@ GAP_PERIODS = 3.0
 """Readings further apart than this many periods have a gap between them, and the filter starts anew."""
 
 _GOOD = QUALITIES.index(Quality.GOOD)
+_MISSING = QUALITIES.index(Quality.MISSING)
 _STUCK = QUALITIES.index(Quality.STUCK)
 
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """A sample, and when its reading was taken."""
+    """A sample, and the newest reading in it."""
 
-    monotonic_s: float
-    """On the monotonic clock of this host; the age is computed from it when the sample is sent."""
+    reading: Reading
     sample: Sample
+
+    @property
+    def monotonic_s(self) -> float:
+        """When it was taken, on the monotonic clock of this host; the age is computed from it at sending [s]."""
+        return self.reading.monotonic_s
 
 
 def counts_of(readings: Sequence[Reading]) -> FloatArray:
@@ -46,7 +51,8 @@ class Pipeline:
 
     A channel that is not good passes with its own unfiltered deflection, for the record, and never enters the filter.
     After a gap in the readings the filter starts anew, so that an old value is never passed for a new one; what is
-    known of stuck channels and of the zeros stays.
+    known of stuck channels and of the zeros stays. Until the filter has enough readings of a channel, it is missing;
+    until it has of any, there are no samples: the last one before a short gap stands until there is a better one.
     """
 
     def __init__(self, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None) -> None:
@@ -72,7 +78,7 @@ class Pipeline:
         self._last_s = None
 
     def process(self, readings: Sequence[Reading], unix_minus_monotonic_s: float) -> list[Taken]:
-        """Return one sample per reading.
+        """Return one sample per reading, but none as long as the filter has too few readings of every channel.
 
         Parameters
         ----------
@@ -88,9 +94,13 @@ class Pipeline:
         values = np.empty_like(raw)
         for part in self._without_gaps(times):
             values[part] = self._values(raw[part], codes[part] == _GOOD)
+        unsettled = (codes == _GOOD) & np.isnan(values)  # the filter has too few readings yet
+        codes[unsettled] = _MISSING
+        waits = unsettled.any(axis=1) & ~(codes == _GOOD).any(axis=1)
         return [
-            Taken(reading.monotonic_s, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code))
-            for reading, value, code in zip(readings, values, codes, strict=True)
+            Taken(reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code))
+            for reading, value, code, wait in zip(readings, values, codes, waits, strict=True)
+            if not wait
         ]
 
     def _quality(self, counts: FloatArray) -> NDArray[np.int8]:

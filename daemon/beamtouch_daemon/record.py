@@ -49,7 +49,7 @@ class Recorder:
         self._pipeline = Pipeline(surface, rest_gap_mm)
         needed = max(MIN_READINGS, round(SETTLED_S * surface.rate_hz))
         self._recent: deque[Reading] = deque(maxlen=needed)
-        self._arrived: list[tuple[Reading, Taken]] = []
+        self._arrived: list[Taken] = []
         self._changed = asyncio.Event()
         self._keeps = False
 
@@ -60,10 +60,10 @@ class Recorder:
                 taken = self._pipeline.process(readings, time.time() - time.monotonic())
                 self._recent.extend(readings)
                 if self._keeps:
-                    self._arrived += zip(readings, taken, strict=True)
+                    self._arrived += taken
                 self._changed.set()
 
-    async def record(self, seconds: float, keep: Callable[[Reading, Taken], None]) -> int:
+    async def record(self, seconds: float, keep: Callable[[Taken], None]) -> int:
         """Wait until the surface has settled, then pass on what arrives for so long; returns how many samples.
 
         Raises
@@ -78,8 +78,8 @@ class Recorder:
         try:
             while (left_s := deadline_s - time.monotonic()) > 0:
                 await self._wait(left_s)
-                for reading, taken in self._arrived:
-                    keep(reading, taken)
+                for taken in self._arrived:
+                    keep(taken)
                     number += 1
                 self._arrived = []
         finally:
@@ -129,11 +129,11 @@ class Table:
         self._writer.writerow(self.header())
         self._file.flush()
 
-    def write(self, load: Load, reading: Reading, taken: Taken) -> None:
+    def write(self, load: Load, taken: Taken) -> None:
         """Add a sample of a load that is not counted yet."""
         sample = taken.sample
         cells: list[object] = [f"{sample.acquired_unix_us / 1e6:.6f}", self.loads + 1, load.position_mm, load.force_n]
-        for count, value, quality in zip(reading.counts, sample.deflection_mm, sample.quality, strict=True):
+        for count, value, quality in zip(taken.reading.counts, sample.deflection_mm, sample.quality, strict=True):
             cells += ["" if count is None else f"{count:.10g}", "" if value is None else f"{value:.7g}", quality.value]
         self._writer.writerow(cells)
         self._file.flush()
@@ -187,7 +187,7 @@ async def record_loads(
     async def loads() -> None:
         while (load := await next_load(to.loads + 1)) is not None:
             try:
-                samples = await recorder.record(seconds, lambda reading, taken: to.write(load, reading, taken))
+                samples = await recorder.record(seconds, lambda taken: to.write(load, taken))
             except NotSettledError as error:
                 say(f"{load.force_n:g} N at {load.position_mm:g} mm left out: {error}")
                 continue

@@ -29,7 +29,7 @@ class Quality(StrEnum):
     STUCK = "stuck"
     """The counts have not changed for longer than noise allows."""
     MISSING = "missing"
-    """No reading of this channel."""
+    """No reading of this channel, or too few yet for the filter."""
 
 
 class Sample(BaseModel):

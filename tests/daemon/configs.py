@@ -47,7 +47,7 @@ rate_hz = {rate_hz}
 {source}
 [surfaces.{name}.filter]
 kind = "moving-average"
-window = 4
+window = 1
 {channels}"""
 
 

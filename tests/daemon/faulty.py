@@ -54,7 +54,7 @@ def plain(source: str) -> str:
     text = configs.surface(source=source, rate_hz=RATE_HZ)
     text = text.replace("-0.0001", "1.0").replace("= 4.5", "= 0.0").replace("= 2.5", "= 0.0")
     text = text.replace("[1.0, 4.0]", "[0.0, 65535.0]")
-    head, _, tail = text.partition('kind = "moving-average"\nwindow = 4')
+    head, _, tail = text.partition('kind = "moving-average"\nwindow = 1')
     return f'{head}kind = "none"{tail}'
 
 

@@ -94,7 +94,7 @@ def choose(folder: Path, table: str, kind: str) -> Path:
 
 def test_without_a_filter_table_every_reading_is_a_sample(tmp_path: Path) -> None:
     path = configs.write(tmp_path, configs.surface())
-    path.write_text(path.read_text().replace('[surfaces.bench.filter]\nkind = "moving-average"\nwindow = 4\n', ""))
+    path.write_text(path.read_text().replace('[surfaces.bench.filter]\nkind = "moving-average"\nwindow = 1\n', ""))
     assert load(path).surfaces["bench"].filter == NoFilter()
 
 
@@ -112,7 +112,7 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("window = 4", "windw = 4", "unknown key surfaces.bench.filter.windw; remove it or correct its spelling"),
+        ("window = 1", "windw = 1", "unknown key surfaces.bench.filter.windw; remove it or correct its spelling"),
         ("port = 502", "prt = 502", "unknown key surfaces.bench.source.prt; remove it or correct its spelling"),
         ("[publish]", "x = 1\n[publish]", "unknown key x; remove it or correct its spelling"),
         ("rest_gap_mm = 2.5\n", "", "surfaces.bench.channels[0].rest_gap_mm is missing; add it"),
@@ -144,7 +144,7 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ("http://127.0.0.1:8420", "http://127.0.0.1:84200", "publish.url: Port out of range"),
         ('"modbus-tcp"', '"modbus"', "surfaces.bench.source: Input tag 'modbus' found using 'kind'"),
         ('kind = "moving-average"\n', "", "surfaces.bench.filter: Unable to extract tag using discriminator 'kind'"),
-        ('"moving-average"\nwindow = 4', '"low-pass"\ncutoff_hz = 100', "filter.cutoff_hz must lie below half of"),
+        ('"moving-average"\nwindow = 1', '"low-pass"\ncutoff_hz = 100', "filter.cutoff_hz must lie below half of"),
         (
             "[surfaces.bench.filter]",
             "[surfaces.bench.zero_tracking]\nband_mm = 1\nrate_mm_per_min = 1\nmost_mm = 0\n[surfaces.bench.filter]",

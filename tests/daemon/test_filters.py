@@ -206,4 +206,13 @@ def test_any_split_of_the_stream_gives_the_same_to_the_bit(
     chain = Chain(stages(kind, RATE_HZ), 2)
     pieces = [chain.apply(piece) for piece in np.split(values, cuts)]
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
-    np.testing.assert_array_equal(np.isnan(whole), np.isnan(values))
+    assert np.isnan(whole)[np.isnan(values)].all()
+
+
+def test_an_average_begins_when_three_quarters_of_its_window_are_there() -> None:
+    chain = Chain(stages(MovingAverage(kind="moving-average", window=8), RATE_HZ), 1)
+    values = np.arange(10.0)[:, np.newaxis]
+    values[7] = np.nan
+    filtered = chain.apply(values)[:, 0]
+    np.testing.assert_array_equal(filtered[:6], [np.nan] * 5 + [2.5])
+    np.testing.assert_array_equal(filtered[6:], [3.0, np.nan, (36 - 7) / 7, (45 - 8) / 7])

@@ -10,6 +10,7 @@ import pytest
 from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Taken
 from beamtouch_daemon.publisher import Publisher, Sender, make_client
+from beamtouch_daemon.sources.reading import Reading
 from beamtouch_service.samples import Quality, Sample
 
 from .service import TOKEN, Service, serving
@@ -22,7 +23,7 @@ def taken(first: int, number: int, age_s: float = 0.0) -> list[Taken]:
     good = [Quality.GOOD, Quality.MISSING]
     return [
         Taken(
-            monotonic() - age_s,
+            Reading(monotonic() - age_s, (None, None)),
             Sample(sequence=sequence, acquired_unix_us=sequence, deflection_mm=[0.1, None], quality=good),
         )
         for sequence in range(first, first + number)

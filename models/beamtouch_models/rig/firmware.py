@@ -44,9 +44,9 @@ class FirmwareDevice:
         command = (str(firmware.board), str(firmware.elf), "--link", str(line))
         process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE)
         if process.stdout is None or not await process.stdout.readline():
-            with suppress(ProcessLookupError):
-                process.kill()
-            await process.wait()
+            if process.stdin is not None:
+                process.stdin.close()
+            await process.wait()  # it has closed its output, so it is about to end
             message = f"{firmware.board} did not start"
             raise SceneError(message)
         return cls(process)
