@@ -34,6 +34,8 @@ class ServerSection(BaseModel):
     """0 picks a free one."""
     token_file: _Text | None = None
     """Without one every write is refused."""
+    max_streams: Annotated[int, Field(ge=0, le=1000)] = 32
+    """Most streams open at once."""
 
 
 class SurfaceSection(BaseModel):
@@ -86,6 +88,7 @@ class Settings:
     port: int
     token: str | None = field(repr=False)
     surfaces: tuple[SurfaceSettings, ...]
+    max_streams: int = 32
 
 
 def load_settings(config: Path | None, options: Mapping[str, object]) -> Settings:
@@ -111,6 +114,7 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         port=server.port if overrides.port is None else overrides.port,
         token=load_token(token_file) if token_file else None,
         surfaces=_merge_surfaces(file, folder, overrides),
+        max_streams=server.max_streams,
     )
 
 

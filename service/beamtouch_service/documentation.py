@@ -1,5 +1,6 @@
 """What the OpenAPI description says beyond the signatures of the routes: examples, problems, the batch."""
 
+import json
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
@@ -36,6 +37,18 @@ _CONTACT = {
 _FIGURES = [name for name in _CONTACT if name.startswith(("position_", "force_"))]
 _CLEAR = _CONTACT | dict.fromkeys(_FIGURES) | {"state": "clear"}
 _DEGRADED = _CONTACT | {"quality": "degraded", "degraded_channels": ["s3"]}
+
+_STATE = {
+    "surface": "press-7",
+    "contact": _CLEAR,
+    "problem": None,
+    "age_ms": 12.3,
+    "channels": [{"name": "s1", "position_mm": 100.0, "deflection_mm": 0.0, "quality": "good"}],
+    "length_mm": 400.0,
+    "sequence": 4711,
+}
+STATE_EVENT = f"event: state\ndata: {json.dumps(_STATE)}\n\n"
+"""One event of the stream."""
 
 _BATCH = {
     "boot_id": "6f1d2c84-0b7e-4a53",

@@ -56,7 +56,7 @@ class Witness(Protocol):
 
 
 @dataclass(frozen=True)
-class _Present:
+class Newest:
     """The newest sample and what follows from it."""
 
     boot_id: str
@@ -70,6 +70,7 @@ class _Present:
     """Identity of the model that answered."""
 
     def age_ms(self, now_s: float) -> float:
+        """Return the age at `now_s` [s, monotonic], rounded."""
         return round((now_s - self.acquired_s) * 1e3, 1)
 
 
@@ -83,7 +84,7 @@ class Surface:
         self.witness: Witness | None = None
         self._sequences = SequenceLog()
         self._counts = SampleCounts()
-        self._present: _Present | None = None
+        self._present: Newest | None = None
         self._former_senders: deque[str] = deque(maxlen=MAX_SENDERS)
         self._levels: tuple[ModelFile, Levels] | None = None
         self._follower: tuple[str, Follower] | None = None
@@ -130,6 +131,11 @@ class Surface:
             model=present.model,
         )
 
+    @property
+    def newest(self) -> Newest | None:
+        """The newest sample; None before the first."""
+        return self._present
+
     def unready(self, now_s: float) -> Problem | None:
         """Say why this surface has no contact to give at `now_s` [s, monotonic]; None if it has."""
         try:
@@ -155,7 +161,7 @@ class Surface:
             detail = f"The batch lacks {', '.join(missing)}; send every channel of the model, a broken one as missing."
             raise ProblemError(Problem(Kind.MISSING_CHANNELS, detail, self.name, {"missing_channels": missing}))
 
-    def _require_decision(self, now_s: float) -> tuple[_Present, Seen, Decision]:
+    def _require_decision(self, now_s: float) -> tuple[Newest, Seen, Decision]:
         present = self._require_fresh(now_s)
         # A model that was given after the newest sample has not seen it.
         if present.seen is None:
@@ -165,7 +171,7 @@ class Surface:
             raise ProblemError(present.seen.outcome)
         return present, present.seen, present.seen.outcome
 
-    def _require_fresh(self, now_s: float) -> _Present:
+    def _require_fresh(self, now_s: float) -> Newest:
         if self.model is None:
             raise ProblemError(self._no_model())
         if self._present is None:
@@ -196,7 +202,7 @@ class Surface:
         late = samples[: len(samples) - len(fresh)]
         if self.model is None:
             if fresh:
-                self._present = _Present(batch.boot_id, batch.channels, fresh[-1], acquired_s)
+                self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s)
             return
         if late and self.witness:
             estimates = estimate(self.model, self.name, batch.channels, late)
@@ -217,7 +223,7 @@ class Surface:
             self._former_senders.append(self._present.boot_id)
         follower = self._following(model, batch.boot_id)
         seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch.channels, fresh)]
-        self._present = _Present(batch.boot_id, batch.channels, fresh[-1], acquired_s, seen[-1], model.identity)
+        self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, seen[-1], model.identity)
         if self.witness:
             self.witness.present(self, model, batch.boot_id, seen)
 
