@@ -12,10 +12,11 @@ from fastapi import APIRouter, Depends, FastAPI, Query, Request, Response
 from fastapi import Path as PathParameter
 from pydantic import BaseModel
 
-from beamtouch_service import documentation, handlers, stream_routes, version
+from beamtouch_service import documentation, event_routes, handlers, stream_routes, version
 from beamtouch_service.contact import Contact
 from beamtouch_service.intake import check_token, parse_batch, read_body
 from beamtouch_service.problems import Kind
+from beamtouch_service.recorder import Recorder
 from beamtouch_service.registry import Registry
 from beamtouch_service.samples import Receipt
 from beamtouch_service.streams import Streams
@@ -162,6 +163,7 @@ def create_app(
     token: str | None = None,
     clock: Clock = boot_clock,
     streams: Streams | None = None,
+    recorder: Recorder | None = None,
 ) -> FastAPI:
     """Return the application for these surfaces.
 
@@ -171,6 +173,7 @@ def create_app(
     token : that writes must bear; without one every write is refused
     clock : the present [s], never going back
     streams : how many there may be, and when they end
+    recorder : keeps the events; without one they are kept in memory
     """
     # No documentation pages: the framework's load their scripts from another host.
     app = _Application(
@@ -182,8 +185,12 @@ def create_app(
         redirect_slashes=False,
     )
     registry = Registry(surfaces)
+    recorder = recorder or Recorder()
+    for surface in registry:
+        surface.witness = recorder
     app.state.context = _Context(registry, token, clock)
     handlers.install(app)
     app.include_router(router)
     app.include_router(stream_routes.make_router(registry, clock, streams or Streams()))
+    app.include_router(event_routes.make_router(registry, recorder))
     return app

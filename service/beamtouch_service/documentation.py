@@ -64,6 +64,46 @@ _BATCH = {
     ],
 }
 
+_EVENT = {
+    "id": 42,
+    "surface": "press-7",
+    "touched_at": "2026-11-20T23:40:46.123Z",
+    "lifted_at": "2026-11-20T23:40:47.373Z",
+    "begin": "touch",
+    "end": "lift",
+    "dwell_ms": 1250.0,
+    "peak_force_n": 9.8,
+    "peak_position_mm": 123.4,
+    "mean_position_mm": 123.1,
+    "samples": 250,
+    "quality": "good",
+    "model": "paper@4f2c91",
+    "boot_id": "6f1d2c84-0b7e-4a53",
+    "path": [{"at": "2026-11-20T23:40:46.123Z", "position_mm": 123.4, "force_n": 9.8}],
+}
+EVENTS: dict[str, Any] = {
+    "description": "Events, the newest touch first.",
+    "content": {
+        "application/json": {
+            "examples": {
+                "one contact, and more behind it": {"value": {"events": [_EVENT], "next": "1795218046123000.42"}}
+            }
+        },
+        "text/csv": {
+            "schema": {"type": "string"},
+            "examples": {
+                "one contact": {
+                    "value": ",".join(name for name in _EVENT if name != "path")
+                    + "\r\n"
+                    + ",".join(str(value) for name, value in _EVENT.items() if name != "path")
+                    + "\r\n"
+                }
+            },
+        },
+    },
+}
+"""The answer of the route of the events."""
+
 BATCH_BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,

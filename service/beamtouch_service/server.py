@@ -16,6 +16,8 @@ from beamtouch_models import modelfile
 from beamtouch_service.app import create_app
 from beamtouch_service.config import ConfigError, Settings, SurfaceSettings
 from beamtouch_service.contact import LOG_ODDS
+from beamtouch_service.event_store import EventStoreError
+from beamtouch_service.recorder import Recorder
 from beamtouch_service.streams import Streams
 from beamtouch_service.surface import Surface
 
@@ -36,8 +38,20 @@ def run(settings: Settings) -> None:
     with bind(family, address, settings.port) as listener:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
         _log_limits(settings)
-        streams = Streams(settings.max_streams)
-        serve(create_app(surfaces, settings.token, streams=streams), listener, streams)
+        streams, recorder = Streams(settings.max_streams), _recorder(settings)
+        try:
+            serve(create_app(surfaces, settings.token, streams=streams, recorder=recorder), listener, streams)
+        finally:
+            recorder.close()
+
+
+def _recorder(settings: Settings) -> Recorder:
+    events = settings.events
+    try:
+        return Recorder(events.file, events.keep_days, events.most_mb)
+    except EventStoreError as error:
+        message = f"events file {error}; set events.file to one that the service can write"
+        raise ConfigError(message) from None
 
 
 def _surface(entry: SurfaceSettings) -> Surface:

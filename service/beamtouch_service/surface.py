@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.contact import Contact, ContactQuality, Decision, rfc3339
-from beamtouch_service.estimates import Estimated, estimate
+from beamtouch_service.estimates import estimate
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.sequences import MAX_SENDERS, SequenceLog
@@ -51,8 +51,8 @@ class Witness(Protocol):
     def present(self, surface: "Surface", model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
         """Note samples that moved the present, in order."""
 
-    def late(self, surface: "Surface", model: ModelFile, boot_id: str, estimates: list[Estimated]) -> None:
-        """Note samples that came after later ones, in order."""
+    def late(self, surface: "Surface", model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
+        """Note samples of a batch that came after later ones, in order."""
 
 
 @dataclass(frozen=True)
@@ -205,8 +205,7 @@ class Surface:
                 self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s)
             return
         if late and self.witness:
-            estimates = estimate(self.model, self.name, batch.channels, late)
-            self.witness.late(self, self.model, batch.boot_id, estimates)
+            self.witness.late(self, self.model, batch, late)
         if fresh:
             self._advance(self.model, batch, fresh, acquired_s)
 

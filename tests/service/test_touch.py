@@ -14,8 +14,7 @@ from beamtouch_service.touch import LIFT_FRACTION, levels
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from beamtouch_service.estimates import Estimated
-    from beamtouch_service.samples import Batch
+    from beamtouch_service.samples import Batch, Sample
     from beamtouch_service.touch import Seen
     from service.conftest import Bench, BuildModel, MakeBatch
 
@@ -34,8 +33,8 @@ class Recorded:
     def present(self, surface: Surface, model: object, boot_id: str, seen: list[Seen]) -> None:  # noqa: ARG002
         self.seen += seen
 
-    def late(self, surface: Surface, model: object, boot_id: str, estimates: list[Estimated]) -> None:  # noqa: ARG002
-        self.late_sequences += [estimated.sequence for estimated in estimates]
+    def late(self, surface: Surface, model: object, batch: Batch, samples: list[Sample]) -> None:  # noqa: ARG002
+        self.late_sequences += [sample.sequence for sample in samples]
 
     @property
     def states(self) -> str:
