@@ -95,11 +95,20 @@ def _summed(one: Piece, other: Piece) -> Piece:
     )
 
 
+def _beyond(piece: Piece, sequence: int) -> Piece:
+    """Return a piece with its sums reduced to the part after a sample, which they hold only in the mean."""
+    known = sequence - piece.first_sequence + 1
+    if known <= 0 or not piece.samples:
+        return piece
+    samples = round(piece.samples * max(0.0, 1 - known / (piece.last_sequence - piece.first_sequence + 1)))
+    return replace(piece, samples=samples, position_sum_mm=piece.position_sum_mm / piece.samples * samples)
+
+
 def joined(left: Piece, right: Piece) -> Piece:
-    """Return one piece of two that meet, `left` being the earlier."""
+    """Return one piece of two that meet or overlap, `left` being the one that began earlier."""
     later = left if left.last_sequence > right.last_sequence else right
     return replace(
-        _summed(left, right),
+        _summed(left, _beyond(right, left.last_sequence)),
         last_sequence=later.last_sequence,
         last_us=later.last_us,
         lifted_us=later.lifted_us,
