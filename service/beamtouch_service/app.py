@@ -12,12 +12,14 @@ from fastapi import APIRouter, Depends, FastAPI, Query, Request, Response
 from fastapi import Path as PathParameter
 from pydantic import BaseModel
 
-from beamtouch_service import documentation, handlers, version
+from beamtouch_service import documentation, event_routes, handlers, stream_routes, version
 from beamtouch_service.contact import Contact
 from beamtouch_service.intake import check_token, parse_batch, read_body
 from beamtouch_service.problems import Kind
+from beamtouch_service.recorder import Recorder
 from beamtouch_service.registry import Registry
 from beamtouch_service.samples import Receipt
+from beamtouch_service.streams import Streams
 from beamtouch_service.surface import Surface, SurfaceSummary
 
 Clock = Callable[[], float]
@@ -156,7 +158,13 @@ class _Application(FastAPI):
         return super().openapi()
 
 
-def create_app(surfaces: Iterable[Surface], token: str | None = None, clock: Clock = boot_clock) -> FastAPI:
+def create_app(
+    surfaces: Iterable[Surface],
+    token: str | None = None,
+    clock: Clock = boot_clock,
+    streams: Streams | None = None,
+    recorder: Recorder | None = None,
+) -> FastAPI:
     """Return the application for these surfaces.
 
     Parameters
@@ -164,6 +172,8 @@ def create_app(surfaces: Iterable[Surface], token: str | None = None, clock: Clo
     surfaces : in the order in which they are listed; names differ
     token : that writes must bear; without one every write is refused
     clock : the present [s], never going back
+    streams : how many there may be, and when they end
+    recorder : keeps the events; without one they are kept in memory
     """
     # No documentation pages: the framework's load their scripts from another host.
     app = _Application(
@@ -174,7 +184,13 @@ def create_app(surfaces: Iterable[Surface], token: str | None = None, clock: Clo
         redoc_url=None,
         redirect_slashes=False,
     )
-    app.state.context = _Context(Registry(surfaces), token, clock)
+    registry = Registry(surfaces)
+    recorder = recorder or Recorder()
+    for surface in registry:
+        surface.witness = recorder
+    app.state.context = _Context(registry, token, clock)
     handlers.install(app)
     app.include_router(router)
+    app.include_router(stream_routes.make_router(registry, clock, streams or Streams()))
+    app.include_router(event_routes.make_router(registry, recorder))
     return app

@@ -34,6 +34,19 @@ class ServerSection(BaseModel):
     """0 picks a free one."""
     token_file: _Text | None = None
     """Without one every write is refused."""
+    max_streams: Annotated[int, Field(ge=0, le=1000)] = 32
+    """Most streams open at once."""
+
+
+class EventsSection(BaseModel):
+    """`[events]`: where contacts are kept on record, and how many."""
+
+    model_config = _STRICT
+
+    file: _Text | None = None
+    """Without one they are kept in memory, until the service stops."""
+    keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = 30.0
+    most_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = 100.0
 
 
 class SurfaceSection(BaseModel):
@@ -53,6 +66,7 @@ class ConfigFile(BaseModel):
     model_config = _STRICT
 
     server: ServerSection = ServerSection()
+    events: EventsSection = EventsSection()
     surfaces: dict[SurfaceName, SurfaceSection] = Field(default_factory=dict)
 
 
@@ -79,6 +93,16 @@ class SurfaceSettings:
 
 
 @dataclass(frozen=True)
+class EventSettings:
+    """Where contacts are kept on record, and how many."""
+
+    file: Path | None = None
+    """None: in memory."""
+    keep_days: float = 30.0
+    most_mb: float = 100.0
+
+
+@dataclass(frozen=True)
 class Settings:
     """Everything the service is told, checked."""
 
@@ -86,6 +110,8 @@ class Settings:
     port: int
     token: str | None = field(repr=False)
     surfaces: tuple[SurfaceSettings, ...]
+    max_streams: int = 32
+    events: EventSettings = EventSettings()
 
 
 def load_settings(config: Path | None, options: Mapping[str, object]) -> Settings:
@@ -111,6 +137,8 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         port=server.port if overrides.port is None else overrides.port,
         token=load_token(token_file) if token_file else None,
         surfaces=_merge_surfaces(file, folder, overrides),
+        max_streams=server.max_streams,
+        events=EventSettings(_path(file.events.file, folder), file.events.keep_days, file.events.most_mb),
     )
 
 

@@ -1,5 +1,6 @@
 """What the OpenAPI description says beyond the signatures of the routes: examples, problems, the batch."""
 
+import json
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
@@ -37,6 +38,18 @@ _FIGURES = [name for name in _CONTACT if name.startswith(("position_", "force_")
 _CLEAR = _CONTACT | dict.fromkeys(_FIGURES) | {"state": "clear"}
 _DEGRADED = _CONTACT | {"quality": "degraded", "degraded_channels": ["s3"]}
 
+_STATE = {
+    "surface": "press-7",
+    "contact": _CLEAR,
+    "problem": None,
+    "age_ms": 12.3,
+    "channels": [{"name": "s1", "position_mm": 100.0, "deflection_mm": 0.0, "quality": "good"}],
+    "length_mm": 400.0,
+    "sequence": 4711,
+}
+STATE_EVENT = f"event: state\ndata: {json.dumps(_STATE)}\n\n"
+"""One event of the stream."""
+
 _BATCH = {
     "boot_id": "6f1d2c84-0b7e-4a53",
     "channels": ["s1", "s2", "s3"],
@@ -50,6 +63,46 @@ _BATCH = {
         }
     ],
 }
+
+_EVENT = {
+    "id": 42,
+    "surface": "press-7",
+    "touched_at": "2026-11-20T23:40:46.123Z",
+    "lifted_at": "2026-11-20T23:40:47.373Z",
+    "begin": "touch",
+    "end": "lift",
+    "dwell_ms": 1250.0,
+    "peak_force_n": 9.8,
+    "peak_position_mm": 123.4,
+    "mean_position_mm": 123.1,
+    "samples": 250,
+    "quality": "good",
+    "model": "paper@4f2c91",
+    "boot_id": "6f1d2c84-0b7e-4a53",
+    "path": [{"at": "2026-11-20T23:40:46.123Z", "position_mm": 123.4, "force_n": 9.8}],
+}
+EVENTS: dict[str, Any] = {
+    "description": "Events, the newest touch first.",
+    "content": {
+        "application/json": {
+            "examples": {
+                "one contact, and more behind it": {"value": {"events": [_EVENT], "next": "1795218046123000.42"}}
+            }
+        },
+        "text/csv": {
+            "schema": {"type": "string"},
+            "examples": {
+                "one contact": {
+                    "value": ",".join(name for name in _EVENT if name != "path")
+                    + "\r\n"
+                    + ",".join(str(value) for name, value in _EVENT.items() if name != "path")
+                    + "\r\n"
+                }
+            },
+        },
+    },
+}
+"""The answer of the route of the events."""
 
 BATCH_BODY: dict[str, Any] = {
     "requestBody": {

@@ -3,7 +3,7 @@
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 MAX_SENDERS = 16
@@ -21,6 +21,8 @@ class Admission:
     lost: int
     """By how many more samples are missing now between the first and the last of this sender; negative where a gap was
     filled."""
+    new: tuple[int, ...] = field(default=(), compare=False)
+    """The sequence numbers of those that are new, increasing."""
 
 
 class Runs:
@@ -79,4 +81,5 @@ class SequenceLog:
         for first, last in pairwise(cuts):
             if last > first:
                 runs.add(new[first], new[last - 1] + 1)
-        return Admission(accepted=len(new), repeated=len(sequences) - len(new), lost=runs.missing - missing)
+        lost = runs.missing - missing
+        return Admission(accepted=len(new), repeated=len(sequences) - len(new), lost=lost, new=tuple(new))

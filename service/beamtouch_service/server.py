@@ -10,15 +10,20 @@ from types import FrameType
 
 import uvicorn
 from fastapi import FastAPI
+from starlette.types import Scope
 
 from beamtouch_models import modelfile
 from beamtouch_service.app import create_app
 from beamtouch_service.config import ConfigError, Settings, SurfaceSettings
 from beamtouch_service.contact import LOG_ODDS
+from beamtouch_service.event_store import EventStoreError
+from beamtouch_service.recorder import Recorder
+from beamtouch_service.streams import Streams
 from beamtouch_service.surface import Surface
 
 _SHUTDOWN_S = 2
 """For answers under way to finish; a sender repeats what was not acknowledged."""
+_SEND_BUFFER_BYTES = 128 * 1024
 
 _log = logging.getLogger("beamtouch.service")
 
@@ -33,7 +38,20 @@ def run(settings: Settings) -> None:
     with bind(family, address, settings.port) as listener:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
         _log_limits(settings)
-        serve(create_app(surfaces, settings.token), listener)
+        streams, recorder = Streams(settings.max_streams), _recorder(settings)
+        try:
+            serve(create_app(surfaces, settings.token, streams=streams, recorder=recorder), listener, streams)
+        finally:
+            recorder.close()
+
+
+def _recorder(settings: Settings) -> Recorder:
+    events = settings.events
+    try:
+        return Recorder(events.file, events.keep_days, events.most_mb)
+    except EventStoreError as error:
+        message = f"events file {error}; set events.file to one that the service can write"
+        raise ConfigError(message) from None
 
 
 def _surface(entry: SurfaceSettings) -> Surface:
@@ -77,6 +95,8 @@ def bind(family: socket.AddressFamily, address: str, port: int) -> socket.socket
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     # A service that was just stopped must be able to start again.
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    # Inherited by connections: what a client leaves unread occupies no more than this, and is soon noticed.
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
     try:
         listener.bind((address, port))
         listener.listen()
@@ -93,7 +113,24 @@ def bind(family: socket.AddressFamily, address: str, port: int) -> socket.socket
 
 
 class _Announcing(uvicorn.Server):
-    """Says where it listens once a stop signal would be heeded and a request answered."""
+    """Says where it listens once a stop signal would be heeded and a request answered, and ends streams with itself."""
+
+    def __init__(self, config: uvicorn.Config, streams: Streams) -> None:
+        super().__init__(config)
+        self._streams = streams
+        streams.drop = self._drop
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        # Before the server waits for answers under way: a stream would never end by itself.
+        self._streams.stop.set()
+        await super().shutdown(sockets)
+
+    def _drop(self, scope: Scope) -> None:
+        # Closing would wait until the client has read what was sent to it, and it does not read.
+        for connection in self.server_state.connections:
+            peer = connection.transport.get_extra_info("peername")
+            if peer and tuple(peer[:2]) == tuple(scope.get("client") or ()):
+                connection.transport.abort()
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
@@ -103,7 +140,7 @@ class _Announcing(uvicorn.Server):
             print(f"listening on http://{shown}:{port}", flush=True)
 
 
-def serve(app: FastAPI, listener: socket.socket) -> None:
+def serve(app: FastAPI, listener: socket.socket, streams: Streams) -> None:
     """Serve `app` on a listening socket until SIGTERM (then SystemExit 0) or Ctrl-C (then KeyboardInterrupt)."""
     # uvicorn shuts down on a signal and then raises it again for whoever is around it.
     signal.signal(signal.SIGTERM, _exit_quietly)
@@ -117,9 +154,11 @@ def serve(app: FastAPI, listener: socket.socket) -> None:
         log_level=logging.WARNING,
         access_log=False,
         server_header=False,
+        # A client is who is connected, whatever a header says.
+        proxy_headers=False,
         timeout_graceful_shutdown=_SHUTDOWN_S,
     )
-    _Announcing(config).run(sockets=[listener])
+    _Announcing(config, streams).run(sockets=[listener])
 
 
 def _exit_quietly(_signal: int, _frame: FrameType | None) -> None:

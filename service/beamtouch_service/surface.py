@@ -3,19 +3,21 @@
 No I/O and no clock: instants come in as seconds of the service's monotonic clock.
 """
 
+from collections import deque
 from dataclasses import dataclass
+from typing import Protocol
 
-import numpy as np
 from pydantic import BaseModel
 
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_service.contact import Contact, ContactQuality, Decision, UnusableEstimateError, decide, rfc3339
+from beamtouch_service.contact import Contact, ContactQuality, Decision, rfc3339
+from beamtouch_service.estimates import estimate
 from beamtouch_service.problems import Kind, Problem, ProblemError
-from beamtouch_service.samples import Batch, Quality, Receipt, Sample
-from beamtouch_service.sequences import SequenceLog
+from beamtouch_service.samples import Batch, Receipt, Sample
+from beamtouch_service.sequences import MAX_SENDERS, SequenceLog
+from beamtouch_service.touch import Follower, Levels, Seen, levels
 
 DEFAULT_STALE_MS = 500.0
-_FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 
 class SampleCounts(BaseModel):
@@ -43,17 +45,32 @@ class SurfaceSummary(BaseModel):
     samples: SampleCounts
 
 
+class Witness(Protocol):
+    """Told of everything that a surface makes of its samples."""
+
+    def present(self, surface: "Surface", model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
+        """Note samples that moved the present, in order."""
+
+    def late(self, surface: "Surface", model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
+        """Note samples of a batch that came after later ones, in order."""
+
+
 @dataclass(frozen=True)
-class _Present:
+class Newest:
     """The newest sample and what follows from it."""
 
+    boot_id: str
+    channels: list[str]
+    """The names of the values in the sample."""
     sample: Sample
     acquired_s: float
-    degraded: list[str]
-    outcome: Decision | Problem | None
+    seen: Seen | None = None
     """None without a model."""
+    model: str = ""
+    """Identity of the model that answered."""
 
     def age_ms(self, now_s: float) -> float:
+        """Return the age at `now_s` [s, monotonic], rounded."""
         return round((now_s - self.acquired_s) * 1e3, 1)
 
 
@@ -64,14 +81,19 @@ class Surface:
         self.name = name
         self.model = model
         self.stale_ms = stale_ms
+        self.witness: Witness | None = None
         self._sequences = SequenceLog()
         self._counts = SampleCounts()
-        self._present: _Present | None = None
+        self._present: Newest | None = None
+        self._former_senders: deque[str] = deque(maxlen=MAX_SENDERS)
+        self._levels: tuple[ModelFile, Levels] | None = None
+        self._follower: tuple[str, Follower] | None = None
+        """For the sender of that boot id."""
 
     def receive(self, batch: Batch, arrival_s: float) -> Receipt:
         """Take a batch that arrived at `arrival_s` [s, monotonic].
 
-        Only its last sample is estimated: the contact is about the present.
+        Every sample after the present moves the contact, in order; those that come late never do.
 
         Raises
         ------
@@ -84,7 +106,7 @@ class Surface:
         self._counts.repeated += admission.repeated
         self._counts.lost += admission.lost
         if admission.accepted:
-            self._advance(batch, arrival_s - batch.newest_age_ms / 1e3)
+            self._take(batch, set(admission.new), arrival_s - batch.newest_age_ms / 1e3)
         return Receipt(accepted=admission.accepted, repeated=admission.repeated)
 
     def contact(self, now_s: float) -> Contact:
@@ -95,26 +117,29 @@ class Surface:
         ProblemError
             There is none to give: no model, no samples, too old, too few channels, or no usable estimate.
         """
-        model, present = self._require_fresh(now_s)
-        if not isinstance(present.outcome, Decision):
-            # A new exception each time: one raised again and again would collect its tracebacks.
-            raise ProblemError(present.outcome or self._no_model())
+        present, seen, decision = self._require_decision(now_s)
+        degraded = list(seen.estimated.bad)
         return Contact(
             surface=self.name,
-            state=present.outcome.state,
-            **present.outcome.figures.model_dump(),
+            state=decision.state,
+            **decision.figures.model_dump(),
             age_ms=present.age_ms(now_s),
             sampled_at=rfc3339(present.sample.acquired_unix_us),
             sequence=present.sample.sequence,
-            quality=ContactQuality.DEGRADED if present.degraded else ContactQuality.GOOD,
-            degraded_channels=present.degraded,
-            model=model.identity,
+            quality=ContactQuality.DEGRADED if degraded else ContactQuality.GOOD,
+            degraded_channels=degraded,
+            model=present.model,
         )
 
+    @property
+    def newest(self) -> Newest | None:
+        """The newest sample; None before the first."""
+        return self._present
+
     def unready(self, now_s: float) -> Problem | None:
-        """Say why this surface is not ready at `now_s` [s, monotonic]: no model or no fresh samples; None if ready."""
+        """Say why this surface has no contact to give at `now_s` [s, monotonic]; None if it has."""
         try:
-            self._require_fresh(now_s)
+            self._require_decision(now_s)
         except ProblemError as error:
             return error.problem
         return None
@@ -136,12 +161,21 @@ class Surface:
             detail = f"The batch lacks {', '.join(missing)}; send every channel of the model, a broken one as missing."
             raise ProblemError(Problem(Kind.MISSING_CHANNELS, detail, self.name, {"missing_channels": missing}))
 
-    def _require_fresh(self, now_s: float) -> tuple[ModelFile, _Present]:
+    def _require_decision(self, now_s: float) -> tuple[Newest, Seen, Decision]:
+        present = self._require_fresh(now_s)
+        # A model that was given after the newest sample has not seen it.
+        if present.seen is None:
+            raise ProblemError(self._no_samples())
+        if not isinstance(present.seen.outcome, Decision):
+            # A new exception each time: one raised again and again would collect its tracebacks.
+            raise ProblemError(present.seen.outcome)
+        return present, present.seen, present.seen.outcome
+
+    def _require_fresh(self, now_s: float) -> Newest:
         if self.model is None:
             raise ProblemError(self._no_model())
         if self._present is None:
-            detail = "No sample has arrived since the service started; start the daemon, or look at what it reports."
-            raise ProblemError(Problem(Kind.NO_SAMPLES, detail, self.name))
+            raise ProblemError(self._no_samples())
         # Compared before rounding, so that the limit is exact.
         if (now_s - self._present.acquired_s) * 1e3 > self.stale_ms:
             age_ms = self._present.age_ms(now_s)
@@ -151,51 +185,51 @@ class Surface:
             )
             members = {"age_ms": age_ms, "stale_ms": self.stale_ms}
             raise ProblemError(Problem(Kind.STALE, detail, self.name, members))
-        return self.model, self._present
+        return self._present
+
+    def _no_samples(self) -> Problem:
+        detail = "No sample has arrived since the service started; start the daemon, or look at what it reports."
+        return Problem(Kind.NO_SAMPLES, detail, self.name)
 
     def _no_model(self) -> Problem:
         detail = "Samples are accepted, but there is no model to estimate from; give one with --model or in the config."
         return Problem(Kind.NO_MODEL, detail, self.name)
 
-    def _advance(self, batch: Batch, acquired_s: float) -> None:
-        """Let the last sample of the batch be the present, unless it was taken before the one that is."""
-        if self._present is not None and acquired_s < self._present.acquired_s:
-            return
-        sample = batch.samples[-1]
+    def _take(self, batch: Batch, new: set[int], acquired_s: float) -> None:
+        """Take the new samples of a batch: those after the present move it, the others only complete the record."""
+        samples = [sample for sample in batch.samples if sample.sequence in new]
+        fresh = [sample for sample in samples if self._is_after_present(batch.boot_id, sample, acquired_s)]
+        late = samples[: len(samples) - len(fresh)]
         if self.model is None:
-            self._present = _Present(sample, acquired_s, [], None)
+            if fresh:
+                self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s)
             return
-        values, bad = _arrange(self.model.channels, batch.channels, sample)
-        outcome = self._estimate(self.model, values, bad)
-        self._present = _Present(sample, acquired_s, list(bad), outcome)
+        if late and self.witness:
+            self.witness.late(self, self.model, batch, late)
+        if fresh:
+            self._advance(self.model, batch, fresh, acquired_s)
 
-    def _estimate(self, model: ModelFile, values: list[float], bad: dict[str, Quality]) -> Decision | Problem:
-        working = len(values) - len(bad)
-        if working < model.metadata.min_channels:
-            named = ", ".join(f"{name} ({quality.value})" for name, quality in bad.items())
-            detail = f"{working} work, the model needs {model.metadata.min_channels}; repair {named}."
-            return Problem(Kind.TOO_FEW_CHANNELS, detail, self.name, {"bad_channels": dict(bad)})
-        valid = np.array([[name not in bad for name in model.channels]], np.bool_)
-        answers = model.estimate(np.array([values], np.float32), valid)
-        estimate = {name: float(value[0]) for name, value in answers.items()}
-        try:
-            return decide(estimate, model.metadata.contact_threshold, model.metadata.length_mm)
-        except UnusableEstimateError as error:
-            detail = f"For the newest sample {error}; check calibration and tare of the sensors, then the model."
-            return Problem(Kind.UNUSABLE_ESTIMATE, detail, self.name)
+    def _is_after_present(self, boot_id: str, sample: Sample, acquired_s: float) -> bool:
+        if self._present is None:
+            return True
+        if acquired_s < self._present.acquired_s or boot_id in self._former_senders:
+            return False
+        return boot_id != self._present.boot_id or sample.sequence > self._present.sample.sequence
 
+    def _advance(self, model: ModelFile, batch: Batch, fresh: list[Sample], acquired_s: float) -> None:
+        if self._present and self._present.boot_id != batch.boot_id:
+            # The sender started anew; whatever still comes of its former life is history.
+            self._former_senders.append(self._present.boot_id)
+        follower = self._following(model, batch.boot_id)
+        seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch.channels, fresh)]
+        self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, seen[-1], model.identity)
+        if self.witness:
+            self.witness.present(self, model, batch.boot_id, seen)
 
-def _arrange(wanted: list[str], offered: list[str], sample: Sample) -> tuple[list[float], dict[str, Quality]]:
-    """Return the deflections in the order of the model, and the quality of those channels that are not good."""
-    index = {name: position for position, name in enumerate(offered)}
-    values: list[float] = []
-    bad: dict[str, Quality] = {}
-    for name in wanted:
-        value, quality = sample.deflection_mm[index[name]], sample.quality[index[name]]
-        if value is None or quality is not Quality.GOOD:
-            bad[name] = quality
-        elif abs(value) > _FLOAT32_MAX:
-            # Finite as sent, infinite to the model, whose answer to that could look like any other.
-            bad[name] = Quality.OUT_OF_RANGE
-        values.append(0.0 if value is None or name in bad else value)
-    return values, bad
+    def _following(self, model: ModelFile, boot_id: str) -> Follower:
+        if self._levels is None or self._levels[0] is not model:
+            self._levels = model, levels(model)
+            self._follower = None
+        if self._follower is None or self._follower[0] != boot_id:
+            self._follower = boot_id, Follower(self._levels[1], self.name, self.stale_ms)
+        return self._follower[1]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_service.config import ConfigError, Settings, load_settings, load_token
+from beamtouch_service.config import ConfigError, EventSettings, Settings, load_settings, load_token
 
 EXAMPLE = Path(__file__).parents[2] / "service" / "service.example.toml"
 
@@ -37,6 +37,14 @@ def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
         ("b", Path("/elsewhere/b.onnx"), 500),
         ("c", None, 500),
     ]
+
+
+def test_events_and_streams_are_bounded_unless_told_otherwise(tmp_path: Path) -> None:
+    settings = load_settings(None, {})
+    assert (settings.max_streams, settings.events) == (32, EventSettings(None, 30, 100))
+
+    settings = load(tmp_path, "[server]\nmax_streams = 3\n[events]\nfile = 'events.db'\nkeep_days = 1.5\nmost_mb = 2\n")
+    assert (settings.max_streams, settings.events) == (3, EventSettings(tmp_path / "events.db", 1.5, 2))
 
 
 def test_the_command_line_wins(tmp_path: Path) -> None:
@@ -78,6 +86,9 @@ def test_the_token_is_not_printed(tmp_path: Path) -> None:
         ("[server]\nhost = ''\n", "server.host"),
         ("[surfaces.a]\nstale_ms = 0\n", "surfaces.a.stale_ms"),
         ("[surfaces.a]\nstale_ms = nan\n", "surfaces.a.stale_ms: Input should be a finite number"),
+        ("[events]\nkeep_days = 0\n", "events.keep_days"),
+        ("[events]\nmost_mb = 0\n", "events.most_mb"),
+        ("[server]\nmax_streams = -1\n", "server.max_streams"),
         ("[server\n", "is not TOML"),
         ("[server]\ntoken_file = 'nowhere'\n", "nowhere: No such file or directory; write at least 16 random"),
     ],

@@ -94,7 +94,7 @@ def test_too_few_working_channels_give_no_contact(surface: Surface, parse_batch:
         surface.contact(10.0)
     assert caught.value.problem.kind is Kind.TOO_FEW_CHANNELS
     assert caught.value.problem.members == {"bad_channels": {"s2": "missing", "s3": "saturated"}}
-    assert surface.unready(10.0) is None
+    assert surface.unready(10.0) == caught.value.problem
 
 
 def test_the_next_good_sample_ends_the_trouble(surface: Surface, parse_batch: ParseBatch) -> None:

@@ -1,0 +1,81 @@
+"""From samples to what the model says of each: all samples of a batch in one call. Pure: no clock, no state, no I/O."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_service.problems import Kind, Problem
+from beamtouch_service.samples import Quality, Sample
+
+CHUNK = 256
+"""Most samples in one call of the model: more would cost memory and save no time."""
+_FLOAT32_MAX = float(np.finfo(np.float32).max)
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """One sample, and what the model says of it."""
+
+    sequence: int
+    acquired_unix_us: int
+    bad: dict[str, Quality]
+    """The channels that took no part."""
+    answer: dict[str, float] | Problem
+    """Output name -> value, or why there is none."""
+
+
+def estimate(model: ModelFile, surface: str, offered: list[str], samples: Sequence[Sample]) -> list[Estimated]:
+    """Return what `model` says of each sample of `surface`, whose channels come in the order of `offered`."""
+    found: list[Estimated] = []
+    for start in range(0, len(samples), CHUNK):
+        found += _chunk(model, surface, offered, samples[start : start + CHUNK])
+    return found
+
+
+def _chunk(model: ModelFile, surface: str, offered: list[str], samples: Sequence[Sample]) -> list[Estimated]:
+    rows = [arrange(model.channels, offered, sample) for sample in samples]
+    enough = [len(values) - len(bad) >= model.metadata.min_channels for values, bad in rows]
+    answered = iter(_answers(model, [row for row, usable in zip(rows, enough, strict=True) if usable]))
+    return [
+        Estimated(
+            sample.sequence,
+            sample.acquired_unix_us,
+            bad,
+            next(answered) if usable else _too_few(model, surface, bad),
+        )
+        for sample, (_, bad), usable in zip(samples, rows, enough, strict=True)
+    ]
+
+
+def _answers(model: ModelFile, rows: list[tuple[list[float], dict[str, Quality]]]) -> list[dict[str, float]]:
+    if not rows:
+        return []
+    values = np.array([values for values, _ in rows], np.float32)
+    valid = np.array([[name not in bad for name in model.channels] for _, bad in rows], np.bool_)
+    columns = {name: column.tolist() for name, column in model.estimate(values, valid).items()}
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
+def _too_few(model: ModelFile, surface: str, bad: dict[str, Quality]) -> Problem:
+    working = len(model.channels) - len(bad)
+    named = ", ".join(f"{name} ({quality.value})" for name, quality in bad.items())
+    detail = f"{working} work, the model needs {model.metadata.min_channels}; repair {named}."
+    return Problem(Kind.TOO_FEW_CHANNELS, detail, surface, {"bad_channels": dict(bad)})
+
+
+def arrange(wanted: list[str], offered: list[str], sample: Sample) -> tuple[list[float], dict[str, Quality]]:
+    """Return the deflections [mm] in the order of the model, and the quality of those channels that are not good."""
+    index = {name: position for position, name in enumerate(offered)}
+    values: list[float] = []
+    bad: dict[str, Quality] = {}
+    for name in wanted:
+        value, quality = sample.deflection_mm[index[name]], sample.quality[index[name]]
+        if value is None or quality is not Quality.GOOD:
+            bad[name] = quality
+        elif abs(value) > _FLOAT32_MAX:
+            # Finite as sent, infinite to the model, whose answer to that could look like any other.
+            bad[name] = Quality.OUT_OF_RANGE
+        values.append(0.0 if value is None or name in bad else value)
+    return values, bad

@@ -1,0 +1,113 @@
+"""From decisions on samples in a row to pieces of contacts, and to what they say of the pieces beside them. Pure."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from beamtouch_service.contact import Decision, State
+from beamtouch_service.events import Begin, End, Piece
+from beamtouch_service.touch import Seen
+
+FLUSH_US = 1_000_000
+"""A piece of a contact that goes on is handed over after this much of the sender's time, so that a crash costs no
+more."""
+
+
+@dataclass(frozen=True)
+class Finish:
+    """The contact whose last sample is number `last_sequence` ended."""
+
+    boot_id: str
+    last_sequence: int
+    end: End
+    lifted_us: int | None = None
+
+
+@dataclass(frozen=True)
+class TouchSeen:
+    """A contact whose first sample is number `first_sequence` began with it: the one before was clear."""
+
+    boot_id: str
+    first_sequence: int
+
+
+Command = Piece | Finish | TouchSeen
+
+
+class Folder:
+    """Folds the samples of one surface, sender and model, in the order of their numbers."""
+
+    def __init__(self, surface: str, model: str, boot_id: str, before: State | None = None) -> None:
+        self.last: tuple[int, int, State | None] | None = None
+        """Number, time and state of the last sample."""
+        self._surface, self._model, self.boot_id = surface, model, boot_id
+        self._pending: Piece | None = None
+        self._in_contact = False
+        self._was_clear = before is State.CLEAR
+
+    def add(self, seen: Seen) -> list[Command]:
+        """Take the next sample."""
+        number = seen.estimated.sequence
+        commands: list[Command] = []
+        if self.last and number != self.last[0] + 1:
+            commands += self.interrupt()
+        if seen.state is State.CLEAR:
+            commands += self._clear(seen)
+        elif seen.state is State.CONTACT or (seen.touching and self._in_contact):
+            commands += self._contact(seen)
+        else:
+            commands += self.interrupt()
+        self.last = number, seen.estimated.acquired_unix_us, seen.state
+        return commands
+
+    def flush(self) -> list[Command]:
+        """Hand over what there is of a contact that goes on."""
+        piece, self._pending = self._pending, None
+        return [replace(piece, path=list(piece.path))] if piece else []
+
+    def interrupt(self) -> list[Command]:
+        """Note that what comes next is not known, or does not follow."""
+        commands = self.flush()
+        if self._in_contact and self.last:
+            commands.append(Finish(self.boot_id, self.last[0], End.UNSEEN))
+        self._in_contact = self._was_clear = False
+        return commands
+
+    def _clear(self, seen: Seen) -> list[Command]:
+        commands = self.flush()
+        number, time_us = seen.estimated.sequence, seen.estimated.acquired_unix_us
+        first_of_run = self.last is None or number != self.last[0] + 1
+        if self._in_contact or first_of_run:
+            commands.append(Finish(self.boot_id, number - 1, End.LIFT, time_us))
+        self._in_contact, self._was_clear = False, True
+        return commands
+
+    def _contact(self, seen: Seen) -> list[Command]:
+        number, time_us = seen.estimated.sequence, seen.estimated.acquired_unix_us
+        figures = seen.outcome.figures if isinstance(seen.outcome, Decision) else None
+        is_new, degraded = not self._in_contact, bool(seen.estimated.bad) or figures is None
+        begin = Begin.TOUCH if is_new and self._was_clear else Begin.UNSEEN
+        piece = self._pending or Piece(
+            self._surface, self._model, self.boot_id, number, number, time_us, time_us, begin=begin
+        )
+        self._pending = piece.with_sample(number, time_us, figures, degraded=degraded)
+        self._in_contact, self._was_clear = True, False
+        # At once when it begins, so that it is on record; then now and then.
+        due = is_new or abs(time_us - self._pending.touched_us) >= FLUSH_US
+        return self.flush() if due else []
+
+
+def fold_late(folder: Folder, run: Iterable[Seen], after: tuple[int, State | None] | None) -> list[Command]:
+    """Return what a run of late samples without a gap comes to.
+
+    `after` is time [us] and state of the sample that follows the run, where that is known.
+    """
+    commands = [command for seen in run for command in folder.add(seen)]
+    if folder.last is None:
+        return commands
+    number, _, state = folder.last
+    commands += folder.interrupt()
+    if state is State.CLEAR:
+        commands.append(TouchSeen(folder.boot_id, number + 1))
+    elif after and after[1] is State.CLEAR:
+        commands.append(Finish(folder.boot_id, number, End.LIFT, after[0]))
+    return commands

@@ -1,0 +1,169 @@
+"""Puts every contact on record: folds what surfaces tell, and writes it in a thread of its own.
+
+Everything that touches the file, and the estimates of late samples, is done by that one thread, so that the present
+never waits for the past.
+"""
+
+import logging
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from sqlite3 import Error as SqliteError
+from threading import BoundedSemaphore
+
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_service.contact import State
+from beamtouch_service.estimates import estimate
+from beamtouch_service.event_store import EventStore, Selection
+from beamtouch_service.events import Piece
+from beamtouch_service.folding import Command, Folder, fold_late
+from beamtouch_service.samples import Batch, Sample
+from beamtouch_service.surface import Surface
+from beamtouch_service.touch import Follower, Levels, Seen, levels
+
+KEEP_DAYS = 30.0
+MOST_MB = 100.0
+_WAITING_WRITES = 1000
+_WAITING_LATE = 200
+_MAX_EDGES = 4096
+_PRUNE_S = 60.0
+_COMPLAIN_S = 60.0
+
+_log = logging.getLogger("beamtouch.service.events")
+
+Edges = dict[int, tuple[int, State | None]]
+"""Sample number -> time [us] and state, next to a gap."""
+
+
+class Recorder:
+    """Witness of all surfaces of a service."""
+
+    def __init__(self, path: Path | None = None, keep_days: float = KEEP_DAYS, most_mb: float = MOST_MB) -> None:
+        """Open the file, or keep the events in memory; raises EventStoreError if the file cannot be used."""
+        self._store = EventStore(path, keep_days * 86_400, int(most_mb * 1e6))
+        self._thread = ThreadPoolExecutor(1, "events")
+        self._writes = BoundedSemaphore(_WAITING_WRITES)
+        self._late = BoundedSemaphore(_WAITING_LATE)
+        self._folders: dict[str, tuple[str, str, Folder]] = {}
+        """Surface -> boot id and model that its folder is for."""
+        self._edges: OrderedDict[tuple[str, str, int], tuple[int, State | None]] = OrderedDict()
+        self._levels: tuple[str, Levels] | None = None
+        self._pruned_s = float("-inf")
+        self._complained_s = float("-inf")
+
+    def present(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
+        """Note samples that moved the present, in order."""
+        commands: list[Command] = []
+        edges: Edges = {}
+        former = self._folders.get(surface.name)
+        if former is None or former[:2] != (boot_id, model.identity):
+            if former:
+                self._submit_interruption(surface.name, former)
+            former = boot_id, model.identity, Folder(surface.name, model.identity, boot_id)
+            self._folders[surface.name] = former
+        folder = former[2]
+        for one in seen:
+            number = one.estimated.sequence
+            if folder.last is None or number != folder.last[0] + 1:
+                if folder.last:
+                    edges[folder.last[0]] = folder.last[1:]
+                edges[number] = (one.estimated.acquired_unix_us, one.state)
+            commands += folder.add(one)
+        if commands or edges:
+            self._submit(self._writes, lambda: self._write(surface.name, boot_id, commands, edges))
+
+    def late(self, surface: Surface, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
+        """Note samples of a batch that came after later ones, in order."""
+        name, hold_ms = surface.name, surface.stale_ms
+        self._submit(self._late, lambda: self._write_late(name, hold_ms, model, batch, samples))
+
+    def read(self, selection: Selection) -> "Future[list[tuple[int, Piece]]]":
+        """Read events, after everything that was told before."""
+        self._flush()
+        return self._thread.submit(self._store.read, selection)
+
+    def close(self) -> None:
+        """Write what there is, and close the file."""
+        self._flush()
+        self._thread.shutdown()
+        self._store.close()
+
+    def _flush(self) -> None:
+        for name, (boot_id, _, folder) in self._folders.items():
+            commands = folder.flush()
+            if commands:
+                self._submit(self._writes, partial(self._write, name, boot_id, commands, {}))
+
+    def _submit_interruption(self, name: str, former: tuple[str, str, Folder]) -> None:
+        boot_id, _, folder = former
+        edges: Edges = {folder.last[0]: folder.last[1:]} if folder.last else {}
+        commands = folder.interrupt()
+        self._submit(self._writes, lambda: self._write(name, boot_id, commands, edges))
+
+    def _submit(self, room: BoundedSemaphore, work: Callable[[], None]) -> None:
+        if not room.acquire(blocking=False):
+            self._complain("events are lost: the disk, or what comes late, is more than can be kept up with")
+            return
+
+        def run() -> None:
+            try:
+                work()
+                self._prune()
+            except SqliteError as error:
+                self._complain(f"events are lost: {error}")
+            except Exception:  # noqa: BLE001  # whatever it is, the next events must not be lost too
+                _log.exception("events are lost")
+            finally:
+                room.release()
+
+        self._thread.submit(run)
+
+    def _write(self, name: str, boot_id: str, commands: list[Command], edges: Edges) -> None:
+        self._remember(name, boot_id, edges)
+        if commands:
+            self._store.write(name, commands, time.time())
+
+    def _write_late(self, name: str, hold_ms: float, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
+        estimates = estimate(model, name, batch.channels, samples)
+        if self._levels is None or self._levels[0] != model.identity:
+            self._levels = model.identity, levels(model)
+        gaps = [i + 1 for i, (one, other) in enumerate(pairwise(estimates)) if other.sequence != one.sequence + 1]
+        for begin, end in pairwise([0, *gaps, len(estimates)]):
+            run = estimates[begin:end]
+            before = self._state_before(name, batch.boot_id, run[0].sequence)
+            follower = Follower(self._levels[1], name, hold_ms, touching=before is State.CONTACT)
+            seen = [follower.step(one) for one in run]
+            after = self._edges.get((name, batch.boot_id, run[-1].sequence + 1))
+            commands = fold_late(Folder(name, model.identity, batch.boot_id, before), seen, after)
+            edges = {one.estimated.sequence: (one.estimated.acquired_unix_us, one.state) for one in (seen[0], seen[-1])}
+            self._write(name, batch.boot_id, commands, edges)
+
+    def _state_before(self, name: str, boot_id: str, sequence: int) -> State | None:
+        edge = self._edges.get((name, boot_id, sequence - 1))
+        if edge:
+            return edge[1]
+        return State.CONTACT if self._store.goes_on(name, boot_id, sequence - 1) else None
+
+    def _remember(self, name: str, boot_id: str, edges: Edges) -> None:
+        for number, edge in edges.items():
+            self._edges[name, boot_id, number] = edge
+        while len(self._edges) > _MAX_EDGES:
+            self._edges.popitem(last=False)
+
+    def _prune(self) -> None:
+        now_s = time.monotonic()
+        if now_s - self._pruned_s >= _PRUNE_S:
+            self._pruned_s = now_s
+            dropped = self._store.prune(time.time())
+            if dropped:
+                _log.info("%d events dropped: too old, or more than there is room for", dropped)
+
+    def _complain(self, message: str) -> None:
+        now_s = time.monotonic()
+        if now_s - self._complained_s >= _COMPLAIN_S:
+            self._complained_s = now_s
+            _log.warning("%s", message)

@@ -1,0 +1,177 @@
+"""The stream of a real process: what it says, and that no client holds it up."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import time
+from contextlib import ExitStack
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+import httpx2
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from service.conftest import BuildModel, MakeBatch
+    from service.process.conftest import Service, StartService
+
+STATE = {"surface", "contact", "problem", "age_ms", "channels", "length_mm", "sequence"}
+
+
+@pytest.fixture
+def service(start_service: StartService, build_model: BuildModel, token_file: Path) -> Service:
+    return start_service("--model", build_model(), "--token-file", token_file, "--stale-ms", "60000")
+
+
+def states(response: httpx2.Response) -> Iterator[dict[str, Any]]:
+    """Yield the data of each event."""
+    for line in response.iter_lines():
+        if line.startswith("data: "):
+            yield json.loads(line.removeprefix("data: "))
+        else:
+            assert line in {"event: state", ""}
+
+
+def opened(service: Service, stack: ExitStack, path: str = "/stream") -> httpx2.Response:
+    stream = httpx2.stream("GET", service.url + path, trust_env=False, timeout=20)
+    return stack.enter_context(stream)
+
+
+def deaf(service: Service, stack: ExitStack, path: str = "/stream?interval_ms=20") -> socket.socket:
+    """Ask for a stream and never read it."""
+    host, port = service.url.removeprefix("http://").split(":")
+    client = stack.enter_context(socket.socket())
+    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1024)
+    client.connect((host, int(port)))
+    client.sendall(f"GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+    return client
+
+
+def test_it_says_what_is_and_what_becomes(service: Service, make_batch: MakeBatch) -> None:
+    with ExitStack() as stack:
+        response = opened(service, stack, "/surfaces/press-7/stream")
+        assert (response.status_code, response.headers["content-type"]) == (200, "text/event-stream; charset=utf-8")
+        following = states(response)
+
+        first = next(following)
+        assert set(first) == STATE
+        assert (first["contact"], first["age_ms"], first["sequence"]) == (None, None, None)
+        assert first["problem"]["type"] == "urn:beamtouch:problem:no-samples"
+        assert first["length_mm"] == 400.0
+        assert first["channels"][1] == {
+            "name": "s2",
+            "position_mm": 200.0,
+            "deflection_mm": None,
+            "quality": "missing",
+        }
+
+        service.post(make_batch(sequence=5))
+        state = next(state for state in following if state["sequence"] == 5)
+        contact = service.get("/contact").json()
+        assert state["problem"] is None
+        assert {**state["contact"], "age_ms": 0} == {**contact, "age_ms": 0}
+        assert state["channels"][1]["deflection_mm"] == 0.25
+
+        service.post(make_batch([1.0, 0.5, 0.5], sequence=6))
+        state = next(state for state in following if state["sequence"] == 6)
+        assert (state["contact"], state["problem"]["surface"]) == (None, "press-7")
+
+        # Nothing changes any more, and it goes on saying so.
+        again = next(following)
+        assert again["sequence"] == 6
+        assert again["age_ms"] > state["age_ms"]
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "kind"),
+    [
+        ("/stream?surface=nobody", 404, "unknown-surface"),
+        ("/surfaces/nobody/stream", 404, "unknown-surface"),
+        ("/stream?interval_ms=19", 422, "invalid-request"),
+        ("/stream?interval_ms=5001", 422, "invalid-request"),
+    ],
+)
+def test_a_wrong_request_is_a_problem(service: Service, path: str, status: int, kind: str) -> None:
+    response = service.get(path)
+
+    assert (response.status_code, response.json()["type"]) == (status, f"urn:beamtouch:problem:{kind}")
+
+
+def test_so_many_streams_and_no_more_until_one_ends(
+    start_service: StartService, build_model: BuildModel, tmp_path: Path, wait_for: Callable[..., None]
+) -> None:
+    model = build_model()
+    (tmp_path / "service.toml").write_text(f"[server]\nmax_streams = 2\n[surfaces.press-7]\nmodel = '{model}'\n")
+    service = start_service("--config", "service.toml")
+    with ExitStack() as stack:
+        assert [opened(service, stack).status_code for _ in range(2)] == [200, 200]
+        refused = service.get("/stream")
+        assert refused.status_code == 503
+        assert refused.json()["type"] == "urn:beamtouch:problem:too-many-clients"
+        assert refused.headers["retry-after"]
+        assert service.get("/health/live").status_code == 200
+
+    def admitted() -> bool:
+        with ExitStack() as stack:
+            return opened(service, stack).status_code == 200
+
+    wait_for(admitted)
+
+
+@pytest.mark.parametrize("posts", [3, 150], ids=["buffers empty", "buffers full"])
+def test_it_stops_with_streams_open_one_of_which_is_not_read(
+    start_service: StartService, build_model: BuildModel, make_batch: MakeBatch, token_file: Path, posts: int
+) -> None:
+    service = start_service("--model", build_model(channels=64), "--token-file", token_file)
+    with ExitStack() as stack:
+        read: list[int] = []
+
+        def follow(response: httpx2.Response) -> None:
+            read.append(sum(1 for _ in states(response)))
+
+        readers = [Thread(target=follow, args=(opened(service, stack, "/stream?interval_ms=20"),)) for _ in range(2)]
+        for reader in readers:
+            reader.start()
+        deaf(service, stack)
+        for sequence in range(posts):
+            service.post(make_batch([0.001] * 64, sequence=sequence))
+
+        # uvicorn would log an error if it had to wait for one of them longer than its patience of two seconds.
+        assert service.stop(signal.SIGTERM) == (0, "")
+        for reader in readers:
+            reader.join()
+        # Both came to the regular end of their stream.
+        assert len(read) == 2
+        assert min(read) > 0
+
+
+def test_a_client_that_does_not_read_is_dropped_and_costs_others_nothing(
+    start_service: StartService, build_model: BuildModel, make_batch: MakeBatch, token_file: Path, tmp_path: Path
+) -> None:
+    # Many channels, so that the buffers of the system are soon full.
+    model = build_model(channels=64)
+    (tmp_path / "service.toml").write_text(
+        f"[server]\nmax_streams = 1\ntoken_file = '{token_file}'\n"
+        f"[surfaces.press-7]\nmodel = '{model}'\nstale_ms = 60000\n"
+    )
+    service = start_service("--config", "service.toml")
+    with ExitStack() as stack:
+        deaf(service, stack)
+        sequence, deadline = 0, time.monotonic() + 120
+        refused = False
+        while time.monotonic() < deadline:
+            sequence += 1
+            assert service.post(make_batch([0.001] * 64, sequence=sequence)).status_code == 200
+            contact = service.get("/contact")
+            assert contact.status_code == 200, contact.text
+            with ExitStack() as attempt:
+                status = opened(service, attempt).status_code
+            refused |= status == 503
+            if refused and status == 200:
+                return
+        pytest.fail("it was never dropped")

@@ -1,0 +1,246 @@
+"""Contacts on record: one after another, in pieces, late, and asked for in pages."""
+
+from __future__ import annotations
+
+import csv
+import io
+import random
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from beamtouch_models import modelfile
+from beamtouch_service.events import MOST_POINTS, Point, thin
+from beamtouch_service.surface import Surface
+
+if TYPE_CHECKING:
+    from service.conftest import Bench, BuildModel, MakeBatch
+
+START_US = 1_795_218_046_123_456
+Row = list[float | None]
+TOUCHING: Row = [0.5, 0.25, 0.125]
+HARDER: Row = [0.5, 0.5, 0.25]
+RESTING: Row = [0.0, 0.0, 0.0]
+
+
+class Story:
+    """Samples 5 ms apart, number 0 at `START_US`, delivered in any pieces and order to a service."""
+
+    def __init__(self, bench: Bench, make_batch: MakeBatch, rows: list[Row]) -> None:
+        self.bench, self.make_batch, self.rows = bench, make_batch, rows
+
+    def deliver(self, first: int, last: int, *, age_ms: float = 0.0, boot_id: str = "boot-0001") -> None:
+        """Send samples `first` up to but not with `last`."""
+        body = self.make_batch(*self.rows[first:last], sequence=first, age_ms=age_ms, boot_id=boot_id)
+        for offset, sample in enumerate(body["samples"]):
+            sample["acquired_unix_us"] = START_US + (first + offset) * 5000
+        self.bench.now_s += 0.001
+        assert self.bench.post(body).status_code == 200
+
+    @property
+    def events(self) -> list[dict[str, Any]]:
+        """All events, the oldest first, without what depends on how they came."""
+        events = self.bench.get("/events?limit=1000").json()["events"]
+        return [{name: event[name] for name in event if name not in ("id", "model")} for event in reversed(events)]
+
+
+def test_one_contact_is_one_event(bench: Bench, make_batch: MakeBatch) -> None:
+    story = Story(bench, make_batch, [RESTING, TOUCHING, HARDER, TOUCHING, RESTING])
+    story.deliver(0, 5)
+
+    (event,) = bench.get("/events").json()["events"]
+    assert event.pop("model").startswith("press-7@")
+    assert [point["position_mm"] for point in event.pop("path")] == [150.0, 200.0, 150.0]
+    assert event == {
+        "id": 1,
+        "surface": "press-7",
+        "touched_at": "2026-11-20T23:40:46.128Z",
+        "lifted_at": "2026-11-20T23:40:46.143Z",
+        "begin": "touch",
+        "end": "lift",
+        "dwell_ms": 15.0,
+        "peak_force_n": 12.5,
+        "peak_position_mm": 200.0,
+        "mean_position_mm": pytest.approx(166.6667),
+        "samples": 3,
+        "quality": "good",
+        "boot_id": "boot-0001",
+    }
+
+
+def test_a_contact_is_on_record_while_it_goes_on(bench: Bench, make_batch: MakeBatch) -> None:
+    story = Story(bench, make_batch, [RESTING, *[TOUCHING] * 500, RESTING])
+    story.deliver(0, 300)
+    (event,) = story.events
+    assert (event["begin"], event["end"], event["lifted_at"]) == ("touch", "open", None)
+    assert event["samples"] == 299
+
+    story.deliver(300, 502)
+    (event,) = story.events
+    assert (event["end"], event["samples"], event["dwell_ms"]) == ("lift", 500, 2500.0)
+    assert len(event["path"]) <= MOST_POINTS
+
+
+def test_samples_without_all_channels_or_any_answer_degrade_it(bench: Bench, make_batch: MakeBatch) -> None:
+    unusable: Row = [1.0, 0.5, 0.5]
+    story = Story(bench, make_batch, [RESTING, TOUCHING, unusable, TOUCHING, RESTING, RESTING, TOUCHING, RESTING])
+    story.deliver(0, 8)
+
+    assert [(event["quality"], event["samples"]) for event in story.events] == [("degraded", 2), ("good", 1)]
+
+
+def test_another_sender_ends_what_went_on(bench: Bench, make_batch: MakeBatch) -> None:
+    story = Story(bench, make_batch, [RESTING, TOUCHING, TOUCHING])
+    story.deliver(0, 3)
+    story.deliver(1, 3, boot_id="boot-0002")
+
+    assert [(event["begin"], event["end"]) for event in story.events] == [("touch", "unseen"), ("unseen", "open")]
+
+
+def test_an_outage_in_the_middle_is_two_events_until_it_is_filled(bench: Bench, make_batch: MakeBatch) -> None:
+    story = Story(bench, make_batch, [RESTING, *[TOUCHING] * 8, RESTING])
+    story.deliver(0, 3)
+    story.deliver(7, 10)
+    assert [(event["begin"], event["end"]) for event in story.events] == [("touch", "unseen"), ("unseen", "lift")]
+    before = bench.get("/contact").json()
+
+    story.deliver(3, 5, age_ms=60_000)
+    story.deliver(5, 7, age_ms=50_000)
+    (event,) = story.events
+    assert (event["begin"], event["end"], event["samples"], event["dwell_ms"]) == ("touch", "lift", 8, 40.0)
+    assert len(event["path"]) == 8
+    assert bench.get("/contact").json() | {"age_ms": 0} == before | {"age_ms": 0}
+
+
+def test_a_contact_that_was_only_seen_late_is_on_record(bench: Bench, make_batch: MakeBatch) -> None:
+    story = Story(bench, make_batch, [RESTING, RESTING, TOUCHING, RESTING, RESTING, RESTING])
+    story.deliver(0, 1)
+    story.deliver(5, 6)
+    story.deliver(1, 5, age_ms=60_000)
+
+    assert [(event["begin"], event["end"]) for event in story.events] == [("touch", "lift")]
+    assert bench.get("/contact").json()["sequence"] == 5
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_whatever_the_order_of_delivery_the_record_is_the_same(seed: int) -> None:
+    rng = random.Random(seed)  # noqa: S311  # a story, not a secret
+    rows: list[Row] = [RESTING]
+    while len(rows) < 60:
+        rows += [rng.choice([TOUCHING, HARDER, RESTING])] * rng.randint(1, 8)
+    rows.append(RESTING)
+    cuts = [0, *sorted(rng.sample(range(1, len(rows)), 6)), len(rows)]
+    parts = list(pairwise(cuts))
+    straight = _record(rows, parts)
+    rng.shuffle(parts)
+
+    assert _record(rows, parts) == straight
+
+
+_shared: dict[str, Any] = {}
+
+
+@pytest.fixture(autouse=True)
+def _share(make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch) -> None:
+    # Hypothesis runs a test many times with the same fixtures; a service must be new each time.
+    _shared.update(bench=make_bench, build=build_model, batch=make_batch)
+
+
+def _record(rows: list[Row], parts: list[tuple[int, int]]) -> list[dict[str, Any]]:
+    if "model" not in _shared:
+        _shared["model"] = modelfile.load(_shared["build"]())
+    bench = _shared["bench"](Surface("press-7", _shared["model"]))
+    story = Story(bench, _shared["batch"], rows)
+    newest = -1
+    for first, last in parts:
+        # What was taken before the present is that old, too.
+        story.deliver(first, last, age_ms=0.0 if last > newest else 60_000.0)
+        newest = max(newest, last)
+    return story.events
+
+
+@pytest.fixture
+def history(bench: Bench, make_batch: MakeBatch) -> Bench:
+    """Seven contacts, at samples 1, 3, 5, ..."""
+    Story(bench, make_batch, [RESTING, *[TOUCHING, RESTING] * 7]).deliver(0, 15)
+    return bench
+
+
+def test_pages_come_newest_first_and_hold_every_event_once(history: Bench) -> None:
+    found, after = list[dict[str, Any]](), ""
+    while True:
+        page = history.get(f"/events?limit=3{after}").json()
+        found += page["events"]
+        if page["next"] is None:
+            break
+        after = f"&after={page['next']}"
+
+    assert [event["id"] for event in found] == [7, 6, 5, 4, 3, 2, 1]
+
+
+def test_time_and_surface_select(history: Bench) -> None:
+    def ids(query: str) -> list[int]:
+        return [event["id"] for event in history.get(f"/events?{query}").json()["events"]]
+
+    # Sample 5 is the touch of event 3.
+    third = "2026-11-20T23:40:46.148456Z"
+    assert ids(f"since={third}") == [7, 6, 5, 4, 3]
+    assert ids(f"until={third}") == [2, 1]
+    assert ids(f"since={third}&until=2026-11-21T00:40:46.150%2B01:00") == [3]
+    assert ids("surface=press-7&limit=1") == [7]
+
+
+def test_csv_has_a_row_per_event_and_a_link_to_the_next_page(history: Bench) -> None:
+    response = history.get("/events?format=csv&limit=2&surface=press-7")
+
+    assert response.headers["content-type"].startswith("text/csv")
+    rows = list(csv.DictReader(io.StringIO(response.text)))
+    assert [row["id"] for row in rows] == ["7", "6"]
+    assert (rows[0]["surface"], rows[0]["end"], rows[0]["peak_force_n"]) == ("press-7", "lift", "8.75")
+    assert history.get(response.links["next"]["url"]).text.splitlines()[1].startswith("5,")
+    accepted = history.client.get("/events", headers={"Accept": "text/csv"})
+    assert accepted.headers["content-type"].startswith("text/csv")
+    assert len(accepted.text.splitlines()) == 8
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        "limit=0",
+        "limit=1001",
+        "limit=many",
+        "since=yesterday",
+        "since=1795218046",
+        "since=2026-11-20T23:40:46",
+        "until=",
+        "after=1",
+        "after=x.y",
+        "after=99999999999999999999999.1",
+        "format=xml",
+        "surface=a%20b",
+        "sort=up",
+    ],
+)
+def test_a_wrong_question_is_a_problem(history: Bench, query: str) -> None:
+    response = history.get(f"/events?{query}")
+
+    assert (response.status_code, response.json()["type"]) == (422, "urn:beamtouch:problem:invalid-request")
+    assert response.json()["errors"][0]["pointer"].startswith("#/query/" + query.split("=", maxsplit=1)[0])
+
+
+def test_events_of_an_unknown_surface_are_a_problem_and_of_a_quiet_one_none(bench: Bench) -> None:
+    assert bench.get("/events?surface=nobody").status_code == 404
+    assert bench.get("/events?surface=press-7").json() == {"events": [], "next": None}
+
+
+def test_a_long_path_is_thinned_evenly_and_keeps_its_ends() -> None:
+    path: list[Point] = [(i * 1000, float(i), None) for i in range(5000)]
+    thinned = thin(path)
+
+    assert len(thinned) <= MOST_POINTS
+    assert (thinned[0], thinned[-1]) == (path[0], path[-1])
+    assert max(b[0] - a[0] for a, b in pairwise(thinned)) < 60_000
