@@ -3,30 +3,23 @@
 Every route is a coroutine without an await between reading and changing state, so that one thread needs no locks.
 """
 
-import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, FastAPI, Query, Request, Response
-from fastapi import Path as PathParameter
 from pydantic import BaseModel
 
-from beamtouch_service import documentation, handlers, version
+from beamtouch_service import documentation, handlers, metrics, model_routes, version
+from beamtouch_service.access import Access
 from beamtouch_service.contact import Contact
-from beamtouch_service.intake import check_token, parse_batch, read_body
-from beamtouch_service.problems import Kind
+from beamtouch_service.context import DEFAULT_BATCHES_PER_S, Clock, Context, ContextParameter, SurfaceName, boot_clock
+from beamtouch_service.front import Front
+from beamtouch_service.intake import parse_batch, read_body
+from beamtouch_service.model_keeper import ModelKeeper
+from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.registry import Registry
 from beamtouch_service.samples import Receipt
 from beamtouch_service.surface import Surface, SurfaceSummary
-
-Clock = Callable[[], float]
-"""Gives the present in seconds, never going back."""
-
-
-def boot_clock() -> float:
-    """Return seconds since the machine started [s], sleep included: a contact from before a suspend is not fresh."""
-    return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class SurfaceList(BaseModel):
@@ -41,24 +34,10 @@ class Health(BaseModel):
     status: str
 
 
-@dataclass(frozen=True)
-class _Context:
-    registry: Registry
-    token: str | None
-    clock: Clock
-
-
-async def _context(request: Request) -> _Context:
-    context: _Context = request.app.state.context
-    return context
-
-
 async def _no_store(response: Response) -> None:
     response.headers.update(handlers.NO_STORE)
 
 
-_ContextParameter = Annotated[_Context, Depends(_context)]
-_SurfaceName = Annotated[str, PathParameter(description="Name of the surface.", examples=["press-7"])]
 _CONTACT_PROBLEMS = (
     Kind.STALE,
     Kind.NO_SAMPLES,
@@ -77,11 +56,11 @@ router = APIRouter(dependencies=[Depends(_no_store)])
     responses=documentation.problems(Kind.SURFACE_REQUIRED, Kind.UNKNOWN_SURFACE, *_CONTACT_PROBLEMS),
 )
 async def get_contact(
-    context: _ContextParameter,
+    context: ContextParameter,
     surface: Annotated[str | None, Query(description="Name of the surface; needed when there are several.")] = None,
 ) -> Contact:
     """Return the contact on the only surface, or on the one that is named."""
-    return context.registry.chosen(surface).contact(context.clock())
+    return _counted(context, context.registry.chosen(surface))
 
 
 @router.get(
@@ -89,9 +68,15 @@ async def get_contact(
     tags=["contact"],
     responses=documentation.problems(Kind.UNKNOWN_SURFACE, *_CONTACT_PROBLEMS),
 )
-async def get_surface_contact(context: _ContextParameter, name: _SurfaceName) -> Contact:
+async def get_surface_contact(context: ContextParameter, name: SurfaceName) -> Contact:
     """Return the contact on this surface."""
-    return context.registry.named(name).contact(context.clock())
+    return _counted(context, context.registry.named(name))
+
+
+def _counted(context: Context, surface: Surface) -> Contact:
+    contact = surface.contact(context.clock())
+    context.counts.contacts[contact.state.value] += 1
+    return contact
 
 
 @router.post(
@@ -101,27 +86,34 @@ async def get_surface_contact(context: _ContextParameter, name: _SurfaceName) ->
     responses=documentation.problems(
         Kind.MALFORMED_JSON,
         Kind.UNAUTHORIZED,
+        Kind.FORBIDDEN,
         Kind.UNKNOWN_SURFACE,
+        Kind.TOO_SLOW,
         Kind.TOO_LARGE,
+        Kind.TOO_MANY_REQUESTS,
         Kind.INVALID_REQUEST,
         Kind.MISSING_CHANNELS,
         Kind.NO_SURFACE,
         Kind.STOPPING,
     ),
 )
-async def post_samples(context: _ContextParameter, name: _SurfaceName, request: Request) -> Receipt:
+async def post_samples(context: ContextParameter, name: SurfaceName, request: Request) -> Receipt:
     """Take a batch of samples. Sending one twice changes nothing; state the age of the newest anew at each attempt."""
-    # The body is read here and not by the framework: not before the token is right, and never beyond its limit.
-    check_token(request, context.token)
     surface = context.registry.named(name)
-    body = await read_body(request)
-    # The age was stated before the body travelled; the instant is taken before the body is parsed.
-    arrival_s = context.clock()
-    return surface.receive(parse_batch(body), arrival_s)
+    try:
+        context.take_turn(name)
+        # The body is read here and not by the framework: never beyond its limits.
+        body = await read_body(request)
+        # The age was stated before the body travelled; the instant is taken before the body is parsed.
+        arrival_s = context.clock()
+        return surface.receive(parse_batch(body), arrival_s)
+    except ProblemError as error:
+        context.counts.rejected[error.problem.kind] += 1
+        raise
 
 
 @router.get("/surfaces", tags=["surfaces"])
-async def get_surfaces(context: _ContextParameter) -> SurfaceList:
+async def get_surfaces(context: ContextParameter) -> SurfaceList:
     """Return all surfaces of this service."""
     now_s = context.clock()
     return SurfaceList(surfaces=[surface.summary(now_s) for surface in context.registry])
@@ -130,7 +122,7 @@ async def get_surfaces(context: _ContextParameter) -> SurfaceList:
 @router.get(
     "/surfaces/{name}", tags=["surfaces"], responses=documentation.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE)
 )
-async def get_surface(context: _ContextParameter, name: _SurfaceName) -> SurfaceSummary:
+async def get_surface(context: ContextParameter, name: SurfaceName) -> SurfaceSummary:
     """Return one surface: its channels, model, limit, and what it received."""
     return context.registry.named(name).summary(context.clock())
 
@@ -142,7 +134,7 @@ async def get_live() -> Health:
 
 
 @router.get("/health/ready", tags=["health"], responses=documentation.problems(Kind.NOT_READY, Kind.NO_SURFACE))
-async def get_ready(context: _ContextParameter) -> Health:
+async def get_ready(context: ContextParameter) -> Health:
     """Say whether every surface, at least one, has a model and fresh samples."""
     context.registry.require_ready(context.clock())
     return Health(status="ready")
@@ -156,14 +148,22 @@ class _Application(FastAPI):
         return super().openapi()
 
 
-def create_app(surfaces: Iterable[Surface], token: str | None = None, clock: Clock = boot_clock) -> FastAPI:
+def create_app(
+    surfaces: Iterable[Surface],
+    access: Access | str | None = None,
+    clock: Clock = boot_clock,
+    keepers: Mapping[str, ModelKeeper] | None = None,
+    max_batches_per_s: float = DEFAULT_BATCHES_PER_S,
+) -> Front:
     """Return the application for these surfaces.
 
     Parameters
     ----------
     surfaces : in the order in which they are listed; names differ
-    token : that writes must bear; without one every write is refused
+    access : tokens, or the one that writes must bear; without one every write is refused
     clock : the present [s], never going back
+    keepers : by surface, of those that have a model file
+    max_batches_per_s : per surface
     """
     # No documentation pages: the framework's load their scripts from another host.
     app = _Application(
@@ -174,7 +174,9 @@ def create_app(surfaces: Iterable[Surface], token: str | None = None, clock: Clo
         redoc_url=None,
         redirect_slashes=False,
     )
-    app.state.context = _Context(Registry(surfaces), token, clock)
+    context = Context(Registry(surfaces), clock, keepers=keepers or {}, max_batches_per_s=max_batches_per_s)
+    app.state.context = context
     handlers.install(app)
-    app.include_router(router)
-    return app
+    for part in (router, model_routes.router, metrics.router):
+        app.include_router(part)
+    return Front(app, access if isinstance(access, Access) else Access(write=access), context)

@@ -51,6 +51,9 @@ _BATCH = {
     ],
 }
 
+NEEDS_TOKEN: dict[str, Any] = {"security": [{_SECURITY_SCHEME: []}]}
+"""For a route that not everyone may use."""
+
 BATCH_BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
@@ -61,7 +64,7 @@ BATCH_BODY: dict[str, Any] = {
             }
         },
     },
-    "security": [{_SECURITY_SCHEME: []}],
+    **NEEDS_TOKEN,
 }
 """For a route that reads its body itself."""
 

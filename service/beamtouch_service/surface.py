@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.contact import Contact, ContactQuality, Decision, UnusableEstimateError, decide, rfc3339
+from beamtouch_service.inference import Durations, Inference
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Quality, Receipt, Sample
 from beamtouch_service.sequences import SequenceLog
@@ -40,6 +41,8 @@ class SurfaceSummary(BaseModel):
     """No contact is served from a sample older than this."""
     age_ms: float | None
     """Age of the newest sample; null before the first."""
+    model_error: str | None
+    """Why the newest model file is not used; null if it is."""
     samples: SampleCounts
 
 
@@ -52,6 +55,8 @@ class _Present:
     degraded: list[str]
     outcome: Decision | Problem | None
     """None without a model."""
+    model: ModelFile | None
+    """The one that the outcome is of, whichever is asked next."""
 
     def age_ms(self, now_s: float) -> float:
         return round((now_s - self.acquired_s) * 1e3, 1)
@@ -62,11 +67,34 @@ class Surface:
 
     def __init__(self, name: str, model: ModelFile | None = None, stale_ms: float = DEFAULT_STALE_MS) -> None:
         self.name = name
-        self.model = model
+        self.model: ModelFile | None = None
+        self.model_error: str | None = None
+        """Why the newest model file is not used."""
+        self.offered: list[str] | None = None
+        """The channels of the newest batch, taken or not."""
         self.stale_ms = stale_ms
+        self.inference_s = Durations()
         self._sequences = SequenceLog()
         self._counts = SampleCounts()
         self._present: _Present | None = None
+        self._inference: Inference | None = None
+        if model is not None:
+            self.adopt(model)
+
+    @property
+    def basis(self) -> _Present | None:
+        """What the contact follows from; it is the same as long as this is the same object."""
+        return self._present
+
+    @property
+    def counts(self) -> SampleCounts:
+        """Counts of samples since the start."""
+        return self._counts
+
+    def adopt(self, model: ModelFile) -> None:
+        """Estimate from the next sample on with this model; the contact so far stays that of the model it is of."""
+        inference = Inference(model, self.inference_s)
+        self.model, self._inference = model, inference
 
     def receive(self, batch: Batch, arrival_s: float) -> Receipt:
         """Take a batch that arrived at `arrival_s` [s, monotonic].
@@ -78,6 +106,7 @@ class Surface:
         ProblemError
             Channels of the model are missing; the batch changed nothing.
         """
+        self.offered = batch.channels
         self._require_channels(batch.channels)
         admission = self._sequences.admit(batch.boot_id, [sample.sequence for sample in batch.samples])
         self._counts.accepted += admission.accepted
@@ -95,10 +124,10 @@ class Surface:
         ProblemError
             There is none to give: no model, no samples, too old, too few channels, or no usable estimate.
         """
-        model, present = self._require_fresh(now_s)
-        if not isinstance(present.outcome, Decision):
+        present = self._require_fresh(now_s)
+        if present.model is None or not isinstance(present.outcome, Decision):
             # A new exception each time: one raised again and again would collect its tracebacks.
-            raise ProblemError(present.outcome or self._no_model())
+            raise ProblemError(present.outcome if isinstance(present.outcome, Problem) else self._no_model())
         return Contact(
             surface=self.name,
             state=present.outcome.state,
@@ -108,7 +137,7 @@ class Surface:
             sequence=present.sample.sequence,
             quality=ContactQuality.DEGRADED if present.degraded else ContactQuality.GOOD,
             degraded_channels=present.degraded,
-            model=model.identity,
+            model=present.model.identity,
         )
 
     def unready(self, now_s: float) -> Problem | None:
@@ -127,6 +156,7 @@ class Surface:
             channels=self.model.channels if self.model else [],
             stale_ms=self.stale_ms,
             age_ms=self._present.age_ms(now_s) if self._present else None,
+            model_error=self.model_error,
             samples=self._counts.model_copy(),
         )
 
@@ -136,7 +166,7 @@ class Surface:
             detail = f"The batch lacks {', '.join(missing)}; send every channel of the model, a broken one as missing."
             raise ProblemError(Problem(Kind.MISSING_CHANNELS, detail, self.name, {"missing_channels": missing}))
 
-    def _require_fresh(self, now_s: float) -> tuple[ModelFile, _Present]:
+    def _require_fresh(self, now_s: float) -> _Present:
         if self.model is None:
             raise ProblemError(self._no_model())
         if self._present is None:
@@ -151,7 +181,7 @@ class Surface:
             )
             members = {"age_ms": age_ms, "stale_ms": self.stale_ms}
             raise ProblemError(Problem(Kind.STALE, detail, self.name, members))
-        return self.model, self._present
+        return self._present
 
     def _no_model(self) -> Problem:
         detail = "Samples are accepted, but there is no model to estimate from; give one with --model or in the config."
@@ -162,22 +192,22 @@ class Surface:
         if self._present is not None and acquired_s < self._present.acquired_s:
             return
         sample = batch.samples[-1]
-        if self.model is None:
-            self._present = _Present(sample, acquired_s, [], None)
+        if self.model is None or self._inference is None:
+            self._present = _Present(sample, acquired_s, [], None, None)
             return
         values, bad = _arrange(self.model.channels, batch.channels, sample)
-        outcome = self._estimate(self.model, values, bad)
-        self._present = _Present(sample, acquired_s, list(bad), outcome)
+        outcome = self._estimate(self.model, self._inference, values, bad)
+        self._present = _Present(sample, acquired_s, list(bad), outcome, self.model)
 
-    def _estimate(self, model: ModelFile, values: list[float], bad: dict[str, Quality]) -> Decision | Problem:
+    def _estimate(
+        self, model: ModelFile, inference: Inference, values: list[float], bad: dict[str, Quality]
+    ) -> Decision | Problem:
         working = len(values) - len(bad)
         if working < model.metadata.min_channels:
             named = ", ".join(f"{name} ({quality.value})" for name, quality in bad.items())
             detail = f"{working} work, the model needs {model.metadata.min_channels}; repair {named}."
             return Problem(Kind.TOO_FEW_CHANNELS, detail, self.name, {"bad_channels": dict(bad)})
-        valid = np.array([[name not in bad for name in model.channels]], np.bool_)
-        answers = model.estimate(np.array([values], np.float32), valid)
-        estimate = {name: float(value[0]) for name, value in answers.items()}
+        estimate = inference.estimate(values, [name not in bad for name in model.channels])
         try:
             return decide(estimate, model.metadata.contact_threshold, model.metadata.length_mm)
         except UnusableEstimateError as error:
