@@ -22,6 +22,7 @@ _CONTACT_HEADERS = [(b"content-type", b"application/json"), (b"cache-control", b
 _OPEN_PATHS = frozenset({"/health/live"})
 _READING = frozenset({"GET", "HEAD"})
 _PREFIX, _SUFFIX = "/surfaces/", "/contact"
+_BY_NAME = b"surface="
 _RELOAD = "/model/reload"
 
 
@@ -63,18 +64,18 @@ class Front:
 
     def _contact(self, scope: Scope) -> bytes | None:
         """Return the contact that is asked for; None where another is asked for, or there is none to give."""
-        path = scope["path"]
+        path, query = scope["path"], scope["query_string"]
         if not path.endswith(_SUFFIX) or scope["method"] != "GET":
             return None
-        if path == _SUFFIX:
-            name = scope["query_string"]
-            if name and not name.startswith(b"surface="):
-                return None
-            name = name[8:].decode("ascii", "replace") or None
-        elif path.startswith(_PREFIX):
+        name = None
+        if path.startswith(_PREFIX):
             name = path[len(_PREFIX) : -len(_SUFFIX)]
-        else:
+        elif path != _SUFFIX:
             return None
+        elif query:
+            if not query.startswith(_BY_NAME):
+                return None
+            name = query[len(_BY_NAME) :].decode("ascii", "replace")
         state_and_body = self._contacts.get(name, self.context.clock())
         if state_and_body is None:
             return None
