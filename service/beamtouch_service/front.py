@@ -57,6 +57,8 @@ class Front:
     def _role(self, scope: Scope) -> Role:
         if scope["method"] in _READING:
             return Role.OPEN if scope["path"] in _OPEN_PATHS else Role.READ
+        if scope["path"].endswith("/samples"):
+            return Role.WRITE
         # Whatever is not reading writes; where there is no such route there is nothing to guard but the answer.
         if any(route.matches(scope)[0] is Match.FULL for route in self.api.router.routes):
             return Role.ADMIN if scope["path"].endswith(_RELOAD) else Role.WRITE
