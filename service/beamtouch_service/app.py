@@ -9,14 +9,13 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, FastAPI, Query, Request, Response
 from pydantic import BaseModel
 
-from beamtouch_service import documentation, handlers, metrics, model_routes, version
+from beamtouch_service import batches, documentation, handlers, metrics, model_routes, version
 from beamtouch_service.access import Access
 from beamtouch_service.contact import Contact
 from beamtouch_service.context import DEFAULT_BATCHES_PER_S, Clock, Context, ContextParameter, SurfaceName, boot_clock
 from beamtouch_service.front import Front
-from beamtouch_service.intake import parse_batch, read_body
 from beamtouch_service.model_keeper import ModelKeeper
-from beamtouch_service.problems import Kind, ProblemError
+from beamtouch_service.problems import Kind
 from beamtouch_service.registry import Registry
 from beamtouch_service.samples import Receipt
 from beamtouch_service.surface import Surface, SurfaceSummary
@@ -99,17 +98,7 @@ def _counted(context: Context, surface: Surface) -> Contact:
 )
 async def post_samples(context: ContextParameter, name: SurfaceName, request: Request) -> Receipt:
     """Take a batch of samples. Sending one twice changes nothing; state the age of the newest anew at each attempt."""
-    surface = context.registry.named(name)
-    try:
-        context.take_turn(name)
-        # The body is read here and not by the framework: never beyond its limits.
-        body = await read_body(request)
-        # The age was stated before the body travelled; the instant is taken before the body is parsed.
-        arrival_s = context.clock()
-        return surface.receive(parse_batch(body), arrival_s)
-    except ProblemError as error:
-        context.counts.rejected[error.problem.kind] += 1
-        raise
+    return await batches.take(context, name, request)
 
 
 @router.get("/surfaces", tags=["surfaces"])

@@ -1,16 +1,20 @@
-"""In front of the routes: who may pass, the headers of every answer, and the contact itself without a detour."""
+"""In front of the routes: who may pass, the headers of every answer, contacts and batches without a detour."""
 
+import logging
 from collections.abc import Iterable
 
 from fastapi import FastAPI
+from starlette.requests import ClientDisconnect, Request
 from starlette.routing import Match
 from starlette.types import Message, Receive, Scope, Send
 
-from beamtouch_service import handlers
+from beamtouch_service import batches, handlers
 from beamtouch_service.access import Access, Role
 from beamtouch_service.context import Context
 from beamtouch_service.encoded import EncodedContacts
-from beamtouch_service.problems import ProblemError
+from beamtouch_service.problems import Kind, ProblemError
+
+_log = logging.getLogger("beamtouch.service")
 
 HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -18,10 +22,10 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
 }
 _HEADERS = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
-_CONTACT_HEADERS = [(b"content-type", b"application/json"), (b"cache-control", b"no-store"), *_HEADERS]
+_JSON_HEADERS = [(b"content-type", b"application/json"), (b"cache-control", b"no-store"), *_HEADERS]
 _OPEN_PATHS = frozenset({"/health/live"})
 _READING = frozenset({"GET", "HEAD"})
-_PREFIX, _SUFFIX = "/surfaces/", "/contact"
+_PREFIX, _SUFFIX, _SAMPLES = "/surfaces/", "/contact", "/samples"
 _BY_NAME = b"surface="
 _RELOAD = "/model/reload"
 
@@ -42,22 +46,39 @@ class Front:
             return
         try:
             self._access.require(self._role(scope), _authorization(scope["headers"]))
+            body = self._contact(scope) if scope["method"] == "GET" else await self._receipt(scope, receive)
+        except ClientDisconnect:
+            # In the middle of its body: nobody would read an answer, and nothing was accepted.
+            return
         except ProblemError as error:
             self.context.counts.problem(error.problem.kind, client(scope))
             await handlers.answer(error.problem, error.headers)(scope, receive, _guarded(send))
             return
-        body = self._contact(scope)
+        except Exception as error:  # noqa: BLE001  # the last resort: whatever it is, the answer is a problem
+            _log.error("an error ended a request", exc_info=error)
+            self.context.counts.problem(Kind.INTERNAL, client(scope))
+            await handlers.internal()(scope, receive, _guarded(send))
+            return
         if body is None:
             await self.api(scope, receive, _guarded(send))
             return
-        headers = [*_CONTACT_HEADERS, (b"content-length", b"%d" % len(body))]
+        headers = [*_JSON_HEADERS, (b"content-length", b"%d" % len(body))]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
         await send({"type": "http.response.body", "body": body})
+
+    async def _receipt(self, scope: Scope, receive: Receive) -> bytes | None:
+        """Take the batch that is sent; None for another request. Raises ProblemError."""
+        path = scope["path"]
+        name = path[len(_PREFIX) : -len(_SAMPLES)]
+        if scope["method"] != "POST" or not path.startswith(_PREFIX) or not path.endswith(_SAMPLES) or "/" in name:
+            return None
+        receipt = await batches.take(self.context, name, Request(scope, receive))
+        return receipt.model_dump_json().encode()
 
     def _role(self, scope: Scope) -> Role:
         if scope["method"] in _READING:
             return Role.OPEN if scope["path"] in _OPEN_PATHS else Role.READ
-        if scope["path"].endswith("/samples"):
+        if scope["path"].endswith(_SAMPLES):
             return Role.WRITE
         # Whatever is not reading writes; where there is no such route there is nothing to guard but the answer.
         if any(route.matches(scope)[0] is Match.FULL for route in self.api.router.routes):
@@ -67,7 +88,7 @@ class Front:
     def _contact(self, scope: Scope) -> bytes | None:
         """Return the contact that is asked for; None where another is asked for, or there is none to give."""
         path, query = scope["path"], scope["query_string"]
-        if not path.endswith(_SUFFIX) or scope["method"] != "GET":
+        if not path.endswith(_SUFFIX):
             return None
         name = None
         if path.startswith(_PREFIX):

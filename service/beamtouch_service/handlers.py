@@ -68,7 +68,11 @@ async def _disconnect(_request: Request, _error: Exception) -> Response:
     return Response(status_code=400)
 
 
+def internal() -> Response:
+    """Return the answer for an error of ours."""
+    return answer(Problem(Kind.INTERNAL, "An error inside the service ended this request; its log says more."))
+
+
 async def _internal(request: Request, _error: Exception) -> Response:
-    return _counted(
-        request, Problem(Kind.INTERNAL, "An error inside the service ended this request; its log says more.")
-    )
+    request.app.state.context.counts.problem(Kind.INTERNAL, "")
+    return internal()

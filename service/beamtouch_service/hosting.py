@@ -1,6 +1,7 @@
 """uvicorn, with the bounds and the background work of this service."""
 
 import asyncio
+import gc
 import logging
 import signal
 import socket
@@ -126,6 +127,9 @@ def serve(host: Host, listener: socket.socket) -> None:
     # Until the loop heeds it, it must not end the process.
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     logging.getLogger("uvicorn.error").addFilter(SeldomFilter())
+    # What is there now stays; looking through it again and again for garbage would hold up answers.
+    gc.collect()
+    gc.freeze()
     host.run(sockets=[listener])
 
 
