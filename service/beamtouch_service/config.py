@@ -19,6 +19,7 @@ _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 Port = Annotated[int, Field(ge=0, le=65535)]
 StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
+_Model = TypeVar("_Model", bound=BaseModel)
 _Text = Annotated[str, Field(min_length=1)]
 
 
@@ -98,7 +99,7 @@ class SurfaceSettings:
 
 @dataclass(frozen=True)
 class TlsFiles:
-    """Where the certificate and its key are."""
+    """Certificate and key."""
 
     certificate: Path
     key: Path
@@ -228,9 +229,6 @@ def _read(path: Path) -> ConfigFile:
         message = f"config {path} is not TOML: {error}"
         raise ConfigError(message) from None
     return _validate(ConfigFile, content, "", f"config {path}")
-
-
-_Model = TypeVar("_Model", bound=BaseModel)
 
 
 def _validate(model: type[_Model], content: Mapping[str, object], prefix: str, origin: str) -> _Model:

@@ -86,10 +86,11 @@ class Front:
         return Role.READ
 
     def _contact(self, scope: Scope) -> bytes | None:
-        """Return the contact that is asked for; None where another is asked for, or there is none to give."""
-        path, query = scope["path"], scope["query_string"]
+        """Return the contact that is asked for; None where it is asked for otherwise, or there is none to give."""
+        path: str = scope["path"]
         if not path.endswith(_SUFFIX):
             return None
+        query: bytes = scope["query_string"]
         name = None
         if path.startswith(_PREFIX):
             name = path[len(_PREFIX) : -len(_SUFFIX)]

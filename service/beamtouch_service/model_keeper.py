@@ -11,6 +11,7 @@ from pathlib import Path
 from beamtouch_models import modelfile
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 from beamtouch_service.contact import LOG_ODDS
+from beamtouch_service.inference import Durations, Inference
 from beamtouch_service.surface import Surface
 
 STILL_S = 1.0
@@ -36,6 +37,11 @@ def parse(content: bytes, origin: str) -> ModelFile:
         # Without it a position would be stated of a beam that nothing touches.
         message = f"{origin}: it has no output {LOG_ODDS}, so it cannot tell contact from clear; build another"
         raise ModelFileError(message)
+    try:
+        Inference(model, Durations())
+    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        message = f"{origin}: its graph cannot be run as a service does ({(str(error).splitlines() or [''])[0]})"
+        raise ModelFileError(message) from None
     return model
 
 
