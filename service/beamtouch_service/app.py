@@ -3,32 +3,33 @@
 Every route is a coroutine without an await between reading and changing state, so that one thread needs no locks.
 """
 
-import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, FastAPI, Query, Request, Response
-from fastapi import Path as PathParameter
 from pydantic import BaseModel
 
-from beamtouch_service import documentation, event_routes, handlers, stream_routes, version
+from beamtouch_service import (
+    batches,
+    documentation,
+    event_routes,
+    handlers,
+    metrics,
+    model_routes,
+    stream_routes,
+    version,
+)
+from beamtouch_service.access import Access
 from beamtouch_service.contact import Contact
-from beamtouch_service.intake import check_token, parse_batch, read_body
+from beamtouch_service.context import DEFAULT_BATCHES_PER_S, Clock, Context, ContextParameter, SurfaceName, boot_clock
+from beamtouch_service.front import Front
+from beamtouch_service.model_keeper import ModelKeeper
 from beamtouch_service.problems import Kind
 from beamtouch_service.recorder import Recorder
 from beamtouch_service.registry import Registry
 from beamtouch_service.samples import Receipt
 from beamtouch_service.streams import Streams
 from beamtouch_service.surface import Surface, SurfaceSummary
-
-Clock = Callable[[], float]
-"""Gives the present in seconds, never going back."""
-
-
-def boot_clock() -> float:
-    """Return seconds since the machine started [s], sleep included: a contact from before a suspend is not fresh."""
-    return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class SurfaceList(BaseModel):
@@ -43,24 +44,10 @@ class Health(BaseModel):
     status: str
 
 
-@dataclass(frozen=True)
-class _Context:
-    registry: Registry
-    token: str | None
-    clock: Clock
-
-
-async def _context(request: Request) -> _Context:
-    context: _Context = request.app.state.context
-    return context
-
-
 async def _no_store(response: Response) -> None:
     response.headers.update(handlers.NO_STORE)
 
 
-_ContextParameter = Annotated[_Context, Depends(_context)]
-_SurfaceName = Annotated[str, PathParameter(description="Name of the surface.", examples=["press-7"])]
 _CONTACT_PROBLEMS = (
     Kind.STALE,
     Kind.NO_SAMPLES,
@@ -79,11 +66,11 @@ router = APIRouter(dependencies=[Depends(_no_store)])
     responses=documentation.problems(Kind.SURFACE_REQUIRED, Kind.UNKNOWN_SURFACE, *_CONTACT_PROBLEMS),
 )
 async def get_contact(
-    context: _ContextParameter,
+    context: ContextParameter,
     surface: Annotated[str | None, Query(description="Name of the surface; needed when there are several.")] = None,
 ) -> Contact:
     """Return the contact on the only surface, or on the one that is named."""
-    return context.registry.chosen(surface).contact(context.clock())
+    return _counted(context, context.registry.chosen(surface))
 
 
 @router.get(
@@ -91,9 +78,15 @@ async def get_contact(
     tags=["contact"],
     responses=documentation.problems(Kind.UNKNOWN_SURFACE, *_CONTACT_PROBLEMS),
 )
-async def get_surface_contact(context: _ContextParameter, name: _SurfaceName) -> Contact:
+async def get_surface_contact(context: ContextParameter, name: SurfaceName) -> Contact:
     """Return the contact on this surface."""
-    return context.registry.named(name).contact(context.clock())
+    return _counted(context, context.registry.named(name))
+
+
+def _counted(context: Context, surface: Surface) -> Contact:
+    contact = surface.contact(context.clock())
+    context.counts.contacts[contact.state.value] += 1
+    return contact
 
 
 @router.post(
@@ -103,27 +96,24 @@ async def get_surface_contact(context: _ContextParameter, name: _SurfaceName) ->
     responses=documentation.problems(
         Kind.MALFORMED_JSON,
         Kind.UNAUTHORIZED,
+        Kind.FORBIDDEN,
         Kind.UNKNOWN_SURFACE,
+        Kind.TOO_SLOW,
         Kind.TOO_LARGE,
+        Kind.TOO_MANY_REQUESTS,
         Kind.INVALID_REQUEST,
         Kind.MISSING_CHANNELS,
         Kind.NO_SURFACE,
         Kind.STOPPING,
     ),
 )
-async def post_samples(context: _ContextParameter, name: _SurfaceName, request: Request) -> Receipt:
+async def post_samples(context: ContextParameter, name: SurfaceName, request: Request) -> Receipt:
     """Take a batch of samples. Sending one twice changes nothing; state the age of the newest anew at each attempt."""
-    # The body is read here and not by the framework: not before the token is right, and never beyond its limit.
-    check_token(request, context.token)
-    surface = context.registry.named(name)
-    body = await read_body(request)
-    # The age was stated before the body travelled; the instant is taken before the body is parsed.
-    arrival_s = context.clock()
-    return surface.receive(parse_batch(body), arrival_s)
+    return await batches.take(context, name, request)
 
 
 @router.get("/surfaces", tags=["surfaces"])
-async def get_surfaces(context: _ContextParameter) -> SurfaceList:
+async def get_surfaces(context: ContextParameter) -> SurfaceList:
     """Return all surfaces of this service."""
     now_s = context.clock()
     return SurfaceList(surfaces=[surface.summary(now_s) for surface in context.registry])
@@ -132,7 +122,7 @@ async def get_surfaces(context: _ContextParameter) -> SurfaceList:
 @router.get(
     "/surfaces/{name}", tags=["surfaces"], responses=documentation.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE)
 )
-async def get_surface(context: _ContextParameter, name: _SurfaceName) -> SurfaceSummary:
+async def get_surface(context: ContextParameter, name: SurfaceName) -> SurfaceSummary:
     """Return one surface: its channels, model, limit, and what it received."""
     return context.registry.named(name).summary(context.clock())
 
@@ -144,7 +134,7 @@ async def get_live() -> Health:
 
 
 @router.get("/health/ready", tags=["health"], responses=documentation.problems(Kind.NOT_READY, Kind.NO_SURFACE))
-async def get_ready(context: _ContextParameter) -> Health:
+async def get_ready(context: ContextParameter) -> Health:
     """Say whether every surface, at least one, has a model and fresh samples."""
     context.registry.require_ready(context.clock())
     return Health(status="ready")
@@ -160,18 +150,22 @@ class _Application(FastAPI):
 
 def create_app(
     surfaces: Iterable[Surface],
-    token: str | None = None,
+    access: Access | str | None = None,
     clock: Clock = boot_clock,
+    keepers: Mapping[str, ModelKeeper] | None = None,
+    max_batches_per_s: float = DEFAULT_BATCHES_PER_S,
     streams: Streams | None = None,
     recorder: Recorder | None = None,
-) -> FastAPI:
+) -> Front:
     """Return the application for these surfaces.
 
     Parameters
     ----------
     surfaces : in the order in which they are listed; names differ
-    token : that writes must bear; without one every write is refused
+    access : tokens, or the one that writes must bear; without one every write is refused
     clock : the present [s], never going back
+    keepers : by surface, of those that have a model file
+    max_batches_per_s : per surface
     streams : how many there may be, and when they end
     recorder : keeps the events; without one they are kept in memory
     """
@@ -188,9 +182,11 @@ def create_app(
     recorder = recorder or Recorder()
     for surface in registry:
         surface.witness = recorder
-    app.state.context = _Context(registry, token, clock)
+    context = Context(registry, clock, keepers=keepers or {}, max_batches_per_s=max_batches_per_s)
+    app.state.context = context
     handlers.install(app)
-    app.include_router(router)
-    app.include_router(stream_routes.make_router(registry, clock, streams or Streams()))
+    stream_router = stream_routes.make_router(registry, clock, streams or Streams())
+    for part in (router, model_routes.router, metrics.router, stream_router):
+        app.include_router(part)
     app.include_router(event_routes.make_router(registry, recorder))
-    return app
+    return Front(app, access if isinstance(access, Access) else Access(write=access), context)

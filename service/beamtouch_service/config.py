@@ -2,20 +2,24 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
+from beamtouch_service.access import Access
 from beamtouch_service.samples import SurfaceName
 
 MIN_TOKEN_CHARACTERS = 16
 _MAX_TOKEN_BYTES = 4096
+_TOKEN_FILES = {"write": "token_file", "read": "read_token_file", "admin": "admin_token_file"}
+_FILES = (*_TOKEN_FILES.values(), "certificate_file", "key_file")
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 Port = Annotated[int, Field(ge=0, le=65535)]
 StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
+_Model = TypeVar("_Model", bound=BaseModel)
 _Text = Annotated[str, Field(min_length=1)]
 
 
@@ -24,18 +28,30 @@ class ConfigError(ValueError):
 
 
 class ServerSection(BaseModel):
-    """`[server]`: where to listen, and who may write."""
+    """`[server]`: where to listen, and who may do what."""
 
     model_config = _STRICT
 
     host: _Text = "127.0.0.1"
-    """Beyond loopback only together with a token file."""
+    """Beyond loopback only together with a token file for writing and one for reading."""
     port: Port = 8420
     """0 picks a free one."""
     token_file: _Text | None = None
     """Without one every write is refused."""
     max_streams: Annotated[int, Field(ge=0, le=1000)] = 32
     """Most streams open at once."""
+
+    read_token_file: _Text | None = None
+    """Without one everyone on this machine may read."""
+    admin_token_file: _Text | None = None
+    """Without one nobody may administrate."""
+    certificate_file: _Text | None = None
+    """PEM, with the chain; together with `key_file`: HTTPS instead of HTTP."""
+    key_file: _Text | None = None
+    max_clients: Annotated[int, Field(ge=1, le=100_000)] = 256
+    """Connections at a time; more get 503."""
+    max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = 2000.0
+    """For each surface; more get 429."""
 
 
 class EventsSection(BaseModel):
@@ -78,6 +94,10 @@ class Overrides(BaseModel):
     host: _Text | None = None
     port: Port | None = None
     token_file: _Text | None = None
+    read_token_file: _Text | None = None
+    admin_token_file: _Text | None = None
+    certificate_file: _Text | None = None
+    key_file: _Text | None = None
     model: _Text | None = None
     stale_ms: StaleMs | None = None
 
@@ -103,15 +123,31 @@ class EventSettings:
 
 
 @dataclass(frozen=True)
+class TlsFiles:
+    """Certificate and key."""
+
+    certificate: Path
+    key: Path
+
+
+@dataclass(frozen=True)
 class Settings:
     """Everything the service is told, checked."""
 
     host: str
     port: int
-    token: str | None = field(repr=False)
+    access: Access
+    tls: TlsFiles | None
+    max_clients: int
+    max_batches_per_s: float
     surfaces: tuple[SurfaceSettings, ...]
     max_streams: int = 32
     events: EventSettings = EventSettings()
+
+    @property
+    def token(self) -> str | None:
+        """The token for writing."""
+        return self.access.write
 
 
 def load_settings(config: Path | None, options: Mapping[str, object]) -> Settings:
@@ -131,15 +167,43 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
     file = _read(config) if config else ConfigFile()
     folder = config.parent if config else Path()
     server = file.server
-    token_file = _path(overrides.token_file, Path()) or _path(server.token_file, folder)
+    files = {name: _path(getattr(overrides, name), Path()) or _path(getattr(server, name), folder) for name in _FILES}
     return Settings(
         host=server.host if overrides.host is None else overrides.host,
         port=server.port if overrides.port is None else overrides.port,
-        token=load_token(token_file) if token_file else None,
+        access=_access(files),
+        tls=_tls(files["certificate_file"], files["key_file"]),
+        max_clients=server.max_clients,
+        max_batches_per_s=server.max_batches_per_s,
         surfaces=_merge_surfaces(file, folder, overrides),
         max_streams=server.max_streams,
         events=EventSettings(_path(file.events.file, folder), file.events.keep_days, file.events.most_mb),
     )
+
+
+def _access(files: Mapping[str, Path | None]) -> Access:
+    found: dict[str, Path] = {}
+    tokens: dict[str, str] = {}
+    for purpose, name in _TOKEN_FILES.items():
+        path = files[name]
+        if path is None:
+            continue
+        tokens[purpose] = token = load_token(path)
+        if token in found:
+            message = f"token files {found[token]} and {path} hold the same token; each purpose needs one of its own"
+            raise ConfigError(message)
+        found[token] = path
+    return Access(**tokens)
+
+
+def _tls(certificate: Path | None, key: Path | None) -> TlsFiles | None:
+    if certificate is None and key is None:
+        return None
+    if certificate is None or key is None:
+        missing = "certificate_file" if certificate is None else "key_file"
+        message = f"server.{missing} is missing; HTTPS takes a certificate and its key"
+        raise ConfigError(message)
+    return TlsFiles(certificate, key)
 
 
 def _merge_surfaces(file: ConfigFile, folder: Path, overrides: Overrides) -> tuple[SurfaceSettings, ...]:
@@ -194,9 +258,6 @@ def _read(path: Path) -> ConfigFile:
         message = f"config {path} is not TOML: {error}"
         raise ConfigError(message) from None
     return _validate(ConfigFile, content, "", f"config {path}")
-
-
-_Model = TypeVar("_Model", bound=BaseModel)
 
 
 def _validate(model: type[_Model], content: Mapping[str, object], prefix: str, origin: str) -> _Model:

@@ -104,6 +104,9 @@ EVENTS: dict[str, Any] = {
 }
 """The answer of the route of the events."""
 
+NEEDS_TOKEN: dict[str, Any] = {"security": [{_SECURITY_SCHEME: []}]}
+"""For a route that not everyone may use."""
+
 BATCH_BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
@@ -114,7 +117,7 @@ BATCH_BODY: dict[str, Any] = {
             }
         },
     },
-    "security": [{_SECURITY_SCHEME: []}],
+    **NEEDS_TOKEN,
 }
 """For a route that reads its body itself."""
 

@@ -1,14 +1,17 @@
 """From samples to what the model says of each: all samples of a batch in one call. Pure: no clock, no state, no I/O."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.modelfile import Answers, ModelFile
 from beamtouch_service.problems import Kind, Problem
 from beamtouch_service.samples import Quality, Sample
 
+Ask = Callable[[NDArray[np.float32], NDArray[np.bool_]], Answers]
+"""From deflections [mm] and valid, both (samples, channels), to a value per output and sample."""
 CHUNK = 256
 """Most samples in one call of the model: more would cost memory and save no time."""
 _FLOAT32_MAX = float(np.finfo(np.float32).max)
@@ -26,18 +29,23 @@ class Estimated:
     """Output name -> value, or why there is none."""
 
 
-def estimate(model: ModelFile, surface: str, offered: list[str], samples: Sequence[Sample]) -> list[Estimated]:
-    """Return what `model` says of each sample of `surface`, whose channels come in the order of `offered`."""
+def estimate(
+    model: ModelFile, surface: str, offered: list[str], samples: Sequence[Sample], ask: Ask | None = None
+) -> list[Estimated]:
+    """Return what `model` says of each sample of `surface`, whose channels come in the order of `offered`.
+
+    `ask` is how the model is asked; without it, by itself.
+    """
     found: list[Estimated] = []
     for start in range(0, len(samples), CHUNK):
-        found += _chunk(model, surface, offered, samples[start : start + CHUNK])
+        found += _chunk(model, surface, offered, samples[start : start + CHUNK], ask or model.estimate)
     return found
 
 
-def _chunk(model: ModelFile, surface: str, offered: list[str], samples: Sequence[Sample]) -> list[Estimated]:
+def _chunk(model: ModelFile, surface: str, offered: list[str], samples: Sequence[Sample], ask: Ask) -> list[Estimated]:
     rows = [arrange(model.channels, offered, sample) for sample in samples]
     enough = [len(values) - len(bad) >= model.metadata.min_channels for values, bad in rows]
-    answered = iter(_answers(model, [row for row, usable in zip(rows, enough, strict=True) if usable]))
+    answered = iter(_answers(model, ask, [row for row, usable in zip(rows, enough, strict=True) if usable]))
     return [
         Estimated(
             sample.sequence,
@@ -49,12 +57,12 @@ def _chunk(model: ModelFile, surface: str, offered: list[str], samples: Sequence
     ]
 
 
-def _answers(model: ModelFile, rows: list[tuple[list[float], dict[str, Quality]]]) -> list[dict[str, float]]:
+def _answers(model: ModelFile, ask: Ask, rows: list[tuple[list[float], dict[str, Quality]]]) -> list[dict[str, float]]:
     if not rows:
         return []
     values = np.array([values for values, _ in rows], np.float32)
     valid = np.array([[name not in bad for name in model.channels] for _, bad in rows], np.bool_)
-    columns = {name: column.tolist() for name, column in model.estimate(values, valid).items()}
+    columns = {name: column.tolist() for name, column in ask(values, valid).items()}
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 

@@ -23,15 +23,22 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _internal)
 
 
-def _answer(problem: Problem, headers: dict[str, str] | None = None) -> Response:
+def answer(problem: Problem, headers: dict[str, str] | None = None) -> Response:
+    """Return a problem as an answer."""
     # allow_nan=False: what is not JSON must not leave, not even in an error.
     content = json.dumps(problem.body(), allow_nan=False, ensure_ascii=False).encode("utf-8", "replace")
     return Response(content, problem.kind.status, {**NO_STORE, **(headers or {})}, MEDIA_TYPE)
 
 
-async def _problem(_request: Request, error: Exception) -> Response:
+def _counted(request: Request, problem: Problem, headers: dict[str, str] | None = None) -> Response:
+    address = request.client.host if request.client else "unknown"
+    request.app.state.context.counts.problem(problem.kind, address)
+    return answer(problem, headers)
+
+
+async def _problem(request: Request, error: Exception) -> Response:
     assert isinstance(error, ProblemError)  # noqa: S101  # narrows the type; registered for nothing else
-    return _answer(error.problem, error.headers)
+    return _counted(request, error.problem, error.headers)
 
 
 async def _http(request: Request, error: Exception) -> Response:
@@ -39,19 +46,21 @@ async def _http(request: Request, error: Exception) -> Response:
     headers = dict(error.headers or {})
     if error.status_code == Kind.METHOD_NOT_ALLOWED.status:
         detail = f"{request.method} is not one of the methods here: {headers.get('Allow', 'see /openapi.json')}."
-        return _answer(Problem(Kind.METHOD_NOT_ALLOWED, detail), headers)
+        return _counted(request, Problem(Kind.METHOD_NOT_ALLOWED, detail), headers)
     if error.status_code == Kind.NOT_FOUND.status:
-        return _answer(Problem(Kind.NOT_FOUND, "See /openapi.json for the addresses of this service."), headers)
+        return _counted(
+            request, Problem(Kind.NOT_FOUND, "See /openapi.json for the addresses of this service."), headers
+        )
     # The framework has a few more of its own; it words them well enough, and RFC 9457 has a type for just that.
     body = {"type": "about:blank", "title": error.detail, "status": error.status_code, "detail": error.detail}
     return Response(json.dumps(body), error.status_code, {**NO_STORE, **headers}, MEDIA_TYPE)
 
 
-async def _validation(_request: Request, error: Exception) -> Response:
+async def _validation(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)  # noqa: S101  # narrows the type; registered for nothing else
     found = error.errors()
     places = [{"pointer": pointer(tuple(entry["loc"])), "detail": str(entry["msg"])} for entry in found[:10]]
-    return _answer(invalid_request(places, len(found)))
+    return _counted(request, invalid_request(places, len(found)))
 
 
 async def _disconnect(_request: Request, _error: Exception) -> Response:
@@ -59,5 +68,11 @@ async def _disconnect(_request: Request, _error: Exception) -> Response:
     return Response(status_code=400)
 
 
-async def _internal(_request: Request, _error: Exception) -> Response:
-    return _answer(Problem(Kind.INTERNAL, "An error inside the service ended this request; its log says more."))
+def internal() -> Response:
+    """Return the answer for an error of ours."""
+    return answer(Problem(Kind.INTERNAL, "An error inside the service ended this request; its log says more."))
+
+
+async def _internal(request: Request, _error: Exception) -> Response:
+    request.app.state.context.counts.problem(Kind.INTERNAL, "")
+    return internal()

@@ -1,7 +1,6 @@
-"""What a write goes through before a surface sees it: token, size, format."""
+"""What a batch goes through before a surface sees it: size, time, format."""
 
-import hmac
-from asyncio import CancelledError
+from asyncio import CancelledError, timeout
 
 from pydantic import ValidationError
 from starlette.requests import Request
@@ -10,40 +9,33 @@ from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch
 
 MAX_BODY_BYTES = 1024 * 1024
+MAX_BODY_S = 10.0
+"""For a whole body to arrive; a sender states the age of its samples before it."""
+_CLOSE = {"Connection": "close"}
+"""The rest of the body may still come, and nobody wants it."""
 _MAX_ERRORS = 10
 _MAX_POINTER = 200
 
 
-def check_token(request: Request, token: str | None) -> None:
-    """Let a request with the right bearer token pass; raises ProblemError (401) for any other, and without a token."""
-    if token is None:
-        raise _unauthorized("Writes are not allowed: start the service with --token-file FILE to allow them.")
-    scheme, _, given = request.headers.get("authorization", "").partition(" ")
-    if scheme.lower() != "bearer":
-        raise _unauthorized("Send the header `Authorization: Bearer TOKEN` with the token of the service's token file.")
-    # As bytes, since text beyond ASCII cannot be compared in constant time.
-    if not hmac.compare_digest(given.strip().encode(), token.encode()):
-        raise _unauthorized("The token is not the one in the service's token file.")
-
-
-def _unauthorized(detail: str) -> ProblemError:
-    return ProblemError(Problem(Kind.UNAUTHORIZED, detail), {"WWW-Authenticate": 'Bearer realm="beamtouch"'})
-
-
-async def read_body(request: Request, limit: int = MAX_BODY_BYTES) -> bytes:
+async def read_body(request: Request, limit: int = MAX_BODY_BYTES, limit_s: float = MAX_BODY_S) -> bytes:
     """Return the body; raises ProblemError (413) once it is known to exceed `limit` bytes, stated or chunked.
 
-    A body that is still under way when the service stops ends in a problem too (503): the sender will repeat it.
+    A body that takes longer than `limit_s` [s] ends in a problem too (408), as does one that is still under way when
+    the service stops (503): the sender will repeat it.
     """
     stated = request.headers.get("content-length", "")
     if stated.isdecimal() and int(stated) > limit:
         raise _too_large(limit)
     body = bytearray()
     try:
-        async for chunk in request.stream():
-            body += chunk
-            if len(body) > limit:
-                raise _too_large(limit)
+        async with timeout(limit_s):
+            async for chunk in request.stream():
+                body += chunk
+                if len(body) > limit:
+                    raise _too_large(limit)
+    except TimeoutError:
+        detail = f"The body was not complete after {limit_s:g} s; send fewer samples at a time."
+        raise ProblemError(Problem(Kind.TOO_SLOW, detail), _CLOSE) from None
     except CancelledError:
         # Only the server cancels a request, at the end of its patience, and would log a traceback of it.
         raise ProblemError(Problem(Kind.STOPPING, "Nothing was accepted; send the batch again.")) from None
@@ -52,7 +44,7 @@ async def read_body(request: Request, limit: int = MAX_BODY_BYTES) -> bytes:
 
 def _too_large(limit: int) -> ProblemError:
     detail = f"A batch may be at most {limit} bytes long; send fewer samples at a time."
-    return ProblemError(Problem(Kind.TOO_LARGE, detail, members={"limit_bytes": limit}))
+    return ProblemError(Problem(Kind.TOO_LARGE, detail, members={"limit_bytes": limit}), _CLOSE)
 
 
 def parse_batch(body: bytes) -> Batch:

@@ -7,11 +7,14 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.modelfile import Answers, ModelFile
 from beamtouch_service.contact import Contact, ContactQuality, Decision, rfc3339
 from beamtouch_service.estimates import estimate
+from beamtouch_service.inference import Durations, Inference
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.sequences import MAX_SENDERS, SequenceLog
@@ -42,6 +45,8 @@ class SurfaceSummary(BaseModel):
     """No contact is served from a sample older than this."""
     age_ms: float | None
     """Age of the newest sample; null before the first."""
+    model_error: str | None
+    """Why the newest model file is not used; null if it is."""
     samples: SampleCounts
 
 
@@ -79,7 +84,11 @@ class Surface:
 
     def __init__(self, name: str, model: ModelFile | None = None, stale_ms: float = DEFAULT_STALE_MS) -> None:
         self.name = name
-        self.model = model
+        self.model: ModelFile | None = None
+        self.model_error: str | None = None
+        """Why the newest model file is not used."""
+        self.offered: list[str] | None = None
+        """The channels of the newest batch, taken or not."""
         self.stale_ms = stale_ms
         self.witness: Witness | None = None
         self._sequences = SequenceLog()
@@ -89,6 +98,20 @@ class Surface:
         self._levels: tuple[ModelFile, Levels] | None = None
         self._follower: tuple[str, Follower] | None = None
         """For the sender of that boot id."""
+        self.inference_s = Durations()
+        self._inference: Inference | None = None
+        if model is not None:
+            self.adopt(model)
+
+    @property
+    def counts(self) -> SampleCounts:
+        """Counts of samples since the start."""
+        return self._counts
+
+    def adopt(self, model: ModelFile) -> None:
+        """Estimate from the next sample on with this model; the contact so far stays that of the model it is of."""
+        inference = Inference(model, self.inference_s)
+        self.model, self._inference = model, inference
 
     def receive(self, batch: Batch, arrival_s: float) -> Receipt:
         """Take a batch that arrived at `arrival_s` [s, monotonic].
@@ -100,6 +123,7 @@ class Surface:
         ProblemError
             Channels of the model are missing; the batch changed nothing.
         """
+        self.offered = batch.channels
         self._require_channels(batch.channels)
         admission = self._sequences.admit(batch.boot_id, [sample.sequence for sample in batch.samples])
         self._counts.accepted += admission.accepted
@@ -152,6 +176,7 @@ class Surface:
             channels=self.model.channels if self.model else [],
             stale_ms=self.stale_ms,
             age_ms=self._present.age_ms(now_s) if self._present else None,
+            model_error=self.model_error,
             samples=self._counts.model_copy(),
         )
 
@@ -221,10 +246,16 @@ class Surface:
             # The sender started anew; whatever still comes of its former life is history.
             self._former_senders.append(self._present.boot_id)
         follower = self._following(model, batch.boot_id)
-        seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch.channels, fresh)]
+        seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch.channels, fresh, self._ask)]
         self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, seen[-1], model.identity)
         if self.witness:
             self.witness.present(self, model, batch.boot_id, seen)
+
+    def _ask(self, deflection_mm: NDArray[np.float32], valid: NDArray[np.bool_]) -> Answers:
+        if self._inference is None:
+            message = "no model"
+            raise AssertionError(message)
+        return self._inference.ask(deflection_mm, valid)
 
     def _following(self, model: ModelFile, boot_id: str) -> Follower:
         if self._levels is None or self._levels[0] is not model:

@@ -76,6 +76,7 @@ class Follower:
     def step(self, estimated: Estimated) -> Seen:
         """Decide on the next sample."""
         last = self._last
+        # The sample before this one may be missing, or undecided.
         if last and estimated.sequence != last.sequence + 1:
             self._touching &= abs(estimated.acquired_unix_us - last.acquired_unix_us) <= self._hold_us
         outcome = self._decide(estimated)

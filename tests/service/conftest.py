@@ -1,6 +1,6 @@
 """Real model files, small enough to compute by hand, and the service around them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,15 @@ from fastapi.testclient import TestClient
 from onnx import TensorProto, helper
 
 from beamtouch_models import modelfile
+from beamtouch_service.access import Access
 from beamtouch_service.app import create_app
+from beamtouch_service.model_keeper import ModelKeeper
 from beamtouch_service.samples import Batch
 from beamtouch_service.surface import Surface
 
 TOKEN = "correct-horse-battery-staple"  # noqa: S105  # of these tests only
+READ_TOKEN = "reading-horse-battery-staple"  # noqa: S105
+ADMIN_TOKEN = "admin-horse-battery-staple"  # noqa: S105
 Rows = list[list[float]]
 BuildModel = Callable[..., Path]
 
@@ -124,13 +128,21 @@ def build_model(tmp_path: Path) -> BuildModel:
 class Bench:
     """One surface `press-7` behind its routes, with a clock that stands still until it is told otherwise."""
 
-    def __init__(self, *surfaces: Surface, token: str | None = TOKEN) -> None:
+    def __init__(
+        self,
+        *surfaces: Surface,
+        token: str | Access | None = TOKEN,
+        max_batches_per_s: float = 1e6,
+        keepers: Mapping[str, ModelKeeper] | None = None,
+    ) -> None:
         self.now_s = 1000.0
-        app = create_app(surfaces, token, clock=lambda: self.now_s)
-        self.client = TestClient(app, raise_server_exceptions=False)
+        self.app = create_app(
+            surfaces, token, clock=lambda: self.now_s, keepers=keepers, max_batches_per_s=max_batches_per_s
+        )
+        self.client = TestClient(self.app, raise_server_exceptions=False)
 
-    def get(self, path: str) -> httpx2.Response:
-        return self.client.get(path)
+    def get(self, path: str, token: str | None = None) -> httpx2.Response:
+        return self.client.get(path, headers={"Authorization": f"Bearer {token}"} if token else {})
 
     def post(
         self,
@@ -197,4 +209,18 @@ def parse_batch(make_batch: MakeBatch) -> Callable[..., Batch]:
 def token_file(tmp_path: Path) -> Path:
     path = tmp_path / "token"
     path.write_text(TOKEN + "\n")
+    return path
+
+
+@pytest.fixture
+def read_token_file(tmp_path: Path) -> Path:
+    path = tmp_path / "read-token"
+    path.write_text(READ_TOKEN + "\n")
+    return path
+
+
+@pytest.fixture
+def admin_token_file(tmp_path: Path) -> Path:
+    path = tmp_path / "admin-token"
+    path.write_text(ADMIN_TOKEN + "\n")
     return path

@@ -89,6 +89,9 @@ def test_the_token_is_not_printed(tmp_path: Path) -> None:
         ("[events]\nkeep_days = 0\n", "events.keep_days"),
         ("[events]\nmost_mb = 0\n", "events.most_mb"),
         ("[server]\nmax_streams = -1\n", "server.max_streams"),
+        ("[server]\nmax_clients = 0\n", "server.max_clients: Input should be greater than or equal to 1"),
+        ("[server]\nmax_batches_per_s = 0\n", "server.max_batches_per_s"),
+        ("[server]\ncertificate_file = 'c.pem'\n", "server.key_file is missing"),
         ("[server\n", "is not TOML"),
         ("[server]\ntoken_file = 'nowhere'\n", "nowhere: No such file or directory; write at least 16 random"),
     ],
@@ -141,6 +144,17 @@ def test_sixteen_characters_are_enough(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("  sixteen-chars-16\r\n")
 
     assert load_token(tmp_path / "token") == "sixteen-chars-16"
+
+
+def test_each_purpose_has_a_token_of_its_own(tmp_path: Path) -> None:
+    (tmp_path / "token").write_text("correct-horse-battery\n")
+    (tmp_path / "read-token").write_text("another-horse-battery\n")
+    text = '[server]\ntoken_file = "token"\nread_token_file = "read-token"\nadmin_token_file = "{}"\n'
+
+    access = load(tmp_path, text.format("read-token")[: text.index("admin")]).access
+    assert (access.write, access.read, access.admin) == ("correct-horse-battery", "another-horse-battery", None)
+    with pytest.raises(ConfigError, match="read-token hold the same token; each purpose needs one of its own"):
+        load(tmp_path, text.format("read-token"))
 
 
 def test_the_example_is_a_config(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from beamtouch_service.surface import Surface
 if TYPE_CHECKING:
     import httpx2
 
+    from beamtouch_service.samples import Batch, Receipt
     from service.conftest import Bench, BuildModel, MakeBatch
 
 
@@ -158,6 +159,7 @@ def test_the_summary_of_a_surface(bench: Bench, make_batch: MakeBatch) -> None:
         "channels": ["s1", "s2", "s3"],
         "stale_ms": 500.0,
         "age_ms": 0.0,
+        "model_error": None,
         "samples": {"accepted": 1, "repeated": 0, "lost": 0},
     }
 
@@ -176,13 +178,17 @@ def test_a_wrong_method_is_a_problem_that_names_the_right_one(bench: Bench) -> N
     assert response.headers["allow"] == "GET"
 
 
-def test_a_failure_inside_is_a_problem_without_its_traceback(make_bench: type[Bench]) -> None:
+def test_a_failure_inside_is_a_problem_without_its_traceback(make_bench: type[Bench], make_batch: MakeBatch) -> None:
     class Broken(Surface):
         def summary(self, now_s: float) -> None:  # type: ignore[override]  # broken on purpose
             message = f"secret at {now_s}"
             raise RuntimeError(message)
 
-    response = make_bench(Broken("press-7")).get("/surfaces")
+        def receive(self, batch: Batch, arrival_s: float) -> Receipt:
+            message = f"secret at {arrival_s} in {batch}"
+            raise RuntimeError(message)
 
-    assert (response.status_code, kind(response)) == (500, "internal")
-    assert "secret" not in response.text
+    bench = make_bench(Broken("press-7"))
+    for response in (bench.get("/surfaces"), bench.post(make_batch())):
+        assert (response.status_code, kind(response)) == (500, "internal")
+        assert "secret" not in response.text

@@ -5,12 +5,14 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import httpx2
 import pytest
+
+CLI = ("-m", "beamtouch_service.cli")
 
 
 class Service:
@@ -22,8 +24,9 @@ class Service:
         self.token = token
         self.url = first_line.removeprefix("listening on ").strip()
 
-    def get(self, path: str) -> httpx2.Response:
-        return httpx2.get(self.url + path, trust_env=False)
+    def get(self, path: str, token: str | None = None) -> httpx2.Response:
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        return httpx2.get(self.url + path, headers=headers, trust_env=False)
 
     def post(self, body: dict[str, Any] | bytes | Iterator[bytes]) -> httpx2.Response:
         content = json.dumps(body).encode() if isinstance(body, dict) else body
@@ -33,7 +36,7 @@ class Service:
     def stop(self, signal_number: int) -> tuple[int, str]:
         """Send a signal; return exit code and standard error."""
         self.process.send_signal(signal_number)
-        _, errors = self.process.communicate(timeout=10)
+        _, errors = self.process.communicate(timeout=30)
         return self.process.returncode, errors
 
 
@@ -46,15 +49,18 @@ def command(tmp_path: Path) -> Iterator[Command]:
     """Start `beamtouch-service` with these arguments in a folder of its own; whatever still runs is ended."""
     started: list[subprocess.Popen[str]] = []
 
-    def start(*arguments: str | Path) -> subprocess.Popen[str]:
+    def start(
+        *arguments: str | Path, environment: dict[str, str] | None = None, program: Sequence[str] = CLI
+    ) -> subprocess.Popen[str]:
         search = [str(Path(entry).resolve()) for entry in os.environ.get("PYTHONPATH", "").split(":") if entry]
         process = subprocess.Popen(
-            [sys.executable, "-m", "beamtouch_service.cli", *map(str, arguments)],
+            [sys.executable, *program, *map(str, arguments)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
             cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": ":".join(search)},
+            env={**os.environ, "PYTHONPATH": ":".join(search), **(environment or {})},
+            close_fds=program is CLI,
         )
         started.append(process)
         return process
@@ -68,11 +74,13 @@ def command(tmp_path: Path) -> Iterator[Command]:
 
 @pytest.fixture
 def start_service(command: Command, token_file: Path) -> StartService:
-    def start(*arguments: str | Path) -> Service:
-        process = command("run", "--port", "0", *arguments)
+    def start(
+        *arguments: str | Path, environment: dict[str, str] | None = None, program: Sequence[str] = CLI
+    ) -> Service:
+        process = command("run", "--port", "0", *arguments, environment=environment, program=program)
         assert process.stdout is not None
         line = process.stdout.readline()
-        assert line.startswith("listening on http://127.0.0.1:"), process.communicate()[1]
+        assert line.startswith(("listening on http://127.0.0.1:", "listening on https://")), process.communicate()[1]
         return Service(process, line, token_file.read_text().strip())
 
     return start
@@ -80,12 +88,12 @@ def start_service(command: Command, token_file: Path) -> StartService:
 
 @pytest.fixture
 def wait_for() -> Callable[[Callable[[], bool]], None]:
-    """Poll until a condition holds, five seconds at most."""
+    """Poll until a condition holds, 20 s at most."""
 
     def wait(condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + 20
         while not condition():
-            assert time.monotonic() < deadline, "it did not come true within 5 s"
+            assert time.monotonic() < deadline, "it did not come true within 20 s"
             time.sleep(0.01)
 
     return wait

@@ -87,8 +87,9 @@ def test_without_a_token_file_writes_are_refused_and_the_log_says_how_to_allow_t
     assert service.post(make_batch()).status_code == 401
     code, errors = service.stop(signal.SIGTERM)
     assert code == 0
-    (line,) = errors.splitlines()
-    assert "start with --token-file FILE" in line
+    limit, refusal = errors.splitlines()
+    assert "start with --token-file FILE" in limit
+    assert "refused (unauthorized): 1 since" in refusal
 
 
 def test_sigterm_and_ctrl_c_end_it_quietly(

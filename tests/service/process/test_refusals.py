@@ -84,16 +84,20 @@ def test_a_model_that_takes_only_its_own_golden_batch(
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::"])  # noqa: S104  # that it is refused is the point
-def test_the_network_without_a_token(capsys: pytest.CaptureFixture[str], host: str) -> None:
+def test_the_network_without_tokens(capsys: pytest.CaptureFixture[str], host: str, token_file: Path) -> None:
     line = refused_here(capsys, "--host", host, "--port", "0")
+    assert line.endswith("add --token-file FILE and --read-token-file FILE, or use 127.0.0.1")
 
-    assert line.endswith("that needs a token: add --token-file FILE, or use 127.0.0.1")
+    line = refused_here(capsys, "--host", host, "--port", "0", "--token-file", token_file)
+    assert line.endswith("for writing and one for reading: add --read-token-file FILE, or use 127.0.0.1")
 
 
-def test_a_host_that_is_not_this_machine(capsys: pytest.CaptureFixture[str], token_file: Path) -> None:
+def test_a_host_that_is_not_this_machine(
+    capsys: pytest.CaptureFixture[str], token_file: Path, read_token_file: Path
+) -> None:
     assert "no address of this machine" in refused_here(capsys, "--host", "no.such.host.invalid")
-    elsewhere = refused_here(capsys, "--host", "192.0.2.1", "--port", "0", "--token-file", token_file)
-    assert "not on this machine" in elsewhere
+    tokens = ("--token-file", token_file, "--read-token-file", read_token_file)
+    assert "not on this machine" in refused_here(capsys, "--host", "192.0.2.1", "--port", "0", *tokens)
 
 
 @pytest.mark.parametrize("port", ["-1", "65536"])
@@ -116,7 +120,7 @@ def test_a_token_file_that_is_empty(capsys: pytest.CaptureFixture[str], tmp_path
     assert "empty; write at least 16 random characters to it" in line
 
 
-@pytest.mark.parametrize("missing", ["fastapi", "uvicorn", "onnxruntime", "numpy"])
+@pytest.mark.parametrize("missing", ["fastapi", "uvicorn", "onnxruntime", "numpy", "prometheus_client"])
 def test_a_missing_extra(missing: str) -> None:
     program = (
         f"import sys; sys.modules[{missing!r}] = None\n"

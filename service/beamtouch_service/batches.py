@@ -1,0 +1,23 @@
+"""Taking a batch, from the headers of its request to its receipt."""
+
+from starlette.requests import Request
+
+from beamtouch_service.context import Context
+from beamtouch_service.intake import parse_batch, read_body
+from beamtouch_service.problems import ProblemError
+from beamtouch_service.samples import Receipt
+
+
+async def take(context: Context, name: str, request: Request) -> Receipt:
+    """Read the batch in a request that may write, and hand it to its surface. Raises ProblemError."""
+    surface = context.registry.named(name)
+    try:
+        context.take_turn(name)
+        # The body is read here and not by the framework: never beyond its limits.
+        body = await read_body(request)
+        # The age was stated before the body travelled; the instant is taken before the body is parsed.
+        arrival_s = context.clock()
+        return surface.receive(parse_batch(body), arrival_s)
+    except ProblemError as error:
+        context.counts.rejected[error.problem.kind] += 1
+        raise

@@ -1,0 +1,36 @@
+"""What the service counts beyond its surfaces: answers, problems, refusals. Pure."""
+
+import logging
+from collections import Counter
+from collections.abc import Callable
+from time import monotonic
+
+from beamtouch_service.limits import Seldom
+from beamtouch_service.problems import Kind
+
+REFUSALS = frozenset({Kind.UNAUTHORIZED, Kind.FORBIDDEN, Kind.TOO_MANY_REQUESTS})
+"""Ended before anything of the request but its headers was looked at."""
+
+_log = logging.getLogger("beamtouch.service")
+
+
+class Counts:
+    """Since the start. Refusals are also logged, once per minute and kind, without what the client sent."""
+
+    def __init__(self, clock: Callable[[], float] = monotonic) -> None:
+        self.contacts: Counter[str] = Counter()
+        """Contacts served, by state."""
+        self.problems: Counter[Kind] = Counter()
+        self.rejected: Counter[Kind] = Counter()
+        """Batches that ended in a problem; they changed nothing."""
+        self._seldom = Seldom()
+        self._clock = clock
+
+    def problem(self, kind: Kind, client: str) -> None:
+        """Count an answer that says no, to a client of this address."""
+        self.problems[kind] += 1
+        if kind not in REFUSALS:
+            return
+        times = self._seldom.due(kind.slug, self._clock())
+        if times:
+            _log.warning("refused (%s): %d since the last such line, the newest from %s", kind.slug, times, client)

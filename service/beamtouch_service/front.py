@@ -1,0 +1,133 @@
+"""In front of the routes: who may pass, the headers of every answer, contacts and batches without a detour."""
+
+import logging
+from collections.abc import Iterable
+
+from fastapi import FastAPI
+from starlette.requests import ClientDisconnect, Request
+from starlette.routing import Match
+from starlette.types import Message, Receive, Scope, Send
+
+from beamtouch_service import batches, handlers
+from beamtouch_service.access import Access, Role
+from beamtouch_service.context import Context
+from beamtouch_service.encoded import EncodedContacts
+from beamtouch_service.problems import Kind, ProblemError
+
+_log = logging.getLogger("beamtouch.service")
+
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Content-Security-Policy": "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "Referrer-Policy": "no-referrer",
+}
+_HEADERS = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+_JSON_HEADERS = [(b"content-type", b"application/json"), (b"cache-control", b"no-store"), *_HEADERS]
+_OPEN_PATHS = frozenset({"/health/live"})
+_READING = frozenset({"GET", "HEAD"})
+_PREFIX, _SUFFIX, _SAMPLES = "/surfaces/", "/contact", "/samples"
+_BY_NAME = b"surface="
+_RELOAD = "/model/reload"
+
+
+class Front:
+    """The application: `api` behind its guard."""
+
+    def __init__(self, api: FastAPI, access: Access, context: Context) -> None:
+        self.api = api
+        self.context = context
+        self._access = access
+        self._contacts = EncodedContacts(context.registry)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request (ASGI)."""
+        if scope["type"] != "http":
+            await self.api(scope, receive, send)
+            return
+        try:
+            self._access.require(self._role(scope), _authorization(scope["headers"]))
+            body = self._contact(scope) if scope["method"] == "GET" else await self._receipt(scope, receive)
+        except ClientDisconnect:
+            # In the middle of its body: nobody would read an answer, and nothing was accepted.
+            return
+        except ProblemError as error:
+            self.context.counts.problem(error.problem.kind, client(scope))
+            await handlers.answer(error.problem, error.headers)(scope, receive, _guarded(send))
+            return
+        except Exception as error:  # noqa: BLE001  # the last resort: whatever it is, the answer is a problem
+            _log.error("an error ended a request", exc_info=error)
+            self.context.counts.problem(Kind.INTERNAL, client(scope))
+            await handlers.internal()(scope, receive, _guarded(send))
+            return
+        if body is None:
+            await self.api(scope, receive, _guarded(send))
+            return
+        headers = [*_JSON_HEADERS, (b"content-length", b"%d" % len(body))]
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        await send({"type": "http.response.body", "body": body})
+
+    async def _receipt(self, scope: Scope, receive: Receive) -> bytes | None:
+        """Take the batch that is sent; None for another request. Raises ProblemError."""
+        path = scope["path"]
+        name = path[len(_PREFIX) : -len(_SAMPLES)]
+        if scope["method"] != "POST" or not path.startswith(_PREFIX) or not path.endswith(_SAMPLES) or "/" in name:
+            return None
+        receipt = await batches.take(self.context, name, Request(scope, receive))
+        return receipt.model_dump_json().encode()
+
+    def _role(self, scope: Scope) -> Role:
+        if scope["method"] in _READING:
+            return Role.OPEN if scope["path"] in _OPEN_PATHS else Role.READ
+        if scope["path"].endswith(_SAMPLES):
+            return Role.WRITE
+        # Whatever is not reading writes; where there is no such route there is nothing to guard but the answer.
+        if any(route.matches(scope)[0] is Match.FULL for route in self.api.router.routes):
+            return Role.ADMIN if scope["path"].endswith(_RELOAD) else Role.WRITE
+        return Role.READ
+
+    def _contact(self, scope: Scope) -> bytes | None:
+        """Return the contact that is asked for; None where it is asked for otherwise, or there is none to give."""
+        path: str = scope["path"]
+        if not path.endswith(_SUFFIX):
+            return None
+        query: bytes = scope["query_string"]
+        name = None
+        if path.startswith(_PREFIX):
+            name = path[len(_PREFIX) : -len(_SUFFIX)]
+        elif path != _SUFFIX:
+            return None
+        elif query:
+            if not query.startswith(_BY_NAME):
+                return None
+            name = query[len(_BY_NAME) :].decode("ascii", "replace")
+        state_and_body = self._contacts.get(name, self.context.clock())
+        if state_and_body is None:
+            return None
+        state, body = state_and_body
+        self.context.counts.contacts[state] += 1
+        return body
+
+
+def client(scope: Scope) -> str:
+    """Return the address of who asks."""
+    return scope["client"][0] if scope.get("client") else "unknown"
+
+
+def _authorization(headers: Iterable[tuple[bytes, bytes]]) -> bytes | None:
+    for name, value in headers:
+        if name == b"authorization":
+            return value
+    return None
+
+
+def _guarded(send: Send) -> Send:
+    """Return a `send` that adds our headers, unless a route has set its own."""
+
+    async def sent(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = list(message.get("headers", []))
+            names = {name.lower() for name, _ in headers}
+            message = {**message, "headers": headers + [pair for pair in _HEADERS if pair[0] not in names]}
+        await send(message)
+
+    return sent

@@ -1,0 +1,158 @@
+"""uvicorn, with the bounds and the background work of this service."""
+
+import asyncio
+import gc
+import logging
+import signal
+import socket
+import sys
+from collections.abc import Callable, Coroutine, Sequence
+from types import FrameType
+from typing import Any
+
+import uvicorn
+from starlette.types import ASGIApp, Scope
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
+
+from beamtouch_service.config import TlsFiles
+from beamtouch_service.limits import SeldomFilter
+from beamtouch_service.notify import ServiceManager
+from beamtouch_service.streams import Streams
+
+SHUTDOWN_S = 2
+"""For answers under way to finish; a sender repeats what was not acknowledged."""
+HEAD_S = 10.0
+"""For a client to send a request line and headers."""
+MAX_HEAD_BYTES = 16 * 1024
+
+_log = logging.getLogger("beamtouch.service")
+
+Work = Callable[[], Coroutine[Any, Any, None]]
+
+
+class BoundedProtocol(H11Protocol):
+    """Ends a connection on which a request has begun and does not get on."""
+
+    _deadline: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn's
+        """Expect a request."""
+        super().connection_made(transport)
+        self._deadline = self.loop.call_later(HEAD_S, self._give_up)
+
+    def data_received(self, data: bytes) -> None:
+        """Take what came; unless it is being answered, expect more of it."""
+        super().data_received(data)
+        if not self._is_owed():
+            self._forget()
+        elif self._deadline is None:
+            self._deadline = self.loop.call_later(HEAD_S, self._give_up)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Expect nothing any more."""
+        self._forget()
+        super().connection_lost(exc)
+
+    def _is_owed(self) -> bool:
+        cycle: RequestResponseCycle | None = self.cycle  # it is None before the first request, whatever its type says
+        return cycle is None or cycle.response_complete
+
+    def _forget(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+            self._deadline = None
+
+    def _give_up(self) -> None:
+        self._deadline = None
+        if self._is_owed():
+            self.transport.close()
+
+
+def configure(app: ASGIApp, max_clients: int, tls: TlsFiles | None = None) -> uvicorn.Config:
+    """Return how uvicorn is to serve `app`."""
+    return uvicorn.Config(
+        app,
+        http=BoundedProtocol,
+        ws="none",
+        loop="asyncio",
+        lifespan="off",
+        log_config=None,
+        log_level=logging.WARNING,
+        access_log=False,
+        server_header=False,
+        # A client is who is connected, whatever a header says.
+        proxy_headers=False,
+        timeout_graceful_shutdown=SHUTDOWN_S,
+        # It refuses the one that reaches the limit.
+        limit_concurrency=max_clients + 1,
+        h11_max_incomplete_event_size=MAX_HEAD_BYTES,
+        ssl_certfile=tls.certificate if tls else None,
+        ssl_keyfile=tls.key if tls else None,
+        ssl_keyfile_password="" if tls else None,
+    )
+
+
+class Host(uvicorn.Server):
+    """Says where it listens once a stop signal would be heeded and a request answered; works in the background."""
+
+    def __init__(
+        self, config: uvicorn.Config, manager: ServiceManager, streams: Streams, work: Sequence[Work] = ()
+    ) -> None:
+        super().__init__(config)
+        self._manager = manager
+        self._streams = streams
+        streams.drop = self._drop
+        self._work = work
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen, and tell."""
+        await super().startup(sockets)
+        self._tasks = [asyncio.create_task(work()) for work in self._work]
+        for task in self._tasks:
+            task.add_done_callback(_log_failure)
+        scheme = "https" if self.config.is_ssl else "http"
+        for listener in sockets or []:
+            host, port = listener.getsockname()[:2]
+            shown = f"[{host}]" if listener.family is socket.AF_INET6 else host
+            print(f"listening on {scheme}://{shown}:{port}", flush=True)
+            self._manager.ready(f"listening on {scheme}://{shown}:{port}")
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Tell, and end."""
+        self._manager.stopping()
+        # Before the server waits for answers under way: a stream would never end by itself.
+        self._streams.stop.set()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await super().shutdown(sockets)
+
+    def _drop(self, scope: Scope) -> None:
+        # Closing would wait until the client has read what was sent to it, and it does not read.
+        for connection in self.server_state.connections:
+            peer = connection.transport.get_extra_info("peername")
+            if peer and tuple(peer[:2]) == tuple(scope.get("client") or ()):
+                connection.transport.abort()
+
+
+def serve(host: Host, listener: socket.socket) -> None:
+    """Serve on a listening socket until SIGTERM (then SystemExit 0) or Ctrl-C (then KeyboardInterrupt)."""
+    # uvicorn shuts down on a signal and then raises it again for whoever is around it.
+    signal.signal(signal.SIGTERM, _exit_quietly)
+    # Until the loop heeds it, it must not end the process.
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    logging.getLogger("uvicorn.error").addFilter(SeldomFilter())
+    # What is there now stays; looking through it again and again for garbage would hold up answers.
+    gc.collect()
+    gc.freeze()
+    host.run(sockets=[listener])
+
+
+def _log_failure(task: asyncio.Task[None]) -> None:
+    if not task.cancelled() and task.exception() is not None:
+        _log.critical("a part of the service failed", exc_info=task.exception())
+
+
+def _exit_quietly(_signal: int, _frame: FrameType | None) -> None:
+    sys.exit(0)

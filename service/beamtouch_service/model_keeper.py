@@ -1,0 +1,138 @@
+"""A new model for a surface that is being served: checked first, then swapped in at once; a bad one changes nothing."""
+
+import asyncio
+import logging
+import os
+import time
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+from beamtouch_models import modelfile
+from beamtouch_models.modelfile import ModelFile, ModelFileError
+from beamtouch_service.contact import LOG_ODDS
+from beamtouch_service.inference import Durations, Inference
+from beamtouch_service.surface import Surface
+
+STILL_S = 1.0
+"""A file is read when size and time of change stood still for so long: before, it may be half a copy."""
+_ATTEMPTS = 10
+
+_log = logging.getLogger("beamtouch.service")
+
+
+@dataclass(frozen=True)
+class _Stamp:
+    """Differs when a file was written, or replaced by another."""
+
+    size: int
+    changed_ns: int
+    inode: int
+
+
+def parse(content: bytes, origin: str) -> ModelFile:
+    """Load a model and check that a service can use it; `origin` is named in errors. Raises ModelFileError."""
+    model = modelfile.load_bytes(content, origin)
+    if LOG_ODDS not in model.outputs:
+        # Without it a position would be stated of a beam that nothing touches.
+        message = f"{origin}: it has no output {LOG_ODDS}, so it cannot tell contact from clear; build another"
+        raise ModelFileError(message)
+    try:
+        Inference(model, Durations())
+    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        message = f"{origin}: its graph cannot be run as a service does ({(str(error).splitlines() or [''])[0]})"
+        raise ModelFileError(message) from None
+    return model
+
+
+def load(path: Path) -> tuple[ModelFile, str]:
+    """Load a model file as `parse` does; returns the digest of its content too. Raises ModelFileError."""
+    content = _read(path)
+    return parse(content, str(path)), sha256(content).hexdigest()
+
+
+class ModelKeeper:
+    """Keeps the model of a surface that of its file."""
+
+    def __init__(self, surface: Surface, path: Path, digest: str) -> None:
+        self.surface = surface
+        self.path = path
+        self._tried = _stamp(path)
+        self._candidate = self._tried
+        self._digest = digest
+        """Of the content of the file whose model the surface has."""
+        self._lock = asyncio.Lock()
+
+    async def poll(self) -> None:
+        """Load the file if it is another than last time, and the same as at the last poll, a second ago."""
+        stamp = _stamp(self.path)
+        if stamp is not None and stamp != self._tried and stamp == self._candidate:
+            await self.reload()
+        self._candidate = stamp
+
+    async def reload(self) -> bool:
+        """Load the file; returns whether the surface has another model now.
+
+        Raises nothing: why a file was refused is said in the log and by `surface.model_error`.
+        """
+        async with self._lock:
+            try:
+                changed = await self._reload()
+            except ModelFileError as error:
+                self.surface.model_error = f"the old model holds: {error}"
+                _log.error("surface %s: the new model is not used, the old one holds: %s", self.surface.name, error)
+                return False
+            self.surface.model_error = None
+            return changed
+
+    async def _reload(self) -> bool:
+        content = await self._settled_content()
+        digest, old = sha256(content).hexdigest(), self.surface.model
+        if digest == self._digest:
+            return False
+        # In a thread: contacts are asked for and samples arrive meanwhile.
+        model = await asyncio.to_thread(parse, content, str(self.path))
+        self._require_channels(model)
+        self.surface.adopt(model)
+        self._digest = digest
+        _log.info(
+            "surface %s: model %s instead of %s", self.surface.name, model.identity, old.identity if old else "none"
+        )
+        return True
+
+    async def _settled_content(self) -> bytes:
+        """Return what is in the file once nobody writes it any more."""
+        for _ in range(_ATTEMPTS):
+            before = _stamp(self.path)
+            if before is None or abs(time.time() - before.changed_ns / 1e9) < STILL_S:
+                await asyncio.sleep(STILL_S)
+            content = await asyncio.to_thread(_read, self.path)
+            after = _stamp(self.path)
+            if before == after and after is not None and len(content) == after.size:
+                self._tried = after
+                return content
+        message = f"{self.path}: it is still being written; ask again when it is complete"
+        raise ModelFileError(message)
+
+    def _require_channels(self, model: ModelFile) -> None:
+        offered = self.surface.offered
+        missing = [name for name in model.channels if offered is not None and name not in offered]
+        if missing:
+            message = f"{self.path}: it needs {', '.join(missing)}, which the samples of this surface do not have"
+            raise ModelFileError(message)
+
+
+def _stamp(path: Path) -> _Stamp | None:
+    try:
+        found = os.stat(path)  # noqa: PTH116  # a third of the time of Path.stat, once a second for every surface
+    except OSError:
+        return None
+    return _Stamp(found.st_size, found.st_mtime_ns, found.st_ino)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        message = f"{path}: {error.strerror}"
+        raise ModelFileError(message) from None

@@ -1,0 +1,75 @@
+"""Words to the service manager, and the socket it may have opened for us (sd_notify, sd_listen_fds; systemd 252)."""
+
+import os
+import socket
+from time import monotonic_ns
+
+from beamtouch_service.config import ConfigError
+
+_FIRST_FD = 3
+
+
+class ServiceManager:
+    """The manager that started this process, if one did and wants to hear; else nothing is sent."""
+
+    def __init__(self) -> None:
+        self._address = os.environ.get("NOTIFY_SOCKET", "")
+        watchdog_us = os.environ.get("WATCHDOG_USEC", "")
+        is_mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        self.watchdog_s = int(watchdog_us) / 1e6 if watchdog_us.isdecimal() and is_mine else None
+        """It restarts this process when it hears nothing for so long; None: it does not watch."""
+
+    def ready(self, status: str) -> None:
+        """Say that the start, or a reload, is complete."""
+        self._send(f"READY=1\nSTATUS={status}")
+
+    def reloading(self) -> None:
+        """Say that models are being read again."""
+        self._send(f"RELOADING=1\nMONOTONIC_USEC={monotonic_ns() // 1000}")
+
+    def stopping(self) -> None:
+        """Say that the end has begun."""
+        self._send("STOPPING=1")
+
+    def alive(self) -> None:
+        """Say that there is progress."""
+        self._send("WATCHDOG=1")
+
+    def _send(self, text: str) -> None:
+        if not self._address:
+            return
+        address = f"\0{self._address[1:]}" if self._address.startswith("@") else self._address
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
+            try:
+                sender.sendto(text.encode(), address)
+            except OSError:
+                return  # a manager that is gone cannot be told
+
+
+def activated() -> socket.socket | None:
+    """Return the listening socket that the manager passed on, None without one; raises ConfigError if it won't do."""
+    if os.environ.get("LISTEN_PID") != str(os.getpid()):
+        return None
+    count = os.environ.get("LISTEN_FDS", "0")
+    # Not for children: they would take it for theirs.
+    for name in ("LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"):
+        os.environ.pop(name, None)
+    if count == "0":
+        return None
+    if count != "1":
+        message = (
+            f"{count} sockets were passed on; the service takes one: leave a single ListenStream= in the .socket file"
+        )
+        raise ConfigError(message)
+    try:
+        listener = socket.socket(fileno=_FIRST_FD)
+        is_tcp = listener.family in {socket.AF_INET, socket.AF_INET6} and listener.type == socket.SOCK_STREAM
+    except OSError as error:
+        message = f"the socket that was passed on cannot be used: {error.strerror}"
+        raise ConfigError(message) from None
+    if not is_tcp:
+        listener.close()
+        message = "the socket that was passed on is not TCP; let ListenStream= name an address and a port"
+        raise ConfigError(message)
+    os.set_inheritable(_FIRST_FD, False)
+    return listener

@@ -1,0 +1,212 @@
+"""The service: GET /contact under a 1 kHz stream of samples against a bare ASGI answer, memory, time per estimate."""
+
+import http.client
+import json
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic, perf_counter, sleep, time
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+import numpy as np
+
+from beamtouch_models import modelfile
+from beamtouch_models.build import build
+from beamtouch_models.scene import load_scene
+from beamtouch_service.inference import Durations, Inference
+from example_scenes import SCENES
+
+TURNS, SECONDS = 5, 2.0
+RATE_HZ, BATCHES_PER_S = 1000, 50
+"""As the daemon sends them: 20 samples in a batch."""
+ESTIMATES = 3000
+TOKEN = "a-token-of-this-benchmark"  # noqa: S105
+LOAD = Path(__file__).parent / "http_load.py"
+GOAL = "at least 0.9"
+
+BARE = """
+import socket, sys
+from beamtouch_service.hosting import Host, configure
+from beamtouch_service.listening import bind
+from beamtouch_service.notify import ServiceManager
+
+BODY = b"x" * int(sys.argv[1])
+HEADERS = [(b"content-type", b"application/json"), (b"content-length", str(len(BODY)).encode())]
+
+async def app(scope, receive, send):
+    await send({"type": "http.response.start", "status": 200, "headers": HEADERS})
+    await send({"type": "http.response.body", "body": BODY})
+
+listener = bind(socket.AF_INET, "127.0.0.1", 0)
+Host(configure(app, 256), ServiceManager()).run(sockets=[listener])
+"""
+
+
+def run() -> list[dict[str, object]]:
+    """All of them."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bench.onnx"
+        scene, text = load_scene(SCENES / "bench.toml")
+        path.write_bytes(build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
+        model = modelfile.load(path)
+        token = Path(folder) / "token"
+        token.write_text(TOKEN)
+        command = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--model", path, "--token-file", token)
+        with server(*command) as (service, port), stream(port, model):
+            body = contact(port)
+            with server("-c", BARE, str(len(body))) as (bare, bare_port):
+                pair = ((service.pid, port, "/contact"), (bare.pid, bare_port, "/"))
+                rows = [answers(pair, 1), answers(pair, 16)]
+            rows.append({"name": "service: resident memory", "value": resident_mb(service.pid), "unit": "MB"})
+        return [*rows, estimates(model)]
+
+
+@contextmanager
+def server(*command: str | Path) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """Run a server for a block; gives its process and its port."""
+    process = subprocess.Popen([sys.executable, *map(str, command)], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        yield process, int(process.stdout.readline().rpartition(":")[2])
+    finally:
+        process.terminate()
+        process.wait(timeout=30)
+
+
+@contextmanager
+def stream(port: int, model: modelfile.ModelFile) -> Iterator[None]:
+    """Send samples of a contact for a block."""
+    stop = threading.Event()
+    sender = threading.Thread(target=send, args=(port, model, stop))
+    sender.start()
+    try:
+        deadline_s = monotonic() + 30
+        while not contact(port).startswith(b'{"surface"'):
+            assert monotonic() < deadline_s
+            sleep(0.05)
+        yield
+    finally:
+        stop.set()
+        sender.join()
+
+
+def send(port: int, model: modelfile.ModelFile, stop: threading.Event) -> None:
+    """Send batches until told to stop."""
+    connection = http.client.HTTPConnection("127.0.0.1", port)
+    deflection_mm = model.metadata.golden.deflection_mm[0]
+    number, per_batch, next_s = 0, RATE_HZ // BATCHES_PER_S, monotonic()
+    headers = {"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/json"}
+    while not stop.is_set():
+        samples = [
+            {
+                "sequence": number + index,
+                "acquired_unix_us": int(time() * 1e6),
+                "deflection_mm": deflection_mm,
+                "quality": ["good"] * len(deflection_mm),
+            }
+            for index in range(per_batch)
+        ]
+        number += per_batch
+        batch = {"boot_id": "benchmark-1", "channels": model.channels, "newest_age_ms": 0.0, "samples": samples}
+        connection.request("POST", "/surfaces/bench/samples", json.dumps(batch), headers)
+        answer = connection.getresponse()
+        assert answer.read()
+        assert answer.status == 200
+        next_s += 1 / BATCHES_PER_S
+        sleep(max(0.0, next_s - monotonic()))
+
+
+def contact(port: int) -> bytes:
+    """Return one answer."""
+    connection = http.client.HTTPConnection("127.0.0.1", port)
+    connection.request("GET", "/contact")
+    try:
+        return connection.getresponse().read()
+    finally:
+        connection.close()
+
+
+Asked = tuple[int, int, str]
+"""Process, port and path of a server."""
+
+
+def answers(pair: tuple[Asked, Asked], clients: int) -> dict[str, object]:
+    """Return how the service and the bare server do, in turns, with so many clients."""
+    turns: list[list[dict[str, float]]] = [[], []]
+    for turn in range(TURNS):
+        for which in (0, 1) if turn % 2 else (1, 0):
+            turns[which].append(loaded(*pair[which], clients))
+    mine, bare = turns
+    row: dict[str, object] = {
+        "name": f"GET /contact over a bare ASGI answer, {clients} client{'s' if clients > 1 else ''}",
+        "value": ratio(mine, bare, "per_s"),
+        "unit": "requests/s over requests/s",
+        "goal": GOAL,
+        "processor time over its": ratio(mine, bare, "processor_us"),
+    }
+    for name in ("per_s", "p50_ms", "p99_ms", "processor_us"):
+        row[name] = float(np.median([one[name] for one in mine]))
+        row[f"bare {name}"] = float(np.median([one[name] for one in bare]))
+    return row
+
+
+def ratio(mine: list[dict[str, float]], bare: list[dict[str, float]], name: str) -> float:
+    """Return the median over the turns."""
+    return float(np.median([one[name] / other[name] for one, other in zip(mine, bare, strict=True)]))
+
+
+def loaded(pid: int, port: int, path: str, clients: int) -> dict[str, float]:
+    """Measure one server for a turn; its processor time is that of all it did meanwhile, per answer."""
+    arguments = [sys.executable, str(LOAD), str(port), path, str(clients), str(SECONDS)]
+    begin_s = processor_s(pid)
+    found = json.loads(subprocess.check_output(arguments, text=True))
+    used_s = processor_s(pid) - begin_s
+    assert found.pop("statuses") == ["200"]
+    return {name: float(value) for name, value in found.items()} | {"processor_us": used_s / found["count"] * 1e6}
+
+
+def processor_s(pid: int) -> float:
+    """Return the processor time of a process so far [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / 100
+
+
+def resident_mb(pid: int) -> float:
+    """Return the resident memory of a process."""
+    return int(Path(f"/proc/{pid}/status").read_text().split("VmRSS:")[1].split()[0]) / 1e3
+
+
+def estimates(model: modelfile.ModelFile) -> dict[str, object]:
+    """One sample through the model as the service does it, against the bare call of the runtime, in turns."""
+    golden = model.metadata.golden
+    values = np.array(golden.deflection_mm[:1], np.float32)
+    valid = np.ones(values.shape, np.bool_)
+    inference = Inference(model, Durations())
+    feed = {"deflection_mm": values, "valid": valid}
+    mine, bare = [], []
+    for _ in range(TURNS):
+        begin_s = perf_counter()
+        for _ in range(ESTIMATES):
+            inference.ask(values, valid)
+        middle_s = perf_counter()
+        for _ in range(ESTIMATES):
+            model.session.run(None, feed)
+        mine.append((middle_s - begin_s) / ESTIMATES)
+        bare.append((perf_counter() - middle_s) / ESTIMATES)
+    return {
+        "name": "time per estimate over a bare onnxruntime call",
+        "value": float(np.median([one / other for one, other in zip(mine, bare, strict=True)])),
+        "unit": "s over s",
+        "us": float(np.median(mine)) * 1e6,
+        "bare us": float(np.median(bare)) * 1e6,
+    }
+
+
+if __name__ == "__main__":
+    for row in run():
+        print("  ".join(f"{key} {value:.4g}" if isinstance(value, float) else f"{value}" for key, value in row.items()))

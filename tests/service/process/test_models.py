@@ -1,0 +1,123 @@
+"""New models for a real process, and the command that says what a model is."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from typing import TYPE_CHECKING
+
+import httpx2
+
+from beamtouch_models.modelfile import POSITION_OUTPUTS
+from beamtouch_service import cli
+from service.conftest import ADMIN_TOKEN
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    import pytest
+
+    from service.conftest import BuildModel
+    from service.process.conftest import Service, StartService
+
+    Wait = Callable[[Callable[[], bool]], None]
+
+
+def model(service: Service) -> str:
+    return str(service.get("/surfaces/press-7").json()["model"])
+
+
+def start(start_service: StartService, folder: Path, path: Path, *options: str | Path) -> Service:
+    (folder / "service.toml").write_text(f'[surfaces.press-7]\nmodel = "{path}"\n')
+    return start_service("--config", "service.toml", *options)
+
+
+def test_a_file_that_is_replaced_is_used_within_seconds_and_a_bad_one_never(
+    start_service: StartService, build_model: BuildModel, tmp_path: Path, wait_for: Wait
+) -> None:
+    path = build_model()
+    service = start(start_service, tmp_path, path)
+    first, good = model(service), path.read_bytes()
+
+    path.write_bytes(good[:-100])
+    wait_for(lambda: service.get("/surfaces/press-7").json()["model_error"] is not None)
+    assert model(service) == first
+    build_model(outputs=POSITION_OUTPUTS)  # at the same path
+    wait_for(lambda: model(service) != first)
+    assert service.get("/surfaces/press-7").json()["model_error"] is None
+    path.write_bytes(good)
+    wait_for(lambda: model(service) == first)
+    _, errors = service.stop(signal.SIGTERM)
+    assert errors.count("the new model is not used, the old one holds") == 1
+    assert errors.count("instead of") == 2
+
+
+def test_it_is_read_again_at_sighup_and_when_the_administrator_asks(
+    start_service: StartService, build_model: BuildModel, tmp_path: Path, admin_token_file: Path, wait_for: Wait
+) -> None:
+    path = build_model()
+    service = start(start_service, tmp_path, path, "--admin-token-file", admin_token_file)
+    first, good = model(service), path.read_bytes()
+
+    def ask(token: str) -> httpx2.Response:
+        url = f"{service.url}/surfaces/press-7/model/reload"
+        headers = {"Authorization": f"Bearer {token}"}
+        return httpx2.post(url, headers=headers, trust_env=False, timeout=30)
+
+    build_model(outputs=POSITION_OUTPUTS)
+    os.utime(path, (time.time() - 60,) * 2)
+    answer = ask(ADMIN_TOKEN).json()
+    assert answer["model"] == model(service) != first
+    assert ask("wrong").status_code == 401
+    path.write_bytes(good)
+    service.process.send_signal(signal.SIGHUP)
+    wait_for(lambda: model(service) == first)
+    assert service.get("/surfaces/press-7/model").json()["identity"] == first
+
+
+def test_contacts_are_given_while_a_model_is_loaded(
+    start_service: StartService, bench_model: Path, tmp_path: Path, wait_for: Wait
+) -> None:
+    path = tmp_path / "press-7.onnx"
+    path.write_bytes(bench_model.read_bytes())
+    service = start(start_service, tmp_path, path)
+    path.write_bytes(b"hello")
+    waits = []
+
+    def is_refused() -> bool:
+        begin_s = time.monotonic()
+        assert service.get("/health/live").status_code == 200
+        waits.append(time.monotonic() - begin_s)
+        return service.get("/surfaces/press-7").json()["model_error"] is not None
+
+    wait_for(is_refused)
+    assert len(waits) > 3
+
+
+def test_check_says_what_a_model_is(bench_model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["check", str(bench_model)]) == 0
+    text = capsys.readouterr().out
+    assert "s1 at " in text
+    assert "golden answers  reproduced" in text
+
+    assert cli.main(["check", "--json", str(bench_model)]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert len(said["positions_mm"]) == len(said["channels"]) == 4
+
+
+def test_check_says_in_one_line_what_is_wrong(
+    build_model: BuildModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "text.onnx").write_text("hello")
+    for path, complaint in (
+        (tmp_path / "nowhere.onnx", "No such file or directory"),
+        (tmp_path / "text.onnx", "damaged or not an ONNX file"),
+        (build_model(outputs=("position_mm",)), "it has no output contact_log_odds"),
+    ):
+        assert cli.main(["check", str(path)]) == 2
+        out, errors = capsys.readouterr()
+        (line,) = errors.splitlines()
+        assert (out, complaint in line) == ("", True)

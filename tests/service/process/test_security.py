@@ -1,0 +1,199 @@
+"""A real process among clients that mean it no good."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import ssl
+import subprocess
+import time
+from typing import TYPE_CHECKING, Any
+
+import httpx2
+import pytest
+
+from parts import require
+from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from service.conftest import BuildModel, MakeBatch
+    from service.process.conftest import Command, Service, StartService
+
+    Wait = Callable[[Callable[[], bool]], None]
+
+
+def address(service: Service) -> tuple[str, int]:
+    return "127.0.0.1", int(service.url.rpartition(":")[2])
+
+
+def told(connection: socket.socket) -> bytes:
+    """Return all that comes until the other side closes."""
+    connection.settimeout(60)
+    found = b""
+    try:
+        while chunk := connection.recv(65536):
+            found += chunk
+    except ConnectionResetError:
+        pass
+    return found
+
+
+@pytest.fixture
+def certificate(tmp_path: Path) -> tuple[Path, Path]:
+    openssl = require("openssl", "openssl")
+    certificate, key = tmp_path / "certificate.pem", tmp_path / "key.pem"
+    kind = ("-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2")
+    subject = ("-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1")
+    files = ("-keyout", str(key), "-out", str(certificate))
+    subprocess.run([openssl, "req", *kind, *subject, *files], check=True, capture_output=True)
+    return certificate, key
+
+
+def test_no_token_is_ever_in_the_log(
+    start_service: StartService,
+    build_model: BuildModel,
+    make_batch: MakeBatch,
+    token_file: Path,
+    read_token_file: Path,
+    admin_token_file: Path,
+) -> None:
+    tokens = ("--token-file", token_file, "--read-token-file", read_token_file, "--admin-token-file", admin_token_file)
+    service = start_service("--model", build_model(), *tokens)
+    wrong = "a-wrong-token-that-someone-mistyped"
+
+    assert service.get("/contact").status_code == 401
+    assert service.post(make_batch()).status_code == 200
+    for token in (wrong, READ_TOKEN, TOKEN, ADMIN_TOKEN):
+        for path in ("/contact", f"/contact?token={token}", f"/surfaces/{token}", f"/{token}"):
+            service.get(path, token=token)
+            httpx2.post(service.url + path, headers={"Authorization": f"Bearer {token}"}, trust_env=False)
+        with socket.create_connection(address(service)) as connection:
+            connection.sendall(f"GET /contact HTTP/1.1\r\nAuthorization Bearer {token}\r\n\r\n".encode())
+            assert told(connection).startswith(b"HTTP/1.1 400")
+    code, errors = service.stop(signal.SIGTERM)
+
+    assert code == 0
+    assert "refused (unauthorized)" in errors
+    for token in (wrong, READ_TOKEN, TOKEN, ADMIN_TOKEN):
+        assert token not in errors
+    # Dozens of refusals and four requests that were none: a line for each kind.
+    assert len(errors.splitlines()) <= 3
+
+
+def test_https(
+    start_service: StartService, build_model: BuildModel, token_file: Path, certificate: tuple[Path, Path]
+) -> None:
+    options = ("--certificate-file", certificate[0], "--key-file", certificate[1])
+    service = start_service("--model", build_model(), "--token-file", token_file, *options)
+    context = ssl.create_default_context(cafile=str(certificate[0]))
+
+    assert service.url.startswith("https://127.0.0.1:")
+    with httpx2.Client(verify=context, trust_env=False) as client:
+        assert client.get(service.url + "/health/live").json() == {"status": "live"}
+    service.process.send_signal(signal.SIGHUP)
+    with httpx2.Client(verify=context, trust_env=False) as client:
+        assert client.get(service.url + "/health/live").json() == {"status": "live"}
+
+
+def test_a_certificate_that_will_not_do(command: Command, certificate: tuple[Path, Path], tmp_path: Path) -> None:
+    def refused(certificate_file: Path, key_file: Path) -> str:
+        options = ("--certificate-file", certificate_file, "--key-file", key_file)
+        process = command("run", "--port", "0", *options)
+        _, errors = process.communicate(timeout=30)
+        (line,) = errors.splitlines()
+        assert process.returncode == 2
+        return str(line)
+
+    assert "PEM; make them again" in refused(certificate[1], certificate[0])
+    assert "nowhere.pem: No such file" in refused(tmp_path / "nowhere.pem", certificate[1])
+    process = command("run", "--port", "0", "--key-file", certificate[1])
+    assert "certificate_file is missing" in process.communicate(timeout=30)[1]
+
+
+def test_more_clients_than_allowed_are_turned_away_and_the_others_are_served(
+    start_service: StartService, tmp_path: Path, wait_for: Wait
+) -> None:
+    (tmp_path / "service.toml").write_text("[server]\nmax_clients = 3\n")
+    service = start_service("--config", "service.toml")
+
+    held = [httpx2.Client(base_url=service.url, trust_env=False) for _ in range(3)]
+    assert [client.get("/health/live").status_code for client in held] == [200, 200, 200]
+    assert service.get("/health/live").status_code == 503
+    assert held[0].get("/health/live").status_code == 200
+    for client in held:
+        client.close()
+    wait_for(lambda: service.get("/health/live").status_code == 200)
+
+
+def test_a_body_that_trickles_is_given_up_after_ten_seconds(
+    start_service: StartService, build_model: BuildModel, token_file: Path
+) -> None:
+    service = start_service("--model", build_model(), "--token-file", token_file)
+    head = f"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {TOKEN}\r\n"
+    with socket.create_connection(address(service)) as connection:
+        connection.sendall(f"{head}Content-Length: 1000\r\n\r\n".encode())
+        begin_s = time.monotonic()
+        connection.settimeout(1)
+        found = b""
+        while time.monotonic() - begin_s < 60 and not found:
+            connection.sendall(b" ")
+            try:
+                found = connection.recv(65536)
+            except TimeoutError:
+                continue
+        found += told(connection)
+
+    assert found.startswith(b"HTTP/1.1 408 ")
+    assert json.loads(found.partition(b"\r\n\r\n")[2])["type"] == "urn:beamtouch:problem:too-slow"
+    assert time.monotonic() - begin_s > 8
+
+
+@pytest.mark.parametrize(
+    "words",
+    [b"", b"GET /contact HT", b"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\n"],
+)
+def test_a_connection_on_which_nothing_goes_on_is_closed(start_service: StartService, words: bytes) -> None:
+    service = start_service()
+    with socket.create_connection(address(service)) as connection:
+        connection.sendall(words)
+        begin_s = time.monotonic()
+        told(connection)
+
+    assert time.monotonic() - begin_s > 2
+
+
+def test_endless_headers_are_cut_off(start_service: StartService) -> None:
+    service = start_service()
+    with socket.create_connection(address(service)) as connection:
+        connection.sendall(b"GET /health/live HTTP/1.1\r\nHost: x\r\nX: " + b"y" * 20_000)
+        assert told(connection).startswith(b"HTTP/1.1 400")
+    assert service.get("/health/live").status_code == 200
+
+
+def test_a_flood_of_nonsense_leaves_one_line(start_service: StartService) -> None:
+    service = start_service()
+    for _ in range(50):
+        with socket.create_connection(address(service)) as connection:
+            connection.sendall(b"\x16\x03\x01 nonsense\r\n\r\n")
+            told(connection)
+    code, errors = service.stop(signal.SIGTERM)
+
+    assert code == 0
+    assert errors.count("Invalid HTTP request") == 1
+    assert len(errors.splitlines()) <= 3
+
+
+def test_too_many_batches_per_second(
+    start_service: StartService, tmp_path: Path, token_file: Path, make_batch: MakeBatch
+) -> None:
+    (tmp_path / "service.toml").write_text("[server]\nmax_batches_per_s = 0.1\n[surfaces.press-7]\n")
+    service = start_service("--config", "service.toml", "--token-file", token_file)
+
+    batch: dict[str, Any] = make_batch()
+    assert service.post(batch).status_code == 200
+    response = service.post(batch)
+    assert (response.status_code, response.headers["retry-after"]) == (429, "1")

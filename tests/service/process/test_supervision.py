@@ -1,0 +1,167 @@
+"""What keeps the service going for a year: the service manager, its socket, its watchdog, the unit file."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from parts import require
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from service.conftest import BuildModel
+    from service.process.conftest import Command, StartService
+
+FOLDER = Path(__file__).parents[3] / "service"
+UNIT, SOCKET = FOLDER / "beamtouch-service.service", FOLDER / "beamtouch-service.socket"
+
+ACTIVATED = """
+import os, sys
+os.dup2(int(sys.argv.pop(1)), 3)
+os.environ.update(LISTEN_PID=str(os.getpid()), LISTEN_FDS="1")
+from beamtouch_service.cli import main
+sys.exit(main())
+"""
+
+
+class Manager:
+    """Hears what a service manager would."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "notify"
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(self.path))
+        self._socket.settimeout(0.1)
+        self.heard: list[str] = []
+
+    def until(self, word: str, times: int = 1, within_s: float = 30) -> bool:
+        """Listen until a word was heard so many times more; returns whether it was."""
+        deadline_s = time.monotonic() + within_s
+        while times and time.monotonic() < deadline_s:
+            try:
+                lines = self._socket.recv(4096).decode().splitlines()
+            except TimeoutError:
+                continue
+            self.heard += lines
+            times -= sum(line.startswith(word) for line in lines)
+        return times <= 0
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[Manager]:
+    with closing(Manager(tmp_path)) as manager:
+        yield manager
+
+
+def test_the_manager_hears_of_the_start_of_progress_of_a_reload_and_of_the_end(
+    start_service: StartService, build_model: BuildModel, manager: Manager
+) -> None:
+    environment = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "400000"}
+    service = start_service("--model", build_model(), environment=environment)
+
+    assert manager.until("READY=1")
+    assert manager.until("WATCHDOG=1", times=5)
+    service.process.send_signal(signal.SIGHUP)
+    assert manager.until("RELOADING=1")
+    assert manager.until("READY=1")
+    service.process.send_signal(signal.SIGTERM)
+    assert manager.until("STOPPING=1")
+    assert service.process.wait(timeout=30) == 0
+    assert manager.heard[:2] == ["READY=1", f"STATUS={service.first_line.strip()}"]
+
+
+def test_a_service_that_stands_still_is_not_alive(
+    start_service: StartService, build_model: BuildModel, manager: Manager
+) -> None:
+    environment = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "400000"}
+    stuck = (
+        "import sys, time\n"
+        "from beamtouch_service import surface, cli\n"
+        "held = surface.Surface.summary\n"
+        "def hang(self, now_s):\n"
+        "    if now_s > begin_s + 2: time.sleep(60)\n"
+        "    return held(self, now_s)\n"
+        "begin_s = time.clock_gettime(time.CLOCK_BOOTTIME)\n"
+        "surface.Surface.summary = hang\n"
+        "sys.exit(cli.main())\n"
+    )
+    start_service("--model", build_model(), environment=environment, program=("-c", stuck))
+    assert manager.until("READY=1")
+
+    deadline_s = time.monotonic() + 60
+    while manager.until("WATCHDOG=1", within_s=2):
+        assert time.monotonic() < deadline_s
+
+
+def test_it_takes_the_socket_that_the_manager_has_opened(start_service: StartService, build_model: BuildModel) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        os.set_inheritable(listener.fileno(), True)
+        port = listener.getsockname()[1]
+        number = str(listener.fileno())
+        service = start_service("--model", build_model(), program=("-c", ACTIVATED, number))
+
+        assert service.url == f"http://127.0.0.1:{port}"
+        assert service.get("/health/live").status_code == 200
+        assert service.stop(signal.SIGTERM)[0] == 0
+
+
+def test_a_socket_open_to_the_network_needs_tokens_too(command: Command) -> None:
+    with socket.create_server(("0.0.0.0", 0)) as listener:  # noqa: S104  # that it is refused is the point
+        os.set_inheritable(listener.fileno(), True)
+        process = command("run", program=("-c", ACTIVATED, str(listener.fileno())))
+        _, errors = process.communicate(timeout=30)
+
+    assert process.returncode == 2
+    assert "open to the network" in errors
+
+
+def test_a_socket_that_is_not_tcp_is_refused(command: Command, tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(tmp_path / "socket"))
+        os.set_inheritable(listener.fileno(), True)
+        process = command("run", program=("-c", ACTIVATED, str(listener.fileno())))
+        _, errors = process.communicate(timeout=30)
+
+    assert process.returncode == 2
+    assert errors.splitlines()[-1].endswith("is not TCP; let ListenStream= name an address and a port")
+
+
+def test_the_unit_file_is_hardened() -> None:
+    analyze = require("systemd-analyze", "systemd")
+    done = subprocess.run(
+        [analyze, "security", "--offline=yes", str(UNIT)], capture_output=True, text=True, check=False, timeout=60
+    )
+    exposure = re.search(r"Overall exposure level for beamtouch-service.service: ([0-9.]+) ", done.stdout)
+    assert exposure is not None
+    assert float(exposure[1]) <= 1.2
+    assert {"Type=notify", "WatchdogSec=10"} <= set(UNIT.read_text().splitlines())
+    assert "ListenStream=127.0.0.1:8420" in SOCKET.read_text()
+
+
+def test_the_service_runs_where_no_memory_may_become_code(build_model: BuildModel) -> None:
+    program = (
+        "import ctypes, sys, pathlib\n"
+        "if ctypes.CDLL(None).prctl(65, 1, 0, 0, 0): sys.exit(77)\n"  # PR_SET_MDWE, as MemoryDenyWriteExecute=
+        "from beamtouch_service import check, server\n"
+        "print(check.report(pathlib.Path(sys.argv[1]), as_json=True))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(build_model())], capture_output=True, text=True, check=False, timeout=60
+    )
+    if done.returncode == 77:
+        pytest.skip("this kernel cannot forbid it: Linux 6.3 can")
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,0 +1,197 @@
+"""New models while the service runs: in at once if they are good, and nothing changes if they are not."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from typing import TYPE_CHECKING
+
+import onnx
+import pytest
+
+from beamtouch_models import modelfile
+from beamtouch_service import model_keeper
+from beamtouch_service.access import Access
+from beamtouch_service.model_keeper import ModelKeeper
+from beamtouch_service.surface import Surface
+from service.conftest import ADMIN_TOKEN, TOKEN
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from beamtouch_service.samples import Batch
+    from service.conftest import Bench, BuildModel, MakeBatch
+
+    ParseBatch = Callable[..., Batch]
+
+NO_FORCE = (*modelfile.POSITION_OUTPUTS,)
+
+
+@pytest.fixture
+def kept(build_model: BuildModel) -> ModelKeeper:
+    path = build_model()
+    model, digest = model_keeper.load(path)
+    return ModelKeeper(Surface("press-7", model), path, digest)
+
+
+def put(path: Path, content: bytes, age_s: float = 10.0) -> None:
+    """Put content there as a copy that was complete so long ago."""
+    path.write_bytes(content)
+    os.utime(path, (time.time() - age_s,) * 2)
+
+
+def identity(keeper: ModelKeeper) -> str:
+    assert keeper.surface.model is not None
+    return keeper.surface.model.identity
+
+
+def test_a_new_model_answers_from_the_next_sample_on(
+    kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch
+) -> None:
+    old = identity(kept)
+    kept.surface.receive(parse_batch(), arrival_s=10.0)
+    put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
+
+    assert asyncio.run(kept.reload()) is True
+    assert identity(kept) != old
+    assert (kept.surface.contact(10.0).model, kept.surface.contact(10.0).force_n) == (old, 8.75)
+    kept.surface.receive(parse_batch(sequence=2), arrival_s=10.1)
+    assert (kept.surface.contact(10.1).model, kept.surface.contact(10.1).force_n) == (identity(kept), None)
+
+
+def test_the_same_content_is_no_new_model(kept: ModelKeeper) -> None:
+    put(kept.path, kept.path.read_bytes())
+    old = kept.surface.model
+
+    assert asyncio.run(kept.reload()) is False
+    assert kept.surface.model is old
+    assert kept.surface.model_error is None
+
+
+def test_a_bad_file_changes_nothing_and_is_named_until_there_is_a_good_one(
+    kept: ModelKeeper, build_model: BuildModel, caplog: pytest.LogCaptureFixture
+) -> None:
+    old, good = kept.surface.model, kept.path.read_bytes()
+    other = build_model(name="tool").read_bytes()
+    wrong_answers = onnx.load_from_string(good)
+    for entry in wrong_answers.metadata_props:
+        if entry.key == "beamtouch.golden":
+            entry.value = entry.value.replace("103.", "104.").replace("130.", "131.").replace("100.0", "101.0")
+    bad = {
+        "damaged": good[: len(good) // 2],
+        "not an ONNX file": b"hello",
+        "golden answers": wrong_answers.SerializeToString(),
+        "no output contact_log_odds": build_model(outputs=("position_mm",)).read_bytes(),
+    }
+    for complaint, content in bad.items():
+        put(kept.path, content)
+        assert asyncio.run(kept.reload()) is False
+        assert kept.surface.model is old
+        assert complaint in str(kept.surface.summary(0).model_error)
+        assert complaint in caplog.records[-1].getMessage()
+    kept.path.unlink()
+    assert asyncio.run(kept.reload()) is False
+    assert "No such file" in str(kept.surface.model_error)
+
+    put(kept.path, good)
+    assert asyncio.run(kept.reload()) is False
+    assert (kept.surface.model, kept.surface.model_error) == (old, None)
+    put(kept.path, other)
+    assert asyncio.run(kept.reload()) is True
+    assert identity(kept).startswith("tool@")
+
+
+def test_a_model_for_channels_that_do_not_arrive_is_refused(
+    kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch
+) -> None:
+    kept.surface.receive(parse_batch(), arrival_s=10.0)
+    put(kept.path, build_model(channels=5).read_bytes())
+
+    assert asyncio.run(kept.reload()) is False
+    assert "it needs s4, s5, which the samples of this surface do not have" in str(kept.surface.model_error)
+    assert kept.surface.contact(10.0).position_mm == 150.0
+
+
+def test_a_copy_under_way_is_waited_for(kept: ModelKeeper, build_model: BuildModel) -> None:
+    old, new = identity(kept), build_model(outputs=NO_FORCE).read_bytes()
+    seen = []
+
+    async def copy() -> None:
+        with kept.path.open("wb") as file:
+            for begin in range(0, len(new), len(new) // 8):
+                file.write(new[begin : begin + len(new) // 8])
+                file.flush()
+                await asyncio.sleep(0.2)
+                seen.append(identity(kept))
+
+    async def story() -> bool:
+        copying = asyncio.create_task(copy())
+        await asyncio.sleep(0.1)
+        changed = await kept.reload()
+        await copying
+        return changed
+
+    assert asyncio.run(story()) is True
+    assert set(seen[:-1]) == {old}
+    assert kept.surface.model_error is None
+
+
+def test_a_file_is_loaded_when_two_looks_in_a_row_find_the_same_new_one(
+    kept: ModelKeeper, build_model: BuildModel
+) -> None:
+    old = identity(kept)
+
+    async def story() -> list[bool]:
+        looks = []
+        for content in (None, build_model(outputs=NO_FORCE).read_bytes(), None, None):
+            if content:
+                put(kept.path, content)
+            await kept.poll()
+            looks.append(identity(kept) != old)
+        return looks
+
+    assert asyncio.run(story()) == [False, False, True, True]
+
+
+def test_a_bad_file_is_tried_once(kept: ModelKeeper, caplog: pytest.LogCaptureFixture) -> None:
+    put(kept.path, b"hello")
+
+    async def story() -> None:
+        for _ in range(5):
+            await kept.poll()
+
+    asyncio.run(story())
+    assert len(caplog.records) == 1
+
+
+def test_the_routes_of_a_model(
+    make_bench: type[Bench], kept: ModelKeeper, build_model: BuildModel, make_batch: MakeBatch
+) -> None:
+    access = Access(write=TOKEN, admin=ADMIN_TOKEN)
+    bench = make_bench(kept.surface, Surface("bare"), token=access, keepers={"press-7": kept})
+    said = bench.get("/surfaces/press-7/model").json()
+    assert (said["identity"], said["channels"]) == (identity(kept), ["s1", "s2", "s3"])
+    assert said["positions_mm"] == [100.0, 200.0, 300.0]
+    assert said["ranges"] == {"position_mm": [1.0, 399.0], "force_n": [1.0, 20.0]}
+    assert said["accuracy"]["limit_percent"] == 1.0
+    assert bench.get("/surfaces/bare/model").json()["type"] == "urn:beamtouch:problem:no-model"
+
+    def reload(name: str = "press-7") -> tuple[int, dict[str, object]]:
+        response = bench.post(b"", path=f"/surfaces/{name}/model/reload", token=ADMIN_TOKEN)
+        return response.status_code, response.json()
+
+    put(kept.path, kept.path.read_bytes())
+    assert reload() == (200, {"surface": "press-7", "model": said["identity"], "changed": False})
+    put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
+    assert reload() == (200, {"surface": "press-7", "model": identity(kept), "changed": True})
+    put(kept.path, b"hello")
+    status, problem = reload()
+    assert (status, problem["type"]) == (409, "urn:beamtouch:problem:model-refused")
+    assert "damaged" in str(problem["detail"])
+    assert "damaged" in bench.get("/surfaces/press-7").json()["model_error"]
+    assert bench.post(make_batch()).status_code == 200
+    assert bench.get("/contact?surface=press-7").json()["model"] == identity(kept)
+    assert reload("bare")[0] == 409
+    assert reload("nobody")[0] == 404
