@@ -12,7 +12,7 @@ from fastapi import APIRouter, Depends, FastAPI, Query, Request, Response
 from fastapi import Path as PathParameter
 from pydantic import BaseModel
 
-from beamtouch_service import documentation, handlers, version
+from beamtouch_service import documentation, handlers, page_files, stream, version
 from beamtouch_service.contact import Contact
 from beamtouch_service.intake import check_token, parse_batch, read_body
 from beamtouch_service.problems import Kind
@@ -177,4 +177,6 @@ def create_app(surfaces: Iterable[Surface], token: str | None = None, clock: Clo
     app.state.context = _Context(Registry(surfaces), token, clock)
     handlers.install(app)
     app.include_router(router)
+    app.include_router(stream.router)
+    app.router.routes.extend(page_files.routes())
     return app
