@@ -46,7 +46,7 @@ def _state(surface: Surface, now_s: float) -> dict[str, Any]:
         contact = surface.contact(now_s).model_dump(mode="json")
     except ProblemError as error:
         problem = error.problem.body()
-    present, metadata = surface._present, surface.model.metadata if surface.model else None  # noqa: SLF001
+    present, metadata = surface._present, surface.model.metadata if surface.model else None
     layout = metadata.layout if metadata else []
     channels = [
         {
