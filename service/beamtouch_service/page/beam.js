@@ -4,7 +4,7 @@ import { roundTicks, svg } from "./dom.js";
 
 const MARGIN = 36;
 const LEAST_DEFLECTION_MM = 0.1;
-const SINKS_PX = 0.17;
+const DEEPEST = 0.21; // of the height
 const LABEL_PX = 74;
 const MEMORY_MS = 60_000;
 
@@ -46,32 +46,32 @@ export class BeamView {
     const mm = Math.max(LEAST_DEFLECTION_MM, ...seen.map((channel) => Math.abs(channel.deflection_mm)));
     if (mm >= this.deepest.mm || now - this.deepest.at > MEMORY_MS) this.deepest = { mm, at: now };
     const perMm = (width - 2 * MARGIN) / shown.length;
-    const most = (height * SINKS_PX) / (this.deepest.mm * perMm);
+    const most = (height * DEEPEST) / (this.deepest.mm * perMm);
     const power = 10 ** Math.floor(Math.log10(most));
-    const factor = Math.max(1, [5, 2, 1].find((step) => step * power <= most) * power);
+    const factor = Math.max(1, [8, 6, 5, 4, 3, 2, 1].find((step) => step * power <= most) * power);
     return {
       width,
       factor,
       length: shown.length,
       x: (at) => MARGIN + at * perMm,
-      y: (deflection) => height * 0.3 + deflection * perMm * factor,
-      sensorY: height * 0.58,
-      barY: height * 0.84 - 6,
-      axisY: height * 0.84,
+      y: (deflection) => height * 0.24 + deflection * perMm * factor,
+      sensorY: height * 0.48,
+      barY: height - 38,
+      axisY: height - 24,
     };
   }
 }
 
 function captionOf(shown, seen, scale) {
-  if (!seen.length) return "The deflection is not known.";
-  const exaggerated = `Deflection drawn ${scale.factor} times as large as the length; smooth between the sensors, which measure it.`;
-  return shown.contact?.state === "contact" ? `${exaggerated} Hatched: the 95 % interval of the position.` : exaggerated;
+  if (!seen.length) return "Position and deflection are not known.";
+  const exaggerated = `Deflection drawn ${scale.factor} times larger, smooth between the circles.`;
+  return shown.contact?.state === "contact" ? `${exaggerated} Hatched: 95 % interval.` : exaggerated;
 }
 
 function hatch() {
-  const pattern = svg("pattern", { id: "hatch", width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" });
-  pattern.append(svg("path", { d: "M1.5 0v6", class: "hatch-line" }));
-  return svg("defs", {}, pattern);
+  const every = { width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" };
+  const line = svg("path", { d: "M1.5 0v6", class: "hatch-line" });
+  return svg("defs", {}, svg("pattern", { id: "hatch", ...every }, line));
 }
 
 function axis(scale) {
@@ -95,7 +95,8 @@ function sensors(shown, scale) {
     const row = x - taken[0] >= LABEL_PX ? 0 : 1;
     taken[row] = x;
     const works = channel.quality === "good" || channel.quality === "unknown";
-    const box = svg("rect", { class: works ? "sensor" : "sensor bad", x: x - 6, y, width: 12, height: 12 });
+    const kind = channel.quality === "good" ? "sensor" : `sensor ${works ? "unknown" : "bad"}`;
+    const box = svg("rect", { class: kind, x: x - 6, y, width: 12, height: 12 });
     const cross = svg("path", { class: "sensor bad", d: `M${x - 6} ${y}l12 12m0-12l-12 12` });
     const label = svg("text", { x, y: y + 27 + row * 14, "text-anchor": "middle", class: works ? "" : "bad" });
     label.append(works ? channel.name : `${channel.name} ${channel.quality}`);
@@ -111,7 +112,8 @@ function curve(seen, scale) {
   const [first, last] = [seen[0].position_mm, seen.at(-1).position_mm];
   const piece = (from, to, count, name) => {
     const points = Array.from({ length: count + 1 }, (_, index) => from + ((to - from) * index) / count);
-    return svg("polyline", { class: name, points: points.map((at) => `${scale.x(at)},${scale.y(bent(at))}`).join(" ") });
+    const drawn = points.map((at) => `${scale.x(at)},${scale.y(bent(at))}`);
+    return svg("polyline", { class: name, points: drawn.join(" ") });
   };
   const marks = seen.map((one) =>
     svg("circle", { class: "seen", cx: scale.x(one.position_mm), cy: scale.y(one.deflection_mm), r: 4 }),
@@ -134,14 +136,14 @@ function touch(contact, seen, scale) {
   ];
   if (contact.position_low_mm !== null && contact.position_high_mm !== null) {
     const [low, high] = [bounded(contact.position_low_mm), bounded(contact.position_high_mm)];
-    const box = { x: low, y: scale.barY, width: Math.max(high - low, 3), height: 12 };
+    const box = { x: low, y: scale.barY, width: Math.max(high - low, 3), height: 14 };
     parts.push(svg("rect", { class: "bar", ...box, fill: "url(#hatch)", id: "bar" }));
   }
-  parts.push(svg("path", { class: "touch", d: `M${x} ${scale.barY - 4}v20` }));
+  parts.push(svg("path", { class: "tip", d: `M${x} ${scale.barY - 1}l-5-8h10z` }));
   return parts;
 }
 
-/** Return the natural cubic spline through the channels, straight outside of them: no moment acts on a free or hinged end. */
+/** Return the natural cubic spline through the channels, straight outside: no moment at a free or hinged end. */
 export function spline(channels) {
   const x = channels.map((channel) => channel.position_mm);
   const y = channels.map((channel) => channel.deflection_mm);

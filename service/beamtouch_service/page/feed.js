@@ -15,6 +15,7 @@ export class Feed {
     this.link = "waiting"; // "waiting" for the first message, "open", "lost"
     this.since = null; // Date of the last news, while lost
     this.message = null;
+    this.shape = null; // the last message that said what the beam looks like; its measurements are old
     this.surfaces = [];
     this.chosen = null;
     this.onMessage = onMessage;
@@ -29,6 +30,7 @@ export class Feed {
   choose(name) {
     this.chosen = name;
     this.message = null;
+    this.shape = null;
     if (this.link === "open") this.link = "waiting";
     this.connect();
   }
@@ -91,6 +93,7 @@ export class Feed {
     this.since = null;
     this.heard = present();
     this.message = message;
+    if (message.length_mm !== null) this.shape = message;
     this.onMessage(message);
   }
 

@@ -7,7 +7,7 @@ import { describe, figures, words } from "./state.js";
 import { drawStrip, forceRange, History } from "./strip.js";
 import { drawChannels, Events } from "./tables.js";
 
-const SIGNS = { contact: "contact", clear: "clear", problem: "warning", silent: "warning", lost: "warning", waiting: "waiting" };
+const SIGNS = { problem: "warning", silent: "warning", lost: "warning" }; // others are called as their state
 const STEPS_PER_STRIP = 4;
 const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
 
@@ -79,7 +79,7 @@ function announce(shown) {
   said = text;
   document.body.dataset.state = shown.kind;
   document.title = [shown.title, feed.chosen, "Beamtouch"].filter(Boolean).join(" · ");
-  byId("sign").replaceChildren(sign(SIGNS[shown.kind]));
+  byId("sign").replaceChildren(sign(SIGNS[shown.kind] ?? shown.kind));
   const { position } = figures(shown);
   setText(byId("status"), shown.kind === "contact" ? `${text} at ${Number(position).toFixed(0)} mm` : text);
 }

@@ -1,5 +1,6 @@
 // From what the feed knows to what the page says. No document here.
 
+// Of these problems the channels are as new as ever.
 const CURRENT = ["too-few-channels", "unusable-estimate"];
 const PREFIX = "urn:beamtouch:problem:";
 
@@ -14,27 +15,26 @@ const known = (value, digits) => (value === null || value === undefined ? "—" 
  */
 export function describe(feed) {
   const { message } = feed;
-  const nothing = { contact: null, channels: stripped(message), fresh: false, age: null, length: message?.length_mm ?? null };
+  const nothing = { contact: null, channels: stripped(feed.shape), length: feed.shape?.length_mm ?? null, age: null };
   if (feed.link === "lost") {
     return { ...nothing, kind: "lost", title: `No connection since ${clock(feed.since)}`, detail: "Trying again." };
   }
   if (!message) return { ...nothing, kind: "waiting", title: "Connecting", detail: "" };
   const age = message.age_ms === null ? null : message.age_ms + feed.silence;
-  if (message.problem) return { ...nothing, ...problem(message, age) };
+  if (message.problem) return { ...nothing, age, ...problem(message) };
   // The page's own clock: what was fresh when it was sent is not fresh for ever.
   if (feed.surface && age > feed.surface.stale_ms) {
     const seconds = (feed.silence / 1000).toFixed(1);
     return { ...nothing, kind: "silent", title: "No news from the service", detail: `None for ${seconds} s.`, age };
   }
-  return { ...nothing, ...contact(message), channels: message.channels, fresh: true, age };
+  return { ...nothing, ...contact(message), channels: message.channels, age };
 }
 
-function problem(message, age) {
+function problem(message) {
   const { title, detail, type } = message.problem;
   const slug = (type ?? "").replace(PREFIX, "");
-  const fresh = CURRENT.includes(slug);
   const words = slug === "stale" ? `Stale: ${title[0].toLowerCase()}${title.slice(1)}` : title;
-  return { kind: "problem", title: words, detail, fresh, channels: fresh ? message.channels : stripped(message), age };
+  return { kind: "problem", title: words, detail, ...(CURRENT.includes(slug) && { channels: message.channels }) };
 }
 
 function contact(message) {
@@ -44,8 +44,8 @@ function contact(message) {
 }
 
 /** The channels without what they measured, for times at which that is old. */
-function stripped(message) {
-  return (message?.channels ?? []).map(({ name, position_mm }) => ({
+function stripped(shape) {
+  return (shape?.channels ?? []).map(({ name, position_mm }) => ({
     name,
     position_mm,
     deflection_mm: null,
@@ -56,12 +56,12 @@ function stripped(message) {
 /** The large figures as texts; "—" for everything that is not known now. */
 export function figures(shown) {
   const { contact: found } = shown;
-  const touches = shown.kind === "contact";
+  const unestimated = shown.kind === "contact" && found.force_n === null;
   return {
     position: known(found?.position_mm, 1),
     positionInterval: interval(found?.position_low_mm, found?.position_high_mm),
     force: known(found?.force_n, 1),
-    forceInterval: touches && found.force_n === null ? "not estimated" : interval(found?.force_low_n, found?.force_high_n),
+    forceInterval: unestimated ? "not estimated" : interval(found?.force_low_n, found?.force_high_n),
     age: shown.age === null ? "—" : shown.age < 100_000 ? shown.age.toFixed(0) : "> 99999",
   };
 }

@@ -55,7 +55,8 @@ export function drawStrip(element, history, names, range) {
   const now = performance.now();
   const [low, high] = range;
   const x = (at) => LEFT + Math.max(0, 1 - (now - at) / SPAN_MS) * (width - LEFT - RIGHT);
-  const y = (value) => height - BOTTOM - ((Math.min(Math.max(value, low), high) - low) / (high - low)) * (height - TOP - BOTTOM);
+  const share = (value) => (Math.min(Math.max(value, low), high) - low) / (high - low);
+  const y = (value) => height - BOTTOM - share(value) * (height - TOP - BOTTOM);
   element.setAttribute("viewBox", `0 0 ${width} ${height}`);
   element.replaceChildren(
     unknownPattern(element.id),
@@ -66,9 +67,9 @@ export function drawStrip(element, history, names, range) {
 }
 
 function unknownPattern(id) {
-  const pattern = svg("pattern", { id: `${id}-unknown`, width: 7, height: 7, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" });
-  pattern.append(svg("path", { d: "M1 0v7", class: "unknown-line" }));
-  return svg("defs", {}, pattern);
+  const every = { width: 7, height: 7, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" };
+  const line = svg("path", { d: "M1 0v7", class: "unknown-line" });
+  return svg("defs", {}, svg("pattern", { id: `${id}-unknown`, ...every }, line));
 }
 
 function grid(x, y, now, [low, high], width, height) {
@@ -106,7 +107,8 @@ function lines(history, [value, low, high], x, y) {
 
 /** Return the range of the force axis: from zero to a round value above everything in the history. */
 export function forceRange(history) {
-  const most = Math.max(1, ...history.entries.map((entry) => entry.contact?.force_high_n ?? entry.contact?.force_n ?? 0));
+  const forces = history.entries.map(({ contact }) => contact?.force_high_n ?? contact?.force_n ?? 0);
+  const most = Math.max(1, ...forces);
   const power = 10 ** Math.floor(Math.log10(most));
   return [0, [1, 1.5, 2, 3, 5, 7, 10].find((step) => step * power >= most) * power];
 }

@@ -26,12 +26,17 @@ function drawChannel(row, { name, position_mm: at, deflection_mm: deflection, qu
   const [title, place, value, words] = row.cells;
   setText(title, name);
   setText(place, at.toFixed(1));
-  setText(value, deflection === null ? "—" : deflection.toFixed(3).replace("-", "−"));
+  setText(value, deflection === null ? "—" : signed(deflection));
   if (words.dataset.quality === quality) return;
   const kind = quality === "good" || quality === "unknown" ? quality : "bad";
   words.dataset.quality = quality;
   words.className = `words ${kind}`;
   words.replaceChildren(sign(kind), WORDS[quality] ?? quality);
+}
+
+/** With a true minus, and none before a zero. */
+function signed(value) {
+  return value.toFixed(3).replace(/^-(0\.0+)$/, "$1").replace("-", "−");
 }
 
 /** The recent contacts, as far as the service keeps them. */
