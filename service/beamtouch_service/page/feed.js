@@ -56,10 +56,10 @@ export class Feed {
     const attempt = ++this.attempt;
     try {
       const answer = await fetch("/surfaces", { cache: "no-store", signal: AbortSignal.timeout(ASK_MS) });
-      if (!answer.ok) throw new Error(`/surfaces answered ${answer.status}`);
-      const { surfaces } = await answer.json();
+      const body = await answer.json();
       if (attempt !== this.attempt) return;
-      this.surfaces = surfaces;
+      if (!answer.ok) return this.refuse(body);
+      this.surfaces = body.surfaces;
     } catch {
       if (attempt === this.attempt) this.lose();
       return;
@@ -67,7 +67,7 @@ export class Feed {
     this.chosen ??= this.surfaces[0]?.name ?? null;
     this.onOpen();
     if (this.surface) this.listen();
-    else this.refuse();
+    else this.refuse(this.missing());
   }
 
   listen() {
@@ -77,12 +77,16 @@ export class Feed {
     this.source.addEventListener("error", () => this.lose());
   }
 
-  /** The service is there, but has no such surface: as true as any message, until asked again. */
-  refuse() {
+  /** The problem that the service has no such surface. */
+  missing() {
     const names = this.surfaces.map((surface) => surface.name).join(", ");
-    const problem = names
+    return names
       ? { title: `There is no surface “${this.chosen}”`, detail: `There is ${names}.` }
       : { title: "The service has no surface", detail: "Start it with --model MODEL or --config FILE." };
+  }
+
+  /** The service is there, but says no: as true as any message, until asked again. */
+  refuse(problem) {
     this.take({ surface: this.chosen, contact: null, problem, age_ms: null, channels: [], length_mm: null });
     this.retry = setTimeout(() => this.connect(), RETRY_MS);
   }

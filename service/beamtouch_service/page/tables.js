@@ -68,11 +68,19 @@ export class Events {
   }
 }
 
-function eventRow({ touched_at, lifted_at, dwell_s, peak_force_n, position_mm }) {
+function eventRow(event) {
+  const { touched_at, peak_force_n, position_mm, mean_position_mm } = event;
   const time = html("time", { datetime: touched_at }, new Date(touched_at).toLocaleTimeString("en-GB"));
-  const dwell = typeof dwell_s === "number" ? dwell_s.toFixed(1) : lifted_at ? "—" : "still";
   const number = (value) => html("td", {}, typeof value === "number" ? value.toFixed(1) : "—");
-  const row = html("tr", {}, html("th", { scope: "row" }, time), number(position_mm), number(peak_force_n));
-  row.append(html("td", {}, dwell));
+  const row = html("tr", {}, html("th", { scope: "row" }, time));
+  row.append(number(position_mm ?? mean_position_mm), number(peak_force_n), html("td", {}, duration(event)));
   return row;
+}
+
+/** How long it touched, in s; at least that long where nobody saw it lift. */
+function duration({ lifted_at, dwell_s, dwell_ms, end }) {
+  if (end === "open" || (!end && !lifted_at)) return "still";
+  const seconds = dwell_s ?? dwell_ms / 1000;
+  if (!Number.isFinite(seconds)) return "—";
+  return lifted_at ? seconds.toFixed(1) : `≥ ${seconds.toFixed(1)}`;
 }

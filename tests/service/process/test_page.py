@@ -126,6 +126,15 @@ def test_no_surface_no_model_and_one_that_is_not_there(
     assert nothing.complaints + seen.complaints == []
 
 
+def test_a_service_that_refuses_is_not_a_lost_connection(fresh: Service, open_page: OpenPage) -> None:
+    problem = {"type": "urn:beamtouch:problem:unauthorized", "title": "A token is required", "detail": "Send one."}
+    seen = open_page(fresh.url)
+    seen.page.route("**/surfaces", lambda route: route.fulfill(status=401, json=problem))
+    seen.page.reload()
+    seen.wait_for_text("headline", "A token is required")
+    assert (seen.text("detail"), seen.text("position")) == ("Send one.", NO_FIGURE)
+
+
 def test_the_keyboard_reaches_everything_and_shows_where_it_is(
     start_service: StartService, tmp_path: Path, open_page: OpenPage
 ) -> None:
@@ -200,17 +209,12 @@ def test_it_is_announced_once_per_state_and_not_with_every_sample(
 def test_recent_contacts_are_a_table_where_the_service_keeps_them(
     fresh: Service, make_batch: MakeBatch, open_page: OpenPage
 ) -> None:
-    event: dict[str, Any] = {"surface": "press-7", "touched_at": "2026-11-20T23:40:46.123Z"}
+    event: dict[str, Any] = {"surface": "press-7", "touched_at": "2026-11-20T23:40:46.123Z", "peak_force_n": 9.8}
+    lifted = "2026-11-20T23:40:48Z"
     events = [
-        {**event, "id": 2, "lifted_at": None, "dwell_s": None, "peak_force_n": None, "position_mm": 98.76},
-        {
-            **event,
-            "id": 1,
-            "lifted_at": "2026-11-20T23:40:48Z",
-            "dwell_s": 1.88,
-            "peak_force_n": 9.8,
-            "position_mm": 12,
-        },
+        {**event, "id": 3, "lifted_at": None, "dwell_s": None, "peak_force_n": None, "position_mm": 98.76},
+        {**event, "id": 2, "lifted_at": lifted, "dwell_s": 1.9, "position_mm": 12},
+        {**event, "id": 1, "lifted_at": None, "end": "unseen", "dwell_ms": 2500.0, "mean_position_mm": 13.0},
     ]
 
     def answer(route: Route) -> None:
@@ -223,7 +227,7 @@ def test_recent_contacts_are_a_table_where_the_service_keeps_them(
     seen.page.wait_for_selector("#events tr")
     # In one go: the table is written anew each time the page asks.
     rows = seen.page.eval_on_selector_all("#events tr", "rows => rows.map(row => row.innerText.split('\\t').slice(1))")
-    assert rows == [["98.8", "—", "still"], ["12.0", "9.8", "1.9"]]
+    assert rows == [["98.8", "—", "still"], ["12.0", "9.8", "1.9"], ["13.0", "9.8", "≥ 2.5"]]
 
     seen.page.unroute("**/events?**")
     seen.page.route("**/events?**", lambda route: route.fulfill(status=404))
