@@ -226,7 +226,8 @@ def test_recent_contacts_are_a_table_where_the_service_keeps_them(
     seen.page.reload()
     seen.page.wait_for_selector("#events tr")
     # In one go: the table is written anew each time the page asks.
-    rows = seen.page.eval_on_selector_all("#events tr", "rows => rows.map(row => row.innerText.split('\\t').slice(1))")
+    script = "rows => rows.map(row => [...row.cells].slice(1).map(cell => cell.textContent))"
+    rows = seen.page.eval_on_selector_all("#events tr", script)
     assert rows == [["98.8", "—", "still"], ["12.0", "9.8", "1.9"], ["13.0", "9.8", "≥ 2.5"]]
 
     seen.page.unroute("**/events?**")
