@@ -24,6 +24,9 @@ OpenPage = Callable[..., "Watched"]
 
 _WATCH = """() => {
   window.wrongs = [];
+  window.states = [];
+  new MutationObserver(() => states.push(document.body.dataset.state))
+    .observe(document.body, {attributeFilter: ["data-state"]});
   setInterval(() => {
     const shown = document.getElementById("position")?.textContent;
     const state = document.body.dataset.state;
@@ -76,6 +79,11 @@ class Watched:
     def wrongs(self) -> list[list[str]]:
         """What `watch` noted."""
         found: list[list[str]] = self.page.evaluate("() => window.wrongs")
+        return found
+
+    def states(self) -> list[str]:
+        """The states since `watch`, one after the other."""
+        found: list[str] = self.page.evaluate("() => window.states")
         return found
 
     def strangers(self) -> list[str]:

@@ -153,6 +153,8 @@ def test_a_service_that_hangs_is_no_connection(start: Callable[..., Line], open_
     try:
         seen.wait_for_state("lost")
         assert seen.text("position") == NO_FIGURE
+        # The figures went when they were too old, before the connection was given up.
+        assert seen.states()[-2:] == ["silent", "lost"]
     finally:
         os.kill(service.pid, signal.SIGCONT)
     seen.wait_for_state("contact")
