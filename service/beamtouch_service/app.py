@@ -16,6 +16,7 @@ from beamtouch_service import (
     handlers,
     metrics,
     model_routes,
+    page_files,
     stream_routes,
     version,
 )
@@ -189,4 +190,5 @@ def create_app(
     for part in (router, model_routes.router, metrics.router, stream_router):
         app.include_router(part)
     app.include_router(event_routes.make_router(registry, recorder))
+    app.router.routes.extend(page_files.routes())
     return Front(app, access if isinstance(access, Access) else Access(write=access), context)

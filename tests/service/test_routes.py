@@ -164,7 +164,7 @@ def test_the_summary_of_a_surface(bench: Bench, make_batch: MakeBatch) -> None:
     }
 
 
-@pytest.mark.parametrize("path", ["/", "/nothing", "/contact/", "/docs", "/surfaces/a/b/c"])
+@pytest.mark.parametrize("path", ["/nothing", "/page", "/contact/", "/docs", "/surfaces/a/b/c"])
 def test_an_unknown_route_is_a_problem(bench: Bench, path: str) -> None:
     response = bench.get(path)
 

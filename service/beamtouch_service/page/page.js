@@ -1,0 +1,101 @@
+// The page of the service: follows one surface, and shows what is known of it now.
+
+import { BeamView } from "./beam.js";
+import { byId, html, setText, sign } from "./dom.js";
+import { Feed } from "./feed.js";
+import { describe, figures, words } from "./state.js";
+import { drawStrip, forceRange, History } from "./strip.js";
+import { drawChannels, Events } from "./tables.js";
+
+const SIGNS = { problem: "warning", silent: "warning", lost: "warning" }; // others are called as their state
+const STEPS_PER_STRIP = 4;
+const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
+
+const history = new History();
+const events = new Events();
+const beam = new BeamView(byId("beam"), (text) => setText(byId("beam-words"), text));
+const feed = new Feed(remember, surfacesKnown);
+let said = "";
+let steps = 0;
+let length = 100; // of the beam in mm, kept for the chart while nothing is known of it
+
+/** Each message goes into the strip charts, drawn or not. */
+function remember() {
+  history.add(describe(feed));
+}
+
+function surfacesKnown() {
+  const names = feed.surfaces.map((surface) => surface.name);
+  const several = names.length > 1 || !feed.surface;
+  const chooser = byId("chooser");
+  const options = feed.surface || !feed.chosen ? names : [feed.chosen, ...names];
+  if (options.join() !== [...chooser.options].map((option) => option.value).join()) {
+    chooser.replaceChildren(...options.map((name) => html("option", { value: name }, name)));
+  }
+  chooser.value = feed.chosen ?? "";
+  chooser.hidden = !several || names.length === 0;
+  setText(byId("surface"), chooser.hidden ? (feed.chosen ?? "") : "");
+  setText(byId("model"), feed.surface?.model ? `Model ${feed.surface.model}` : "");
+  setText(byId("limit"), feed.surface ? `at most ${feed.surface.stale_ms} ms` : "");
+  byId("contact-link").href = feed.chosen ? `/contact?surface=${encodeURIComponent(feed.chosen)}` : "/contact";
+  events.offered = true;
+  events.follow(feed.surface?.name);
+}
+
+function follow(name) {
+  history.forget();
+  beam.forget();
+  feed.choose(name);
+}
+
+function step() {
+  feed.check();
+  const shown = describe(feed);
+  if (shown.kind !== "contact" && shown.kind !== "clear") history.add(shown);
+  drawNow(shown);
+  announce(shown);
+  drawChannels(shown.channels);
+  beam.draw(shown);
+  if (steps++ % (calm.matches ? 1 : STEPS_PER_STRIP) === 0) drawStrips(shown);
+  setTimeout(step, calm.matches ? 500 : 100);
+}
+
+function drawNow(shown) {
+  const texts = figures(shown);
+  setText(byId("headline"), shown.title);
+  setText(byId("detail"), shown.detail);
+  setText(byId("position"), texts.position);
+  setText(byId("position-interval"), texts.positionInterval);
+  setText(byId("force"), texts.force);
+  setText(byId("force-interval"), texts.forceInterval);
+  setText(byId("age"), texts.age);
+}
+
+/** What is said once per state: the sign, the title of the window, and the words for those who listen. */
+function announce(shown) {
+  const text = words(shown);
+  if (text === said) return;
+  if (shown.kind === "clear" || shown.kind === "contact") events.follow(feed.surface?.name);
+  said = text;
+  document.body.dataset.state = shown.kind;
+  document.title = [shown.title, feed.chosen, "Beamtouch"].filter(Boolean).join(" · ");
+  byId("sign").replaceChildren(sign(SIGNS[shown.kind] ?? shown.kind));
+  const { position } = figures(shown);
+  setText(byId("status"), shown.kind === "contact" ? `${text} at ${Number(position).toFixed(0)} mm` : text);
+}
+
+function drawStrips(shown) {
+  length = shown.length ?? length;
+  drawStrip(byId("position-strip"), history, ["position_mm", "position_low_mm", "position_high_mm"], [0, length]);
+  drawStrip(byId("force-strip"), history, ["force_n", "force_low_n", "force_high_n"], forceRange(history));
+}
+
+byId("chooser").addEventListener("change", (event) => {
+  const name = event.target.value;
+  window.history.pushState(null, "", `/?surface=${encodeURIComponent(name)}`);
+  follow(name);
+});
+window.addEventListener("popstate", () => follow(new URLSearchParams(location.search).get("surface")));
+
+follow(new URLSearchParams(location.search).get("surface"));
+step();

@@ -1,0 +1,76 @@
+// From what the feed knows to what the page says. No document here.
+
+// Of these problems the channels are as new as ever.
+const CURRENT = ["too-few-channels", "unusable-estimate"];
+const PREFIX = "urn:beamtouch:problem:";
+
+const clock = (date) => date.toLocaleTimeString("en-GB");
+const known = (value, digits) => (value === null || value === undefined ? "—" : value.toFixed(digits));
+
+/**
+ * Return what to show at this moment.
+ *
+ * kind: "contact", "clear", "problem", "silent", "lost" or "waiting"; title and detail in words;
+ * contact: only if it is fresh; channels: with their deflections only if these are fresh; age in ms or null.
+ */
+export function describe(feed) {
+  const { message } = feed;
+  const nothing = { contact: null, channels: stripped(feed.shape), length: feed.shape?.length_mm ?? null, age: null };
+  if (feed.link === "lost") {
+    return { ...nothing, kind: "lost", title: `No connection since ${clock(feed.since)}`, detail: "Trying again." };
+  }
+  if (!message) return { ...nothing, kind: "waiting", title: "Connecting", detail: "" };
+  const age = message.age_ms === null ? null : message.age_ms + feed.silence;
+  if (message.problem) return { ...nothing, age, ...problem(message) };
+  // The page's own clock: what was fresh when it was sent is not fresh for ever.
+  if (feed.surface && age > feed.surface.stale_ms) {
+    const seconds = (feed.silence / 1000).toFixed(1);
+    return { ...nothing, kind: "silent", title: "No news from the service", detail: `None for ${seconds} s.`, age };
+  }
+  return { ...nothing, ...contact(message), channels: message.channels, age };
+}
+
+function problem(message) {
+  const { title, detail, type } = message.problem;
+  const slug = (type ?? "").replace(PREFIX, "");
+  const words = slug === "stale" ? `Stale: ${title[0].toLowerCase()}${title.slice(1)}` : title;
+  return { kind: "problem", title: words, detail, ...(CURRENT.includes(slug) && { channels: message.channels }) };
+}
+
+function contact(message) {
+  const { state, quality, degraded_channels: left } = message.contact;
+  const detail = quality === "degraded" ? `Degraded: without ${left.join(", ")}` : "";
+  return { kind: state, title: state === "contact" ? "Contact" : "Clear", detail, contact: message.contact };
+}
+
+/** The channels without what they measured, for times at which that is old. */
+function stripped(shape) {
+  return (shape?.channels ?? []).map(({ name, position_mm }) => ({
+    name,
+    position_mm,
+    deflection_mm: null,
+    quality: "unknown",
+  }));
+}
+
+/** The large figures as texts; "—" for everything that is not known now. */
+export function figures(shown) {
+  const { contact: found } = shown;
+  const unestimated = shown.kind === "contact" && found.force_n === null;
+  return {
+    position: known(found?.position_mm, 1),
+    positionInterval: interval(found?.position_low_mm, found?.position_high_mm),
+    force: known(found?.force_n, 1),
+    forceInterval: unestimated ? "not estimated" : interval(found?.force_low_n, found?.force_high_n),
+    age: shown.age === null ? "—" : shown.age < 100_000 ? shown.age.toFixed(0) : "> 99999",
+  };
+}
+
+function interval(low, high) {
+  return known(low, 1) === "—" || known(high, 1) === "—" ? "" : `${known(low, 1)} … ${known(high, 1)} (95 %)`;
+}
+
+/** The state in a few words, for the title and for those who listen; it changes only when the state does. */
+export function words(shown) {
+  return shown.detail && shown.kind === "contact" ? `${shown.title}. ${shown.detail}` : shown.title;
+}

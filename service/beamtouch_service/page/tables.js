@@ -1,0 +1,86 @@
+// The tables: what each sensor says, and the recent contacts.
+
+import { byId, html, setText, sign } from "./dom.js";
+
+const WORDS = {
+  good: "good",
+  "out-of-range": "out of range",
+  saturated: "saturated",
+  stuck: "stuck",
+  missing: "missing",
+  unknown: "not known",
+};
+
+/** Fill the table of channels; its rows stay, only what changed in them is written. */
+export function drawChannels(channels) {
+  const body = byId("channels");
+  while (body.rows.length > channels.length) body.deleteRow(-1);
+  channels.forEach((channel, index) => drawChannel(body.rows[index] ?? body.appendChild(channelRow()), channel));
+}
+
+function channelRow() {
+  return html("tr", {}, html("th", { scope: "row" }), html("td"), html("td"), html("td"));
+}
+
+function drawChannel(row, { name, position_mm: at, deflection_mm: deflection, quality }) {
+  const [title, place, value, words] = row.cells;
+  setText(title, name);
+  setText(place, at.toFixed(1));
+  setText(value, deflection === null ? "—" : signed(deflection));
+  if (words.dataset.quality === quality) return;
+  const kind = quality === "good" || quality === "unknown" ? quality : "bad";
+  words.dataset.quality = quality;
+  words.className = `words ${kind}`;
+  words.replaceChildren(sign(kind), WORDS[quality] ?? quality);
+}
+
+/** With a true minus, and none before a zero. */
+function signed(value) {
+  return value.toFixed(3).replace(/^-(0\.0+)$/, "$1").replace("-", "−");
+}
+
+/** The recent contacts, as far as the service keeps them. */
+export class Events {
+  constructor() {
+    this.offered = true;
+    this.timer = null;
+  }
+
+  /** Ask now, and from now on every few seconds; a service that keeps none is not asked again. */
+  async follow(surface) {
+    clearTimeout(this.timer);
+    this.surface = surface;
+    if (!surface || !this.offered) return this.show([]);
+    try {
+      const answer = await fetch(`/events?surface=${encodeURIComponent(surface)}&limit=20`, { cache: "no-store" });
+      if (surface !== this.surface) return;
+      this.offered = answer.status !== 404;
+      this.show(answer.ok ? (await answer.json()).events : []);
+    } catch {
+      // The feed says that the connection is lost; what happened before still happened.
+    }
+    if (this.offered) this.timer = setTimeout(() => this.follow(this.surface), 5000);
+  }
+
+  show(events) {
+    byId("events-section").hidden = events.length === 0;
+    byId("events").replaceChildren(...events.map(eventRow));
+  }
+}
+
+function eventRow(event) {
+  const { touched_at, peak_force_n, position_mm, mean_position_mm } = event;
+  const time = html("time", { datetime: touched_at }, new Date(touched_at).toLocaleTimeString("en-GB"));
+  const number = (value) => html("td", {}, typeof value === "number" ? value.toFixed(1) : "—");
+  const row = html("tr", {}, html("th", { scope: "row" }, time));
+  row.append(number(position_mm ?? mean_position_mm), number(peak_force_n), html("td", {}, duration(event)));
+  return row;
+}
+
+/** How long it touched, in s; at least that long where nobody saw it lift. */
+function duration({ lifted_at, dwell_s, dwell_ms, end }) {
+  if (end === "open" || (!end && !lifted_at)) return "still";
+  const seconds = dwell_s ?? dwell_ms / 1000;
+  if (!Number.isFinite(seconds)) return "—";
+  return lifted_at ? seconds.toFixed(1) : `≥ ${seconds.toFixed(1)}`;
+}

@@ -1,0 +1,52 @@
+"""The page at `/`: its files, read once, and the headers that keep a browser to them."""
+
+import hashlib
+from collections.abc import Awaitable, Callable
+from importlib import resources
+
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+_TYPES = {
+    "html": "text/html; charset=utf-8",
+    "css": "text/css; charset=utf-8",
+    "js": "text/javascript; charset=utf-8",
+    "svg": "image/svg+xml",
+}
+_HEADERS = {
+    # Kept by the browser, but asked for each time: a service that was updated serves no mixture of old and new files.
+    "Cache-Control": "no-cache",
+    "Content-Security-Policy": (
+        "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
+    ),
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+def routes() -> list[Route]:
+    """Return a route for each file of the page, the page itself at `/`."""
+    found = (entry for entry in (resources.files(__package__) / "page").iterdir() if entry.is_file())
+    return [
+        _route("/" if entry.name == "index.html" else f"/{entry.name}", entry.read_bytes())
+        for entry in sorted(found, key=lambda entry: entry.name)
+        if entry.name.rpartition(".")[2] in _TYPES
+    ]
+
+
+def _route(path: str, content: bytes) -> Route:
+    return Route(path, _endpoint(content, _TYPES[path.rpartition(".")[2] if path != "/" else "html"]), methods=["GET"])
+
+
+def _endpoint(content: bytes, media_type: str) -> Callable[[Request], Awaitable[Response]]:
+    headers = {**_HEADERS, "ETag": f'"{hashlib.sha256(content).hexdigest()[:32]}"'}
+
+    async def serve(request: Request) -> Response:
+        known = request.headers.get("if-none-match", "")
+        if headers["ETag"] in {tag.strip().removeprefix("W/") for tag in known.split(",")}:
+            return Response(status_code=304, headers=headers)
+        return Response(content, headers=headers, media_type=media_type)
+
+    return serve

@@ -1,0 +1,121 @@
+"""A real browser for tests of the page: Debian's Chromium, driven by Playwright."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+
+from parts import require
+
+TIMEOUT_MS = 60_000.0
+"""Generous: test machines may be busy."""
+_QUIET = [
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-component-update",
+]
+NO_FIGURE = "—"
+
+OpenPage = Callable[..., "Watched"]
+
+_WATCH = """() => {
+  window.wrongs = [];
+  window.states = [];
+  new MutationObserver(() => states.push(document.body.dataset.state))
+    .observe(document.body, {attributeFilter: ["data-state"]});
+  setInterval(() => {
+    const shown = document.getElementById("position")?.textContent;
+    const state = document.body.dataset.state;
+    if ((state === "contact") !== /^-?[0-9.]+$/.test(shown)) window.wrongs.push([state, shown]);
+  }, 20);
+}"""
+
+
+class Watched:
+    """A page, with everything that it asked for and complained of."""
+
+    def __init__(self, page: Page, base: str) -> None:
+        self.page, self.base = page, base
+        self.requests: list[str] = []
+        self.complaints: list[str] = []
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.on("console", self._hear)
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+
+    def _hear(self, message: ConsoleMessage) -> None:
+        # A service that keeps no events answers 404, and the browser notes that by itself.
+        url = str(message.location.get("url", ""))
+        if message.type in {"error", "warning"} and "/events?" not in url:
+            self.complaints.append(f"{message.text} {url}")
+
+    def wait_for_state(self, state: str) -> None:
+        """Wait until the page says that it is in a state."""
+        self.page.wait_for_selector(f'body[data-state="{state}"]')
+
+    def wait_for_text(self, element: str, part: str) -> None:
+        """Wait until the element of that id contains a text."""
+        script = "([id, part]) => document.getElementById(id).innerText.includes(part)"
+        self.page.wait_for_function(script, arg=[element, part])
+
+    def text(self, element: str) -> str:
+        """What the element of that id says."""
+        return self.page.inner_text(f"#{element}")
+
+    def figures(self) -> dict[str, Any]:
+        """State and figures as they stand at one instant, with that instant [s since 1970]."""
+        script = """() => Object.fromEntries([["state", document.body.dataset.state], ["unix_s", Date.now() / 1000],
+          ...["position", "position-interval", "force"].map(id => [id, document.getElementById(id).innerText])])"""
+        found: dict[str, Any] = self.page.evaluate(script)
+        return found
+
+    def watch(self) -> None:
+        """From now on note whenever a position stands there in a state that has none, or is missing in contact."""
+        self.page.evaluate(_WATCH)
+
+    def wrongs(self) -> list[list[str]]:
+        """What `watch` noted."""
+        found: list[list[str]] = self.page.evaluate("() => window.wrongs")
+        return found
+
+    def states(self) -> list[str]:
+        """The states since `watch`, one after the other."""
+        found: list[str] = self.page.evaluate("() => window.states")
+        return found
+
+    def strangers(self) -> list[str]:
+        """Requests that left the origin."""
+        return [url for url in self.requests if not url.startswith((self.base + "/", "data:"))]
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Start a browser, and end it."""
+    path = require("chromium", "chromium")
+    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=[*sandbox, *_QUIET], timeout=TIMEOUT_MS)
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def pages(browser: Browser) -> Iterator[OpenPage]:
+    """Give a function that opens an address in a window of its own; all are closed at the end."""
+    contexts = []
+
+    def open_page(base: str, path: str = "/", size: tuple[int, int] = (1000, 900), **emulated: str) -> Watched:
+        options: dict[str, Any] = {"viewport": {"width": size[0], "height": size[1]}, **emulated}
+        context = browser.new_context(**options)
+        contexts.append(context)
+        context.set_default_timeout(TIMEOUT_MS)
+        watched = Watched(context.new_page(), base)
+        watched.page.goto(base + path)
+        return watched
+
+    yield open_page
+    for context in contexts:
+        context.close()

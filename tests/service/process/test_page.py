@@ -1,0 +1,250 @@
+"""The page in a real browser, on a service that is sent samples by hand: every state, keyboard, contrast."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from browser import NO_FIGURE, chromium, pages
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from playwright.sync_api import Browser, Route
+
+    from browser import OpenPage, Watched
+    from service.conftest import BuildModel, MakeBatch
+    from service.process.conftest import Service, StartService
+
+LONG_MS = "60000"
+"""A sample that was sent by hand stays fresh for the length of a test."""
+
+_CONTRAST = """() => {
+  const rgb = text => (text.match(/[\\d.]+/g) ?? []).map(Number);
+  const luminance = ([r, g, b]) => [r, g, b].map(v => v / 255)
+    .map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const ground = element => {
+    for (let at = element; at; at = at.parentElement) {
+      const colour = rgb(getComputedStyle(at).backgroundColor);
+      if (colour.length === 3 || colour[3] === 1) return colour;
+    }
+    throw new Error("nothing behind " + element.outerHTML);
+  };
+  const found = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const element = walker.currentNode.parentElement;
+    if (!walker.currentNode.data.trim() || !element.checkVisibility()) continue;
+    const style = getComputedStyle(element);
+    const ink = rgb(element.namespaceURI.endsWith("svg") ? style.fill : style.color);
+    const [dark, light] = [luminance(ink), luminance(ground(element))].sort((a, b) => a - b);
+    found.push([walker.currentNode.data.trim(), (light + 0.05) / (dark + 0.05)]);
+  }
+  return found;
+}"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture
+def open_page(browser: Browser) -> Iterator[OpenPage]:
+    with pages(browser) as opened:
+        yield opened
+
+
+@pytest.fixture
+def fresh(start_service: StartService, build_model: BuildModel, token_file: Path) -> Service:
+    """A service of the surface press-7 whose samples stay fresh for a minute."""
+    return start_service("--model", build_model(), "--token-file", token_file, "--stale-ms", LONG_MS)
+
+
+def test_contact_degraded_and_too_few_channels(fresh: Service, make_batch: MakeBatch, open_page: OpenPage) -> None:
+    seen = open_page(fresh.url)
+    seen.wait_for_text("headline", "no samples yet")
+    assert seen.text("position") == NO_FIGURE
+    assert len(seen.page.query_selector_all("#beam rect.unknown")) == 3
+
+    fresh.post(make_batch([0.5, 0.25, 0.125], sequence=1))
+    seen.wait_for_state("contact")
+    assert (seen.text("headline"), seen.text("position"), seen.text("detail")) == ("Contact", "150.0", "")
+    assert seen.text("position-interval") == "149.0 … 151.0 (95 %)"
+    cells = seen.page.query_selector_all("#channels td:nth-child(3)")
+    assert [cell.inner_text() for cell in cells] == ["0.500", "0.250", "0.125"]
+    assert "drawn" in seen.text("beam-words")
+
+    fresh.post(make_batch([0.5, 0.25, None], sequence=2, quality=["good", "good", "stuck"]))
+    seen.wait_for_text("detail", "Degraded: without s3")
+    seen.wait_for_text("channels", "stuck")
+    assert seen.page.query_selector("#beam text.bad") is not None
+    assert seen.text("status").startswith("Contact. Degraded: without s3 at ")
+
+    fresh.post(make_batch([0.5, None, None], sequence=3, quality=["good", "missing", "saturated"]))
+    seen.wait_for_state("problem")
+    assert seen.text("headline") == "Too few working channels"
+    assert "repair s2 (missing), s3 (saturated)" in seen.text("detail")
+    assert seen.text("position") == NO_FIGURE
+    assert "saturated" in seen.text("channels")
+    assert seen.complaints == []
+
+
+def test_a_model_without_force_says_so(
+    start_service: StartService,
+    build_model: BuildModel,
+    make_batch: MakeBatch,
+    token_file: Path,
+    open_page: OpenPage,
+) -> None:
+    model = build_model(outputs=("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds"))
+    service = start_service("--model", model, "--token-file", token_file, "--stale-ms", LONG_MS)
+    service.post(make_batch())
+    seen = open_page(service.url)
+    seen.wait_for_state("contact")
+    assert (seen.text("force"), seen.text("force-interval")) == (NO_FIGURE, "not estimated")
+
+
+def test_no_surface_no_model_and_one_that_is_not_there(
+    start_service: StartService, tmp_path: Path, open_page: OpenPage
+) -> None:
+    nothing = open_page(start_service().url)
+    nothing.wait_for_text("headline", "The service has no surface")
+
+    (tmp_path / "service.toml").write_text("[surfaces.press-7]\n[surfaces.press-8]\n")
+    service = start_service("--config", "service.toml")
+    seen = open_page(service.url, "/?surface=press-9")
+    seen.wait_for_text("headline", "There is no surface “press-9”")
+    assert "press-7, press-8" in seen.text("detail")
+    seen.page.select_option("#chooser", "press-8")
+    seen.wait_for_text("headline", "The surface has no model")
+    assert seen.text("position") == NO_FIGURE
+    assert nothing.complaints + seen.complaints == []
+
+
+def test_a_service_that_refuses_is_not_a_lost_connection(fresh: Service, open_page: OpenPage) -> None:
+    problem = {"type": "urn:beamtouch:problem:unauthorized", "title": "A token is required", "detail": "Send one."}
+    seen = open_page(fresh.url)
+    seen.page.route("**/surfaces", lambda route: route.fulfill(status=401, json=problem))
+    seen.page.reload()
+    seen.wait_for_text("headline", "A token is required")
+    assert (seen.text("detail"), seen.text("position")) == ("Send one.", NO_FIGURE)
+
+
+def test_the_keyboard_reaches_everything_and_shows_where_it_is(
+    start_service: StartService, tmp_path: Path, open_page: OpenPage
+) -> None:
+    (tmp_path / "service.toml").write_text("[surfaces.press-7]\n[surfaces.press-8]\n")
+    seen = open_page(start_service("--config", "service.toml").url)
+    seen.wait_for_state("problem")
+    wanted = seen.page.evaluate(
+        "() => [...document.querySelectorAll('select, summary, a[href], button, input, [tabindex]')]"
+        ".filter(one => one.checkVisibility()).map(one => one.id || one.tagName + one.textContent)"
+    )
+    reached = []
+    for _ in wanted:
+        seen.page.keyboard.press("Tab")
+        where, outline = seen.page.evaluate(
+            "() => { const one = document.activeElement; const style = getComputedStyle(one);"
+            " return [one.id || one.tagName + one.textContent, style.outlineStyle + parseInt(style.outlineWidth)]; }"
+        )
+        reached.append(where)
+        assert outline == "solid3", where
+    assert reached == wanted
+    assert "chooser" in reached
+
+    seen.page.focus("#chooser")
+    seen.page.keyboard.press("ArrowDown")
+    seen.page.wait_for_url("**/?surface=press-8")
+    seen.page.focus("summary")
+    seen.page.keyboard.press("Enter")
+    assert seen.page.is_visible("text=The large figures are the newest contact")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_text_stands_out_from_its_ground(
+    fresh: Service, make_batch: MakeBatch, open_page: OpenPage, scheme: str
+) -> None:
+    seen = open_page(fresh.url, color_scheme=scheme)
+    seen.page.click("summary")
+    seen.wait_for_state("problem")
+    _assert_contrast(seen)
+    fresh.post(make_batch([0.5, 0.25, None], sequence=1, quality=["good", "good", "stuck"]))
+    seen.wait_for_state("contact")
+    _assert_contrast(seen)
+
+
+def _assert_contrast(seen: Watched) -> None:
+    found = seen.page.evaluate(_CONTRAST)
+    assert len(found) > 30
+    assert [(text, ratio) for text, ratio in found if ratio < 4.5] == []
+
+
+def test_it_is_announced_once_per_state_and_not_with_every_sample(
+    fresh: Service, make_batch: MakeBatch, open_page: OpenPage
+) -> None:
+    seen = open_page(fresh.url)
+    seen.wait_for_text("status", "no samples yet")
+    seen.page.evaluate(
+        "() => { window.said = []; new MutationObserver(() =>"
+        " said.push(document.getElementById('status').textContent)).observe("
+        "document.getElementById('status'), {childList: true, characterData: true, subtree: true}); }"
+    )
+    # Three contacts at other places, then none.
+    for sequence, row in enumerate(([0.5, 0.25, 0.125], [0.25, 0.5, 0.0], [0.25, 0.5, 0.25]), start=1):
+        fresh.post(make_batch(row, sequence=sequence))
+        position = fresh.get("/contact").json()["position_mm"]
+        seen.wait_for_text("position", f"{position:.1f}")
+    fresh.post(make_batch([0.0, 0.0, 0.0], sequence=4))
+    seen.wait_for_state("clear")
+    assert seen.page.evaluate("() => window.said") == ["Contact at 150 mm", "Clear"]
+    assert seen.page.get_attribute("#status", "aria-live") == "polite"
+    assert seen.page.title() == "Clear · press-7 · Beamtouch"
+
+
+def test_recent_contacts_are_a_table_where_the_service_keeps_them(
+    fresh: Service, make_batch: MakeBatch, open_page: OpenPage
+) -> None:
+    event: dict[str, Any] = {"surface": "press-7", "touched_at": "2026-11-20T23:40:46.123Z", "peak_force_n": 9.8}
+    lifted = "2026-11-20T23:40:48Z"
+    events = [
+        {**event, "id": 3, "lifted_at": None, "dwell_s": None, "peak_force_n": None, "position_mm": 98.76},
+        {**event, "id": 2, "lifted_at": lifted, "dwell_s": 1.9, "position_mm": 12},
+        {**event, "id": 1, "lifted_at": None, "end": "unseen", "dwell_ms": 2500.0, "mean_position_mm": 13.0},
+    ]
+
+    def answer(route: Route) -> None:
+        route.fulfill(json={"events": events, "next": None})
+
+    fresh.post(make_batch())
+    seen = open_page(fresh.url, "/?surface=press-7")
+    seen.page.route("**/events?**", answer)
+    seen.page.reload()
+    seen.page.wait_for_selector("#events tr")
+    # In one go: the table is written anew each time the page asks.
+    script = "rows => rows.map(row => [...row.cells].slice(1).map(cell => cell.textContent))"
+    rows = seen.page.eval_on_selector_all("#events tr", script)
+    assert rows == [["98.8", "—", "still"], ["12.0", "9.8", "1.9"], ["13.0", "9.8", "≥ 2.5"]]
+
+    seen.page.unroute("**/events?**")
+    seen.page.route("**/events?**", lambda route: route.fulfill(status=404))
+    seen.page.reload()
+    seen.wait_for_state("contact")
+    assert not seen.page.is_visible("#events-section")
+    assert seen.complaints == []
+
+
+def test_calm_where_motion_is_not_wanted(fresh: Service, make_batch: MakeBatch, open_page: OpenPage) -> None:
+    fresh.post(make_batch())
+    seen = open_page(fresh.url, reduced_motion="reduce")
+    seen.wait_for_state("contact")
+    writes = seen.page.evaluate(
+        "async () => { let count = 0; const observer = new MutationObserver(() => count++);"
+        " observer.observe(document.getElementById('beam'), {childList: true});"
+        " await new Promise(done => setTimeout(done, 2000)); observer.disconnect(); return count; }"
+    )
+    assert writes <= 5

@@ -1,0 +1,213 @@
+"""The page in a real browser, with the whole line behind it, against the rig's own truth."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from playwright.sync_api import Browser
+
+from beamtouch_models import modelfile
+from beamtouch_models.daemon_config import daemon_config
+from browser import NO_FIGURE, OpenPage, Watched, chromium, pages
+from example_scenes import SCENES
+from line import Line, Surface, Truth
+
+SCREENSHOTS = Path(__file__).parents[2] / "build" / "screenshots"
+PLACES = {120.0, 290.0}
+SCRIPT = """
+[[step]]
+seconds = 5
+position_mm = 120
+force_n = 10
+[[step]]
+seconds = 5
+[[step]]
+seconds = 5
+position_mm = 290
+force_n = 15
+"""
+STEADY_S = 2.0
+"""How long a load must have been there before what the page says is compared: it may draw late on a busy machine."""
+COMPARE_S = 90.0
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture
+def open_page(browser: Browser) -> Iterator[OpenPage]:
+    with pages(browser) as opened:
+        yield opened
+
+
+@pytest.fixture
+def start(tmp_path: Path, bench_model: Path) -> Iterator[Callable[..., Line]]:
+    """A function that starts a line of surfaces of these names, all with the script; ended after the test."""
+    started: list[Line] = []
+
+    def start_line(*names: str) -> Line:
+        (tmp_path / "script.toml").write_text(SCRIPT)
+        config = tmp_path / "generated.toml"
+        config.write_text(daemon_config(modelfile.load(bench_model).metadata))
+        surfaces = [Surface(name, "modbus-tcp", tmp_path / "script.toml") for name in names]
+        line = Line(tmp_path, SCENES / "bench.toml", bench_model, config, surfaces)
+        line.__enter__()
+        started.append(line)
+        return line
+
+    yield start_line
+    for line in started:
+        line.stop()
+
+
+def compare(seen: Watched, truth: Truth) -> None:
+    """Compare what the page says with what touches until every load of the script was seen."""
+    compared: set[float | None] = set()
+    deadline = time.monotonic() + COMPARE_S
+    while compared != PLACES | {None}:
+        assert time.monotonic() < deadline, compared
+        said = seen.figures()
+        seen.page.wait_for_timeout(50)  # the rig writes the truth every 10 ms
+        truth.read()
+        if said["state"] not in {"contact", "clear"} or not truth.steady(said["unix_s"], STEADY_S):
+            continue
+        load = truth.at(said["unix_s"])
+        assert load is not None
+        position, force = load
+        if position is None:
+            assert (said["state"], said["position"], said["force"]) == ("clear", NO_FIGURE, NO_FIGURE)
+        else:
+            assert said["state"] == "contact"
+            assert abs(float(said["position"]) - position) < 15
+            assert abs(float(said["force"]) - force) < 2
+            low, high = map(float, re.findall(r"[\d.]+", said["position-interval"])[:2])
+            assert low <= float(said["position"]) <= high
+        compared.add(position)
+
+
+def test_from_contact_to_silence_and_back(start: Callable[..., Line], open_page: OpenPage) -> None:
+    line = start("bench")
+    seen = open_page(line.url)
+    seen.watch()
+    with closing(Truth(line.truth("bench"))) as truth:
+        compare(seen, truth)
+    assert seen.text("surface") == "bench"
+    assert seen.complaints == []
+    assert seen.strangers() == []
+
+    seen.wait_for_state("contact")
+    assert seen.page.title().startswith("Contact")
+    assert line.end("daemon") == 0
+    seen.wait_for_state("problem")
+    assert seen.text("headline").startswith("Stale")
+    assert "ms old" in seen.text("detail")
+    assert seen.page.title().startswith("Stale")
+    assert (seen.text("position"), seen.text("force")) == (NO_FIGURE, NO_FIGURE)
+    assert seen.page.query_selector("#bar") is None
+    assert "not known" in seen.text("channels")
+    _picture(seen, "stale")
+
+    line.end("service")
+    seen.wait_for_state("lost")
+    assert re.fullmatch(r"No connection since \d\d:\d\d:\d\d", seen.text("headline"))
+    assert seen.page.title().startswith("No connection")
+    assert (seen.text("position"), seen.text("age")) == (NO_FIGURE, NO_FIGURE)
+    _picture(seen, "lost")
+
+    with service_again(line):
+        seen.wait_for_text("headline", "no samples yet")
+    seen.wait_for_state("lost")
+    assert seen.wrongs() == []
+
+
+@contextmanager
+def service_again(line: Line) -> Iterator[None]:
+    """Start the service on the port that it had."""
+    command = [Path(sys.executable).parent / "beamtouch-service", "run", "--config", line.folder / "service.toml"]
+    with subprocess.Popen([*map(str, command), "--port", str(urlsplit(line.url).port)]) as process:
+        try:
+            yield
+        finally:
+            process.terminate()
+            process.wait(20)
+
+
+def test_a_service_that_hangs_is_no_connection(start: Callable[..., Line], open_page: OpenPage) -> None:
+    line = start("bench")
+    seen = open_page(line.url)
+    seen.wait_for_state("contact")
+    seen.watch()
+    service = line._processes["service"]
+    os.kill(service.pid, signal.SIGSTOP)
+    try:
+        seen.wait_for_state("lost")
+        assert seen.text("position") == NO_FIGURE
+        # The figures went when they were too old, before the connection was given up.
+        assert seen.states()[-2:] == ["silent", "lost"]
+    finally:
+        os.kill(service.pid, signal.SIGCONT)
+    seen.wait_for_state("contact")
+    assert seen.wrongs() == []
+
+
+def test_surfaces_can_be_chosen(start: Callable[..., Line], open_page: OpenPage) -> None:
+    line = start("left", "right")
+    seen = open_page(line.url)
+    seen.wait_for_state("contact")
+    assert seen.page.input_value("#chooser") == "left"
+    seen.page.select_option("#chooser", "right")
+    seen.page.wait_for_url("**/?surface=right")
+    seen.page.wait_for_function("() => document.title.includes('right')")
+    seen.wait_for_state("contact")
+    seen.page.go_back()
+    seen.page.wait_for_function("() => document.title.includes('left')")
+    assert seen.page.input_value("#chooser") == "left"
+
+    linked = open_page(line.url, "/?surface=right")
+    linked.wait_for_state("contact")
+    assert linked.page.input_value("#chooser") == "right"
+    assert any("/surfaces/right/stream" in url for url in linked.requests)
+    assert not any("/surfaces/left/stream" in url for url in linked.requests)
+    assert seen.complaints + linked.complaints == []
+
+
+def test_pictures(start: Callable[..., Line], open_page: OpenPage) -> None:
+    line = start("press-7")
+    light = open_page(line.url, color_scheme="light")
+    dark = open_page(line.url, color_scheme="dark")
+    panel = open_page(line.url, size=(800, 480), color_scheme="light")
+    phone = open_page(line.url, size=(390, 844), color_scheme="dark")
+    with closing(Truth(line.truth("press-7"))) as truth:
+        compare(panel, truth)
+    for name, seen in {"light": light, "dark": dark, "panel": panel, "phone": phone}.items():
+        seen.wait_for_state("contact")
+        _picture(seen, name)
+        assert _overflow(seen) <= 0, name
+    # At arm's length: digits of more than 5 mm on a panel of 7 inches, and both charts on it.
+    assert panel.page.evaluate("() => parseFloat(getComputedStyle(document.getElementById('position')).fontSize)") >= 48
+    for element in ("position", "force", "age", "beam", "position-strip", "force-strip"):
+        box = panel.page.locator(f"#{element}").bounding_box()
+        assert box is not None
+        assert box["y"] + box["height"] <= 480, element
+
+
+def _picture(seen: Watched, name: str) -> None:
+    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+    seen.page.screenshot(path=SCREENSHOTS / f"{name}.png")
+
+
+def _overflow(seen: Watched) -> int:
+    """By how many px the page is wider than the window."""
+    found: int = seen.page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
+    return found
