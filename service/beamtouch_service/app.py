@@ -30,7 +30,8 @@ from beamtouch_service.recorder import Recorder
 from beamtouch_service.registry import Registry
 from beamtouch_service.samples import Receipt
 from beamtouch_service.streams import Streams
-from beamtouch_service.surface import Surface, SurfaceSummary
+from beamtouch_service.surface import Surface
+from beamtouch_service.surface_summary import SurfaceSummary
 
 
 class SurfaceList(BaseModel):

@@ -9,7 +9,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel
 
 from beamtouch_models.modelfile import Answers, ModelFile
 from beamtouch_service.contact import Contact, ContactQuality, Decision, rfc3339
@@ -18,36 +17,10 @@ from beamtouch_service.inference import Durations, Inference
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.sequences import MAX_SENDERS, SequenceLog
+from beamtouch_service.surface_summary import SampleCounts, SurfaceSummary
 from beamtouch_service.touch import Follower, Levels, Seen, levels
 
 DEFAULT_STALE_MS = 500.0
-
-
-class SampleCounts(BaseModel):
-    """Counts of samples since the service started."""
-
-    accepted: int = 0
-    repeated: int = 0
-    """Received before; they changed nothing."""
-    lost: int = 0
-    """Gaps in the sequence numbers."""
-
-
-class SurfaceSummary(BaseModel):
-    """What the service knows of one surface."""
-
-    name: str
-    model: str | None
-    """Name and fingerprint of the model; null without one."""
-    channels: list[str]
-    """The channels that a batch must contain, in the order of the model; empty without one."""
-    stale_ms: float
-    """No contact is served from a sample older than this."""
-    age_ms: float | None
-    """Age of the newest sample; null before the first."""
-    model_error: str | None
-    """Why the newest model file is not used; null if it is."""
-    samples: SampleCounts
 
 
 class Witness(Protocol):

@@ -1,0 +1,88 @@
+"""What the TOML file and the command line may say: strict, every key known."""
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from beamtouch_service.samples import SurfaceName
+
+_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+Port = Annotated[int, Field(ge=0, le=65535)]
+StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
+_Text = Annotated[str, Field(min_length=1)]
+
+
+class ServerSection(BaseModel):
+    """`[server]`: where to listen, and who may do what."""
+
+    model_config = _STRICT
+
+    host: _Text = "127.0.0.1"
+    """Beyond loopback only together with a token file for writing and one for reading."""
+    port: Port = 8420
+    """0 picks a free one."""
+    token_file: _Text | None = None
+    """Without one every write is refused."""
+    max_streams: Annotated[int, Field(ge=0, le=1000)] = 32
+    """Most streams open at once."""
+
+    read_token_file: _Text | None = None
+    """Without one everyone on this machine may read."""
+    admin_token_file: _Text | None = None
+    """Without one nobody may administrate."""
+    certificate_file: _Text | None = None
+    """PEM, with the chain; together with `key_file`: HTTPS instead of HTTP."""
+    key_file: _Text | None = None
+    max_clients: Annotated[int, Field(ge=1, le=100_000)] = 256
+    """Connections at a time; more get 503."""
+    max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = 2000.0
+    """For each surface; more get 429."""
+
+
+class EventsSection(BaseModel):
+    """`[events]`: where contacts are kept on record, and how many."""
+
+    model_config = _STRICT
+
+    file: _Text | None = None
+    """Without one they are kept in memory, until the service stops."""
+    keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = 30.0
+    most_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = 100.0
+
+
+class SurfaceSection(BaseModel):
+    """`[surfaces.NAME]`: one surface."""
+
+    model_config = _STRICT
+
+    model: _Text | None = None
+    """Model file; without one the surface takes samples and gives no contact."""
+    stale_ms: StaleMs = 500.0
+    """No contact is given from a sample older than this."""
+
+
+class ConfigFile(BaseModel):
+    """The whole file; relative paths in it are relative to it."""
+
+    model_config = _STRICT
+
+    server: ServerSection = ServerSection()
+    events: EventsSection = EventsSection()
+    surfaces: dict[SurfaceName, SurfaceSection] = Field(default_factory=dict)
+
+
+class Overrides(BaseModel):
+    """What the command line says; None where it says nothing."""
+
+    model_config = _STRICT
+
+    host: _Text | None = None
+    port: Port | None = None
+    token_file: _Text | None = None
+    read_token_file: _Text | None = None
+    admin_token_file: _Text | None = None
+    certificate_file: _Text | None = None
+    key_file: _Text | None = None
+    model: _Text | None = None
+    stale_ms: StaleMs | None = None
