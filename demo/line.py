@@ -99,6 +99,10 @@ class Line:
         """Names of the processes that have ended by themselves."""
         return [name for name, process in self._processes.items() if process.poll() is not None]
 
+    def pids(self) -> dict[str, int]:
+        """Process ids by name."""
+        return {name: process.pid for name, process in self._processes.items()}
+
     def log(self, name: str) -> str:
         """What a process wrote to stderr."""
         return (self.folder / f"{name}.log").read_text()
@@ -179,6 +183,11 @@ class Truth:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+    def skip_to_end(self) -> None:
+        """Leave out what was written so far."""
+        self._file.seek(0, 2)
+        self._file.readline()  # the rest of a row
 
     def read(self) -> None:
         """Take in what the rig has written since the last call."""

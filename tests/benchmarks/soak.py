@@ -1,0 +1,160 @@
+"""The whole line for long: `python tests/benchmarks/soak.py --minutes 60 [--rate-hz 1000] [-o docs/soak.md]`.
+
+Rig, daemon and service as processes, loads moving all the time, contacts asked for 20 times a second and held against
+the rig's truth. Says every minute how things stand, and at the end writes a table.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+sys.path.insert(0, str(Path(__file__).parents[2] / "demo"))
+
+import httpx2
+import numpy as np
+
+from beamtouch_models import modelfile
+from beamtouch_models.build import build
+from beamtouch_models.daemon_config import daemon_config
+from beamtouch_models.scene import parse_scene
+from example_scenes import SCENES
+from line import Line, Surface, Truth
+
+ASK_S = 0.05
+SETTLED_S = 0.1
+STALE_MS = 500.0
+
+
+@dataclass
+class Seen:
+    """What came of asking."""
+
+    asked: int = 0
+    problems: int = 0
+    too_old: int = 0
+    """Served although older than the limit: must stay 0."""
+    compared: int = 0
+    outside: int = 0
+    """The truth outside of the stated interval."""
+    mistaken: int = 0
+    """A contact where nothing touched, or none where something did."""
+    memory_mb: dict[str, list[float]] = field(default_factory=dict)
+
+
+def main() -> int:
+    """Run; returns 1 if a stale position was served or a sample was lost."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--rate-hz", type=int, default=1000)
+    parser.add_argument("-o", "--output", type=Path, help="write the table to this file as well")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        seen, summary = soak(Path(folder), options.minutes * 60, options.rate_hz)
+    text = report(seen, summary, options.minutes, options.rate_hz)
+    print(text)
+    if options.output is not None:
+        options.output.write_text(text)
+    return 1 if seen.too_old or summary["samples_dropped"] else 0
+
+
+def soak(folder: Path, seconds: float, rate_hz: int) -> tuple[Seen, dict[str, int]]:
+    """Run the line for so long; return what was seen, and the daemon's summary."""
+    text = (SCENES / "bench.toml").read_text().replace("rate_hz = 200", f"rate_hz = {rate_hz}")
+    scene_path, model_path, config = folder / "scene.toml", folder / "model.onnx", folder / "generated.toml"
+    scene_path.write_text(text)
+    scene = parse_scene(text, "scene")
+    model_path.write_bytes(build(scene, text, "soak", count=None, seed=0, progress=lambda _doing, _done: None).content)
+    config.write_text(daemon_config(modelfile.load(model_path).metadata))
+    line = Line(folder, scene_path, model_path, config, [Surface("soak", "serial")])
+    seen = Seen()
+    with line, httpx2.Client(base_url=line.url, trust_env=False) as client:
+        begin_s = minute_s = time.monotonic()
+        truth = Truth(line.truth("soak"))
+        while (now_s := time.monotonic()) - begin_s < seconds:
+            ask(client, truth, seen)
+            if now_s - minute_s >= 60:
+                minute_s = now_s
+                remember_memory(line, seen)
+                truth.close()
+                truth = Truth(line.truth("soak"))
+                truth.skip_to_end()
+                print(f"{(now_s - begin_s) / 60:.0f} min: {status(seen)}", flush=True)
+            time.sleep(max(0.0, ASK_S - (time.monotonic() - now_s)))
+        truth.close()
+        dead = line.dead()
+    if dead:
+        message = f"{', '.join(dead)} ended by itself"
+        raise RuntimeError(message)
+    summary: dict[str, int] = json.loads(line.summary.read_text())["surfaces"]["soak"]
+    return seen, summary
+
+
+def ask(client: httpx2.Client, truth: Truth, seen: Seen) -> None:
+    """Ask once, and compare with the truth where that stands still."""
+    response = client.get("/contact")
+    truth.read()
+    seen.asked += 1
+    if not response.is_success:
+        seen.problems += 1
+        return
+    contact = response.json()
+    seen.too_old += contact["age_ms"] > STALE_MS
+    moment = datetime.fromisoformat(contact["sampled_at"]).timestamp()
+    if not truth.steady(moment, SETTLED_S):
+        return
+    load = truth.at(moment)
+    if load is None:
+        return
+    seen.compared += 1
+    if (load[0] is not None) != (contact["state"] == "contact"):
+        seen.mistaken += 1
+    elif load[0] is not None:
+        seen.outside += not contact["position_low_mm"] <= load[0] <= contact["position_high_mm"]
+
+
+def remember_memory(line: Line, seen: Seen) -> None:
+    """Note the resident memory of each process."""
+    for name, pid in line.pids().items():
+        status_text = Path(f"/proc/{pid}/status").read_text()
+        seen.memory_mb.setdefault(name, []).append(int(status_text.split("VmRSS:")[1].split()[0]) / 1e3)
+
+
+def status(seen: Seen) -> str:
+    """Return how things stand, in a line."""
+    memory = ", ".join(f"{name} {values[-1]:.1f} MB" for name, values in seen.memory_mb.items())
+    return (
+        f"{seen.asked} asked, {seen.problems} problems, {seen.too_old} too old, "
+        f"{seen.outside} of {seen.compared} outside, {seen.mistaken} mistaken; {memory}"
+    )
+
+
+def report(seen: Seen, summary: dict[str, int], minutes: float, rate_hz: int) -> str:
+    """Return the table."""
+    rows = [
+        ("samples taken", f"{summary['readings']:,}"),
+        ("readings missed by the daemon", f"{summary['readings_lost']:,}"),
+        ("samples dropped", f"{summary['samples_dropped']:,}"),
+        ("samples left on disk", f"{summary['samples_spooled']:,}"),
+        ("contacts asked for", f"{seen.asked:,}"),
+        ("answers that were problems", f"{seen.problems:,}"),
+        ("contacts older than their limit", f"{seen.too_old:,}"),
+        ("contacts held against the truth", f"{seen.compared:,}"),
+        ("of them outside the 95 % interval", f"{seen.outside / max(1, seen.compared):.2%}"),
+        ("of them contact for clear, or the other way round", f"{seen.mistaken:,}"),
+    ]
+    for name, values in seen.memory_mb.items():
+        slope = np.polyfit(np.arange(len(values)), values, 1)[0] * 60 if len(values) > 2 else float("nan")
+        rows.append((f"memory of {name}", f"{values[0]:.1f} to {values[-1]:.1f} MB, {slope:+.2f} MB per hour"))
+    table = "\n".join(f"| {name} | {value} |" for name, value in rows)
+    command = f"python tests/benchmarks/soak.py --minutes {minutes:g} --rate-hz {rate_hz}"
+    return f"# The whole line for {minutes:g} minutes\n\n`{command}`\n\n| | |\n|---|---|\n{table}\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
