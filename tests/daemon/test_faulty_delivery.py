@@ -127,21 +127,26 @@ def test_on_a_full_disk_memory_keeps_what_the_spool_cannot(tmp_path: Path) -> No
     asyncio.run(story())
 
 
-STEPPED_CLOCK = (
-    "import sys, time; real, since = time.time, time.monotonic(); "
-    "time.time = lambda: real() + (3600.0 if time.monotonic() - since > 3 else 0.0)"
-)
+def stepped_clock(sign: Path) -> str:
+    """Return code after which the clock is an hour ahead as soon as a file is there."""
+    return (
+        "import os, sys, time; real = time.time; "
+        f"time.time = lambda: real() + (3600.0 if os.path.exists({str(sign)!r}) else 0.0)"
+    )
 
 
 def test_a_clock_stepped_by_an_hour_changes_dates_and_nothing_else(tmp_path: Path) -> None:
+    sign = tmp_path / "an hour later"
+
     async def story() -> None:
         with cable(tmp_path) as usb:
             SerialDevice(usb.plug())
             async with (
                 serving(Service()) as service,
-                running(tmp_path, configs.serial(str(usb.path)), service.url, code=STEPPED_CLOCK) as daemon,
+                running(tmp_path, configs.serial(str(usb.path)), service.url, code=stepped_clock(sign)) as daemon,
             ):
-                await service.until(1)
+                await service.until(100, within_s=60)
+                sign.touch()
                 async with asyncio.timeout(30):
                     while service.samples()[-1].acquired_unix_us - service.samples()[0].acquired_unix_us < 3.6e9:
                         await service.until(len(service.samples()) + 1)
