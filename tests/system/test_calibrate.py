@@ -21,7 +21,7 @@ PROGRAMS = Path(sys.executable).parent
 SCENE = SCENES / "bench.toml"
 POSITIONS = np.linspace(20, 380, 10)
 FORCE_N = 12.0
-AT_REST_S, ON_S, OFF_S, RECORDED_S = 6.0, 2.0, 0.2, 0.5
+AT_REST_S, ON_S, OFF_S, RECORDED_S = 8.0, 4.0, 0.2, 0.5
 IMPERFECT = """
 position_offset_mm = [1.0, -1.0, 1.0, -1.0]
 gain = [1.03, 0.97, 0.97, 1.03]
@@ -82,7 +82,7 @@ def record(config: Path, path: Path, truth: Truth) -> None:
     ]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdin is not None
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 120
     for position in POSITIONS:
         while True:
             assert time.monotonic() < deadline
