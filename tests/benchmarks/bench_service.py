@@ -34,6 +34,7 @@ import socket, sys
 from beamtouch_service.hosting import Host, configure
 from beamtouch_service.listening import bind
 from beamtouch_service.notify import ServiceManager
+from beamtouch_service.streams import Streams
 
 BODY = b"x" * int(sys.argv[1])
 HEADERS = [(b"content-type", b"application/json"), (b"content-length", str(len(BODY)).encode())]
@@ -43,7 +44,7 @@ async def app(scope, receive, send):
     await send({"type": "http.response.body", "body": BODY})
 
 listener = bind(socket.AF_INET, "127.0.0.1", 0)
-Host(configure(app, 256), ServiceManager()).run(sockets=[listener])
+Host(configure(app, 256), ServiceManager(), Streams()).run(sockets=[listener])
 """
 
 
