@@ -123,7 +123,8 @@ class Line:
 
     def _start_service(self) -> str:
         surfaces = {surface.name: {"model": str(self._model)} for surface in self.surfaces}
-        config = {"server": {"port": 0, "token_file": "token"}, "surfaces": surfaces}
+        server = {"port": 0, "token_file": "token"}
+        config = {"server": server, "events": {"file": "events.db"}, "surfaces": surfaces}
         (self.folder / "service.toml").write_text(tomli_w.dumps(config))
         self._start("service", ["beamtouch-service", "run", "--config", str(self.folder / "service.toml")])
         return self._first_line("service").rpartition(" ")[2]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 DONE, FAILED, WRONG_INPUT = 0, 1, 2
 INTERRUPTED = 130
 LONGEST_RECORDING_S = 3600.0
-_EXTRA_MODULES = {"numpy", "serial", "pymodbus", "cobs", "httpx2", "prometheus_client"}
+_EXTRA_MODULES = {"numpy", "serial", "pymodbus", "cobs", "aiohttp", "prometheus_client"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

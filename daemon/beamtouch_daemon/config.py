@@ -48,7 +48,7 @@ class Publish(Strict):
     """Address of the service, without a path."""
     token_file: RelativePath
     """Holds the service's bearer token and nothing else."""
-    batch_ms: Annotated[FiniteFloat, Field(ge=1, le=10_000)] = 20.0
+    batch_ms: Annotated[FiniteFloat, Field(ge=1, le=10_000)] = 4.0
     """Samples of a surface are collected for this long and sent together."""
     queue_samples: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
     """Samples of each surface kept in memory; beyond it the oldest are dropped and counted."""

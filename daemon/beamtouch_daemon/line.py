@@ -7,13 +7,12 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from time import monotonic
 
-import httpx2
-
 from beamtouch_daemon.acquisition import Acquisition
 from beamtouch_daemon.config import Publish, Surface
 from beamtouch_daemon.faults import BACKOFF_MAX_S
 from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.publisher import Disk, Publisher, Sender
+from beamtouch_daemon.service_client import ServiceClient
 from beamtouch_daemon.sources import Buses
 from beamtouch_daemon.tasks import cancel
 
@@ -46,7 +45,7 @@ class Summary:
 class Shared:
     """What all lines have in common."""
 
-    client: httpx2.AsyncClient
+    client: ServiceClient
     publish: Publish
     buses: Buses
     disk: Disk | None

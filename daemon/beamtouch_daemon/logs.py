@@ -27,5 +27,4 @@ def set_up(*, as_json: bool) -> None:
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonFormatter() if as_json else logging.Formatter("%(levelname)s %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
-    logging.getLogger("httpx2").setLevel(logging.WARNING)  # it logs every request
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs every failure; the sources report them

@@ -14,24 +14,20 @@ from http import HTTPStatus
 from time import monotonic
 from typing import TypeVar
 
-import httpx2
-
 from beamtouch_daemon.faults import BACKOFF_MIN_S, Backoff, Fault
 from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Taken
+from beamtouch_daemon.service_client import ServiceClient, UnreachableError
 from beamtouch_daemon.spool import Spool, Spooled, SpoolError
 from beamtouch_service.samples import MAX_SAMPLES, Batch
 
 MAX_BATCH = min(1000, MAX_SAMPLES)
 MAX_BATCH_VALUES = 16_000
 """Samples in one request, and values in them, at most: under half of the MiB that the service takes."""
-REQUEST_TIMEOUT_S = 2.0
 RETRY_S = 1.0
 """The longest wait before a service that takes nothing is asked again."""
 DISK_REST_S = 1.0
 """A disk that failed is left alone for so long."""
-MAX_DETAIL = 200
-"""Characters of the service's explanation in the log."""
 
 _NEVER_ACCEPTED = {HTTPStatus.BAD_REQUEST, HTTPStatus.REQUEST_ENTITY_TOO_LARGE, HTTPStatus.UNPROCESSABLE_ENTITY}
 _log = logging.getLogger(__name__)
@@ -67,7 +63,7 @@ class Publisher:
     """Sends one surface's samples. Without a disk, what cannot be delivered waits in the outbox."""
 
     def __init__(
-        self, client: httpx2.AsyncClient, sender: Sender, outbox: Outbox, batch_s: float, disk: Disk | None = None
+        self, client: ServiceClient, sender: Sender, outbox: Outbox, batch_s: float, disk: Disk | None = None
     ) -> None:
         self.published = 0
         """Samples that the service has acknowledged."""
@@ -178,22 +174,19 @@ class Publisher:
 
     async def _send(self, batch: Batch) -> bool | None:
         """Send a batch; return whether the service took it, None if it never will."""
+        content = batch.model_dump_json().encode()
         try:
-            response = await self._client.post(
-                f"/surfaces/{self._sender.surface}/samples",
-                content=batch.model_dump_json(),
-                headers={"content-type": "application/json"},
-            )
-        except httpx2.TransportError as error:
-            self._fault.failed(f"no answer from {self._client.base_url} ({type(error).__name__}); trying again")
+            answer = await self._client.post_samples(self._sender.surface, content)
+        except UnreachableError as error:
+            self._fault.failed(f"no answer from {self._client.url} ({error}); trying again")
             return False
-        if response.is_success:
+        if answer.is_success:
             self._fault.recovered()
             return True
-        if response.status_code in _NEVER_ACCEPTED:
-            self._fault.failed(f"the service will never take a batch ({_explanation(response)}); it is dropped")
+        if answer.status in _NEVER_ACCEPTED:
+            self._fault.failed(f"the service will never take a batch ({answer.explanation}); it is dropped")
             return None
-        self._fault.failed(f"the service takes no samples ({_explanation(response)}); trying again")
+        self._fault.failed(f"the service takes no samples ({answer.explanation}); trying again")
         return False
 
     def _batch(self, samples: Sequence[Taken], now_s: float) -> Batch:
@@ -203,24 +196,3 @@ class Publisher:
             newest_age_ms=max(0.0, (now_s - samples[-1].monotonic_s) * 1e3),
             samples=[taken.sample for taken in samples],
         )
-
-
-def make_client(url: str, token: str) -> httpx2.AsyncClient:
-    """Return a client of the service at `url` that shows `token`; proxies in the environment are not for this."""
-    return httpx2.AsyncClient(
-        base_url=url,
-        headers={"authorization": f"Bearer {token}"},
-        timeout=REQUEST_TIMEOUT_S,
-        trust_env=False,
-    )
-
-
-def _explanation(response: httpx2.Response) -> str:
-    """Return the status and what the service says of it, in one line."""
-    if response.status_code == HTTPStatus.UNAUTHORIZED:
-        return "status 401: wrong token; correct publish.token_file and restart"
-    try:
-        detail = str(response.json()["detail"])[:MAX_DETAIL]
-    except (ValueError, KeyError, TypeError):
-        return f"status {response.status_code}"
-    return f"status {response.status_code}: {detail}"

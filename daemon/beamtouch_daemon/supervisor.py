@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from beamtouch_daemon import tare
 from beamtouch_daemon.config import Config
 from beamtouch_daemon.line import Line, Shared, Summary
-from beamtouch_daemon.publisher import Disk, make_client
+from beamtouch_daemon.publisher import Disk
+from beamtouch_daemon.service_client import ServiceClient
 
 _log = logging.getLogger(__name__)
 
@@ -51,7 +52,7 @@ class Supervisor:
         rest = {name: tare.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
         old = self._shared
         if old is None or old.publish != config.publish or self._token != token:
-            client = make_client(config.publish.url, token)
+            client = ServiceClient(config.publish.url, token)
             shared = Shared(client, config.publish, old.buses if old else {}, self._disk)
         else:
             shared = old
@@ -62,7 +63,7 @@ class Supervisor:
         }
         await asyncio.gather(*(self._end(name) for name in set(self._lines) - kept))
         if old is not None and shared is not old:
-            await old.client.aclose()
+            await old.client.close()
         self._shared, self._token = shared, token
         self._forget_buses(shared)
         started = [name for name in config.surfaces if name not in kept]
@@ -75,7 +76,7 @@ class Supervisor:
         """Stop all lines; return what became of the readings since the start, by surface."""
         await asyncio.gather(*(self._end(name) for name in list(self._lines)))
         if self._shared is not None:
-            await self._shared.client.aclose()
+            await self._shared.client.close()
         return self._ended
 
     async def _end(self, name: str) -> None:

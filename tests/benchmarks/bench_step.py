@@ -1,6 +1,6 @@
 """From a step at the device to the contact over HTTP, beside what sampling and filter need for it by themselves.
 
-`make bench` takes some steps; `python tests/benchmarks/bench_step.py --steps 1000` as many.
+`make bench` takes some steps; `python tests/benchmarks/bench_step.py --steps 1000 [--batch-ms 1]` as many.
 """
 
 import argparse
@@ -38,13 +38,13 @@ LIFTED_S = 0.1
 TOKEN = "a-token-of-this-benchmark"  # noqa: S105
 
 
-def run(steps: int = STEPS) -> list[dict[str, object]]:
-    """Step so often."""
+def run(steps: int = STEPS, batch_ms: float | None = None) -> list[dict[str, object]]:
+    """Step so often; the daemon collects samples for as long as it does by default, or for `batch_ms`."""
     with tempfile.TemporaryDirectory() as folder:
-        return asyncio.run(stepped(Path(folder), steps))
+        return asyncio.run(stepped(Path(folder), steps, batch_ms))
 
 
-async def stepped(folder: Path, steps: int) -> list[dict[str, object]]:
+async def stepped(folder: Path, steps: int, batch_ms: float | None) -> list[dict[str, object]]:
     """Run service and daemon as processes, and be the device."""
     scene, text = load_scene(SCENES / "bench.toml")
     path, token = folder / "bench.onnx", folder / "token"
@@ -63,7 +63,9 @@ async def stepped(folder: Path, steps: int) -> list[dict[str, object]]:
         assert service.stdout is not None
         port = int((await service.stdout.readline()).decode().rpartition(":")[2])
         config = tomllib.loads(daemon_config(model.metadata))
-        config["publish"] |= {"url": f"http://127.0.0.1:{port}", "token_file": str(token), "batch_ms": 1.0}
+        config["publish"] |= {"url": f"http://127.0.0.1:{port}", "token_file": str(token)} | (
+            {"batch_ms": batch_ms} if batch_ms else {}
+        )
         (surface,) = config["surfaces"].values()
         surface["source"] = {"kind": "modbus-tcp", "host": "127.0.0.1", "port": device}
         (folder / "daemon.toml").write_text(tomli_w.dumps(config))
@@ -129,5 +131,7 @@ def readings_needed(settings: Surface, beam: VirtualSurface, model: modelfile.Mo
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=1000)
-    for row in run(parser.parse_args().steps):
+    parser.add_argument("--batch-ms", type=float)
+    options = parser.parse_args()
+    for row in run(options.steps, options.batch_ms):
         print(row)

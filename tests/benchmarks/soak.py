@@ -6,12 +6,14 @@ the rig's truth. Says every minute how things stand, and at the end writes a tab
 
 import argparse
 import json
+import os
 import sys
 import tempfile
 import time
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 sys.path.insert(0, str(Path(__file__).parents[2] / "demo"))
@@ -45,6 +47,10 @@ class Seen:
     mistaken: int = 0
     """A contact where nothing touched, or none where something did."""
     memory_mb: dict[str, list[float]] = field(default_factory=dict)
+    processor: dict[str, float] = field(default_factory=dict)
+    """Cores that each process kept busy."""
+    at_service: dict[str, int] = field(default_factory=dict)
+    """The service's counts of samples, and of events."""
 
 
 def main() -> int:
@@ -60,7 +66,13 @@ def main() -> int:
     print(text)
     if options.output is not None:
         options.output.write_text(text)
-    return 1 if seen.too_old or summary["samples_dropped"] else 0
+    lost = (
+        summary["samples_dropped"]
+        + seen.at_service["lost"]
+        + summary["samples_published"]
+        - seen.at_service["accepted"]
+    )
+    return 1 if seen.too_old or lost else 0
 
 
 def soak(folder: Path, seconds: float, rate_hz: int) -> tuple[Seen, dict[str, int]]:
@@ -74,6 +86,7 @@ def soak(folder: Path, seconds: float, rate_hz: int) -> tuple[Seen, dict[str, in
     line = Line(folder, scene_path, model_path, config, [Surface("soak", "serial")])
     seen = Seen()
     with line, httpx2.Client(base_url=line.url, trust_env=False) as client:
+        wait_until_ready(client)
         begin_s = minute_s = time.monotonic()
         truth = Truth(line.truth("soak"))
         while (now_s := time.monotonic()) - begin_s < seconds:
@@ -87,12 +100,24 @@ def soak(folder: Path, seconds: float, rate_hz: int) -> tuple[Seen, dict[str, in
                 print(f"{(now_s - begin_s) / 60:.0f} min: {status(seen)}", flush=True)
             time.sleep(max(0.0, ASK_S - (time.monotonic() - now_s)))
         truth.close()
-        dead = line.dead()
-    if dead:
-        message = f"{', '.join(dead)} ended by itself"
-        raise RuntimeError(message)
+        seen.processor = {name: processor_s(pid) / (time.monotonic() - begin_s) for name, pid in line.pids().items()}
+        if dead := line.dead():
+            message = f"{', '.join(dead)} ended by itself"
+            raise RuntimeError(message)
+        line.end("daemon")
+        seen.at_service = counts(client)
     summary: dict[str, int] = json.loads(line.summary.read_text())["surfaces"]["soak"]
     return seen, summary
+
+
+def wait_until_ready(client: httpx2.Client) -> None:
+    """Return once there is a contact to give; raises RuntimeError if none comes."""
+    deadline_s = time.monotonic() + 60
+    while not client.get("/health/ready").is_success:
+        if time.monotonic() > deadline_s:
+            message = "the line is not ready"
+            raise RuntimeError(message)
+        time.sleep(ASK_S)
 
 
 def ask(client: httpx2.Client, truth: Truth, seen: Seen) -> None:
@@ -125,6 +150,24 @@ def remember_memory(line: Line, seen: Seen) -> None:
         seen.memory_mb.setdefault(name, []).append(int(status_text.split("VmRSS:")[1].split()[0]) / 1e3)
 
 
+def processor_s(pid: int) -> float:
+    """Return the processor time of a process so far [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def counts(client: httpx2.Client) -> dict[str, int]:
+    """Return the service's own counts of samples, and of the contacts on its record."""
+    found: dict[str, int] = client.get("/surfaces/soak").json()["samples"]
+    page: dict[str, Any] = {"next": None}
+    ends: list[str] = []
+    while True:
+        page = client.get("/events", params={"limit": 1000} | ({"after": page["next"]} if page["next"] else {})).json()
+        ends += [event["end"] for event in page["events"]]
+        if page["next"] is None:
+            return found | {"events": len(ends), "not whole": sum(end not in ("lift", "open") for end in ends)}
+
+
 def status(seen: Seen) -> str:
     """Return how things stand, in a line."""
     memory = ", ".join(f"{name} {values[-1]:.1f} MB" for name, values in seen.memory_mb.items())
@@ -136,11 +179,18 @@ def status(seen: Seen) -> str:
 
 def report(seen: Seen, summary: dict[str, int], minutes: float, rate_hz: int) -> str:
     """Return the table."""
+    settling = summary["readings"] - sum(summary[f"samples_{end}"] for end in ("published", "dropped", "spooled"))
     rows = [
-        ("samples taken", f"{summary['readings']:,}"),
+        ("readings", f"{summary['readings']:,}"),
         ("readings missed by the daemon", f"{summary['readings_lost']:,}"),
+        ("readings to settle the filter, at the start and after gaps", f"{settling:,}"),
+        ("samples acknowledged by the service", f"{summary['samples_published']:,}"),
         ("samples dropped", f"{summary['samples_dropped']:,}"),
         ("samples left on disk", f"{summary['samples_spooled']:,}"),
+        ("samples that the service took", f"{seen.at_service['accepted']:,}"),
+        ("samples that the service missed", f"{seen.at_service['lost']:,}"),
+        ("contacts on its record", f"{seen.at_service['events']:,}"),
+        ("of them without a lift", f"{seen.at_service['not whole']:,}"),
         ("contacts asked for", f"{seen.asked:,}"),
         ("answers that were problems", f"{seen.problems:,}"),
         ("contacts older than their limit", f"{seen.too_old:,}"),
@@ -151,6 +201,7 @@ def report(seen: Seen, summary: dict[str, int], minutes: float, rate_hz: int) ->
     for name, values in seen.memory_mb.items():
         slope = np.polyfit(np.arange(len(values)), values, 1)[0] * 60 if len(values) > 2 else float("nan")
         rows.append((f"memory of {name}", f"{values[0]:.1f} to {values[-1]:.1f} MB, {slope:+.2f} MB per hour"))
+    rows += [(f"processor of {name}", f"{share:.0%} of a core") for name, share in seen.processor.items()]
     table = "\n".join(f"| {name} | {value} |" for name, value in rows)
     command = f"python tests/benchmarks/soak.py --minutes {minutes:g} --rate-hz {rate_hz}"
     return f"# The whole line for {minutes:g} minutes\n\n`{command}`\n\n| | |\n|---|---|\n{table}\n"

@@ -12,7 +12,7 @@ from .devices import SerialDevice, StampingUnit, pymodbus_server, rtu_units
 from .lines import terminal
 from .process import Outcome, command
 
-EXTRA = ["pymodbus", "serial", "httpx2", "numpy", "cobs"]
+EXTRA = ["pymodbus", "serial", "aiohttp", "numpy", "cobs"]
 
 
 async def commands(*calls: tuple[str, Path]) -> list[Outcome]:

@@ -9,7 +9,8 @@ import pytest
 
 from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Taken
-from beamtouch_daemon.publisher import Publisher, Sender, make_client
+from beamtouch_daemon.publisher import Publisher, Sender
+from beamtouch_daemon.service_client import ServiceClient
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_service.samples import Quality, Sample
 
@@ -35,7 +36,7 @@ class Bench:
 
     def __init__(self, service: Service, most: int = 10_000, batch_s: float = 0.02, token: str = TOKEN) -> None:
         self.outbox = Outbox(most, "bench")
-        self._client = make_client(service.url, token)
+        self._client = ServiceClient(service.url, token)
         self.publisher = Publisher(self._client, SENDER, self.outbox, batch_s)
 
     async def __aenter__(self) -> "Bench":
@@ -45,7 +46,7 @@ class Bench:
     async def __aexit__(self, *_: object) -> None:
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
-        await self._client.aclose()
+        await self._client.close()
 
     async def finish(self) -> None:
         """Close the outbox and wait for the delivery of what is in it."""
