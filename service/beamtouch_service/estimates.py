@@ -43,7 +43,8 @@ def estimate(
 
 
 def _chunk(model: ModelFile, surface: str, offered: list[str], samples: Sequence[Sample], ask: Ask) -> list[Estimated]:
-    rows = [arrange(model.channels, offered, sample) for sample in samples]
+    channels = [(name, offered.index(name)) for name in model.channels]
+    rows = [arrange(channels, sample) for sample in samples]
     enough = [len(values) - len(bad) >= model.metadata.min_channels for values, bad in rows]
     answered = iter(_answers(model, ask, [row for row, usable in zip(rows, enough, strict=True) if usable]))
     return [
@@ -73,13 +74,15 @@ def _too_few(model: ModelFile, surface: str, bad: dict[str, Quality]) -> Problem
     return Problem(Kind.TOO_FEW_CHANNELS, detail, surface, {"bad_channels": dict(bad)})
 
 
-def arrange(wanted: list[str], offered: list[str], sample: Sample) -> tuple[list[float], dict[str, Quality]]:
-    """Return the deflections [mm] in the order of the model, and the quality of those channels that are not good."""
-    index = {name: position for position, name in enumerate(offered)}
+def arrange(channels: list[tuple[str, int]], sample: Sample) -> tuple[list[float], dict[str, Quality]]:
+    """Return the deflections [mm] in the order of the model, and the quality of those channels that are not good.
+
+    `channels` are those of the model: the name of each, and its place in the sample.
+    """
     values: list[float] = []
     bad: dict[str, Quality] = {}
-    for name in wanted:
-        value, quality = sample.deflection_mm[index[name]], sample.quality[index[name]]
+    for name, place in channels:
+        value, quality = sample.deflection_mm[place], sample.quality[place]
         if value is None or quality is not Quality.GOOD:
             bad[name] = quality
         elif abs(value) > _FLOAT32_MAX:

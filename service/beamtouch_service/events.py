@@ -64,22 +64,54 @@ class Piece:
     """Some sample lacked channels, or could not be decided on."""
     path: list[Point] = field(default_factory=list)
 
-    def with_sample(self, sequence: int, acquired_us: int, figures: Figures | None, *, degraded: bool) -> "Piece":
-        """Return this piece with the next sample; `figures` is None for one that could not be decided on."""
-        piece = replace(self, last_sequence=sequence, last_us=acquired_us, degraded=self.degraded or degraded)
+
+class GrowingPiece:
+    """A piece that takes sample after sample, a thousand times a second: in place, unlike `Piece`."""
+
+    def __init__(self, first: Piece) -> None:
+        """Begin with a piece whose first sample is yet to be added."""
+        self._first = first
+        self._last = first.first_sequence, first.touched_us
+        self._samples = 0
+        self._position_sum_mm = 0.0
+        self._peak: tuple[float | None, float | None] = None, None
+        """Force [N], and where it was [mm]."""
+        self._degraded = False
+        self._path: list[Point] = []
+
+    @property
+    def duration_us(self) -> int:
+        """From its first sample to its last, by the sender's clock."""
+        return abs(self._last[1] - self._first.touched_us)
+
+    def add(self, sequence: int, acquired_us: int, figures: Figures | None, *, degraded: bool) -> None:
+        """Take the next sample; `figures` is None for one that could not be decided on."""
+        self._last = sequence, acquired_us
+        self._degraded |= degraded
         if figures is None or figures.position_mm is None:
-            return piece
-        point = (acquired_us, figures.position_mm, figures.force_n)
-        single = replace(
-            piece,
-            samples=1,
-            position_sum_mm=figures.position_mm,
-            peak_force_n=figures.force_n,
-            peak_position_mm=None if figures.force_n is None else figures.position_mm,
+            return
+        position_mm, force_n = figures.position_mm, figures.force_n
+        self._samples += 1
+        self._position_sum_mm += position_mm
+        if force_n is not None and (self._peak[0] is None or force_n > self._peak[0]):
+            self._peak = force_n, position_mm
+        self._path.append((acquired_us, position_mm, force_n))
+        if len(self._path) > 2 * MOST_POINTS:
+            self._path = thin(self._path)
+
+    def piece(self) -> Piece:
+        """Return what it has come to."""
+        return replace(
+            self._first,
+            last_sequence=self._last[0],
+            last_us=self._last[1],
+            samples=self._samples,
+            position_sum_mm=self._position_sum_mm,
+            peak_force_n=self._peak[0],
+            peak_position_mm=self._peak[1],
+            degraded=self._degraded,
+            path=list(self._path),
         )
-        # The path of a piece under construction is its own: it is extended in place, and thinned now and then.
-        self.path.append(point)
-        return replace(_summed(piece, single), path=thin(self.path) if len(self.path) > 2 * MOST_POINTS else self.path)
 
 
 def _summed(one: Piece, other: Piece) -> Piece:

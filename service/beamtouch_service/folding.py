@@ -1,10 +1,10 @@
 """From decisions on samples in a row to pieces of contacts, and to what they say of the pieces beside them. Pure."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from beamtouch_service.contact import Decision, State
-from beamtouch_service.events import Begin, End, Piece
+from beamtouch_service.events import Begin, End, GrowingPiece, Piece
 from beamtouch_service.touch import Seen
 
 FLUSH_US = 1_000_000
@@ -40,7 +40,7 @@ class Folder:
         self.last: tuple[int, int, State | None] | None = None
         """Number, time and state of the last sample."""
         self._surface, self._model, self.boot_id = surface, model, boot_id
-        self._pending: Piece | None = None
+        self._pending: GrowingPiece | None = None
         self._in_contact = False
         self._was_clear = before is State.CLEAR
 
@@ -61,8 +61,8 @@ class Folder:
 
     def flush(self) -> list[Command]:
         """Hand over what there is of a contact that goes on."""
-        piece, self._pending = self._pending, None
-        return [replace(piece, path=list(piece.path))] if piece else []
+        pending, self._pending = self._pending, None
+        return [pending.piece()] if pending else []
 
     def interrupt(self) -> list[Command]:
         """Note that what comes next is not known, or does not follow."""
@@ -86,13 +86,14 @@ class Folder:
         figures = seen.outcome.figures if isinstance(seen.outcome, Decision) else None
         is_new, degraded = not self._in_contact, bool(seen.estimated.bad) or figures is None
         begin = Begin.TOUCH if is_new and self._was_clear else Begin.UNSEEN
-        piece = self._pending or Piece(
-            self._surface, self._model, self.boot_id, number, number, time_us, time_us, begin=begin
-        )
-        self._pending = piece.with_sample(number, time_us, figures, degraded=degraded)
+        if self._pending is None:
+            self._pending = GrowingPiece(
+                Piece(self._surface, self._model, self.boot_id, number, number, time_us, time_us, begin=begin)
+            )
+        self._pending.add(number, time_us, figures, degraded=degraded)
         self._in_contact, self._was_clear = True, False
         # At once when it begins, so that it is on record; then now and then.
-        due = is_new or abs(time_us - self._pending.touched_us) >= FLUSH_US
+        due = is_new or self._pending.duration_us >= FLUSH_US
         return self.flush() if due else []
 
 

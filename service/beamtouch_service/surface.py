@@ -4,7 +4,7 @@ No I/O and no clock: instants come in as seconds of the service's monotonic cloc
 """
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Protocol
 
 import numpy as np
@@ -119,7 +119,7 @@ class Surface:
         return Contact(
             surface=self.name,
             state=decision.state,
-            **decision.figures.model_dump(),
+            **asdict(decision.figures),
             age_ms=present.age_ms(now_s),
             sampled_at=rfc3339(present.sample.acquired_unix_us),
             sequence=present.sample.sequence,

@@ -1,6 +1,7 @@
 """What the model's answer comes to. Numbers by hand."""
 
 import math
+from dataclasses import asdict
 
 import pytest
 
@@ -21,7 +22,7 @@ def test_odds_above_the_threshold_are_a_contact_with_all_figures() -> None:
     decision = decide(ESTIMATE, threshold=2.0, length_mm=400)
 
     assert decision.state is State.CONTACT
-    assert decision.figures.model_dump() == {
+    assert asdict(decision.figures) == {
         "position_mm": 123.4568,
         "position_low_mm": 121.9,
         "position_high_mm": 125.0,
@@ -36,7 +37,7 @@ def test_odds_up_to_the_threshold_are_clear_and_have_no_figures(threshold: float
     decision = decide(ESTIMATE, threshold, length_mm=400)
 
     assert decision.state is State.CLEAR
-    assert set(decision.figures.model_dump().values()) == {None}
+    assert set(asdict(decision.figures).values()) == {None}
 
 
 def test_a_model_without_force_and_intervals_leaves_them_null() -> None:
