@@ -72,7 +72,7 @@ class Contact(BaseModel):
     """Name and fingerprint of the model that answered."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Decision:
     """What the model's answer comes to."""
 

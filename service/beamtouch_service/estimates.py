@@ -17,7 +17,7 @@ CHUNK = 256
 _FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Estimated:
     """One sample, and what the model says of it."""
 
@@ -44,27 +44,25 @@ def estimate(
 
 def _chunk(model: ModelFile, surface: str, offered: list[str], samples: Sequence[Sample], ask: Ask) -> list[Estimated]:
     channels = [(name, offered.index(name)) for name in model.channels]
+    most_bad = len(channels) - model.metadata.min_channels
     rows = [arrange(channels, sample) for sample in samples]
-    enough = [len(values) - len(bad) >= model.metadata.min_channels for values, bad in rows]
-    answered = iter(_answers(model, ask, [row for row, usable in zip(rows, enough, strict=True) if usable]))
+    values = np.array([values for values, bad in rows if len(bad) <= most_bad], np.float32)
+    valid = np.array([[name not in bad for name, _ in channels] for _, bad in rows if len(bad) <= most_bad], np.bool_)
+    answered = iter(_by_sample(ask(values, valid)) if len(values) else [])
     return [
         Estimated(
             sample.sequence,
             sample.acquired_unix_us,
             bad,
-            next(answered) if usable else _too_few(model, surface, bad),
+            next(answered) if len(bad) <= most_bad else _too_few(model, surface, bad),
         )
-        for sample, (_, bad), usable in zip(samples, rows, enough, strict=True)
+        for sample, (_, bad) in zip(samples, rows, strict=True)
     ]
 
 
-def _answers(model: ModelFile, ask: Ask, rows: list[tuple[list[float], dict[str, Quality]]]) -> list[dict[str, float]]:
-    if not rows:
-        return []
-    values = np.array([values for values, _ in rows], np.float32)
-    valid = np.array([[name not in bad for name in model.channels] for _, bad in rows], np.bool_)
-    columns = {name: column.tolist() for name, column in ask(values, valid).items()}
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+def _by_sample(answers: Answers) -> list[dict[str, float]]:
+    columns = [column.tolist() for column in answers.values()]
+    return [dict(zip(answers, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def _too_few(model: ModelFile, surface: str, bad: dict[str, Quality]) -> Problem:

@@ -22,11 +22,12 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
 }
 _HEADERS = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
-_JSON_HEADERS = [(b"content-type", b"application/json"), (b"cache-control", b"no-store"), *_HEADERS]
+CONTACT_HEADERS = [(b"content-type", b"application/json"), (b"cache-control", b"no-store"), *_HEADERS]
+"""Of an answer that is not the framework's, but for its length."""
 _OPEN_PATHS = frozenset({"/health/live"})
 _READING = frozenset({"GET", "HEAD"})
-_PREFIX, _SUFFIX, _SAMPLES = "/surfaces/", "/contact", "/samples"
-_BY_NAME = b"surface="
+_PREFIX, _SAMPLES = "/surfaces/", "/samples"
+_SURFACES, _CONTACT, _BY_NAME = b"/surfaces/", b"/contact", b"surface="
 _RELOAD = "/model/reload"
 
 
@@ -46,7 +47,7 @@ class Front:
             return
         try:
             self._access.require(self._role(scope), _authorization(scope["headers"]))
-            body = self._contact(scope) if scope["method"] == "GET" else await self._receipt(scope, receive)
+            body = await self._receipt(scope, receive)
         except ClientDisconnect:
             # In the middle of its body: nobody would read an answer, and nothing was accepted.
             return
@@ -62,9 +63,35 @@ class Front:
         if body is None:
             await self.api(scope, receive, _guarded(send))
             return
-        headers = [*_JSON_HEADERS, (b"content-length", b"%d" % len(body))]
+        headers = [*CONTACT_HEADERS, (b"content-length", b"%d" % len(body))]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
         await send({"type": "http.response.body", "body": body})
+
+    def contact_at_once(self, target: bytes, authorization: bytes | None) -> bytes | None:
+        """Return the contact that `GET target` asks for, as JSON.
+
+        None where it asks for something else, may not be answered, or there is none to give: the routes say which.
+        """
+        path, _, query = target.partition(b"?")
+        name = None
+        if path != _CONTACT:
+            if query or not path.startswith(_SURFACES) or not path.endswith(_CONTACT):
+                return None
+            name = path[len(_SURFACES) : -len(_CONTACT)].decode("ascii", "replace")
+        elif query:
+            if not query.startswith(_BY_NAME):
+                return None
+            name = query[len(_BY_NAME) :].decode("ascii", "replace")
+        try:
+            self._access.require(Role.READ, authorization)
+        except ProblemError:
+            return None
+        state_and_body = self._contacts.get(name, self.context.clock())
+        if state_and_body is None:
+            return None
+        state, body = state_and_body
+        self.context.counts.contacts[state] += 1
+        return body
 
     async def _receipt(self, scope: Scope, receive: Receive) -> bytes | None:
         """Take the batch that is sent; None for another request. Raises ProblemError."""
@@ -84,28 +111,6 @@ class Front:
         if any(route.matches(scope)[0] is Match.FULL for route in self.api.router.routes):
             return Role.ADMIN if scope["path"].endswith(_RELOAD) else Role.WRITE
         return Role.READ
-
-    def _contact(self, scope: Scope) -> bytes | None:
-        """Return the contact that is asked for; None where it is asked for otherwise, or there is none to give."""
-        path: str = scope["path"]
-        if not path.endswith(_SUFFIX):
-            return None
-        query: bytes = scope["query_string"]
-        name = None
-        if path.startswith(_PREFIX):
-            name = path[len(_PREFIX) : -len(_SUFFIX)]
-        elif path != _SUFFIX:
-            return None
-        elif query:
-            if not query.startswith(_BY_NAME):
-                return None
-            name = query[len(_BY_NAME) :].decode("ascii", "replace")
-        state_and_body = self._contacts.get(name, self.context.clock())
-        if state_and_body is None:
-            return None
-        state, body = state_and_body
-        self.context.counts.contacts[state] += 1
-        return body
 
 
 def client(scope: Scope) -> str:

@@ -12,60 +12,19 @@ from typing import Any
 
 import uvicorn
 from starlette.types import ASGIApp, Scope
-from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 
 from beamtouch_service.config import TlsFiles
+from beamtouch_service.connection import BoundedProtocol
 from beamtouch_service.limits import SeldomFilter
 from beamtouch_service.notify import ServiceManager
 from beamtouch_service.streams import Streams
 
 SHUTDOWN_S = 2
 """For answers under way to finish; a sender repeats what was not acknowledged."""
-HEAD_S = 10.0
-"""For a client to send a request line and headers."""
-MAX_HEAD_BYTES = 16 * 1024
 
 _log = logging.getLogger("beamtouch.service")
 
 Work = Callable[[], Coroutine[Any, Any, None]]
-
-
-class BoundedProtocol(H11Protocol):
-    """Ends a connection on which a request has begun and does not get on."""
-
-    _deadline: asyncio.TimerHandle | None = None
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn's
-        """Expect a request."""
-        super().connection_made(transport)
-        self._deadline = self.loop.call_later(HEAD_S, self._give_up)
-
-    def data_received(self, data: bytes) -> None:
-        """Take what came; unless it is being answered, expect more of it."""
-        super().data_received(data)
-        if not self._is_owed():
-            self._forget()
-        elif self._deadline is None:
-            self._deadline = self.loop.call_later(HEAD_S, self._give_up)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Expect nothing any more."""
-        self._forget()
-        super().connection_lost(exc)
-
-    def _is_owed(self) -> bool:
-        cycle: RequestResponseCycle | None = self.cycle  # it is None before the first request, whatever its type says
-        return cycle is None or cycle.response_complete
-
-    def _forget(self) -> None:
-        if self._deadline is not None:
-            self._deadline.cancel()
-            self._deadline = None
-
-    def _give_up(self) -> None:
-        self._deadline = None
-        if self._is_owed():
-            self.transport.close()
 
 
 def configure(app: ASGIApp, max_clients: int, tls: TlsFiles | None = None) -> uvicorn.Config:
@@ -85,7 +44,6 @@ def configure(app: ASGIApp, max_clients: int, tls: TlsFiles | None = None) -> uv
         timeout_graceful_shutdown=SHUTDOWN_S,
         # It refuses the one that reaches the limit.
         limit_concurrency=max_clients + 1,
-        h11_max_incomplete_event_size=MAX_HEAD_BYTES,
         ssl_certfile=tls.certificate if tls else None,
         ssl_keyfile=tls.key if tls else None,
         ssl_keyfile_password="" if tls else None,

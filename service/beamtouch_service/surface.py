@@ -33,7 +33,7 @@ class Witness(Protocol):
         """Note samples of a batch that came after later ones, in order."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Newest:
     """The newest sample and what follows from it."""
 

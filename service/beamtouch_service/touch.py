@@ -44,7 +44,7 @@ def levels(model: ModelFile) -> Levels:
     return Levels(touch, log_odds + LIFT_FRACTION * (touch - log_odds) if usable else touch, metadata.length_mm)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Seen:
     """What was decided on one sample."""
 

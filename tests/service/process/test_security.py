@@ -122,7 +122,9 @@ def test_more_clients_than_allowed_are_turned_away_and_the_others_are_served(
 
     held = [httpx2.Client(base_url=service.url, trust_env=False) for _ in range(3)]
     assert [client.get("/health/live").status_code for client in held] == [200, 200, 200]
-    assert service.get("/health/live").status_code == 503
+    refused = service.get("/health/live")
+    assert (refused.status_code, refused.headers["connection"]) == (503, "close")
+    assert refused.json()["type"] == "urn:beamtouch:problem:too-many-clients"
     assert held[0].get("/health/live").status_code == 200
     for client in held:
         client.close()
