@@ -22,8 +22,8 @@ from beamtouch_service.inference import Durations, Inference
 from example_scenes import SCENES
 
 TURNS, SECONDS = 5, 2.0
-RATE_HZ, BATCHES_PER_S = 1000, 50
-"""As the daemon sends them: 20 samples in a batch."""
+RATE_HZ, BATCHES_PER_S = 1000, 250
+"""As the daemon sends them: 4 samples in a batch."""
 ESTIMATES = 3000
 TOKEN = "a-token-of-this-benchmark"  # noqa: S105
 LOAD = Path(__file__).parent / "http_load.py"

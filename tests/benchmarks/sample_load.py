@@ -1,0 +1,77 @@
+"""Sends samples of contacts as daemons do: `sample_load.py PORT CHANNELS SURFACES SECONDS TOKEN`, 1 kHz for each.
+
+Surfaces are named s0, s1 and so on; CHANNELS is a JSON object of channel names and deflections [mm]. Each sender
+waits for its answer before it sends what was taken meanwhile. Prints how many samples were acknowledged, and the
+percentiles of the time from the oldest sample of a batch to its receipt, as JSON. Little more than sockets.
+"""
+
+import asyncio
+import json
+import sys
+import uuid
+from time import monotonic, time
+
+RATE_HZ, EVERY_S = 1000, 0.004
+"""As the daemon collects them."""
+
+
+class Sender:
+    """One surface's samples over one connection."""
+
+    def __init__(self, surface: str, channels: dict[str, float], token: str) -> None:
+        self.delays_s: list[float] = []
+        self.acknowledged = 0
+        self._head = (
+            f"POST /surfaces/{surface}/samples HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {token}\r\n"
+        )
+        names = json.dumps(list(channels))
+        self._begin = f'{{"boot_id":"{uuid.uuid4()}","channels":{names},"newest_age_ms":0.0,"samples":['
+        values, quality = json.dumps(list(channels.values())), json.dumps(["good"] * len(channels))
+        self._sample = f'"deflection_mm":{values},"quality":{quality}}}'
+
+    async def run(self, port: int, until_s: float) -> None:
+        """Send until then."""
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        begin_s, sent = monotonic(), 0
+        while (now_s := monotonic()) < until_s:
+            due = int((now_s - begin_s) * RATE_HZ)
+            if due > sent:
+                writer.write(self._request(sent, due))
+                status = await reader.readline()
+                assert b" 200 " in status, status
+                head = await reader.readuntil(b"\r\n\r\n")
+                await reader.readexactly(int(head.lower().partition(b"content-length: ")[2].split(b"\r", 1)[0]))
+                self.delays_s.append(monotonic() - begin_s - sent / RATE_HZ)
+                self.acknowledged += due - sent
+                sent = due
+            await asyncio.sleep(max(0.0, now_s + EVERY_S - monotonic()))
+        writer.close()
+
+    def _request(self, first: int, end: int) -> bytes:
+        now_us = int(time() * 1e6)
+        samples = ",".join(
+            f'{{"sequence":{number},"acquired_unix_us":{now_us + (number - end) * 1_000_000 // RATE_HZ},{self._sample}'
+            for number in range(first, end)
+        )
+        body = f"{self._begin}{samples}]}}"
+        return f"{self._head}Content-Length: {len(body)}\r\n\r\n{body}".encode()
+
+
+async def load(port: int, channels: dict[str, float], surfaces: int, seconds: float, token: str) -> dict[str, float]:
+    """Send to so many surfaces for so long."""
+    senders = [Sender(f"s{number}", channels, token) for number in range(surfaces)]
+    until_s = monotonic() + seconds
+    await asyncio.gather(*(sender.run(port, until_s) for sender in senders))
+    delays_ms = sorted(delay_s * 1e3 for sender in senders for delay_s in sender.delays_s)
+    return {
+        "samples": sum(sender.acknowledged for sender in senders),
+        "batches": len(delays_ms),
+        "p50_ms": delays_ms[len(delays_ms) // 2],
+        "p99_ms": delays_ms[len(delays_ms) * 99 // 100],
+    }
+
+
+if __name__ == "__main__":
+    _, given_port, given_channels, given_surfaces, given_seconds, given_token = sys.argv
+    found = load(int(given_port), json.loads(given_channels), int(given_surfaces), float(given_seconds), given_token)
+    print(json.dumps(asyncio.run(found)))
