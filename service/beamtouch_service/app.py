@@ -184,7 +184,7 @@ def create_app(
     recorder = recorder or Recorder()
     for surface in registry:
         surface.witness = recorder
-    context = Context(registry, clock, keepers=keepers or {}, max_batches_per_s=max_batches_per_s)
+    context = Context(registry, clock, keepers=keepers or {}, max_batches_per_s=max_batches_per_s, recorder=recorder)
     app.state.context = context
     handlers.install(app)
     stream_router = stream_routes.make_router(registry, clock, streams or Streams())

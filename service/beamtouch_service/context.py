@@ -13,6 +13,7 @@ from beamtouch_service.counts import Counts
 from beamtouch_service.limits import Bucket
 from beamtouch_service.model_keeper import ModelKeeper
 from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.recorder import Recorder
 from beamtouch_service.registry import Registry
 
 Clock = Callable[[], float]
@@ -35,6 +36,8 @@ class Context:
     keepers: Mapping[str, ModelKeeper] = field(default_factory=dict)
     """Of those surfaces that have a model file, by name."""
     max_batches_per_s: float = DEFAULT_BATCHES_PER_S
+    recorder: Recorder | None = None
+    """Of the contacts of all surfaces."""
     buckets: dict[str, Bucket] = field(default_factory=dict)
 
     def take_turn(self, surface: str) -> None:

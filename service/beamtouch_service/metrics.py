@@ -38,6 +38,9 @@ class ServiceCollector(Collector):
         for state, count in counts.contacts.items():
             contacts.add_metric([state], count)
         yield contacts
+        if self._context.recorder is not None:
+            words = "Writes to the record of contacts that failed or found no room."
+            yield CounterMetricFamily("beamtouch_event_writes_lost", words, value=self._context.recorder.lost)
         yield _by_kind("beamtouch_problems", "Answers that were a problem.", counts.problems)
         yield _by_kind("beamtouch_batches_rejected", "Batches that changed nothing.", counts.rejected)
         # All of them, also those that never happened: an alarm on what does not exist yet never comes.

@@ -44,6 +44,8 @@ class Recorder:
 
     def __init__(self, path: Path | None = None, keep_days: float = KEEP_DAYS, most_mb: float = MOST_MB) -> None:
         """Open the file, or keep the events in memory; raises EventStoreError if the file cannot be used."""
+        self.lost = 0
+        """Writes that failed or found no room: parts of contacts that are not on record."""
         self._store = EventStore(path, keep_days * 86_400, int(most_mb * 1e6))
         self._thread = ThreadPoolExecutor(1, "events")
         self._writes = BoundedSemaphore(_WAITING_WRITES)
@@ -106,7 +108,7 @@ class Recorder:
 
     def _submit(self, room: BoundedSemaphore, work: Callable[[], None]) -> None:
         if not room.acquire(blocking=False):
-            self._complain("events are lost: the disk, or what comes late, is more than can be kept up with")
+            self._lose("the disk, or what comes late, is more than can be kept up with")
             return
 
         def run() -> None:
@@ -114,8 +116,9 @@ class Recorder:
                 work()
                 self._prune()
             except SqliteError as error:
-                self._complain(f"events are lost: {error}")
+                self._lose(str(error))
             except Exception:  # noqa: BLE001  # whatever it is, the next events must not be lost too
+                self.lost += 1
                 _log.exception("events are lost")
             finally:
                 room.release()
@@ -162,8 +165,9 @@ class Recorder:
             if dropped:
                 _log.info("%d events dropped: too old, or more than there is room for", dropped)
 
-    def _complain(self, message: str) -> None:
+    def _lose(self, reason: str) -> None:
+        self.lost += 1
         now_s = time.monotonic()
         if now_s - self._complained_s >= _COMPLAIN_S:
             self._complained_s = now_s
-            _log.warning("%s", message)
+            _log.warning("events are lost: %s", reason)

@@ -26,6 +26,7 @@ def test_before_anything_has_happened_nothing_is_counted(bench: Bench) -> None:
 
     assert found["beamtouch_samples_accepted_total", "press-7"] == 0
     assert found["beamtouch_refusals_total", "unauthorized"] == 0
+    assert found["beamtouch_event_writes_lost_total",] == 0
     assert ("beamtouch_sample_age_seconds", "press-7") not in found
 
 

@@ -41,6 +41,7 @@ class Service:
 
 
 Command = Callable[..., subprocess.Popen[str]]
+Wait = Callable[[Callable[[], bool]], None]
 StartService = Callable[..., Service]
 
 
@@ -87,7 +88,7 @@ def start_service(command: Command, token_file: Path) -> StartService:
 
 
 @pytest.fixture
-def wait_for() -> Callable[[Callable[[], bool]], None]:
+def wait_for() -> Wait:
     """Poll until a condition holds, 20 s at most."""
 
     def wait(condition: Callable[[], bool]) -> None:

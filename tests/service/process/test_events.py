@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import signal
+import sqlite3
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from service.conftest import BuildModel, MakeBatch
-    from service.process.conftest import Command, Service, StartService
+    from service.process.conftest import Command, Service, StartService, Wait
 
 TOUCHING, RESTING = [0.5, 0.25, 0.125], [0.0, 0.0, 0.0]
 
@@ -47,6 +49,24 @@ def test_events_outlive_the_process_and_an_open_one_is_unfinished(
     # The sender lives on: it sends again what it is not sure of, and what came since.
     service.post(make_batch(TOUCHING, TOUCHING, RESTING, sequence=5))
     assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 3), ("lift", 1)]
+
+
+def test_what_the_disk_does_not_take_is_counted_and_the_present_goes_on(
+    start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
+) -> None:
+    service = start_service("--config", config)
+    with closing(sqlite3.connect(config.parent / "events.db", isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")  # as a backup that hangs
+        service.post(make_batch(RESTING, TOUCHING, RESTING))
+        assert service.get("/contact").json()["state"] == "clear"
+        wait_for(lambda: "beamtouch_event_writes_lost_total 1.0" in service.get("/metrics").text)
+        other.execute("ROLLBACK")
+
+    service.post(make_batch(TOUCHING, RESTING, sequence=4))
+    assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 1)]
+    code, errors = service.stop(signal.SIGTERM)
+    assert code == 0
+    assert "events are lost: database is locked" in errors
 
 
 def test_a_file_of_events_that_cannot_be_used_is_refused_in_one_line(command: Command, config: Path) -> None:

@@ -15,15 +15,12 @@ from beamtouch_service import cli
 from service.conftest import ADMIN_TOKEN
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     import pytest
 
     from service.conftest import BuildModel
-    from service.process.conftest import Service, StartService
-
-    Wait = Callable[[Callable[[], bool]], None]
+    from service.process.conftest import Service, StartService, Wait
 
 
 def model(service: Service) -> str:

@@ -17,13 +17,10 @@ from parts import require
 from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from service.conftest import BuildModel, MakeBatch
-    from service.process.conftest import Command, Service, StartService
-
-    Wait = Callable[[Callable[[], bool]], None]
+    from service.process.conftest import Command, Service, StartService, Wait
 
 
 def address(service: Service) -> tuple[str, int]:
