@@ -3,6 +3,7 @@
 `config_file` reads it. Whatever is wrong with it ends in a `ConfigError`.
 """
 
+import ssl
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Self
@@ -48,6 +49,8 @@ class Publish(Strict):
     """Address of the service, without a path."""
     token_file: RelativePath
     """Holds the service's bearer token and nothing else."""
+    certificate_file: RelativePath | None = None
+    """PEM of the certificates to trust with https; unset: those of the system."""
     batch_ms: Annotated[FiniteFloat, Field(ge=1, le=10_000)] = 4.0
     """Samples of a surface are collected for this long and sent together."""
     queue_samples: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
@@ -182,6 +185,23 @@ class Config(Strict):
     def tare_file(self, name: str) -> Path:
         """Where the rest gaps of surface `name` are kept."""
         return self._directory / (self.surfaces[name].tare_file or f"{name}.tare.json")
+
+    def read_certificates(self) -> str | None:
+        """Return the certificates to trust as PEM, None for those of the system; ConfigError if they are none."""
+        if self.publish.certificate_file is None:
+            return None
+        path = self._directory / self.publish.certificate_file
+        try:
+            pem = path.read_text(encoding="ascii")
+        except (OSError, UnicodeDecodeError) as error:
+            message = f"publish.certificate_file: cannot read {path} ({reason_of(error)})"
+            raise ConfigError(message) from error
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=pem)
+        except (ssl.SSLError, ValueError) as error:
+            message = f"publish.certificate_file: {path} holds no certificate in PEM; name that of the service"
+            raise ConfigError(message) from error
+        return pem
 
     def read_token(self) -> str:
         """Return the bearer token; ConfigError if there is none."""

@@ -1,6 +1,7 @@
 """HTTP to the service: one connection that is kept, and the answers in the words of the publisher."""
 
 import json
+import ssl
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Self
@@ -44,12 +45,15 @@ class Answer:
 class ServiceClient:
     """A client of the service at `url` that shows `token`; made while the event loop runs, and to be closed.
 
-    Proxies in the environment are not for it, and it goes nowhere but to this address.
+    Over https it trusts these certificates (PEM), or without any those of the system. Proxies in the environment are
+    not for it, and it goes nowhere but to this address.
     """
 
-    def __init__(self, url: str, token: str) -> None:
+    def __init__(self, url: str, token: str, certificates: str | None = None) -> None:
         self.url = url
+        trusted = ssl.create_default_context(cadata=certificates) if certificates is not None else True
         self._session = aiohttp.ClientSession(
+            connector=aiohttp.TCPConnector(ssl=trusted),
             headers={"Authorization": f"Bearer {token}", "Content-Type": "application/json"},
             timeout=aiohttp.ClientTimeout(total=REQUEST_TIMEOUT_S),
             cookie_jar=aiohttp.DummyCookieJar(),

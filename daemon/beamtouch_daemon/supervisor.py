@@ -30,7 +30,7 @@ class Supervisor:
         self._lines: dict[str, Line] = {}
         self._ended: dict[str, Summary] = {}
         self._shared: Shared | None = None
-        self._token = ""
+        self._secrets: tuple[str, str | None] = "", None
 
     @property
     def lines(self) -> Iterable[Line]:
@@ -48,11 +48,11 @@ class Supervisor:
         ConfigError
             The token or a tare file cannot be used; nothing changed.
         """
-        token = config.read_token()
+        secrets = config.read_token(), config.read_certificates()
         rest = {name: tare.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
         old = self._shared
-        if old is None or old.publish != config.publish or self._token != token:
-            client = ServiceClient(config.publish.url, token)
+        if old is None or old.publish != config.publish or self._secrets != secrets:
+            client = ServiceClient(config.publish.url, *secrets)
             shared = Shared(client, config.publish, old.buses if old else {}, self._disk)
         else:
             shared = old
@@ -64,7 +64,7 @@ class Supervisor:
         await asyncio.gather(*(self._end(name) for name in set(self._lines) - kept))
         if old is not None and shared is not old:
             await old.client.close()
-        self._shared, self._token = shared, token
+        self._shared, self._secrets = shared, secrets
         self._forget_buses(shared)
         started = [name for name in config.surfaces if name not in kept]
         for name in started:

@@ -6,14 +6,13 @@ import json
 import signal
 import socket
 import ssl
-import subprocess
 import time
 from typing import TYPE_CHECKING, Any
 
 import httpx2
 import pytest
 
-from parts import require
+from certificates import make_certificate
 from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
 
 if TYPE_CHECKING:
@@ -41,13 +40,7 @@ def told(connection: socket.socket) -> bytes:
 
 @pytest.fixture
 def certificate(tmp_path: Path) -> tuple[Path, Path]:
-    openssl = require("openssl", "openssl")
-    certificate, key = tmp_path / "certificate.pem", tmp_path / "key.pem"
-    kind = ("-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2")
-    subject = ("-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1")
-    files = ("-keyout", str(key), "-out", str(certificate))
-    subprocess.run([openssl, "req", *kind, *subject, *files], check=True, capture_output=True)
-    return certificate, key
+    return make_certificate(tmp_path)
 
 
 def test_no_token_is_ever_in_the_log(

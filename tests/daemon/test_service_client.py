@@ -1,0 +1,81 @@
+"""The daemon's client over TLS: a real server, real certificates."""
+
+import asyncio
+import ssl
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from beamtouch_daemon import config_file
+from beamtouch_daemon.config import ConfigError
+from beamtouch_daemon.service_client import Answer, ServiceClient, UnreachableError
+from certificates import make_certificate
+
+from . import configs
+
+ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}"
+
+
+@asynccontextmanager
+async def serving(certificate: Path, key: Path) -> AsyncIterator[str]:
+    """Run a server that says yes to everything; gives its URL."""
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        await reader.readexactly(2)
+        writer.write(ANSWER)
+        await writer.drain()
+        writer.close()
+
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.load_cert_chain(certificate, key)
+    server = await asyncio.start_server(answer, "127.0.0.1", 0, ssl=context)
+    async with server:
+        yield f"https://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+
+
+def test_a_certificate_is_trusted_where_it_is_named_and_nowhere_else(tmp_path: Path) -> None:
+    certificate, key = make_certificate(tmp_path)
+    (tmp_path / "other").mkdir()
+    other, _ = make_certificate(tmp_path / "other")
+
+    async def post(url: str, certificates: str | None) -> Answer:
+        async with ServiceClient(url, "token", certificates) as client:
+            return await client.post_samples("bench", b"{}")
+
+    async def story() -> None:
+        async with serving(certificate, key) as url:
+            assert (await post(url, certificate.read_text())).status == 200
+            assert (await post(url, other.read_text() + certificate.read_text())).status == 200
+            for stranger in (None, other.read_text()):
+                with pytest.raises(UnreachableError, match="Certificate"):
+                    await post(url, stranger)
+
+    asyncio.run(asyncio.wait_for(story(), 60))
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [(None, "cannot read .*No such file"), (b"", "no certificate in PEM"), (b"no PEM", "no certificate in PEM")],
+    ids=["missing", "empty", "something else"],
+)
+def test_a_certificate_that_is_none_is_refused_in_one_line(tmp_path: Path, content: bytes | None, said: str) -> None:
+    path = configs.write(tmp_path, configs.surface(source=configs.serial("/dev/null")))
+    path.write_text(path.read_text().replace("[publish]", '[publish]\ncertificate_file = "service.pem"'))
+    if content is not None:
+        (tmp_path / "service.pem").write_bytes(content)
+
+    with pytest.raises(ConfigError, match=rf"^publish\.certificate_file: .*{said}") as caught:
+        config_file.load(path).read_certificates()
+    assert "\n" not in str(caught.value)
+
+
+def test_a_certificate_is_found_beside_the_configuration(tmp_path: Path) -> None:
+    make_certificate(tmp_path)
+    path = configs.write(tmp_path, configs.surface(source=configs.serial("/dev/null")))
+    assert config_file.load(path).read_certificates() is None
+    path.write_text(path.read_text().replace("[publish]", '[publish]\ncertificate_file = "certificate.pem"'))
+
+    assert config_file.load(path).read_certificates() == (tmp_path / "certificate.pem").read_text()
