@@ -10,6 +10,7 @@ import os
 import sys
 import tempfile
 import time
+from collections import Counter
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -38,7 +39,8 @@ class Seen:
     """What came of asking."""
 
     asked: int = 0
-    problems: int = 0
+    problems: Counter[str] = field(default_factory=Counter)
+    """By type, without what all have in common."""
     too_old: int = 0
     """Served although older than the limit: must stay 0."""
     compared: int = 0
@@ -126,7 +128,7 @@ def ask(client: httpx2.Client, truth: Truth, seen: Seen) -> None:
     truth.read()
     seen.asked += 1
     if not response.is_success:
-        seen.problems += 1
+        seen.problems[response.json()["type"].rpartition(":")[2]] += 1
         return
     contact = response.json()
     seen.too_old += contact["age_ms"] > STALE_MS
@@ -172,7 +174,7 @@ def status(seen: Seen) -> str:
     """Return how things stand, in a line."""
     memory = ", ".join(f"{name} {values[-1]:.1f} MB" for name, values in seen.memory_mb.items())
     return (
-        f"{seen.asked} asked, {seen.problems} problems, {seen.too_old} too old, "
+        f"{seen.asked} asked, {seen.problems.total()} problems, {seen.too_old} too old, "
         f"{seen.outside} of {seen.compared} outside, {seen.mistaken} mistaken; {memory}"
     )
 
@@ -192,7 +194,7 @@ def report(seen: Seen, summary: dict[str, int], minutes: float, rate_hz: int) ->
         ("contacts on its record", f"{seen.at_service['events']:,}"),
         ("of them without a lift", f"{seen.at_service['not whole']:,}"),
         ("contacts asked for", f"{seen.asked:,}"),
-        ("answers that were problems", f"{seen.problems:,}"),
+        ("answers that were problems", ", ".join(f"{n} {kind}" for kind, n in seen.problems.items()) or "0"),
         ("contacts older than their limit", f"{seen.too_old:,}"),
         ("contacts held against the truth", f"{seen.compared:,}"),
         ("of them outside the 95 % interval", f"{seen.outside / max(1, seen.compared):.2%}"),
