@@ -163,8 +163,8 @@ def _finer(grids: Array, density: Array) -> tuple[Array, NDArray[np.bool_]]:
     A posterior in two pieces, as of a known force near either support, keeps both.
     """
     likely = np.asarray(density >= density.max(axis=1, keepdims=True) - NEGLIGIBLE)
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(likely, ((0, 0), (2, 2))), 6, axis=1)
-    cells: NDArray[np.bool_] = np.any(around, axis=2)
+    around = np.pad(likely, ((0, 0), (2, 2)))
+    cells: NDArray[np.bool_] = np.any([around[:, shift : shift + likely.shape[1] - 1] for shift in range(6)], axis=0)
     narrow: NDArray[np.bool_] = np.asarray(cells.sum(axis=1) < density.shape[1] / 4)
     length = np.zeros((int(narrow.sum()), grids.shape[1]))
     np.cumsum(np.diff(grids[narrow], axis=1) * cells[narrow], axis=1, out=length[:, 1:])
