@@ -1,7 +1,12 @@
 """What several rooms need: models of the shipped scenes, simulated boards with the firmware; built once per run."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
+
+# Before numpy is imported, and for all processes that tests start: threads of two libraries in each of several test
+# processes wait for each other, spinning, on the same few cores.
+os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 import pytest
 from filelock import FileLock
@@ -12,6 +17,11 @@ from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from simulated_board import Board, Boards, build_board, build_firmware
 from toolchain import made_once
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put first what takes long, so that no process is left with it at the end while the others have nothing to do."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
 
 
 @pytest.fixture(scope="session")
