@@ -1,4 +1,4 @@
-"""What several rooms need: models of the shipped scenes, simulated boards with the firmware; built once per run."""
+"""How tests run, and what several rooms need: models of shipped scenes, simulated boards; built once per run."""
 
 import os
 from collections.abc import Callable
@@ -10,11 +10,13 @@ os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM
 
 import pytest
 from filelock import FileLock
+from xdist.remote import Producer
 
 from beamtouch_models import modelfile
 from beamtouch_models.build import build
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
+from scheduling import Scheduling
 from simulated_board import Board, Boards, build_board, build_firmware
 from toolchain import made_once
 
@@ -22,6 +24,12 @@ from toolchain import made_once
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put first what takes long, so that no process is left with it at the end while the others have nothing to do."""
     items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Scheduling:
+    """Return how tests are given to several processes."""
+    return Scheduling(config, log)
 
 
 @pytest.fixture(scope="session")
