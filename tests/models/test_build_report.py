@@ -24,6 +24,8 @@ from beamtouch_models.scene import Scene, load_scene, parse_scene
 from example_scenes import PAPER, SCENES
 from tags import Tags
 
+pytestmark = pytest.mark.long
+
 
 def built_of(path: Path, model: ModelFile, scene: Scene) -> Built:
     return Built(path.read_bytes(), model.metadata, place(scene, len(model.metadata.layout), 0))

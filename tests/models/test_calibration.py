@@ -19,6 +19,8 @@ from beamtouch_models.rig.imperfections import Imperfections
 from imperfect_surface import imperfections, true_prior, write_readings
 from posterior_cases import Array
 
+pytestmark = pytest.mark.long
+
 COMMAND = str(Path(sys.executable).parent / "design-sensors")
 POSITIONS = np.linspace(20.0, 380.0, 10)
 FORCES = np.full(10, 12.0)

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from service.conftest import BuildModel
 
 from .conftest import StartService
@@ -12,6 +14,7 @@ CHECKS_NOT_HELD = "not_a_server_error,positive_data_acceptance"
 """503 is an answer of its own kind here, and a batch has rules between its members that a schema cannot state."""
 
 
+@pytest.mark.long
 def test_no_answer_departs_from_the_document(
     start_service: StartService, build_model: BuildModel, token_file: Path, tmp_path: Path
 ) -> None:
