@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri
-from scipy.stats.qmc import Sobol
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.prior import Prior
@@ -100,6 +99,8 @@ def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple
     -------
     positions in mm (draws,), forces in N (draws,), and noise of variance 1 (draws, channels).
     """
+    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # takes long to import, and many commands need none
+
     points = Sobol(prior.channels + 2, rng=rng).random(draws)
     low, high = prior.position_mm
     weak, strong = prior.force_n

@@ -6,7 +6,7 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 from onnx.utils import Extractor
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from beamtouch_models import limit
 from beamtouch_models.estimators.estimator import Estimator
@@ -79,7 +79,7 @@ def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None,
     """
     rng = np.random.default_rng(seed)
     # Noise of so many channels that is this large in all is as rare as `rate`.
-    widening = np.sqrt(max(1.0, chi2.isf(rate, prior.channels) / prior.channels))
+    widening = np.sqrt(max(1.0, chdtri(prior.channels, rate) / prior.channels))
     noise = rng.normal(scale=widening, size=(REST_DRAWS, prior.channels))
     weight: Array = np.exp(-(noise**2).sum(axis=1) / 2 * (1 - widening**-2) + prior.channels * np.log(widening))
     deflection = prior.stated(noise * prior.noise_mm).astype(np.float32)
