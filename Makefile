@@ -24,7 +24,7 @@ demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live con
 	@$(BIN)/python demo/demo.py $(DEMO)
 
 test: $(INSTALLED)  ## all tests
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadgroup
+	$(BIN)/python -m pytest --numprocesses $(WORKERS)
 
 bench: $(PEERS)  ## measure against peers and floors: a table, and build/bench.json; NAMES="beam ..." for some only
 	@mkdir -p build

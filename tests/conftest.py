@@ -1,17 +1,35 @@
-"""What several rooms need: models of the shipped scenes, simulated boards with the firmware; built once per run."""
+"""How tests run, and what several rooms need: models of shipped scenes, simulated boards; built once per run."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
+# Before numpy is imported, and for all processes that tests start: threads of two libraries in each of several test
+# processes wait for each other, spinning, on the same few cores.
+os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
 import pytest
 from filelock import FileLock
+from xdist.remote import Producer
 
 from beamtouch_models import modelfile
 from beamtouch_models.build import build
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
+from scheduling import Scheduling
 from simulated_board import Board, Boards, build_board, build_firmware
 from toolchain import made_once
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put first what takes long, so that no process is left with it at the end while the others have nothing to do."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Scheduling:
+    """Return how tests are given to several processes."""
+    return Scheduling(config, log)
 
 
 @pytest.fixture(scope="session")

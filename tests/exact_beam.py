@@ -5,7 +5,7 @@ exponential, as linear functions of the unknown reactions, and the conditions at
 another method than ours, in another arithmetic. Pestel & Leckie, Matrix Methods in Elastomechanics, 1963, ch. 3.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import mpmath
@@ -22,6 +22,8 @@ class ExactBeam:
 
     beam: Beam
     digits: int = 50
+    _known: dict[tuple[Number, ...], Number] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """Matrices from event to event: most come up for many sensors and loads."""
 
     def deflection(self, x: float, a: float, width: float = 0.0) -> Number:
         """Deflection in mm/N at x under 1 N at a, spread evenly over what of `width` lies on the beam."""
@@ -60,6 +62,11 @@ class ExactBeam:
         return at_sensor[unknowns] + sum(at_sensor[column] * reactions[column] for column in range(unknowns))
 
     def _carried(self, start: Number, end: Number, pressure: Number) -> Number:
+        if (start, end, pressure) not in self._known:
+            self._known[start, end, pressure] = self._exponential(start, end, pressure)
+        return self._known[start, end, pressure]
+
+    def _exponential(self, start: Number, end: Number, pressure: Number) -> Number:
         section = next(section for section in self.beam.sections if end <= mp.mpf(section.to_mm))
         system = mpmath.zeros(5)
         system[0, 1] = mp.mpf(1)
@@ -69,10 +76,11 @@ class ExactBeam:
         system[2, 3] = mp.mpf(-1)
         system[3, 0] = mp.mpf(self.beam.foundation_n_mm2 or 0.0)
         system[3, 4] = -pressure
+        system *= end - start
         term = total = mpmath.eye(5)
         order = 1
         while mpmath.mnorm(term) > mp.eps * mpmath.mnorm(total):
-            term = term * system * (end - start) / order
+            term = term * system / order
             total = total + term
             order += 1
         return total

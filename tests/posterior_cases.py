@@ -12,6 +12,7 @@ from beamtouch_models.beam import max_deflection_mm
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
+from beamtouch_models.modelfile import session_options
 from beamtouch_models.placement import place
 from beamtouch_models.prior import Prior
 from beamtouch_models.scene import load_scene
@@ -66,7 +67,8 @@ def in_double(model: onnx.ModelProto) -> onnx.ModelProto:
 
 def double_answers(graph: onnx.ModelProto, deflection_mm: Array) -> dict[str, Array]:
     """Answers of the same graph computed in float64, to the same readings as float32 gives."""
-    session = ort.InferenceSession(to_bytes(in_double(graph)), providers=["CPUExecutionProvider"])
+    content = to_bytes(in_double(graph))
+    session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
     names = [output.name for output in session.get_outputs()]
     reading = deflection_mm.astype(np.float32).astype(np.float64)
     valid = np.ones(reading.shape, np.bool_)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri
-from scipy.stats.qmc import Sobol
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.prior import Prior
@@ -100,6 +99,8 @@ def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple
     -------
     positions in mm (draws,), forces in N (draws,), and noise of variance 1 (draws, channels).
     """
+    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # takes long to import, and many commands need none
+
     points = Sobol(prior.channels + 2, rng=rng).random(draws)
     low, high = prior.position_mm
     weak, strong = prior.force_n
@@ -163,8 +164,8 @@ def _finer(grids: Array, density: Array) -> tuple[Array, NDArray[np.bool_]]:
     A posterior in two pieces, as of a known force near either support, keeps both.
     """
     likely = np.asarray(density >= density.max(axis=1, keepdims=True) - NEGLIGIBLE)
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(likely, ((0, 0), (2, 2))), 6, axis=1)
-    cells: NDArray[np.bool_] = np.any(around, axis=2)
+    around = np.pad(likely, ((0, 0), (2, 2)))
+    cells: NDArray[np.bool_] = np.any([around[:, shift : shift + likely.shape[1] - 1] for shift in range(6)], axis=0)
     narrow: NDArray[np.bool_] = np.asarray(cells.sum(axis=1) < density.shape[1] / 4)
     length = np.zeros((int(narrow.sum()), grids.shape[1]))
     np.cumsum(np.diff(grids[narrow], axis=1) * cells[narrow], axis=1, out=length[:, 1:])

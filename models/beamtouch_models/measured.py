@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+import onnx
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from onnx.utils import Extractor
+from scipy.special import chdtri
 
 from beamtouch_models import limit
 from beamtouch_models.estimators.estimator import Estimator
@@ -17,6 +19,7 @@ Array = NDArray[np.float64]
 ACCURACY_DRAWS = 4_000
 REST_DRAWS = 400_000
 GOLDEN_DRAWS = 8
+ODDS = "contact_log_odds"
 FALSE_ALARM_RATE = 1e-6
 """Samples at rest that the threshold lets pass for a contact."""
 
@@ -34,10 +37,18 @@ def measured(estimator: Estimator, prior: Prior, seed: int) -> Measured:
     """Measure an estimator on simulated samples of its prior; draws with the three seeds after `seed`."""
     run = runner(to_bytes(estimator.graph))
     return Measured(
-        contact_threshold(prior, run, seed + 1, FALSE_ALARM_RATE),
+        contact_threshold(prior, runner(to_bytes(_for_odds(estimator.graph))), seed + 1, FALSE_ALARM_RATE),
         _accuracy(prior, run, seed + 2),
         _golden(prior, run, seed + 3),
     )
+
+
+def _for_odds(graph: onnx.ModelProto) -> onnx.ModelProto:
+    """Only what the log odds need, which takes less than half the time; all of a graph that offers none."""
+    if ODDS not in {output.name for output in graph.graph.output}:
+        return graph
+    part: onnx.ModelProto = Extractor(graph).extract_model([one.name for one in graph.graph.input], [ODDS])
+    return part
 
 
 def contact_threshold(prior: Prior, run: Run, seed: int, rate: float) -> float:
@@ -68,7 +79,7 @@ def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None,
     """
     rng = np.random.default_rng(seed)
     # Noise of so many channels that is this large in all is as rare as `rate`.
-    widening = np.sqrt(max(1.0, chi2.isf(rate, prior.channels) / prior.channels))
+    widening = np.sqrt(max(1.0, chdtri(prior.channels, rate) / prior.channels))
     noise = rng.normal(scale=widening, size=(REST_DRAWS, prior.channels))
     weight: Array = np.exp(-(noise**2).sum(axis=1) / 2 * (1 - widening**-2) + prior.channels * np.log(widening))
     deflection = prior.stated(noise * prior.noise_mm).astype(np.float32)
@@ -76,9 +87,9 @@ def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None,
     for start in range(0, REST_DRAWS, CHUNK):
         part = deflection[start : start + CHUNK]
         answers = run(part, np.ones(part.shape, np.bool_))
-        if "contact_log_odds" not in answers:
+        if ODDS not in answers:
             return None, weight
-        odds.append(answers["contact_log_odds"].astype(np.float64))
+        odds.append(answers[ODDS].astype(np.float64))
     return np.concatenate(odds), weight
 
 

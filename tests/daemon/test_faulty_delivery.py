@@ -7,6 +7,8 @@ from itertools import pairwise
 from pathlib import Path
 from time import monotonic
 
+import pytest
+
 from beamtouch_daemon.spool import Spool
 from beamtouch_service.samples import Quality, Sample
 
@@ -15,6 +17,8 @@ from .devices import SerialDevice, pymodbus_server
 from .faulty import BACK_S, SLACK_S, batches_in, cable, counts_of, everything, names, running
 from .service import Service, serving
 from .test_run import free_port, summary_of
+
+pytestmark = pytest.mark.long
 
 
 def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_that_was_taken(tmp_path: Path) -> None:

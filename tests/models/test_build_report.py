@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from argparse import Namespace
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,17 +17,33 @@ from beamtouch_models.build_report.beam_drawing import HEIGHT, MARGIN, WIDTH, be
 from beamtouch_models.build_report.facts import Facts, gather
 from beamtouch_models.build_report.page import page
 from beamtouch_models.commands import build as command
+from beamtouch_models.effects import required
 from beamtouch_models.modelfile import Channel, ModelFile
-from beamtouch_models.placement import place
+from beamtouch_models.placement import Placement, place, place_by_position_error
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 from example_scenes import PAPER, SCENES
 from tags import Tags
 
-pytestmark = pytest.mark.xdist_group("build_report")  # its fixtures take long and are made once per process
+pytestmark = pytest.mark.long
 
 
 def built_of(path: Path, model: ModelFile, scene: Scene) -> Built:
     return Built(path.read_bytes(), model.metadata, place(scene, len(model.metadata.layout), 0))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def searched_once() -> Iterator[None]:
+    """The search by position error takes seconds; here the same question is asked several times."""
+    found: dict[str, Placement] = {}
+
+    def search(scene: Scene, count: int, seed: int, noise_mm: float) -> Placement:
+        key = f"{scene!r} {count} {seed} {noise_mm}"
+        found[key] = found.get(key) or place_by_position_error(scene, count, seed, noise_mm)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as remembering:
+        remembering.setattr(facts_module, "place_by_position_error", search)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +133,8 @@ def test_layouts_are_compared_on_the_same_contacts(facts: Facts) -> None:
 
 def test_a_layout_of_its_own_is_listed_too(facts: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 100)
-    layouts = facts_module._layouts(facts.scene, np.array([50.0, 150.0, 250.0, 350.0]), 0.01, 0)
+    noise_mm = facts.model.metadata.noise.sample_mm
+    layouts = facts_module._layouts(required(facts.scene), np.array([50.0, 150.0, 250.0, 350.0]), noise_mm, 0)
     assert [layout.taken for layout in layouts] == [False] * (len(layouts) - 1) + [True]
     assert layouts[-1].name == "the model's"
 
@@ -220,15 +238,8 @@ def test_build_writes_the_report(
 
 
 def test_a_report_in_a_folder_that_is_not_there_is_refused_before_the_work(tmp_path: Path) -> None:
-    arguments = [
-        "build",
-        str(SCENES / "paper.toml"),
-        "-o",
-        str(tmp_path / "m.onnx"),
-        "--report",
-        str(tmp_path / "a/b.html"),
-    ]
-    command_line = [sys.executable, "-m", "beamtouch_models.cli", *arguments]
+    output = ["-o", str(tmp_path / "m.onnx"), "--report", str(tmp_path / "a/b.html")]
+    command_line = [sys.executable, "-m", "beamtouch_models.cli", "build", str(SCENES / "paper.toml"), *output]
     done = subprocess.run(command_line, capture_output=True, text=True, check=False, timeout=60)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "no such folder" in done.stderr

@@ -19,7 +19,7 @@ from beamtouch_models.rig.imperfections import Imperfections
 from imperfect_surface import imperfections, true_prior, write_readings
 from posterior_cases import Array
 
-pytestmark = pytest.mark.xdist_group("calibration")  # its fixtures take long and are made once per process
+pytestmark = pytest.mark.long
 
 COMMAND = str(Path(sys.executable).parent / "design-sensors")
 POSITIONS = np.linspace(20.0, 380.0, 10)

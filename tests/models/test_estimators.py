@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import cli, modelfile
+from beamtouch_models.estimators import paper_graph as module
 from beamtouch_models.estimators.estimator import NAMES, Name
 from beamtouch_models.estimators.paper_graph import paper_graph, trained_as_in_the_paper
 from example_scenes import SCENES
@@ -22,7 +23,9 @@ def test_the_command_knows_the_names() -> None:
     assert cli.ESTIMATORS == NAMES == get_args(Name)
 
 
-def test_the_papers_network_as_a_graph() -> None:
+def test_the_papers_network_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:
+    # A sixth of the load positions; the command below trains on all of them.
+    monkeypatch.setattr(module, "PATTERNS", 67)
     prior = prior_of("paper", 2, 2.0, known=True)
     network = trained_as_in_the_paper(prior, 0)
     position = np.linspace(40, 360, 50)
@@ -34,6 +37,7 @@ def test_the_papers_network_as_a_graph() -> None:
     assert np.abs(answers["position_mm"] - position).mean() < 0.03 * prior.length_mm
 
 
+@pytest.mark.long
 def test_the_papers_network_builds_and_is_evaluated(tmp_path: Path) -> None:
     path = tmp_path / "paper.onnx"
     scene = SCENES / "paper.toml"

@@ -40,6 +40,7 @@ def test_a_share_of_none_has_a_standard_error() -> None:
     assert _share(np.zeros(999, np.bool_)).standard_error == pytest.approx(1e-3, rel=0.02)
 
 
+@pytest.mark.long
 def test_the_model_of_the_bench_is_at_its_limit(bench: ModelFile) -> None:
     prior = prior_of_model(bench.metadata)
     found = evaluate(bench, prior, draws=8000, seed=5)
@@ -73,6 +74,7 @@ def test_more_noise_than_the_model_was_made_for(bench: ModelFile) -> None:
     assert found.span.ratio.value > 1.01
 
 
+@pytest.mark.long
 def test_one_json_object_and_a_table(bench_model: Path, bench: ModelFile) -> None:
     done = run(bench_model, "--draws", 400, "--noise", 0.01, "--noise", 0, "--json")
     assert (done.returncode, done.stderr) == (0, "")

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from beamtouch_models import limit
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.measured import FALSE_ALARM_RATE, contact_threshold, measured
-from posterior_cases import prior_of
+from beamtouch_models.measured import FALSE_ALARM_RATE, _for_odds, contact_threshold, measured
+from posterior_cases import answers_of, graph_of, prior_of
 
 
 @pytest.mark.parametrize("sensors", [2, 5])
@@ -15,7 +16,7 @@ from posterior_cases import prior_of
 def test_the_threshold_lets_pass_as_much_rest_as_it_says(sensors: int, rate: float) -> None:
     prior = prior_of("bench", sensors, 1.0, known=False)
     made = estimator_of("posterior", prior, with_force=False, seed=0, progress=lambda _done: None)
-    run = runner(to_bytes(made.graph))
+    run = runner(to_bytes(_for_odds(made.graph)))
     threshold = contact_threshold(prior, run, 3, rate)
     draws = 200_000
     rest = np.random.default_rng(9).normal(scale=prior.noise_mm, size=(draws, sensors)).astype(np.float32)
@@ -28,12 +29,21 @@ def test_the_threshold_of_a_single_channel_is_the_normal_tail() -> None:
     # millionth of a normal distribution lies above 4.7534 deviations (tables; scipy.stats.norm.isf agrees).
     prior = prior_of("cantilever", 1, 2.0, known=True)
     made = estimator_of("posterior", prior, with_force=False, seed=0, progress=lambda _done: None)
-    run = runner(to_bytes(made.graph))
+    run = runner(to_bytes(_for_odds(made.graph)))
     threshold = contact_threshold(prior, run, 1, FALSE_ALARM_RATE)
     reading = np.linspace(0, 8, 8001, dtype=np.float32)[:, None] * np.float32(prior.noise_mm)
     odds = run(reading, np.ones(reading.shape, np.bool_))["contact_log_odds"]
     assert (np.diff(odds) >= -1e-4).all()
     assert reading[np.searchsorted(odds, threshold), 0] / prior.noise_mm == pytest.approx(4.7534, abs=0.03)
+
+
+def test_the_odds_alone_are_those_of_the_whole() -> None:
+    prior = prior_of("bench", 4, 1.0, known=False)
+    graph = graph_of(prior)
+    readings = limit.draw(prior, 1000, 2).deflection_mm
+    alone = answers_of(_for_odds(graph), readings)
+    assert list(alone) == ["contact_log_odds"]
+    assert np.array_equal(alone["contact_log_odds"], answers_of(graph, readings)["contact_log_odds"])
 
 
 def test_the_same_seed_measures_the_same() -> None:

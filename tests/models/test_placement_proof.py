@@ -62,6 +62,7 @@ def test_what_is_proven_is_what_enumeration_finds(count: int, fewer: int, **rule
     assert found.log_eigenvalue_product == pytest.approx(expected, abs=1e-8)
 
 
+@pytest.mark.long
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([(2, 2), (3, 3), (4, 4), (4, 2), (3, 1)]))
 def test_no_layout_exceeds_a_bound_whatever_its_multiplier(seed: int, size: tuple[int, int]) -> None:
@@ -123,6 +124,7 @@ def test_eight_sensors_come_with_a_small_gap() -> None:
     assert 0 < found.gap < 0.1
 
 
+@pytest.mark.long
 def test_more_sensors_than_any_scene_has() -> None:
     found = place(paper_scene(), 64, 0, certify="bound")
     assert len(set(found.positions_mm)) == 64

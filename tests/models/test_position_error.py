@@ -11,6 +11,8 @@ from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 
+pytestmark = pytest.mark.long
+
 NOISE_MM = 0.02 * 1.1287477954
 
 

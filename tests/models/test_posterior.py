@@ -18,16 +18,19 @@ QUANTILES = (0.5, 0.025, 0.975)
 
 def plain_posterior(prior: Prior, reading: Array) -> tuple[Array, tuple[float, float], float]:
     """Quantiles of position, mean and deviation of force, log odds of contact, as sums over a grid of both."""
-    grid = np.linspace(*prior.position_mm, 6001)
-    force = np.linspace(*prior.force_n, 1 if prior.force_is_known else 1500)
+    # By the trapezoidal and the midpoint rule: finer grids change nothing by a twentieth of what is tolerated.
+    grid = np.linspace(*prior.position_mm, 3001)
+    ends = np.linspace(*prior.force_n, 1 if prior.force_is_known else 501)
+    force = ends if prior.force_is_known else (ends[1:] + ends[:-1]) / 2
     shape = prior.influence_at(grid) / prior.noise_mm
     z = reading / prior.noise_mm
     # |z - F g|^2 expanded; in float64 that costs no digit that matters at these sizes.
     square = (shape**2).sum(axis=1)[:, None] * force**2 - 2 * (shape @ z)[:, None] * force
     mass = np.exp(-square / 2 - (-square / 2).max())
-    odds = float((-square / 2).max() + np.log(mass.mean()))
-    below = np.cumsum(mass.sum(axis=1))
-    position = np.interp(QUANTILES, (below - below[0] / 2) / below[-1], grid)
+    along = mass.mean(axis=1)
+    below = np.append(0, np.cumsum(along[1:] + along[:-1])) / 2
+    odds = float((-square / 2).max() + np.log(below[-1] / (len(grid) - 1)))
+    position = np.interp(QUANTILES, below / below[-1], grid)
     share = mass.sum(axis=0) / mass.sum()
     mean = float(share @ force)
     return position, (mean, float(share @ (force - mean) ** 2) ** 0.5), odds

@@ -19,8 +19,6 @@ from beamtouch_models.estimators.teacher import lessons
 from beamtouch_models.export import to_bytes
 from posterior_cases import answers_of, prior_of
 
-pytestmark = pytest.mark.xdist_group("small_network")  # its fixtures take long and are made once per process
-
 PRIOR = prior_of("bench", 3, 1.0, known=False)
 
 

@@ -84,6 +84,7 @@ def test_what_is_considered() -> None:
     assert windows_of(paper)[0] == choose_filter(paper)
 
 
+@pytest.mark.long
 def test_a_point_states_what_its_model_does() -> None:
     scene = parse_scene(PAPER, "paper")
     every = measured_points(scene, ("posterior",), draws=1500, seed=0, progress=lambda _doing, _done: None)
@@ -122,6 +123,7 @@ def test_physics_that_is_dear_cannot_be_left_out() -> None:
     assert found["shear"].influence_ms > 0
 
 
+@pytest.mark.long
 def test_the_command_writes_the_folder_and_builds_the_choice(tmp_path: Path) -> None:
     scene = tmp_path / "plate.toml"
     scene.write_text(PAPER.replace("count = 2", "count = [2, 3]").replace("[sensors]", "[sensors]\nrate_hz = 50"))

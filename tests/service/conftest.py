@@ -78,7 +78,8 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
 def _golden(model: onnx.ModelProto, channels: int) -> modelfile.Golden:
     deflection: Rows = [[0.1] * channels, [0.0] * channels]
     valid = [[True] * channels] * 2
-    session = ort.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
+    options = modelfile.session_options()
+    session = ort.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
     values = session.run(None, {"deflection_mm": np.array(deflection, np.float32), "valid": np.array(valid)})
     names = [output.name for output in session.get_outputs()]
     answers = {name: [float(one) for one in value] for name, value in zip(names, values, strict=True)}

@@ -10,12 +10,15 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pytest
 import tomli_w
 
 from beamtouch_models import modelfile
 from beamtouch_models.daemon_config import daemon_config
 from example_scenes import SCENES
 from line import Truth
+
+pytestmark = pytest.mark.long
 
 PROGRAMS = Path(sys.executable).parent
 SCENE = SCENES / "bench.toml"

@@ -18,6 +18,8 @@ from beamtouch_models.daemon_config import daemon_config
 from example_scenes import SCENES
 from line import Kind, Line, Surface, Truth
 
+pytestmark = pytest.mark.long
+
 SCENE = SCENES / "bench.toml"
 RESTS = 14
 REST_S, LIFTED_S = 0.6, 0.3

@@ -20,6 +20,8 @@ from browser import NO_FIGURE, OpenPage, Watched, chromium, pages
 from example_scenes import SCENES
 from line import Line, Surface, Truth
 
+pytestmark = pytest.mark.long
+
 SCREENSHOTS = Path(__file__).parents[2] / "build" / "screenshots"
 PLACES = {120.0, 290.0}
 SCRIPT = """

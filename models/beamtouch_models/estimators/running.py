@@ -11,7 +11,7 @@ from beamtouch_models.modelfile import Answers, session_options
 Run = Callable[[NDArray[np.float32], NDArray[np.bool_]], Answers]
 """Deflections and validity, both (batch, channels), to one array (batch,) per output."""
 
-CHUNK = 2_000
+CHUNK = 256
 
 
 def runner(content: bytes) -> Run:

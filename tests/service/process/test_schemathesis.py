@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from service.conftest import BuildModel
 
 from .conftest import StartService
@@ -12,8 +14,9 @@ CHECKS_NOT_HELD = "not_a_server_error,positive_data_acceptance"
 """503 is an answer of its own kind here, and a batch has rules between its members that a schema cannot state."""
 
 
+@pytest.mark.long
 def test_no_answer_departs_from_the_document(
-    start_service: StartService, build_model: BuildModel, token_file: Path
+    start_service: StartService, build_model: BuildModel, token_file: Path, tmp_path: Path
 ) -> None:
     service = start_service("--model", build_model(), "--token-file", token_file)
     program = Path(sys.executable).with_name("schemathesis")
@@ -22,7 +25,7 @@ def test_no_answer_departs_from_the_document(
         *("--checks", "all", "--exclude-checks", CHECKS_NOT_HELD, "--exclude-path-regex", "stream$"),
         *("--max-examples", "20", "--seed", "1", "--request-timeout", "30", "--no-color"),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=170)
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=170, cwd=tmp_path)
     assert done.returncode == 0, done.stdout[-5000:]
     metrics = service.get("/metrics").text
     assert 'kind="internal"' not in metrics

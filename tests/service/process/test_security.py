@@ -121,6 +121,7 @@ def test_more_clients_than_allowed_are_turned_away_and_the_others_are_served(
     wait_for(lambda: service.get("/health/live").status_code == 200)
 
 
+@pytest.mark.long
 def test_a_body_that_trickles_is_given_up_after_ten_seconds(
     start_service: StartService, build_model: BuildModel, token_file: Path
 ) -> None:
@@ -144,6 +145,7 @@ def test_a_body_that_trickles_is_given_up_after_ten_seconds(
     assert time.monotonic() - begin_s > 8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "words",
     [b"", b"GET /contact HT", b"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\n"],

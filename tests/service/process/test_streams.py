@@ -150,6 +150,7 @@ def test_it_stops_with_streams_open_one_of_which_is_not_read(
         assert min(read) > 0
 
 
+@pytest.mark.long
 def test_a_client_that_does_not_read_is_dropped_and_costs_others_nothing(
     start_service: StartService, build_model: BuildModel, make_batch: MakeBatch, token_file: Path, tmp_path: Path
 ) -> None:

@@ -1,0 +1,17 @@
+"""Which tests run in one process: those of modules whose fixtures take long, so that these are made once per run."""
+
+from xdist.scheduler import LoadScopeScheduling
+
+TOGETHER = ("models/test_build_report.py", "models/test_calibration.py", "models/test_small_network.py")
+
+
+class Scheduling(LoadScopeScheduling):  # type: ignore[misc]  # xdist ships no types
+    """Gives each test to whichever process is free, but the modules of `TOGETHER` whole.
+
+    The mark `xdist_group` would say the same, but pytest 9.2 keeps it from the scheduler without a word
+    (pytest-xdist issue 1386).
+    """
+
+    def _split_scope(self, nodeid: str) -> str:
+        module = nodeid.partition("::")[0]
+        return module if module.endswith(TOGETHER) else nodeid
