@@ -5,7 +5,8 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.peers
 PACKAGES := firmware_protocol/beamtouch_protocol models/beamtouch_models service/beamtouch_service daemon/beamtouch_daemon
-# Twice the cores: many tests wait for devices, timeouts and outages.
+# Twice the cores: many tests wait for devices, timeouts and outages. What is compiled is kept, as they start hundreds
+# of processes.
 WORKERS ?= $(shell expr 2 \* $$(nproc))
 
 .PHONY: help install demo test bench check format clean
@@ -24,7 +25,7 @@ demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live con
 	@$(BIN)/python demo/demo.py $(DEMO)
 
 test: $(INSTALLED)  ## all tests
-	$(BIN)/python -m pytest --numprocesses $(WORKERS)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS)
 
 bench: $(PEERS)  ## measure against peers and floors: a table, and build/bench.json; NAMES="beam ..." for some only
 	@mkdir -p build
