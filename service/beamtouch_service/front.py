@@ -8,7 +8,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.routing import Match
 from starlette.types import Message, Receive, Scope, Send
 
-from beamtouch_service import batches, handlers
+from beamtouch_service import batches, handlers, page_files
 from beamtouch_service.access import Access, Role
 from beamtouch_service.context import Context
 from beamtouch_service.encoded import EncodedContacts
@@ -23,7 +23,8 @@ HEADERS = {
 }
 _HEADERS = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
 _JSON_HEADERS = [(b"content-type", b"application/json"), (b"cache-control", b"no-store"), *_HEADERS]
-_OPEN_PATHS = frozenset({"/health/live"})
+# The files of the page hold no data; whatever it shows it asks for with the token.
+_OPEN_PATHS = frozenset({"/health/live", *page_files.PATHS})
 _READING = frozenset({"GET", "HEAD"})
 _PREFIX, _SUFFIX, _SAMPLES = "/surfaces/", "/contact", "/samples"
 _BY_NAME = b"surface="
