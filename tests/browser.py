@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
@@ -19,6 +20,7 @@ _QUIET = [
     "--disable-component-update",
 ]
 NO_FIGURE = "—"
+SCREENSHOTS = Path(__file__).parents[1] / "build" / "screenshots"
 
 OpenPage = Callable[..., "Watched"]
 
@@ -32,6 +34,32 @@ _WATCH = """() => {
     const state = document.body.dataset.state;
     if ((state === "contact") !== /^-?[0-9.]+$/.test(shown)) window.wrongs.push([state, shown]);
   }, 20);
+}"""
+
+
+_CONTRAST = """() => {
+  const rgb = text => (text.match(/[\\d.]+/g) ?? []).map(Number);
+  const luminance = ([r, g, b]) => [r, g, b].map(v => v / 255)
+    .map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const ground = element => {
+    for (let at = element; at; at = at.parentElement) {
+      const colour = rgb(getComputedStyle(at).backgroundColor);
+      if (colour.length === 3 || colour[3] === 1) return colour;
+    }
+    throw new Error("nothing behind " + element.outerHTML);
+  };
+  const found = [];
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (walker.nextNode()) {
+    const element = walker.currentNode.parentElement;
+    if (!walker.currentNode.data.trim() || !element.checkVisibility()) continue;
+    const style = getComputedStyle(element);
+    const ink = rgb(element.namespaceURI.endsWith("svg") ? style.fill : style.color);
+    const [dark, light] = [luminance(ink), luminance(ground(element))].sort((a, b) => a - b);
+    found.push([walker.currentNode.data.trim(), (light + 0.05) / (dark + 0.05)]);
+  }
+  return found;
 }"""
 
 
@@ -72,6 +100,21 @@ class Watched:
         found: dict[str, Any] = self.page.evaluate(script)
         return found
 
+    def contrasts(self) -> list[tuple[str, float]]:
+        """Every text that is to be seen, with its contrast to what is behind it."""
+        found: list[tuple[str, float]] = self.page.evaluate(_CONTRAST)
+        return found
+
+    def picture(self, name: str) -> None:
+        """Save what the window shows among the screenshots."""
+        SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=SCREENSHOTS / f"{name}.png")
+
+    def overflow(self) -> int:
+        """By how many px the page is wider than the window."""
+        found: int = self.page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
+        return found
+
     def watch(self) -> None:
         """From now on note whenever a position stands there in a state that has none, or is missing in contact."""
         self.page.evaluate(_WATCH)
@@ -85,6 +128,12 @@ class Watched:
         """The states since `watch`, one after the other."""
         found: list[str] = self.page.evaluate("() => window.states")
         return found
+
+    def beside(self) -> "Watched":
+        """Open the same address in another window of the same browser."""
+        watched = Watched(self.page.context.new_page(), self.base)
+        watched.page.goto(self.page.url)
+        return watched
 
     def strangers(self) -> list[str]:
         """Requests that left the origin."""

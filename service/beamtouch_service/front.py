@@ -8,7 +8,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.routing import Match
 from starlette.types import Message, Receive, Scope, Send
 
-from beamtouch_service import batches, handlers
+from beamtouch_service import batches, handlers, page_files
 from beamtouch_service.access import Access, Role
 from beamtouch_service.context import Context
 from beamtouch_service.encoded import EncodedContacts
@@ -24,7 +24,8 @@ HEADERS = {
 _HEADERS = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
 CONTACT_HEADERS = [(b"content-type", b"application/json"), (b"cache-control", b"no-store"), *_HEADERS]
 """Of an answer that is not the framework's, but for its length."""
-_OPEN_PATHS = frozenset({"/health/live"})
+# The files of the page hold no data; whatever it shows it asks for with the token.
+_OPEN_PATHS = frozenset({"/health/live", *page_files.PATHS})
 _READING = frozenset({"GET", "HEAD"})
 _PREFIX, _SAMPLES = "/surfaces/", "/samples"
 _SURFACES, _CONTACT, _BY_NAME = b"/surfaces/", b"/contact", b"surface="

@@ -26,18 +26,22 @@ _HEADERS = {
 }
 
 
+_FILES = {
+    "/" if entry.name == "index.html" else f"/{entry.name}": entry
+    for entry in sorted((resources.files(__package__) / "page").iterdir(), key=lambda entry: entry.name)
+    if entry.is_file() and entry.name.rpartition(".")[2] in _TYPES
+}
+PATHS = frozenset(_FILES)
+"""Where the files are, the page itself at `/`."""
+
+
 def routes() -> list[Route]:
-    """Return a route for each file of the page, the page itself at `/`."""
-    found = (entry for entry in (resources.files(__package__) / "page").iterdir() if entry.is_file())
-    return [
-        _route("/" if entry.name == "index.html" else f"/{entry.name}", entry.read_bytes())
-        for entry in sorted(found, key=lambda entry: entry.name)
-        if entry.name.rpartition(".")[2] in _TYPES
-    ]
+    """Return a route for each file of the page."""
+    return [_route(path, entry.name, entry.read_bytes()) for path, entry in _FILES.items()]
 
 
-def _route(path: str, content: bytes) -> Route:
-    return Route(path, _endpoint(content, _TYPES[path.rpartition(".")[2] if path != "/" else "html"]), methods=["GET"])
+def _route(path: str, name: str, content: bytes) -> Route:
+    return Route(path, _endpoint(content, _TYPES[name.rpartition(".")[2]]), methods=["GET"])
 
 
 def _endpoint(content: bytes, media_type: str) -> Callable[[Request], Awaitable[Response]]:

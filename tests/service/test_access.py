@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from importlib import resources
 from typing import TYPE_CHECKING
 
 import pytest
@@ -17,8 +19,10 @@ if TYPE_CHECKING:
     from service.conftest import Bench, BuildModel, MakeBatch
 
 ALL = Access(write=TOKEN, read=READ_TOKEN, admin=ADMIN_TOKEN)
+PAGE = sorted(entry.name for entry in (resources.files("beamtouch_service") / "page").iterdir())
 READS = ["/contact", "/surfaces/press-7/contact", "/surfaces", "/surfaces/press-7", "/health/ready", "/metrics"]
-READS += ["/surfaces/press-7/model", "/openapi.json", "/nothing"]
+READS += ["/surfaces/press-7/model", "/openapi.json", "/nothing", "/events", "/events?surface=press-7&format=csv"]
+STREAMS = ["/stream", "/stream?surface=press-7", "/surfaces/press-7/stream"]
 
 
 def kind(response: httpx2.Response) -> str:
@@ -43,8 +47,48 @@ def test_reading_takes_the_read_token_or_one_that_can_do_more(guarded: Bench, pa
     assert answers == {404 if path == "/nothing" else 200}
 
 
-def test_health_is_open(guarded: Bench) -> None:
-    assert guarded.get("/health/live").status_code == 200
+@pytest.mark.parametrize("path", STREAMS)
+def test_a_stream_takes_the_token_in_its_header(guarded: Bench, path: str) -> None:
+    for address in (path, f"{path}{'&' if '?' in path else '?'}token={READ_TOKEN}"):
+        response = guarded.get(address)
+        assert (response.status_code, kind(response)) == (401, "unauthorized")
+
+
+OPEN = {"/health/live"} | {"/" if name == "index.html" else f"/{name}" for name in PAGE}
+
+
+def test_health_and_the_files_of_the_page_are_open_and_nothing_else_is(guarded: Bench) -> None:
+    assert {path for path in OPEN if guarded.get(path).status_code == 200} == OPEN
+    assert {path for path in OPEN if guarded.client.head(path).status_code in {200, 405}} == OPEN
+    described = guarded.get("/openapi.json", token=READ_TOKEN).json()["paths"]
+    readable = {path for path, methods in described.items() if "get" in methods}
+    assert len(readable) > 10
+    named = {path.replace("{name}", "press-7") for path in readable - OPEN}
+    assert {path: guarded.get(path).status_code for path in named} == dict.fromkeys(named, 401)
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["//", "/?/../contact", "/index.html", "/page", "/page/", "/page.js/", "/page.js/contact", "/Page.js", "//page.js"],
+)
+def test_what_only_looks_like_a_file_of_the_page_shows_nothing(guarded: Bench, path: str) -> None:
+    answer = guarded.client.get(f"http://testserver{path}")
+    if path.startswith("/?"):
+        assert answer.text == guarded.get("/").text
+    else:
+        assert (answer.status_code, kind(answer)) == (401, "unauthorized")
+
+
+def test_the_files_of_the_page_say_nothing_of_the_surface(guarded: Bench) -> None:
+    for path in OPEN - {"/health/live"}:
+        assert not re.search("press-7|horse|s1|position_mm *: *[0-9]", guarded.get(path).text)
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS"])
+@pytest.mark.parametrize("path", ["/", "/page.js"])
+def test_the_files_of_the_page_are_open_for_reading_only(guarded: Bench, method: str, path: str) -> None:
+    answer = guarded.client.request(method, path)
+    assert (answer.status_code, kind(answer)) == (401, "unauthorized")
 
 
 @pytest.mark.parametrize("token", [READ_TOKEN, ADMIN_TOKEN])
@@ -69,7 +113,7 @@ def test_without_an_admin_token_nobody_administrates(bench: Bench) -> None:
     assert "--admin-token-file" in response.json()["detail"]
 
 
-@pytest.mark.parametrize("path", [*READS, "/health/live"])
+@pytest.mark.parametrize("path", [*READS, "/health/live", "/", "/page.js"])
 def test_every_answer_tells_the_browser_to_be_careful(guarded: Bench, path: str) -> None:
     for token in (None, READ_TOKEN):
         headers = guarded.get(path, token=token).headers

@@ -22,7 +22,6 @@ from line import Line, Surface, Truth
 
 pytestmark = pytest.mark.long
 
-SCREENSHOTS = Path(__file__).parents[2] / "build" / "screenshots"
 PLACES = {120.0, 290.0}
 SCRIPT = """
 [[step]]
@@ -118,14 +117,14 @@ def test_from_contact_to_silence_and_back(start: Callable[..., Line], open_page:
     assert (seen.text("position"), seen.text("force")) == (NO_FIGURE, NO_FIGURE)
     assert seen.page.query_selector("#bar") is None
     assert "not known" in seen.text("channels")
-    _picture(seen, "stale")
+    seen.picture("stale")
 
     line.end("service")
     seen.wait_for_state("lost")
     assert re.fullmatch(r"No connection since \d\d:\d\d:\d\d", seen.text("headline"))
     assert seen.page.title().startswith("No connection")
     assert (seen.text("position"), seen.text("age")) == (NO_FIGURE, NO_FIGURE)
-    _picture(seen, "lost")
+    seen.picture("lost")
 
     with service_again(line):
         seen.wait_for_text("headline", "no samples yet")
@@ -194,22 +193,15 @@ def test_pictures(start: Callable[..., Line], open_page: OpenPage) -> None:
         compare(panel, truth)
     for name, seen in {"light": light, "dark": dark, "panel": panel, "phone": phone}.items():
         seen.wait_for_state("contact")
-        _picture(seen, name)
-        assert _overflow(seen) <= 0, name
+        seen.picture(name)
+        assert seen.overflow() <= 0, name
+    # No column of a table is cut off.
+    phone.page.wait_for_selector("#events tr")
+    for table in ("#channels", ".scroll"):
+        assert phone.page.eval_on_selector(table, "one => one.scrollWidth - one.clientWidth") <= 0, table
     # At arm's length: digits of more than 5 mm on a panel of 7 inches, and both charts on it.
     assert panel.page.evaluate("() => parseFloat(getComputedStyle(document.getElementById('position')).fontSize)") >= 48
     for element in ("position", "force", "age", "beam", "position-strip", "force-strip"):
         box = panel.page.locator(f"#{element}").bounding_box()
         assert box is not None
         assert box["y"] + box["height"] <= 480, element
-
-
-def _picture(seen: Watched, name: str) -> None:
-    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-    seen.page.screenshot(path=SCREENSHOTS / f"{name}.png")
-
-
-def _overflow(seen: Watched) -> int:
-    """By how many px the page is wider than the window."""
-    found: int = seen.page.evaluate("() => document.documentElement.scrollWidth - innerWidth")
-    return found

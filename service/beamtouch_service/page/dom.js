@@ -31,6 +31,7 @@ const SIGNS = {
   good: ["M3 13l6 6L21 5"],
   bad: ["M4 4l16 16M20 4L4 20"],
   warning: ["M12 2.5L23 21.5H1z", "M12 9v6m0 2v2"],
+  locked: ["M4 11h16v10H4z", "M7.5 11V7a4.5 4.5 0 0 1 9 0v4"],
   waiting: ["M3 12h4m3 0h4m3 0h4"],
   unknown: ["M7 8a5 5 0 1 1 7 4.5q-2 1-2 3.5m0 2.5v2.5"],
 };

@@ -1,36 +1,44 @@
 // The connection to the service: one stream of one surface, opened again and again until it stands.
 
+import { EventParser } from "./sse.js";
+import { refuses } from "./token.js";
+
 const SILENT_MS = 2000;
 const FIRST_MS = 6000;
-const RETRY_MS = 1500;
-const ASK_MS = 5000;
+const RETRY_MS = 500; // twice as long after each failure
+const MOST_RETRY_MS = 5000;
+const LOCKED_RETRY_MS = 30_000; // each refusal counts in the log of the service
 
 /** Milliseconds between two moments, by the clock that says more: one may sleep with the machine, the other be set. */
 const between = (from, to) => Math.max(to.steady - from.steady, to.wall - from.wall, 0);
 const present = () => ({ steady: performance.now(), wall: Date.now() });
 
 export class Feed {
-  /** `onMessage` is called with each message of the chosen surface, `onOpen` with the list of surfaces. */
-  constructor(onMessage, onOpen) {
-    this.link = "waiting"; // "waiting" for the first message, "open", "lost"
+  /** `onMessage` is called with each message of the chosen surface, `onSurfaces` when the list of surfaces changes. */
+  constructor(token, onMessage, onSurfaces) {
+    this.token = token;
+    this.link = "waiting"; // "waiting" for the first message, "open", "lost", "locked" for want of a token
     this.since = null; // Date of the last news, while lost
     this.message = null;
     this.shape = null; // the last message that said what the beam looks like; its measurements are old
     this.surfaces = [];
-    this.chosen = null;
+    this.wanted = null; // the surface that was asked for by name
+    this.chosen = null; // the one that is followed
     this.onMessage = onMessage;
-    this.onOpen = onOpen;
+    this.onSurfaces = onSurfaces;
     this.heard = present();
     this.attempt = 0;
-    this.source = null;
+    this.stream = null; // the AbortController of the stream that is read
     this.retry = null;
+    this.failures = 0; // in a row
   }
 
   /** Follow a surface by name; null follows the first. What is known of another one is dropped at once. */
   choose(name) {
-    this.chosen = name;
+    this.wanted = this.chosen = name;
     this.message = null;
     this.shape = null;
+    this.failures = 0;
     if (this.link === "open") this.link = "waiting";
     this.connect();
   }
@@ -48,33 +56,61 @@ export class Feed {
   /** To be called often: a connection that says nothing is given up. */
   check() {
     const patience = this.link === "open" ? SILENT_MS : FIRST_MS;
-    if (this.source && this.silence > patience) this.lose();
+    if (this.stream && this.silence > patience) this.lose();
   }
 
   async connect() {
     this.close();
     const attempt = ++this.attempt;
     try {
-      const answer = await fetch("/surfaces", { cache: "no-store", signal: AbortSignal.timeout(ASK_MS) });
-      const body = await answer.json();
+      const answer = await this.token.ask("/surfaces");
+      const body = refuses(answer) ? null : await answer.json();
       if (attempt !== this.attempt) return;
-      if (!answer.ok) return this.refuse(body);
+      if (!answer.ok) return body ? this.refuse(body) : this.lock();
       this.surfaces = body.surfaces;
     } catch {
       if (attempt === this.attempt) this.lose();
       return;
     }
+    this.token.accepted();
+    if (this.link === "locked") this.link = "waiting";
     this.chosen ??= this.surfaces[0]?.name ?? null;
-    this.onOpen();
+    this.onSurfaces();
     if (this.surface) this.listen();
     else this.refuse(this.missing());
   }
 
-  listen() {
+  async listen() {
+    const stream = new AbortController();
+    this.stream = stream;
     this.heard = present();
-    this.source = new EventSource(`/surfaces/${encodeURIComponent(this.chosen)}/stream`);
-    this.source.addEventListener("state", (event) => this.take(JSON.parse(event.data)));
-    this.source.addEventListener("error", () => this.lose());
+    try {
+      const path = `/surfaces/${encodeURIComponent(this.chosen)}/stream`;
+      const answer = await this.token.ask(path, stream.signal);
+      if (answer.ok) await this.read(answer.body.getReader(), stream);
+      const body = answer.ok || refuses(answer) ? null : await answer.json();
+      if (!answer.ok && stream === this.stream) return body ? this.refuse(body) : this.lock();
+    } catch {
+      // Broken, or given up here.
+    }
+    if (stream === this.stream) this.lose();
+  }
+
+  /** Take what comes until the stream ends, or is not the one to follow any more. */
+  async read(reader, stream) {
+    const parser = new EventParser();
+    for (;;) {
+      const { done, value } = await reader.read();
+      // Before it is taken: what comes after a silence too long, as of a machine that slept, has waited on the way.
+      this.check();
+      if (done || stream !== this.stream) return;
+      for (const event of parser.push(value)) if (event.type === "state") this.hear(JSON.parse(event.data));
+    }
+  }
+
+  hear(message) {
+    this.failures = 0;
+    this.take(message);
   }
 
   /** The problem that the service has no such surface. */
@@ -87,8 +123,29 @@ export class Feed {
 
   /** The service is there, but says no: as true as any message, until asked again. */
   refuse(problem) {
+    this.close();
     this.take({ surface: this.chosen, contact: null, problem, age_ms: null, channels: [], length_mm: null });
-    this.retry = setTimeout(() => this.connect(), RETRY_MS);
+    this.again();
+  }
+
+  /** The service asks for a token, or for another one: nothing that it said before is shown any longer. */
+  lock() {
+    this.close();
+    this.token.refused();
+    this.link = "locked";
+    this.since = null;
+    this.message = null;
+    this.shape = null;
+    this.forget();
+    // Without a token to try there is nothing to ask until one is typed in.
+    if (this.token.text !== null) this.retry = setTimeout(() => this.connect(), LOCKED_RETRY_MS);
+  }
+
+  /** The surfaces too are for those who have the token. */
+  forget() {
+    this.surfaces = [];
+    this.chosen = this.wanted;
+    this.onSurfaces();
   }
 
   take(message) {
@@ -107,12 +164,17 @@ export class Feed {
     this.since ??= new Date(this.link === "open" ? this.heard.wall : Date.now());
     this.link = "lost";
     this.message = null;
-    this.retry = setTimeout(() => this.connect(), RETRY_MS);
+    this.again();
+  }
+
+  again() {
+    const wait = Math.min(RETRY_MS * 2 ** this.failures++, MOST_RETRY_MS);
+    this.retry = setTimeout(() => this.connect(), wait);
   }
 
   close() {
     clearTimeout(this.retry);
-    this.source?.close();
-    this.source = null;
+    this.stream?.abort();
+    this.stream = null;
   }
 }

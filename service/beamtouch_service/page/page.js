@@ -6,15 +6,19 @@ import { Feed } from "./feed.js";
 import { describe, figures, words } from "./state.js";
 import { drawStrip, forceRange, History } from "./strip.js";
 import { drawChannels, Events } from "./tables.js";
+import { Token } from "./token.js";
+import { TokenForm } from "./token_form.js";
 
 const SIGNS = { problem: "warning", silent: "warning", lost: "warning" }; // others are called as their state
 const STEPS_PER_STRIP = 4;
 const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
 
 const history = new History();
-const events = new Events();
+const token = new Token();
+const events = new Events(token);
 const beam = new BeamView(byId("beam"), (text) => setText(byId("beam-words"), text));
-const feed = new Feed(remember, surfacesKnown);
+const feed = new Feed(token, remember, surfacesKnown);
+const form = new TokenForm(token, otherToken);
 let said = "";
 let steps = 0;
 let length = 100; // of the beam in mm, kept for the chart while nothing is known of it
@@ -42,16 +46,26 @@ function surfacesKnown() {
   events.follow(feed.surface?.name);
 }
 
+/** The surface that the address names; null if it names none. */
+const addressed = () => new URLSearchParams(location.search).get("surface");
+
 function follow(name) {
   history.forget();
   beam.forget();
   feed.choose(name);
 }
 
+function otherToken() {
+  feed.forget();
+  follow(addressed());
+}
+
 function step() {
   feed.check();
   const shown = describe(feed);
-  if (shown.kind !== "contact" && shown.kind !== "clear") history.add(shown);
+  if (shown.kind === "locked") history.forget();
+  else if (shown.kind !== "contact" && shown.kind !== "clear") history.add(shown);
+  form.draw(shown.kind === "locked");
   drawNow(shown);
   announce(shown);
   drawChannels(shown.channels);
@@ -95,7 +109,7 @@ byId("chooser").addEventListener("change", (event) => {
   window.history.pushState(null, "", `/?surface=${encodeURIComponent(name)}`);
   follow(name);
 });
-window.addEventListener("popstate", () => follow(new URLSearchParams(location.search).get("surface")));
+window.addEventListener("popstate", () => follow(addressed()));
 
-follow(new URLSearchParams(location.search).get("surface"));
+follow(addressed());
 step();

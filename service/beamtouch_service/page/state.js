@@ -2,6 +2,7 @@
 
 // Of these problems the channels are as new as ever.
 const CURRENT = ["too-few-channels", "unusable-estimate"];
+const ASK = "The service gives its data only to those who have one. Ask whoever runs the service.";
 const PREFIX = "urn:beamtouch:problem:";
 
 const clock = (date) => date.toLocaleTimeString("en-GB");
@@ -10,7 +11,7 @@ const known = (value, digits) => (value === null || value === undefined ? "—" 
 /**
  * Return what to show at this moment.
  *
- * kind: "contact", "clear", "problem", "silent", "lost" or "waiting"; title and detail in words;
+ * kind: "contact", "clear", "problem", "silent", "lost", "locked" or "waiting"; title and detail in words;
  * contact: only if it is fresh; channels: with their deflections only if these are fresh; age in ms or null.
  */
 export function describe(feed) {
@@ -19,6 +20,7 @@ export function describe(feed) {
   if (feed.link === "lost") {
     return { ...nothing, kind: "lost", title: `No connection since ${clock(feed.since)}`, detail: "Trying again." };
   }
+  if (feed.link === "locked") return { ...nothing, kind: "locked", title: "A reading token is needed", detail: ASK };
   if (!message) return { ...nothing, kind: "waiting", title: "Connecting", detail: "" };
   const age = message.age_ms === null ? null : message.age_ms + feed.silence;
   if (message.problem) return { ...nothing, age, ...problem(message) };

@@ -51,7 +51,7 @@ const UNKNOWN = ["problem", "silent", "lost"];
 /** Draw one quantity; `names` are those of its value and of the ends of its interval in a contact. */
 export function drawStrip(element, history, names, range) {
   const { width, height } = element.getBoundingClientRect();
-  if (width < 50) return;
+  if (width < 50) return element.replaceChildren();
   const now = performance.now();
   const [low, high] = range;
   const x = (at) => LEFT + Math.max(0, 1 - (now - at) / SPAN_MS) * (width - LEFT - RIGHT);

@@ -41,7 +41,8 @@ function signed(value) {
 
 /** The recent contacts, as far as the service keeps them. */
 export class Events {
-  constructor() {
+  constructor(token) {
+    this.token = token;
     this.offered = true;
     this.timer = null;
   }
@@ -52,10 +53,11 @@ export class Events {
     this.surface = surface;
     if (!surface || !this.offered) return this.show([]);
     try {
-      const answer = await fetch(`/events?surface=${encodeURIComponent(surface)}&limit=20`, { cache: "no-store" });
+      const answer = await this.token.ask(`/events?surface=${encodeURIComponent(surface)}&limit=20`);
+      const events = answer.ok ? (await answer.json()).events : [];
       if (surface !== this.surface) return;
       this.offered = answer.status !== 404;
-      this.show(answer.ok ? (await answer.json()).events : []);
+      this.show(events);
     } catch {
       // The feed says that the connection is lost; what happened before still happened.
     }

@@ -11,6 +11,10 @@ from typing import Any
 
 import httpx2
 import pytest
+from playwright.sync_api import Browser
+
+from browser import OpenPage, chromium, pages
+from service.conftest import READ_TOKEN, BuildModel
 
 CLI = ("-m", "beamtouch_service.cli")
 
@@ -98,3 +102,31 @@ def wait_for() -> Wait:
             time.sleep(0.01)
 
     return wait
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture
+def open_page(browser: Browser) -> Iterator[OpenPage]:
+    with pages(browser) as opened:
+        yield opened
+
+
+@pytest.fixture
+def start_page(
+    start_service: StartService, build_model: BuildModel, token_file: Path, read_token_file: Path
+) -> StartService:
+    """A function that starts a service of press-7, whose samples stay fresh for a minute; without `read` it is open."""
+    model = build_model()
+
+    def start_page(*options: str, read: str | None = READ_TOKEN) -> Service:
+        if read is not None:
+            read_token_file.write_text(read)
+            options += ("--read-token-file", str(read_token_file))
+        return start_service("--model", model, "--token-file", token_file, "--stale-ms", "60000", *options)
+
+    return start_page

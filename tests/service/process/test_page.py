@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from browser import NO_FIGURE, chromium, pages
+from browser import NO_FIGURE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
-    from playwright.sync_api import Browser, Route
+    from playwright.sync_api import Route
 
     from browser import OpenPage, Watched
     from service.conftest import BuildModel, MakeBatch
@@ -20,43 +19,6 @@ if TYPE_CHECKING:
 
 LONG_MS = "60000"
 """A sample that was sent by hand stays fresh for the length of a test."""
-
-_CONTRAST = """() => {
-  const rgb = text => (text.match(/[\\d.]+/g) ?? []).map(Number);
-  const luminance = ([r, g, b]) => [r, g, b].map(v => v / 255)
-    .map(v => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
-    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
-  const ground = element => {
-    for (let at = element; at; at = at.parentElement) {
-      const colour = rgb(getComputedStyle(at).backgroundColor);
-      if (colour.length === 3 || colour[3] === 1) return colour;
-    }
-    throw new Error("nothing behind " + element.outerHTML);
-  };
-  const found = [];
-  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  while (walker.nextNode()) {
-    const element = walker.currentNode.parentElement;
-    if (!walker.currentNode.data.trim() || !element.checkVisibility()) continue;
-    const style = getComputedStyle(element);
-    const ink = rgb(element.namespaceURI.endsWith("svg") ? style.fill : style.color);
-    const [dark, light] = [luminance(ink), luminance(ground(element))].sort((a, b) => a - b);
-    found.push([walker.currentNode.data.trim(), (light + 0.05) / (dark + 0.05)]);
-  }
-  return found;
-}"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as started:
-        yield started
-
-
-@pytest.fixture
-def open_page(browser: Browser) -> Iterator[OpenPage]:
-    with pages(browser) as opened:
-        yield opened
 
 
 @pytest.fixture
@@ -126,13 +88,14 @@ def test_no_surface_no_model_and_one_that_is_not_there(
     assert nothing.complaints + seen.complaints == []
 
 
-def test_a_service_that_refuses_is_not_a_lost_connection(fresh: Service, open_page: OpenPage) -> None:
-    problem = {"type": "urn:beamtouch:problem:unauthorized", "title": "A token is required", "detail": "Send one."}
+@pytest.mark.parametrize("address", ["**/surfaces", "**/stream"])
+def test_a_service_that_refuses_is_not_a_lost_connection(fresh: Service, open_page: OpenPage, address: str) -> None:
+    problem = {"type": "urn:beamtouch:problem:too-many-clients", "title": "Too many clients", "detail": "Close one."}
     seen = open_page(fresh.url)
-    seen.page.route("**/surfaces", lambda route: route.fulfill(status=401, json=problem))
+    seen.page.route(address, lambda route: route.fulfill(status=503, json=problem))
     seen.page.reload()
-    seen.wait_for_text("headline", "A token is required")
-    assert (seen.text("detail"), seen.text("position")) == ("Send one.", NO_FIGURE)
+    seen.wait_for_text("headline", "Too many clients")
+    assert (seen.text("detail"), seen.text("position")) == ("Close one.", NO_FIGURE)
 
 
 def test_the_keyboard_reaches_everything_and_shows_where_it_is(
@@ -179,7 +142,7 @@ def test_every_text_stands_out_from_its_ground(
 
 
 def _assert_contrast(seen: Watched) -> None:
-    found = seen.page.evaluate(_CONTRAST)
+    found = seen.contrasts()
     assert len(found) > 30
     assert [(text, ratio) for text, ratio in found if ratio < 4.5] == []
 
@@ -236,6 +199,20 @@ def test_recent_contacts_are_a_table_where_the_service_keeps_them(
     seen.wait_for_state("contact")
     assert not seen.page.is_visible("#events-section")
     assert seen.complaints == []
+
+
+def test_what_waited_while_the_page_slept_is_not_taken_for_new(
+    fresh: Service, make_batch: MakeBatch, open_page: OpenPage
+) -> None:
+    fresh.post(make_batch())
+    seen = open_page(fresh.url)
+    seen.wait_for_state("contact")
+    seen.watch()
+    seen.page.evaluate("() => { const end = performance.now() + 4000; while (performance.now() < end); }")
+    seen.wait_for_state("contact")
+    seen.page.wait_for_function("() => window.states.at(-1) === 'contact'")
+    assert seen.states()[:2] == ["lost", "contact"]
+    assert seen.wrongs() == []
 
 
 def test_calm_where_motion_is_not_wanted(fresh: Service, make_batch: MakeBatch, open_page: OpenPage) -> None:
