@@ -25,10 +25,12 @@ _HEADERS = [(name.lower().encode(), value.encode()) for name, value in HEADERS.i
 CONTACT_HEADERS = [(b"content-type", b"application/json"), (b"cache-control", b"no-store"), *_HEADERS]
 """Of an answer that is not the framework's, but for its length."""
 # The files of the page hold no data; whatever it shows it asks for with the token.
-_OPEN_PATHS = frozenset({"/health/live", *page_files.PATHS})
+LIVE_PATH = "/health/live"
+_OPEN_PATHS = frozenset({LIVE_PATH, *page_files.PATHS})
 _READING = frozenset({"GET", "HEAD"})
 _PREFIX, _SAMPLES = "/surfaces/", "/samples"
 _SURFACES, _CONTACT, _BY_NAME = b"/surfaces/", b"/contact", b"surface="
+_STREAM = "/stream"
 _RELOAD = "/model/reload"
 
 
@@ -46,6 +48,9 @@ class Front:
         if scope["type"] != "http":
             await self.api(scope, receive, send)
             return
+        if scope["method"] == "HEAD" and not scope["path"].endswith(_STREAM):
+            # The server leaves the body out. A stream would never end.
+            scope = {**scope, "method": "GET"}
         try:
             self._access.require(self._role(scope), _authorization(scope["headers"]))
             body = await self._receipt(scope, receive)

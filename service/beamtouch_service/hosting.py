@@ -14,13 +14,16 @@ import uvicorn
 from starlette.types import ASGIApp, Scope
 
 from beamtouch_service.config import TlsFiles
-from beamtouch_service.connection import BoundedProtocol
+from beamtouch_service.connection import HEAD_S, BoundedProtocol
 from beamtouch_service.limits import SeldomFilter
 from beamtouch_service.notify import ServiceManager
 from beamtouch_service.streams import Streams
 
 SHUTDOWN_S = 2
 """For answers under way to finish; a sender repeats what was not acknowledged."""
+
+IDLE_S = 75
+"""A connection on which nothing is asked for is closed: longer than anyone waits between two questions."""
 
 _log = logging.getLogger("beamtouch.service")
 
@@ -33,7 +36,7 @@ def configure(app: ASGIApp, max_clients: int, tls: TlsFiles | None = None) -> uv
         app,
         http=BoundedProtocol,
         ws="none",
-        loop="asyncio",
+        loop=f"{__name__}:Loop",
         lifespan="off",
         log_config=None,
         log_level=logging.WARNING,
@@ -42,12 +45,24 @@ def configure(app: ASGIApp, max_clients: int, tls: TlsFiles | None = None) -> uv
         # A client is who is connected, whatever a header says.
         proxy_headers=False,
         timeout_graceful_shutdown=SHUTDOWN_S,
-        # It refuses the one that reaches the limit.
-        limit_concurrency=max_clients + 1,
+        # The protocol's bound on clients.
+        limit_concurrency=max_clients,
+        timeout_keep_alive=IDLE_S,
         ssl_certfile=tls.certificate if tls else None,
         ssl_keyfile=tls.key if tls else None,
         ssl_keyfile_password="" if tls else None,
     )
+
+
+class Loop(asyncio.SelectorEventLoop):
+    """The usual event loop, with a bound on clients that connect and do not get on with TLS."""
+
+    async def create_server(self, *arguments: Any, **options: Any) -> asyncio.Server:  # noqa: ANN401  # as every loop's
+        """Return a server as every loop does."""
+        if options.get("ssl"):
+            options["ssl_handshake_timeout"] = HEAD_S
+        server: asyncio.Server = await super().create_server(*arguments, **options)
+        return server
 
 
 class Host(uvicorn.Server):
@@ -81,10 +96,17 @@ class Host(uvicorn.Server):
         self._manager.stopping()
         # Before the server waits for answers under way: a stream would never end by itself.
         self._streams.stop.set()
+        # Nor would one that nobody reads; what is under way gets half of the time.
+        asyncio.get_running_loop().call_later(SHUTDOWN_S / 2, self._abort_unread)
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await super().shutdown(sockets)
+
+    def _abort_unread(self) -> None:
+        for connection in list(self.server_state.connections):
+            if isinstance(connection, BoundedProtocol) and connection.flow.write_paused:
+                connection.transport.abort()
 
     def _drop(self, scope: Scope) -> None:
         # Closing would wait until the client has read what was sent to it, and it does not read.

@@ -1,6 +1,7 @@
 """What a batch goes through before a surface sees it: size, time, format."""
 
-from asyncio import CancelledError, timeout
+from asyncio import CancelledError, get_running_loop, timeout
+from math import inf
 
 from pydantic import ValidationError
 from starlette.requests import Request
@@ -11,6 +12,8 @@ from beamtouch_service.samples import Batch
 MAX_BODY_BYTES = 1024 * 1024
 MAX_BODY_S = 10.0
 """For a whole body to arrive; a sender states the age of its samples before it."""
+LINGER_S = 5.0
+"""What is too large is read on and dropped for so long: who still sends when the connection closes reads no answer."""
 _CLOSE = {"Connection": "close"}
 """The rest of the body may still come, and nobody wants it."""
 _MAX_ERRORS = 10
@@ -24,21 +27,27 @@ async def read_body(request: Request, limit: int = MAX_BODY_BYTES, limit_s: floa
     the service stops (503): the sender will repeat it.
     """
     stated = request.headers.get("content-length", "")
-    if stated.isdecimal() and int(stated) > limit:
-        raise _too_large(limit)
+    is_too_large = stated.isdecimal() and int(stated) > limit
     body = bytearray()
     try:
-        async with timeout(limit_s):
+        async with timeout(LINGER_S if is_too_large else limit_s) as deadline:
             async for chunk in request.stream():
-                body += chunk
-                if len(body) > limit:
-                    raise _too_large(limit)
+                if not is_too_large:
+                    body += chunk
+                    if len(body) > limit:
+                        is_too_large = True
+                        deadline.reschedule(min(deadline.when() or inf, get_running_loop().time() + LINGER_S))
+                        body.clear()
     except TimeoutError:
+        if is_too_large:
+            raise _too_large(limit) from None
         detail = f"The body was not complete after {limit_s:g} s; send fewer samples at a time."
         raise ProblemError(Problem(Kind.TOO_SLOW, detail), _CLOSE) from None
     except CancelledError:
         # Only the server cancels a request, at the end of its patience, and would log a traceback of it.
         raise ProblemError(Problem(Kind.STOPPING, "Nothing was accepted; send the batch again.")) from None
+    if is_too_large:
+        raise _too_large(limit)
     return bytes(body)
 
 

@@ -37,6 +37,7 @@ class Kind(Enum):
     NOT_FOUND = ("not-found", 404, "There is nothing at this address")
     METHOD_NOT_ALLOWED = ("method-not-allowed", 405, "This address does not take that method")
     STOPPING = ("stopping", 503, "The service is stopping")
+    BAD_REQUEST = ("bad-request", 400, "Not an HTTP request")
     TOO_MANY_CLIENTS = ("too-many-clients", 503, "Too many clients")
     INTERNAL = ("internal", 500, "The service failed")
 

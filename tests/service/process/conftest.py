@@ -14,6 +14,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from browser import OpenPage, chromium, pages
+from certificates import make_certificate
 from service.conftest import READ_TOKEN, BuildModel
 
 CLI = ("-m", "beamtouch_service.cli")
@@ -130,3 +131,26 @@ def start_page(
         return start_service("--model", model, "--token-file", token_file, "--stale-ms", "60000", *options)
 
     return start_page
+
+
+@pytest.fixture
+def certificate(tmp_path: Path) -> tuple[Path, Path]:
+    """A certificate for 127.0.0.1, and its key."""
+    return make_certificate(tmp_path)
+
+
+@pytest.fixture
+def touched_service(
+    start_service: StartService,
+    build_model: Callable[..., Path],
+    token_file: Path,
+    tmp_path: Path,
+    make_batch: Callable[..., dict[str, Any]],
+) -> Service:
+    """A service with a contact to give, for a minute."""
+    (tmp_path / "service.toml").write_text(
+        f'[server]\nmax_clients = 8\n[surfaces.press-7]\nmodel = "{build_model()}"\nstale_ms = 60000\n'
+    )
+    service = start_service("--config", "service.toml", "--token-file", token_file)
+    assert service.post(make_batch()).status_code == 200
+    return service

@@ -1,0 +1,184 @@
+"""What a client may do to a connection, and to those of others: over raw sockets."""
+
+import http.client
+import json
+import signal
+import socket
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from ..conftest import TOKEN, MakeBatch
+from .conftest import Service, StartService, Wait
+from .raw import connected, fields, get, resident_mb, said, status
+
+MOST_GROWTH_MB = 30.0
+PATIENCE_S = 60.0
+
+
+def flood(connection: socket.socket, words: bytes, most_bytes: int, read_bytes: int = 0) -> None:
+    """Send words again and again until enough was sent, nothing is taken any more, or the other side closes."""
+    connection.settimeout(1)
+    sent = 0
+    try:
+        while sent < most_bytes:
+            sent += connection.send(words)
+            if read_bytes:
+                connection.recv(read_bytes)
+    except OSError:
+        return
+
+
+def trickle(connection: socket.socket, words: bytes) -> None:
+    """Send words every now and then, until the other side closes."""
+    try:
+        while True:
+            connection.sendall(words)
+            time.sleep(0.01)
+    except OSError:
+        return
+
+
+@pytest.mark.parametrize("target", ["/contact", "/health/live"])
+@pytest.mark.parametrize("read_bytes", [0, 2000])
+def test_who_asks_and_reads_little_costs_little_and_holds_up_nobody(
+    touched_service: Service, target: str, read_bytes: int
+) -> None:
+    before_mb = resident_mb(touched_service)
+    with connected(touched_service) as connection:
+        asking = threading.Thread(target=flood, args=(connection, get(target) * 1000, 20_000_000, read_bytes))
+        asking.start()
+        asking.join(5)
+        statuses = [touched_service.get("/contact").status_code for _ in range(20)]
+        assert resident_mb(touched_service) - before_mb < MOST_GROWTH_MB
+        touched_service.process.send_signal(signal.SIGTERM)
+        touched_service.process.wait(timeout=PATIENCE_S)
+        asking.join()
+
+    assert statuses == [200] * 20
+
+
+def test_a_stop_does_not_wait_for_who_does_not_read(touched_service: Service) -> None:
+    with connected(touched_service) as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        # Few requests with large answers: nothing is wrong with that, but that nobody reads them.
+        connection.sendall(get("/openapi.json") * 60)
+        assert touched_service.get("/health/live").status_code == 200
+        code, errors = touched_service.stop(signal.SIGTERM)
+
+    assert code == 0
+    assert "Traceback" not in errors
+
+
+def test_what_follows_a_chunked_body_is_bounded(touched_service: Service) -> None:
+    before_mb = resident_mb(touched_service)
+    with connected(touched_service) as connection:
+        connection.sendall(get("/contact", "Transfer-Encoding: chunked") + b"0\r\n")
+        wait_for_end = threading.Thread(target=trickle, args=(connection, b"a:b\r\n" * 2000))
+        wait_for_end.start()
+        wait_for_end.join(PATIENCE_S)
+        assert not wait_for_end.is_alive()
+
+    assert resident_mb(touched_service) - before_mb < MOST_GROWTH_MB
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        b"GET /contact HTTP/1.1\r\nHost: x\r\nX: " + b"y" * 20_000,
+        b"GET /contact HTTP/1.1\r\n" + b"a: b\r\n" * 1000 + b"\r\n",
+        b"CONNECT x HTTP/1.1\r\n\r\n",
+        "GET /contact?surface=Pressé HTTP/1.1\r\nHost: x\r\n\r\n".encode(),
+        b"\x16\x03\x01 nonsense\r\n\r\n",
+    ],
+    ids=["long head", "many headers", "CONNECT", "no ASCII", "TLS"],
+)
+def test_what_is_no_request_is_a_problem_that_is_counted(touched_service: Service, words: bytes) -> None:
+    ((head, body),) = said(touched_service, words, 1, until_closed=True)
+
+    assert status(head) == 400
+    assert fields(head)[b"content-type"] == b"application/problem+json"
+    assert fields(head)[b"x-content-type-options"] == b"nosniff"
+    assert json.loads(body)["type"] == "urn:beamtouch:problem:bad-request"
+    assert 'beamtouch_problems_total{kind="bad-request"} 1.0' in touched_service.get("/metrics").text
+
+
+def test_a_bad_request_does_not_take_the_place_of_an_answer(touched_service: Service, make_batch: MakeBatch) -> None:
+    batch = json.dumps(make_batch(sequence=50)).encode()
+    post = f"POST /surfaces/press-7/samples HTTP/1.1\r\nAuthorization: Bearer {TOKEN}\r\nContent-Length: {len(batch)}"
+    words = get("/surfaces") + post.encode() + b"\r\n\r\n" + batch + b"\0garbage\r\n\r\n"
+    first, second = said(touched_service, words, 2, until_closed=True)
+
+    assert "surfaces" in json.loads(first[1])
+    assert (status(second[0]), json.loads(second[1])) == (200, {"accepted": 1, "repeated": 0})
+
+
+@pytest.mark.parametrize("megabytes", [2, 50])
+def test_who_sends_too_much_is_told(touched_service: Service, megabytes: int) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", int(touched_service.url.rpartition(":")[2]), timeout=60)
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    connection.request("POST", "/surfaces/press-7/samples", b" " * megabytes * 1_000_000, headers)
+    answer = connection.getresponse()
+
+    assert answer.status == 413
+    assert json.loads(answer.read())["type"] == "urn:beamtouch:problem:too-large"
+    connection.close()
+
+
+@pytest.mark.parametrize("target", ["/contact", "/health/live", "/surfaces"])
+def test_head_is_get_without_the_body(touched_service: Service, target: str) -> None:
+    with connected(touched_service) as connection, connection.makefile("rb") as stream:
+        connection.sendall(get(target, "Connection: close", method="HEAD"))
+        head, _, body = stream.read().partition(b"\r\n\r\n")
+
+    assert (status(head), body) == (200, b"")
+    assert int(fields(head)[b"content-length"]) > 0
+
+
+def test_a_request_to_speak_something_else_is_answered_and_the_last(touched_service: Service) -> None:
+    words = get("/contact", "Connection: Upgrade", "Upgrade: websocket") + get("/contact")
+    ((head, body),) = said(touched_service, words, 1, until_closed=True)
+
+    assert fields(head)[b"connection"] == b"close"
+    assert json.loads(body)["surface"] == "press-7"
+    assert "pip install" not in touched_service.stop(signal.SIGTERM)[1]
+
+
+def test_the_clients_that_are_there_are_served_however_many_come(touched_service: Service, wait_for: Wait) -> None:
+    with ExitStack() as stack:
+        first = stack.enter_context(connected(touched_service))
+        idle = [stack.enter_context(connected(touched_service)) for _ in range(60)]
+        first.sendall(get("/contact"))
+        assert first.recv(65536).startswith(b"HTTP/1.1 200 ")
+        # The last ones were cut off at once, those before them when they asked for nothing; the first ones stay.
+        for connection in idle[-10:]:
+            assert closes(connection)
+        assert not closes(idle[0], 0.2)
+        first.sendall(get("/contact"))
+        assert first.recv(65536).startswith(b"HTTP/1.1 200 ")
+    wait_for(lambda: touched_service.get("/contact").status_code == 200)
+
+
+def closes(connection: socket.socket, within_s: float = PATIENCE_S) -> bool:
+    connection.settimeout(within_s)
+    try:
+        return connection.recv(1) == b""
+    except TimeoutError:
+        return False
+    except ConnectionResetError:
+        return True
+
+
+def test_who_connects_for_tls_and_says_nothing_is_cut_off(
+    start_service: StartService, certificate: tuple[Path, Path]
+) -> None:
+    service = start_service("--certificate-file", certificate[0], "--key-file", certificate[1])
+    port = int(service.url.rpartition(":")[2])
+    with socket.create_connection(("127.0.0.1", port)) as connection:
+        begin_s = time.monotonic()
+        # asyncio's own patience is 60 s.
+        assert closes(connection, 50)
+    assert time.monotonic() - begin_s > 2
