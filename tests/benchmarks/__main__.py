@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 HERE = Path(__file__).parent
+_COLUMNS = ("name", "value", "unit", "goal")
 
 
 def main() -> int:
@@ -41,12 +42,12 @@ def main() -> int:
 
 
 def _table(title: str, rows: list[dict[str, object]]) -> Table:
-    columns = list(dict.fromkeys(key for row in rows for key in row))
     table = Table(title=title, box=SIMPLE)
-    for column in columns:
-        table.add_column(column, justify="left" if column == columns[0] else "right")
+    for column in ("", "value", "unit", "goal", "and"):
+        table.add_column(column, justify="right" if column == "value" else "left")
     for row in rows:
-        table.add_row(*(_text(row.get(column)) for column in columns))
+        further = ", ".join(f"{key} {_text(value)}" for key, value in row.items() if key not in _COLUMNS and value)
+        table.add_row(*(_text(row.get(column)) for column in _COLUMNS), further)
     return table
 
 
