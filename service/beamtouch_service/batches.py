@@ -13,10 +13,11 @@ async def take(context: Context, name: str, request: Request) -> Receipt:
     surface = context.registry.named(name)
     try:
         context.take_turn(name)
+        # The age was stated before the body travelled, so the instant is one before it came: what the body takes makes
+        # the samples older, never younger.
+        arrival_s = context.clock()
         # The body is read here and not by the framework: never beyond its limits.
         body = await read_body(request)
-        # The age was stated before the body travelled; the instant is taken before the body is parsed.
-        arrival_s = context.clock()
         return surface.receive(parse_batch(body), arrival_s)
     except ProblemError as error:
         context.counts.rejected[error.problem.kind] += 1
