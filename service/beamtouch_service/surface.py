@@ -210,9 +210,10 @@ class Surface:
     def _is_after_present(self, boot_id: str, sample: Sample, acquired_s: float) -> bool:
         if self._present is None:
             return True
-        if acquired_s < self._present.acquired_s or boot_id in self._former_senders:
-            return False
-        return boot_id != self._present.boot_id or sample.sequence > self._present.sample.sequence
+        if boot_id == self._present.boot_id:
+            # Its number is exact; its instant holds whatever its batch waited for on the way.
+            return sample.sequence > self._present.sample.sequence
+        return acquired_s >= self._present.acquired_s and boot_id not in self._former_senders
 
     def _advance(self, model: ModelFile, batch: Batch, fresh: list[Sample], acquired_s: float) -> None:
         if self._present and self._present.boot_id != batch.boot_id:
