@@ -18,7 +18,11 @@ async def take(context: Context, name: str, request: Request) -> Receipt:
         arrival_s = context.clock()
         # The body is read here and not by the framework: never beyond its limits.
         body = await read_body(request)
-        return surface.receive(parse_batch(body), arrival_s)
+        batch, changes = parse_batch(body), surface.sender_changes
+        receipt = surface.receive(batch, arrival_s)
     except ProblemError as error:
         context.counts.rejected[error.problem.kind] += 1
         raise
+    if surface.sender_changes != changes:
+        context.counts.sender_changed(name, batch.boot_id)
+    return receipt

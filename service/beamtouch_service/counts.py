@@ -26,6 +26,13 @@ class Counts:
         self._seldom = Seldom()
         self._clock = clock
 
+    def sender_changed(self, surface: str, boot_id: str) -> None:
+        """Log that the samples of a surface come from another sender, once per minute and surface."""
+        times = self._seldom.due(f"sender of {surface}", self._clock())
+        if times:
+            words = "surface %s: samples come from another sender, now %s: %d such changes since the last such line"
+            _log.info(words, surface, boot_id, times)
+
     def problem(self, kind: Kind, client: str) -> None:
         """Count an answer that says no, to a client of this address."""
         self.problems[kind] += 1

@@ -60,6 +60,7 @@ def _of_surfaces(surfaces: list[Surface], now_s: float) -> Iterator[Metric]:
     repeated = CounterMetricFamily("beamtouch_samples_repeated", "Samples received before.", labels=["surface"])
     # A gauge: a gap that is filled later is no loss any more.
     lost = GaugeMetricFamily("beamtouch_samples_missing", "Gaps in the sequence numbers.", labels=["surface"])
+    senders = CounterMetricFamily("beamtouch_sender_changes", "Samples from another sender.", labels=["surface"])
     age = GaugeMetricFamily("beamtouch_sample_age_seconds", "Age of the newest sample.", labels=["surface"])
     model = GaugeMetricFamily("beamtouch_model", "1 for the model in use.", labels=["surface", "model"])
     refused = GaugeMetricFamily("beamtouch_model_refused", "1 while the model file is not used.", labels=["surface"])
@@ -69,13 +70,14 @@ def _of_surfaces(surfaces: list[Surface], now_s: float) -> Iterator[Metric]:
         samples.add_metric(label, summary.samples.accepted)
         repeated.add_metric(label, summary.samples.repeated)
         lost.add_metric(label, summary.samples.lost)
+        senders.add_metric(label, surface.sender_changes)
         if summary.age_ms is not None:
             age.add_metric(label, summary.age_ms / 1e3)
         if summary.model is not None:
             model.add_metric([surface.name, summary.model], 1)
         refused.add_metric(label, summary.model_error is not None)
         inference.add_metric(label, _cumulative(surface.inference_s.counts), surface.inference_s.sum_s)
-    yield from (samples, repeated, lost, age, model, refused, inference)
+    yield from (samples, repeated, lost, senders, age, model, refused, inference)
 
 
 def _cumulative(counts: list[int]) -> list[tuple[str, float]]:

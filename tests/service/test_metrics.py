@@ -50,6 +50,7 @@ def test_samples_contacts_problems_and_durations(bench: Bench, make_batch: MakeB
         ("beamtouch_samples_repeated_total", "press-7"): 1,
         ("beamtouch_samples_missing", "press-7"): 3,
         ("beamtouch_sample_age_seconds", "press-7"): 0.25,
+        ("beamtouch_sender_changes_total", "press-7"): 0,
         ("beamtouch_contacts_total", "contact"): 4,
         ("beamtouch_contacts_total", "clear"): 1,
         ("beamtouch_problems_total", "no-samples"): 1,

@@ -153,7 +153,7 @@ def test_a_batch_over_the_present_moves_it_only_from_there_on(
     assert recorded.late_sequences == [8, 9]
 
 
-def test_a_former_sender_never_moves_the_present_again(surface: Surface, parse_batch: ParseBatch) -> None:
+def test_a_former_sender_does_not_move_a_fresh_present(surface: Surface, parse_batch: ParseBatch) -> None:
     surface.receive(parse_batch(RESTING, boot_id="boot-0001", sequence=7), arrival_s=10.0)
     surface.receive(parse_batch(TOUCHING, boot_id="boot-0002", sequence=0), arrival_s=10.1)
     # Its age is stated wrongly: as if it were taken just now.
