@@ -87,7 +87,7 @@ async def get_surface_contact(context: ContextParameter, name: SurfaceName) -> C
 
 def _counted(context: Context, surface: Surface) -> Contact:
     contact = surface.contact(context.clock())
-    context.counts.contacts[contact.state.value] += 1
+    context.counts.contacts[surface.name, contact.state.value] += 1
     return contact
 
 

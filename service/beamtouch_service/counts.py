@@ -18,11 +18,12 @@ class Counts:
     """Since the start. Refusals are also logged, once per minute and kind, without what the client sent."""
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
-        self.contacts: Counter[str] = Counter()
-        """Contacts served, by state."""
+        self.contacts: Counter[tuple[str, str]] = Counter()
+        """Contacts served, by surface and state."""
         self.problems: Counter[Kind] = Counter()
-        self.rejected: Counter[Kind] = Counter()
-        """Batches that ended in a problem; they changed nothing."""
+        self.rejected: Counter[tuple[str, Kind]] = Counter()
+        """Batches that ended in a problem, by surface, without a name where there is no such surface; they changed
+        nothing."""
         self._seldom = Seldom()
         self._clock = clock
 

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from beamtouch_models.modelfile import Answers, ModelFile
 from beamtouch_service.contact import Contact, ContactQuality, Decision, rfc3339
 from beamtouch_service.estimates import estimate
-from beamtouch_service.inference import Durations, Inference
+from beamtouch_service.inference import Inference
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.senders import Senders
 from beamtouch_service.sequences import SequenceLog
 from beamtouch_service.surface_summary import SampleCounts, SurfaceSummary
+from beamtouch_service.timings import Timings
 from beamtouch_service.touch import Follower, Levels, Seen, levels
 
 DEFAULT_STALE_MS = 500.0
@@ -71,7 +72,7 @@ class Surface:
         self._levels: tuple[ModelFile, Levels] | None = None
         self._follower: tuple[str, Follower] | None = None
         """For the sender of that boot id."""
-        self.inference_s = Durations()
+        self.timings = Timings()
         self._inference: Inference | None = None
         if model is not None:
             self.adopt(model)
@@ -83,7 +84,7 @@ class Surface:
 
     def adopt(self, model: ModelFile) -> None:
         """Estimate from the next sample on with this model; the contact so far stays that of the model it is of."""
-        inference = Inference(model, self.inference_s)
+        inference = Inference(model, self.timings.inference_s)
         self.model, self._inference = model, inference
 
     def receive(self, batch: Batch, arrival_s: float) -> Receipt:
@@ -212,6 +213,7 @@ class Surface:
         if late and self.model and self.witness:
             self.witness.late(self, self.model, batch, late)
         if fresh:
+            self.timings.arrival_age_s.add(batch.newest_age_ms / 1e3)
             self._senders.move(batch.boot_id, fresh[-1].sequence, acquired_s)
             self._advance(batch, fresh, acquired_s)
 
