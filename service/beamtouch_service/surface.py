@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from beamtouch_models.modelfile import Answers, ModelFile
 from beamtouch_service.contact import Contact, ContactQuality, Decision, rfc3339
+from beamtouch_service.defaults import STALE_MS
 from beamtouch_service.estimates import estimate
 from beamtouch_service.inference import Inference
 from beamtouch_service.problems import Kind, Problem, ProblemError
@@ -20,8 +21,6 @@ from beamtouch_service.sequences import SequenceLog
 from beamtouch_service.surface_summary import SampleCounts, SurfaceSummary
 from beamtouch_service.timings import Timings
 from beamtouch_service.touch import Follower, Levels, Seen, levels
-
-DEFAULT_STALE_MS = 500.0
 
 
 class Witness(Protocol):
@@ -56,7 +55,7 @@ class Newest:
 class Surface:
     """One surface: takes batches, gives the contact."""
 
-    def __init__(self, name: str, model: ModelFile | None = None, stale_ms: float = DEFAULT_STALE_MS) -> None:
+    def __init__(self, name: str, model: ModelFile | None = None, stale_ms: float = STALE_MS) -> None:
         self.name = name
         self.model: ModelFile | None = None
         self.model_error: str | None = None
