@@ -31,7 +31,7 @@ class Counts:
         """Log that the samples of a surface come from another sender, once per minute and surface."""
         times = self._seldom.due(f"sender of {surface}", self._clock())
         if times:
-            words = "surface %s: samples come from another sender, now %s: %d such changes since the last such line"
+            words = "surface %s: samples come from another sender, now %s (%d times since the last such line)"
             _log.info(words, surface, boot_id, times)
 
     def problem(self, kind: Kind, client: str) -> None:
