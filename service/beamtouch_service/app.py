@@ -22,7 +22,8 @@ from beamtouch_service import (
 )
 from beamtouch_service.access import Access
 from beamtouch_service.contact import Contact
-from beamtouch_service.context import DEFAULT_BATCHES_PER_S, Clock, Context, ContextParameter, SurfaceName, boot_clock
+from beamtouch_service.context import Clock, Context, ContextParameter, SurfaceInPath, boot_clock
+from beamtouch_service.defaults import BATCHES_PER_S
 from beamtouch_service.front import Front
 from beamtouch_service.model_keeper import ModelKeeper
 from beamtouch_service.problems import Kind
@@ -80,14 +81,14 @@ async def get_contact(
     tags=["contact"],
     responses=documentation.problems(Kind.UNKNOWN_SURFACE, *_CONTACT_PROBLEMS),
 )
-async def get_surface_contact(context: ContextParameter, name: SurfaceName) -> Contact:
+async def get_surface_contact(context: ContextParameter, name: SurfaceInPath) -> Contact:
     """Return the contact on this surface."""
     return _counted(context, context.registry.named(name))
 
 
 def _counted(context: Context, surface: Surface) -> Contact:
     contact = surface.contact(context.clock())
-    context.counts.contacts[contact.state.value] += 1
+    context.counts.contacts[surface.name, contact.state.value] += 1
     return contact
 
 
@@ -109,8 +110,10 @@ def _counted(context: Context, surface: Surface) -> Contact:
         Kind.STOPPING,
     ),
 )
-async def post_samples(context: ContextParameter, name: SurfaceName, request: Request) -> Receipt:
+async def post_samples(context: ContextParameter, name: SurfaceInPath, request: Request) -> Receipt:
     """Take a batch of samples. Sending one twice changes nothing; state the age of the newest anew at each attempt."""
+    # Front takes every batch before the routes are asked. This is their description, and the same taking for an
+    # application without Front.
     return await batches.take(context, name, request)
 
 
@@ -124,7 +127,7 @@ async def get_surfaces(context: ContextParameter) -> SurfaceList:
 @router.get(
     "/surfaces/{name}", tags=["surfaces"], responses=documentation.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE)
 )
-async def get_surface(context: ContextParameter, name: SurfaceName) -> SurfaceSummary:
+async def get_surface(context: ContextParameter, name: SurfaceInPath) -> SurfaceSummary:
     """Return one surface: its channels, model, limit, and what it received."""
     return context.registry.named(name).summary(context.clock())
 
@@ -155,7 +158,7 @@ def create_app(
     access: Access | str | None = None,
     clock: Clock = boot_clock,
     keepers: Mapping[str, ModelKeeper] | None = None,
-    max_batches_per_s: float = DEFAULT_BATCHES_PER_S,
+    max_batches_per_s: float = BATCHES_PER_S,
     streams: Streams | None = None,
     recorder: Recorder | None = None,
 ) -> Front:

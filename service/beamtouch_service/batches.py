@@ -10,14 +10,21 @@ from beamtouch_service.samples import Receipt
 
 async def take(context: Context, name: str, request: Request) -> Receipt:
     """Read the batch in a request that may write, and hand it to its surface. Raises ProblemError."""
-    surface = context.registry.named(name)
     try:
+        surface = context.registry.named(name)
         context.take_turn(name)
+        # The age was stated before the body travelled, so the instant is one before it came: what the body takes makes
+        # the samples older, never younger.
+        arrival_s = context.clock()
         # The body is read here and not by the framework: never beyond its limits.
         body = await read_body(request)
-        # The age was stated before the body travelled; the instant is taken before the body is parsed.
-        arrival_s = context.clock()
-        return surface.receive(parse_batch(body), arrival_s)
+        batch, changes = parse_batch(body), surface.sender_changes
+        receipt = surface.receive(batch, arrival_s)
     except ProblemError as error:
-        context.counts.rejected[error.problem.kind] += 1
+        # Whatever a client makes up is no label: there is one per surface, and an empty one.
+        context.counts.rejected[name if context.registry.find(name) else "", error.problem.kind] += 1
         raise
+    surface.timings.batch_s.add(context.clock() - arrival_s)
+    if surface.sender_changes != changes:
+        context.counts.sender_changed(name, batch.boot_id)
+    return receipt

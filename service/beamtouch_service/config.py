@@ -36,10 +36,10 @@ class SurfaceSettings:
 class EventSettings:
     """Where contacts are kept on record, and how many."""
 
-    file: Path | None = None
+    file: Path | None
     """None: in memory."""
-    keep_days: float = 30.0
-    most_mb: float = 100.0
+    keep_days: float
+    most_mb: float
 
 
 @dataclass(frozen=True)
@@ -61,13 +61,8 @@ class Settings:
     max_clients: int
     max_batches_per_s: float
     surfaces: tuple[SurfaceSettings, ...]
-    max_streams: int = 32
-    events: EventSettings = EventSettings()
-
-    @property
-    def token(self) -> str | None:
-        """The token for writing."""
-        return self.access.write
+    max_streams: int
+    events: EventSettings
 
 
 def load_settings(config: Path | None, options: Mapping[str, object]) -> Settings:

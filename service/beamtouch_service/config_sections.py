@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
+from beamtouch_service import defaults
 from beamtouch_service.samples import SurfaceName
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -24,7 +25,7 @@ class ServerSection(BaseModel):
     """0 picks a free one."""
     token_file: _Text | None = None
     """Without one every write is refused."""
-    max_streams: Annotated[int, Field(ge=0, le=1000)] = 32
+    max_streams: Annotated[int, Field(ge=0, le=1000)] = defaults.MAX_STREAMS
     """Most streams open at once."""
 
     read_token_file: _Text | None = None
@@ -36,7 +37,7 @@ class ServerSection(BaseModel):
     key_file: _Text | None = None
     max_clients: Annotated[int, Field(ge=1, le=100_000)] = 256
     """Connections at a time; more get 503."""
-    max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = 2000.0
+    max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = defaults.BATCHES_PER_S
     """For each surface; more get 429."""
 
 
@@ -47,8 +48,8 @@ class EventsSection(BaseModel):
 
     file: _Text | None = None
     """Without one they are kept in memory, until the service stops."""
-    keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = 30.0
-    most_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = 100.0
+    keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = defaults.KEEP_DAYS
+    most_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = defaults.MOST_MB
 
 
 class SurfaceSection(BaseModel):
@@ -58,7 +59,7 @@ class SurfaceSection(BaseModel):
 
     model: _Text | None = None
     """Model file; without one the surface takes samples and gives no contact."""
-    stale_ms: StaleMs = 500.0
+    stale_ms: StaleMs = defaults.STALE_MS
     """No contact is given from a sample older than this."""
 
 

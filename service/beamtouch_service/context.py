@@ -10,6 +10,7 @@ from fastapi import Path as PathParameter
 from starlette.requests import HTTPConnection
 
 from beamtouch_service.counts import Counts
+from beamtouch_service.defaults import BATCHES_PER_S
 from beamtouch_service.limits import Bucket
 from beamtouch_service.model_keeper import ModelKeeper
 from beamtouch_service.problems import Kind, Problem, ProblemError
@@ -18,7 +19,6 @@ from beamtouch_service.registry import Registry
 
 Clock = Callable[[], float]
 """Gives the present in seconds, never going back."""
-DEFAULT_BATCHES_PER_S = 2000.0
 
 
 def boot_clock() -> float:
@@ -35,7 +35,7 @@ class Context:
     counts: Counts = field(default_factory=Counts)
     keepers: Mapping[str, ModelKeeper] = field(default_factory=dict)
     """Of those surfaces that have a model file, by name."""
-    max_batches_per_s: float = DEFAULT_BATCHES_PER_S
+    max_batches_per_s: float = BATCHES_PER_S
     recorder: Recorder | None = None
     """Of the contacts of all surfaces."""
     buckets: dict[str, Bucket] = field(default_factory=dict)
@@ -55,4 +55,5 @@ async def _context(connection: HTTPConnection) -> Context:
 
 
 ContextParameter = Annotated[Context, Depends(_context)]
-SurfaceName = Annotated[str, PathParameter(description="Name of the surface.", examples=["press-7"])]
+SurfaceInPath = Annotated[str, PathParameter(description="Name of the surface.", examples=["press-7"])]
+"""Whatever a client put there; the registry says whether there is such a surface."""

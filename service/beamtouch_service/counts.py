@@ -18,13 +18,21 @@ class Counts:
     """Since the start. Refusals are also logged, once per minute and kind, without what the client sent."""
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
-        self.contacts: Counter[str] = Counter()
-        """Contacts served, by state."""
+        self.contacts: Counter[tuple[str, str]] = Counter()
+        """Contacts served, by surface and state."""
         self.problems: Counter[Kind] = Counter()
-        self.rejected: Counter[Kind] = Counter()
-        """Batches that ended in a problem; they changed nothing."""
+        self.rejected: Counter[tuple[str, Kind]] = Counter()
+        """Batches that ended in a problem, by surface, without a name where there is no such surface; they changed
+        nothing."""
         self._seldom = Seldom()
         self._clock = clock
+
+    def sender_changed(self, surface: str, boot_id: str) -> None:
+        """Log that the samples of a surface come from another sender, once per minute and surface."""
+        times = self._seldom.due(f"sender of {surface}", self._clock())
+        if times:
+            words = "surface %s: samples come from another sender, now %s (%d times since the last such line)"
+            _log.info(words, surface, boot_id, times)
 
     def problem(self, kind: Kind, client: str) -> None:
         """Count an answer that says no, to a client of this address."""

@@ -14,7 +14,8 @@ class _Encoded:
     basis: object
     """What it follows from; another object once that has changed."""
     acquired_s: float
-    state: str
+    counted: tuple[str, str]
+    """Surface and state."""
     before: bytes
     after: bytes
 
@@ -26,10 +27,10 @@ class EncodedContacts:
         self._registry = registry
         self._encoded: dict[str, _Encoded] = {}
 
-    def get(self, name: str | None, now_s: float) -> tuple[str, bytes] | None:
-        """Return state and JSON of the contact at `now_s` [s] on the surface of that name, or on the only one.
+    def get(self, name: str | None, now_s: float) -> tuple[tuple[str, str], bytes] | None:
+        """Return surface and state, and the JSON, of the contact on the surface of that name, or on the only one.
 
-        None where there is none to give, for whatever reason.
+        As of `now_s` [s]; None where there is none to give, for whatever reason.
         """
         surface = self._registry.find(name)
         if surface is None:
@@ -44,7 +45,7 @@ class EncodedContacts:
         # As the surface itself compares and rounds.
         if age_s * 1e3 > surface.stale_ms:
             return None
-        return encoded.state, b"%b%r%b" % (encoded.before, round(age_s * 1e3, 1), encoded.after)
+        return encoded.counted, b"%b%r%b" % (encoded.before, round(age_s * 1e3, 1), encoded.after)
 
 
 def _encode(surface: Surface, now_s: float) -> _Encoded | None:
@@ -56,5 +57,6 @@ def _encode(surface: Surface, now_s: float) -> _Encoded | None:
     if basis is None:
         return None
     age = f'"age_ms":{contact.age_ms!r}'
+    counted = surface.name, contact.state.value
     before, _, after = contact.model_dump_json().partition(age)
-    return _Encoded(basis, basis.acquired_s, contact.state.value, f'{before}"age_ms":'.encode(), after.encode())
+    return _Encoded(basis, basis.acquired_s, counted, f'{before}"age_ms":'.encode(), after.encode())

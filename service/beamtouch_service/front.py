@@ -95,8 +95,8 @@ class Front:
         state_and_body = self._contacts.get(name, self.context.clock())
         if state_and_body is None:
             return None
-        state, body = state_and_body
-        self.context.counts.contacts[state] += 1
+        counted, body = state_and_body
+        self.context.counts.contacts[counted] += 1
         return body
 
     async def _receipt(self, scope: Scope, receive: Receive) -> bytes | None:

@@ -1,6 +1,7 @@
 """One sample through the model, and how long that takes."""
 
 from bisect import bisect_left
+from collections.abc import Sequence
 from time import perf_counter
 
 import numpy as np
@@ -9,20 +10,22 @@ from numpy.typing import NDArray
 from beamtouch_models.modelfile import Answers, ModelFile
 
 BUCKETS_S = (10e-6, 20e-6, 50e-6, 100e-6, 200e-6, 500e-6, 1e-3, 2e-3, 5e-3, 10e-3)
-"""Upper ends, of durations [s]."""
+"""Upper ends, of the time per estimate [s]."""
 
 
 class Durations:
     """A histogram of durations."""
 
-    def __init__(self) -> None:
-        self.counts = [0] * (len(BUCKETS_S) + 1)
+    def __init__(self, buckets_s: Sequence[float] = BUCKETS_S) -> None:
+        self.buckets_s = buckets_s
+        """Upper ends [s]."""
+        self.counts = [0] * (len(buckets_s) + 1)
         """One per bucket and one for what is longer."""
         self.sum_s = 0.0
 
     def add(self, duration_s: float) -> None:
         """Count a duration [s]."""
-        self.counts[bisect_left(BUCKETS_S, duration_s)] += 1
+        self.counts[bisect_left(self.buckets_s, duration_s)] += 1
         self.sum_s += duration_s
 
 

@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import os
+import stat
 import time
 from dataclasses import dataclass
 from hashlib import sha256
@@ -28,6 +29,8 @@ class _Stamp:
     size: int
     changed_ns: int
     inode: int
+    status_ns: int
+    """When also its owner, its mode or its name changed."""
 
 
 def parse(content: bytes, origin: str) -> ModelFile:
@@ -61,14 +64,22 @@ class ModelKeeper:
         self._candidate = self._tried
         self._digest = digest
         """Of the content of the file whose model the surface has."""
+        self._waits_for: list[str] = []
+        """Channels of a model that was refused because they do not arrive."""
         self._lock = asyncio.Lock()
 
     async def poll(self) -> None:
-        """Load the file if it is another than last time, and the same as at the last poll, a second ago."""
+        """Load the file if it is another than last time, and the same as at the last poll, a second ago.
+
+        Load it again once its channels arrive, if it was refused for want of them.
+        """
         stamp = _stamp(self.path)
-        if stamp is not None and stamp != self._tried and stamp == self._candidate:
+        if stamp is not None and stamp == self._candidate and (stamp != self._tried or self._is_due()):
             await self.reload()
         self._candidate = stamp
+
+    def _is_due(self) -> bool:
+        return bool(self._waits_for) and set(self._waits_for) <= set(self.surface.offered or [])
 
     async def reload(self) -> bool:
         """Load the file; returns whether the surface has another model now.
@@ -86,6 +97,7 @@ class ModelKeeper:
             return changed
 
     async def _reload(self) -> bool:
+        self._waits_for = []
         content = await self._settled_content()
         digest, old = sha256(content).hexdigest(), self.surface.model
         if digest == self._digest:
@@ -106,11 +118,13 @@ class ModelKeeper:
             before = _stamp(self.path)
             if before is None or abs(time.time() - before.changed_ns / 1e9) < STILL_S:
                 await asyncio.sleep(STILL_S)
+            # Tried even if it cannot be read; if it is not there, whatever comes in its place is another.
+            self._tried = before
             content = await asyncio.to_thread(_read, self.path)
             after = _stamp(self.path)
             if before == after and after is not None and len(content) == after.size:
-                self._tried = after
                 return content
+        self._tried = None
         message = f"{self.path}: it is still being written; ask again when it is complete"
         raise ModelFileError(message)
 
@@ -118,6 +132,7 @@ class ModelKeeper:
         offered = self.surface.offered
         missing = [name for name in model.channels if offered is not None and name not in offered]
         if missing:
+            self._waits_for = model.channels
             message = f"{self.path}: it needs {', '.join(missing)}, which the samples of this surface do not have"
             raise ModelFileError(message)
 
@@ -127,12 +142,16 @@ def _stamp(path: Path) -> _Stamp | None:
         found = os.stat(path)  # noqa: PTH116  # a third of the time of Path.stat, once a second for every surface
     except OSError:
         return None
-    return _Stamp(found.st_size, found.st_mtime_ns, found.st_ino)
+    return _Stamp(found.st_size, found.st_mtime_ns, found.st_ino, found.st_ctime_ns)
 
 
 def _read(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        # Before it is opened: a pipe would be waited on for ever.
+        if stat.S_ISREG(path.stat().st_mode):
+            return path.read_bytes()
     except OSError as error:
         message = f"{path}: {error.strerror}"
         raise ModelFileError(message) from None
+    message = f"{path}: it is no file but something else; put the model file there"
+    raise ModelFileError(message)

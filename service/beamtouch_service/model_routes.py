@@ -5,7 +5,7 @@ from pydantic import BaseModel
 
 from beamtouch_models.modelfile import Accuracy, Calibration, ModelFile, Noise, Ranges
 from beamtouch_service import documentation, handlers
-from beamtouch_service.context import ContextParameter, SurfaceName
+from beamtouch_service.context import ContextParameter, SurfaceInPath
 from beamtouch_service.problems import Kind, Problem, ProblemError
 
 router = APIRouter(tags=["model"])
@@ -63,7 +63,7 @@ def describe(model: ModelFile) -> ModelDescription:
 @router.get(
     "/surfaces/{name}/model", responses=documentation.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.NO_MODEL)
 )
-async def get_model(context: ContextParameter, name: SurfaceName, response: Response) -> ModelDescription:
+async def get_model(context: ContextParameter, name: SurfaceInPath, response: Response) -> ModelDescription:
     """Return what the model of this surface says of itself: layout, ranges, accuracy, calibration."""
     response.headers.update(handlers.NO_STORE)
     model = context.registry.named(name).model
@@ -79,7 +79,7 @@ async def get_model(context: ContextParameter, name: SurfaceName, response: Resp
         Kind.UNAUTHORIZED, Kind.FORBIDDEN, Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.MODEL_REFUSED
     ),
 )
-async def post_reload(context: ContextParameter, name: SurfaceName, response: Response) -> Reloaded:
+async def post_reload(context: ContextParameter, name: SurfaceInPath, response: Response) -> Reloaded:
     """Read the model file of this surface again. One that cannot be used changes nothing. Needs the admin token."""
     response.headers.update(handlers.NO_STORE)
     surface = context.registry.named(name)

@@ -17,6 +17,7 @@ from threading import BoundedSemaphore
 
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.contact import State
+from beamtouch_service.defaults import KEEP_DAYS, MOST_MB
 from beamtouch_service.estimates import estimate
 from beamtouch_service.event_store import EventStore, Selection
 from beamtouch_service.events import Piece
@@ -25,8 +26,6 @@ from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surface import Surface
 from beamtouch_service.touch import Follower, Levels, Seen, levels
 
-KEEP_DAYS = 30.0
-MOST_MB = 100.0
 _WAITING_WRITES = 1000
 _WAITING_LATE = 200
 _MAX_EDGES = 4096

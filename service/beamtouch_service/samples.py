@@ -11,7 +11,8 @@ from typing import Annotated, Self
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 MAX_CHANNELS = 64
-MAX_SAMPLES = 10_000
+MAX_SAMPLES = 2000
+"""In a batch: while its samples are estimated and followed, everyone else waits."""
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 ChannelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]

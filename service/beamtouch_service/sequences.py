@@ -33,11 +33,13 @@ class Runs:
         self._ends: list[int] = []
         """One beyond the last of each run."""
         self._most = most
+        self._given_up = 0
+        """How many numbers are missing in gaps that are not remembered: they never count as new any more."""
 
     @property
     def missing(self) -> int:
-        """How many numbers are missing between the runs."""
-        return sum(begin - end for begin, end in zip(self._begins[1:], self._ends, strict=False))
+        """How many numbers between the first and the last were never added."""
+        return self._given_up + sum(begin - end for begin, end in zip(self._begins[1:], self._ends, strict=False))
 
     def __contains__(self, number: int) -> bool:
         index = bisect_right(self._begins, number) - 1
@@ -55,6 +57,7 @@ class Runs:
         if index + 1 < len(self._begins) and self._begins[index + 1] == end:
             del self._begins[index + 1], self._ends[index]
         if len(self._begins) > self._most:
+            self._given_up += self._begins[1] - self._ends[0]
             del self._begins[1], self._ends[0]
 
 

@@ -3,13 +3,13 @@
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
-from fastapi import Path as PathParameter
 from fastapi.responses import StreamingResponse
 
 from beamtouch_service import documentation, streams
+from beamtouch_service.context import Clock, SurfaceInPath
 from beamtouch_service.problems import Kind
 from beamtouch_service.registry import Registry
-from beamtouch_service.streams import Clock, StateStream, Streams
+from beamtouch_service.streams import StateStream, Streams
 
 _INTERVAL = "At most one event in this time [ms]; one is sent when something changed, and at least every second."
 _Interval = Annotated[int, Query(ge=20, le=5000, description=_INTERVAL)]
@@ -36,7 +36,7 @@ def make_router(registry: Registry, clock: Clock, open_streams: Streams) -> APIR
 
     @router.get("/surfaces/{name}/stream", response_class=StreamingResponse, responses=_responses(*_PROBLEMS))
     async def get_surface_stream(
-        name: Annotated[str, PathParameter(description="Name of the surface.", examples=["press-7"])],
+        name: SurfaceInPath,
         interval_ms: _Interval = 50,
     ) -> StateStream:
         """Send the state of this surface as server-sent events."""

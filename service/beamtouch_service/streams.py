@@ -13,20 +13,19 @@ from typing import Any
 from starlette.responses import Response
 from starlette.types import Message, Receive, Scope, Send
 
+from beamtouch_service.context import Clock
+from beamtouch_service.defaults import MAX_STREAMS
 from beamtouch_service.handlers import NO_STORE
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.state import changing, state_of
 from beamtouch_service.surface import Surface
 
 MEDIA_TYPE = "text/event-stream"
-MAX_STREAMS = 32
 SEND_S = 5.0
 """A client that takes nothing for this long is dropped; what the system buffers counts as taken."""
 _END_S = 0.1
 _ALIVE_S = 1.0
 """Without a change the state is sent this often, so that a client can tell a quiet surface from a dead line."""
-
-Clock = Callable[[], float]
 
 
 @dataclass

@@ -3,7 +3,6 @@
 No I/O and no clock: instants come in as seconds of the service's monotonic clock.
 """
 
-from collections import deque
 from dataclasses import asdict, dataclass
 from typing import Protocol
 
@@ -12,15 +11,16 @@ from numpy.typing import NDArray
 
 from beamtouch_models.modelfile import Answers, ModelFile
 from beamtouch_service.contact import Contact, ContactQuality, Decision, rfc3339
+from beamtouch_service.defaults import STALE_MS
 from beamtouch_service.estimates import estimate
-from beamtouch_service.inference import Durations, Inference
+from beamtouch_service.inference import Inference
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt, Sample
-from beamtouch_service.sequences import MAX_SENDERS, SequenceLog
+from beamtouch_service.senders import Senders
+from beamtouch_service.sequences import SequenceLog
 from beamtouch_service.surface_summary import SampleCounts, SurfaceSummary
+from beamtouch_service.timings import Timings
 from beamtouch_service.touch import Follower, Levels, Seen, levels
-
-DEFAULT_STALE_MS = 500.0
 
 
 class Witness(Protocol):
@@ -55,7 +55,7 @@ class Newest:
 class Surface:
     """One surface: takes batches, gives the contact."""
 
-    def __init__(self, name: str, model: ModelFile | None = None, stale_ms: float = DEFAULT_STALE_MS) -> None:
+    def __init__(self, name: str, model: ModelFile | None = None, stale_ms: float = STALE_MS) -> None:
         self.name = name
         self.model: ModelFile | None = None
         self.model_error: str | None = None
@@ -67,11 +67,11 @@ class Surface:
         self._sequences = SequenceLog()
         self._counts = SampleCounts()
         self._present: Newest | None = None
-        self._former_senders: deque[str] = deque(maxlen=MAX_SENDERS)
+        self._senders = Senders(stale_ms)
         self._levels: tuple[ModelFile, Levels] | None = None
         self._follower: tuple[str, Follower] | None = None
         """For the sender of that boot id."""
-        self.inference_s = Durations()
+        self.timings = Timings()
         self._inference: Inference | None = None
         if model is not None:
             self.adopt(model)
@@ -83,7 +83,7 @@ class Surface:
 
     def adopt(self, model: ModelFile) -> None:
         """Estimate from the next sample on with this model; the contact so far stays that of the model it is of."""
-        inference = Inference(model, self.inference_s)
+        inference = Inference(model, self.timings.inference_s)
         self.model, self._inference = model, inference
 
     def receive(self, batch: Batch, arrival_s: float) -> Receipt:
@@ -103,7 +103,7 @@ class Surface:
         self._counts.repeated += admission.repeated
         self._counts.lost += admission.lost
         if admission.accepted:
-            self._take(batch, set(admission.new), arrival_s - batch.newest_age_ms / 1e3)
+            self._take(batch, set(admission.new), arrival_s)
         return Receipt(accepted=admission.accepted, repeated=admission.repeated)
 
     def contact(self, now_s: float) -> Contact:
@@ -127,6 +127,11 @@ class Surface:
             degraded_channels=degraded,
             model=present.model,
         )
+
+    @property
+    def sender_changes(self) -> int:
+        """How often the present went from one sender to another."""
+        return self._senders.changes
 
     @property
     def newest(self) -> Newest | None:
@@ -193,31 +198,29 @@ class Surface:
         detail = "Samples are accepted, but there is no model to estimate from; give one with --model or in the config."
         return Problem(Kind.NO_MODEL, detail, self.name)
 
-    def _take(self, batch: Batch, new: set[int], acquired_s: float) -> None:
+    def _take(self, batch: Batch, new: set[int], arrival_s: float) -> None:
         """Take the new samples of a batch: those after the present move it, the others only complete the record."""
+        acquired_s = arrival_s - batch.newest_age_ms / 1e3
         samples = [sample for sample in batch.samples if sample.sequence in new]
-        fresh = [sample for sample in samples if self._is_after_present(batch.boot_id, sample, acquired_s)]
+        # Increasing, and only the number differs between them: those after the present are the last ones.
+        fresh = [
+            sample
+            for sample in samples
+            if self._senders.is_after_present(batch.boot_id, sample.sequence, acquired_s, arrival_s)
+        ]
         late = samples[: len(samples) - len(fresh)]
-        if self.model is None:
-            if fresh:
-                self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s)
-            return
-        if late and self.witness:
+        if late and self.model and self.witness:
             self.witness.late(self, self.model, batch, late)
         if fresh:
-            self._advance(self.model, batch, fresh, acquired_s)
+            self.timings.arrival_age_s.add(batch.newest_age_ms / 1e3)
+            self._senders.move(batch.boot_id, fresh[-1].sequence, acquired_s)
+            self._advance(batch, fresh, acquired_s)
 
-    def _is_after_present(self, boot_id: str, sample: Sample, acquired_s: float) -> bool:
-        if self._present is None:
-            return True
-        if acquired_s < self._present.acquired_s or boot_id in self._former_senders:
-            return False
-        return boot_id != self._present.boot_id or sample.sequence > self._present.sample.sequence
-
-    def _advance(self, model: ModelFile, batch: Batch, fresh: list[Sample], acquired_s: float) -> None:
-        if self._present and self._present.boot_id != batch.boot_id:
-            # The sender started anew; whatever still comes of its former life is history.
-            self._former_senders.append(self._present.boot_id)
+    def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> None:
+        model = self.model
+        if model is None:
+            self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s)
+            return
         follower = self._following(model, batch.boot_id)
         seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch.channels, fresh, self._ask)]
         self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, seen[-1], model.identity)

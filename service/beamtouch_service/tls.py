@@ -24,6 +24,8 @@ def require(files: TlsFiles) -> None:
 
 
 def load(context: ssl.SSLContext, files: TlsFiles) -> None:
-    """Let connections from now on use what the files hold; raises SSLError if they will not do."""
-    # An empty passphrase: OpenSSL would else ask for one at the terminal and wait.
-    context.load_cert_chain(files.certificate, files.key, password="")
+    """Let connections from now on use what the files hold; raises SSLError if they will not do, and changes nothing."""
+    # Into a context of no use first: OpenSSL puts the certificate in before it sees that the key is that of another.
+    for one in (ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), context):
+        # An empty passphrase: OpenSSL would else ask for one at the terminal and wait.
+        one.load_cert_chain(files.certificate, files.key, password="")

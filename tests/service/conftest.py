@@ -88,20 +88,21 @@ def _golden(model: onnx.ModelProto, channels: int) -> modelfile.Golden:
 
 @pytest.fixture
 def build_model(tmp_path: Path) -> BuildModel:
-    """Write a model file with channels s1, s2, ... on a beam of 400 mm."""
+    """Write a model file with channels s1, s2, ... (or of another prefix) on a beam of 400 mm."""
 
     def build(
         name: str = "press-7",
         channels: int = 3,
         min_channels: int = 2,
         outputs: tuple[str, ...] = modelfile.POSITION_OUTPUTS + modelfile.FORCE_OUTPUTS,
+        prefix: str = "s",
     ) -> Path:
         model = _graph(channels, outputs)
         metadata = modelfile.Metadata(
             name=name,
             estimator="tiny",
             length_mm=400,
-            layout=[modelfile.Channel(name=f"s{i + 1}", position_mm=100.0 * (i + 1)) for i in range(channels)],
+            layout=[modelfile.Channel(name=f"{prefix}{i + 1}", position_mm=100.0 * (i + 1)) for i in range(channels)],
             min_channels=min_channels,
             ranges=modelfile.Ranges(position_mm=(1, 399), force_n=(1, 20)),
             max_deflection_mm=1,

@@ -20,7 +20,7 @@ def load(folder: Path, text: str, **options: object) -> Settings:
 def test_with_nothing_it_listens_on_loopback_and_has_no_surface() -> None:
     settings = load_settings(None, {})
 
-    assert (settings.host, settings.port, settings.token, settings.surfaces) == ("127.0.0.1", 8420, None, ())
+    assert (settings.host, settings.port, settings.access.write, settings.surfaces) == ("127.0.0.1", 8420, None, ())
 
 
 def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
@@ -31,7 +31,7 @@ def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
         '[surfaces.a]\nmodel = "a.onnx"\nstale_ms = 250\n[surfaces.b]\nmodel = "/elsewhere/b.onnx"\n[surfaces.c]\n',
     )
 
-    assert (settings.port, settings.token) == (9000, "correct-horse-battery")
+    assert (settings.port, settings.access.write) == (9000, "correct-horse-battery")
     assert [(entry.name, entry.model, entry.stale_ms) for entry in settings.surfaces] == [
         ("a", tmp_path / "a.onnx", 250),
         ("b", Path("/elsewhere/b.onnx"), 500),

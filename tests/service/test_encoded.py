@@ -29,7 +29,7 @@ def test_it_is_what_the_surface_says(
     found = contacts.get("press-7", bench.now_s + age_s)
     assert found is not None
     contact = registry.named("press-7").contact(bench.now_s + age_s)
-    assert (found[0], json.loads(found[1])) == (contact.state.value, contact.model_dump(mode="json"))
+    assert (found[0], json.loads(found[1])) == (("press-7", contact.state.value), contact.model_dump(mode="json"))
     assert found[1].decode() == contact.model_dump_json()
 
 

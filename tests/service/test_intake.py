@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from beamtouch_service.intake import MAX_BODY_BYTES, pointer
+from beamtouch_service.samples import MAX_SAMPLES
 from beamtouch_service.surface import Surface
 
 if TYPE_CHECKING:
@@ -25,6 +26,17 @@ def kind(response: httpx2.Response) -> str:
 
 def accepted(bench: Bench) -> int:
     return int(bench.get("/surfaces/press-7").json()["samples"]["accepted"])
+
+
+def test_a_batch_holds_so_many_samples_and_no_more(bench: Bench, make_batch: MakeBatch) -> None:
+    rows = [[0.5, 0.25, 0.125]] * MAX_SAMPLES
+    response = bench.post(make_batch(*rows, [0.0, 0.0, 0.0]))
+
+    assert (response.status_code, kind(response)) == (422, "invalid-request")
+    assert response.json()["errors"][0]["pointer"] == "#/samples"
+    assert accepted(bench) == 0
+    assert bench.post(make_batch(*rows)).status_code == 200
+    assert accepted(bench) == MAX_SAMPLES == 2000
 
 
 @pytest.mark.parametrize("token", [None, "wrong", "correct-horse-battery-stapl", "correct-horse-battery-staple2"])

@@ -14,6 +14,7 @@ from beamtouch_models import modelfile
 from beamtouch_service import model_keeper
 from beamtouch_service.access import Access
 from beamtouch_service.model_keeper import ModelKeeper
+from beamtouch_service.problems import ProblemError
 from beamtouch_service.surface import Surface
 from service.conftest import ADMIN_TOKEN, TOKEN
 
@@ -164,6 +165,84 @@ def test_a_bad_file_is_tried_once(kept: ModelKeeper, caplog: pytest.LogCaptureFi
 
     asyncio.run(story())
     assert len(caplog.records) == 1
+
+
+async def polls(keeper: ModelKeeper, times: int = 3) -> None:
+    for _ in range(times):
+        await keeper.poll()
+
+
+def test_a_model_that_waits_for_its_channels_is_used_once_they_arrive(
+    kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    old = identity(kept)
+    kept.surface.receive(parse_batch(), arrival_s=10.0)
+    put(kept.path, build_model(name="five", channels=5).read_bytes())
+    asyncio.run(polls(kept))
+    kept.surface.receive(parse_batch([0.5] * 4, sequence=2), arrival_s=10.1)
+    asyncio.run(polls(kept))
+    assert (identity(kept), len(caplog.records)) == (old, 1)
+    assert "it needs s4, s5" in str(kept.surface.model_error)
+
+    kept.surface.receive(parse_batch([0.5] * 5, boot_id="boot-0002"), arrival_s=10.2)
+    asyncio.run(polls(kept))
+    assert identity(kept).startswith("five@")
+    assert kept.surface.model_error is None
+
+
+@pytest.mark.parametrize("model_comes_first", [True, False])
+def test_channels_that_are_renamed_are_refused_until_the_model_is_changed_too(
+    kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch, *, model_comes_first: bool
+) -> None:
+    kept.surface.receive(parse_batch(), arrival_s=10.0)
+    names = [f"t{number}" for number in range(1, 4)]
+    renamed = parse_batch(channels=names, boot_id="boot-0002")
+    content = build_model(name="renamed", prefix="t").read_bytes()
+
+    def change_model() -> None:
+        put(kept.path, content)
+        asyncio.run(polls(kept))
+
+    if model_comes_first:
+        change_model()
+    with pytest.raises(ProblemError):
+        kept.surface.receive(renamed, arrival_s=10.1)
+    if not model_comes_first:
+        change_model()
+    asyncio.run(polls(kept))
+    kept.surface.receive(renamed, arrival_s=10.2)
+    assert kept.surface.contact(10.2).model.startswith("renamed@")
+
+
+def test_a_file_that_went_away_and_came_back_is_in_use_again(kept: ModelKeeper, tmp_path: Path) -> None:
+    put(kept.path, kept.path.read_bytes())
+    asyncio.run(polls(kept))
+    kept.path.rename(tmp_path / "away")
+    assert asyncio.run(kept.reload()) is False
+    assert "No such file" in str(kept.surface.model_error)
+
+    (tmp_path / "away").rename(kept.path)
+    asyncio.run(polls(kept))
+    assert kept.surface.model_error is None
+
+
+def test_what_is_no_file_is_never_opened(kept: ModelKeeper, caplog: pytest.LogCaptureFixture) -> None:
+    kept.path.unlink()
+    os.mkfifo(kept.path)
+    os.utime(kept.path, (time.time() - 10,) * 2)
+
+    async def story() -> None:
+        try:
+            async with asyncio.timeout(30):
+                await polls(kept)
+                assert await kept.reload() is False
+        finally:
+            # A thread that waits for a writer is let go, or the loop would wait for that thread.
+            os.close(os.open(kept.path, os.O_RDWR | os.O_NONBLOCK))
+
+    asyncio.run(story())
+    assert "no file but something else" in str(kept.surface.model_error)
+    assert len(caplog.records) == 2
 
 
 def test_the_routes_of_a_model(

@@ -70,11 +70,19 @@ def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) ->
         assert lost == max(known) - min(known) + 1 - len(known)
 
 
-def test_only_so_many_gaps_are_remembered_and_the_oldest_counts_as_filled() -> None:
+def test_only_so_many_gaps_are_remembered_and_the_oldest_is_never_filled_any_more() -> None:
     runs = Runs(most=3)
     for number in (0, 10, 20, 30):
         runs.add(number, number + 1)
 
     assert 5 in runs
     assert 15 not in runs
-    assert runs.missing == 18
+    assert runs.missing == 27
+
+
+def test_gaps_that_are_not_remembered_stay_lost() -> None:
+    log = SequenceLog()
+
+    assert log.admit("boot-a", range(0, 4000, 2)).lost == 1999
+    assert log.admit("boot-a", [1]) == Admission(accepted=0, repeated=1, lost=0)
+    assert log.admit("boot-a", [3997]) == Admission(accepted=1, repeated=0, lost=-1)

@@ -59,6 +59,28 @@ def test_an_older_sample_of_another_sender_changes_nothing(surface: Surface, par
     assert (contact.sequence, contact.state.value, contact.age_ms) == (1, "contact", 100.0)
 
 
+def test_a_newer_sample_of_the_same_sender_is_the_present_however_old_it_is_said_to_be(
+    surface: Surface, parse_batch: ParseBatch
+) -> None:
+    surface.receive(parse_batch([0.5, 0.25, 0.125], sequence=10), arrival_s=10.0)
+    surface.receive(parse_batch([0.0, 0.0, 0.0], sequence=11, age_ms=50), arrival_s=10.0)
+
+    contact = surface.contact(10.0)
+    assert (contact.sequence, contact.state.value, contact.age_ms) == (11, "clear", 50.0)
+
+
+def test_a_stray_batch_holds_the_surface_no_longer_than_it_is_fresh(surface: Surface, parse_batch: ParseBatch) -> None:
+    surface.receive(parse_batch(sequence=12), arrival_s=10.0)
+    surface.receive(parse_batch([0.0, 0.0, 0.0], boot_id="stray-by-hand", sequence=1), arrival_s=10.1)
+    surface.receive(parse_batch(sequence=13), arrival_s=10.6)
+    assert surface.contact(10.6).sequence == 1
+
+    surface.receive(parse_batch(sequence=14), arrival_s=10.61)
+    contact = surface.contact(10.61)
+    assert (contact.sequence, contact.state.value, contact.age_ms) == (14, "contact", 0.0)
+    assert surface.sender_changes == 2
+
+
 def test_a_repeated_batch_does_not_make_the_contact_younger(surface: Surface, parse_batch: ParseBatch) -> None:
     surface.receive(parse_batch(), arrival_s=10.0)
     receipt = surface.receive(parse_batch(), arrival_s=10.4)

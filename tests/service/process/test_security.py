@@ -83,6 +83,38 @@ def test_https(
         assert client.get(service.url + "/health/live").json() == {"status": "live"}
 
 
+def test_a_certificate_that_is_replaced_while_the_service_runs(
+    start_service: StartService, certificate: tuple[Path, Path], tmp_path: Path, wait_for: Wait
+) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    first, second = _contents(certificate), _contents(make_certificate(other))
+    service = start_service("--certificate-file", certificate[0], "--key-file", certificate[1])
+
+    def shown() -> bytes:
+        """Shake hands, and return the certificate."""
+        return ssl.get_server_certificate(address(service)).encode()
+
+    def reload() -> None:
+        service.process.send_signal(signal.SIGHUP)
+
+    assert shown() == first[0]
+    certificate[0].write_bytes(second[0])
+    reload()
+    errors = service.process.stderr
+    assert errors is not None
+    while "the new certificate is not used" not in (line := errors.readline()):
+        assert line
+    assert shown() == first[0]
+    certificate[1].write_bytes(second[1])
+    reload()
+    wait_for(lambda: shown() == second[0])
+
+
+def _contents(files: tuple[Path, Path]) -> tuple[bytes, bytes]:
+    return files[0].read_bytes(), files[1].read_bytes()
+
+
 def test_a_certificate_that_will_not_do(command: Command, certificate: tuple[Path, Path], tmp_path: Path) -> None:
     def refused(certificate_file: Path, key_file: Path) -> str:
         options = ("--certificate-file", certificate_file, "--key-file", key_file)
