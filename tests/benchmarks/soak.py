@@ -141,6 +141,7 @@ def ask(client: httpx2.Client, truth: Truth, seen: Seen) -> None:
     seen.compared += 1
     if (load[0] is not None) != (contact["state"] == "contact"):
         seen.mistaken += 1
+        print(f"mistaken: {load} was told as {contact}", flush=True)
     elif load[0] is not None:
         seen.outside += not contact["position_low_mm"] <= load[0] <= contact["position_high_mm"]
 
