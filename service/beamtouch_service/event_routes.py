@@ -4,16 +4,17 @@ import csv
 import io
 from asyncio import wrap_future
 from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
-from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from beamtouch_service import documentation
 from beamtouch_service.contact import ContactQuality, rfc3339
-from beamtouch_service.event_store import Selection
+from beamtouch_service.event_store import EventStore, Selection
 from beamtouch_service.events import Begin, End, Piece
 from beamtouch_service.handlers import NO_STORE
 from beamtouch_service.problems import Kind
@@ -22,7 +23,7 @@ from beamtouch_service.registry import Registry
 from beamtouch_service.samples import SurfaceName
 
 CSV = "text/csv"
-_MAX_LIMIT = 1000
+_LIMIT, _MAX_LIMIT, _MOST_PATHS = 100, 1000, 20
 
 
 def _rfc3339(value: object) -> object:
@@ -47,8 +48,23 @@ class EventQuery(BaseModel):
     after: str | None = Field(
         None, pattern=r"^[0-9]{1,17}\.[0-9]{1,18}$", description="`next` of the last page: go on behind it."
     )
-    limit: int = Field(100, ge=1, le=_MAX_LIMIT, description="Most events on a page.")
+    limit: int | None = Field(
+        None, ge=1, le=_MAX_LIMIT, description=f"Most events on a page; with paths at most {_MOST_PATHS}."
+    )
+    path: bool = Field(default=False, description="JSON with the path of each contact, up to 200 points.")
     format: Literal["json", "csv"] | None = Field(None, description="Instead of the header `Accept`.")
+
+    @model_validator(mode="after")
+    def _few_with_paths(self) -> Self:
+        if self.path and (self.limit or 0) > _MOST_PATHS:
+            message = f"with path=true limit is at most {_MOST_PATHS}; ask for the next page"
+            raise ValueError(message)
+        return self
+
+    @property
+    def most(self) -> int:
+        """Most events on a page."""
+        return self.limit or (_MOST_PATHS if self.path else _LIMIT)
 
 
 class PathPoint(BaseModel):
@@ -86,6 +102,11 @@ class Event(BaseModel):
     model: str
     boot_id: str
     """Of the sender."""
+
+
+class EventWithPath(Event):
+    """One contact with its path."""
+
     path: list[PathPoint]
     """At most 200 points, spread over the time of the contact."""
 
@@ -93,12 +114,12 @@ class Event(BaseModel):
 class EventList(BaseModel):
     """Events, the newest touch first."""
 
-    events: list[Event]
+    events: list[EventWithPath] | list[Event]
     next: str | None
     """Give it as `after` for the next page; null on the last."""
 
 
-_CSV_COLUMNS = [name for name in Event.model_fields if name != "path"]
+_CSV_COLUMNS = list(Event.model_fields)
 
 
 def _event(number: int, piece: Piece) -> Event:
@@ -119,8 +140,12 @@ def _event(number: int, piece: Piece) -> Event:
         quality=ContactQuality.DEGRADED if piece.degraded else ContactQuality.GOOD,
         model=piece.model,
         boot_id=piece.boot_id,
-        path=[PathPoint(at=rfc3339(at), position_mm=position, force_n=force) for at, position, force in piece.path],
     )
+
+
+def _event_with_path(number: int, piece: Piece) -> EventWithPath:
+    path = [PathPoint(at=rfc3339(at), position_mm=position, force_n=force) for at, position, force in piece.path]
+    return EventWithPath(**dict(_event(number, piece)), path=path)
 
 
 def _microseconds(moment: datetime | None) -> int | None:
@@ -135,8 +160,30 @@ def _selection(query: EventQuery) -> Selection:
         until_us=_microseconds(query.until),
         after=(int(touched), int(number)) if query.after else None,
         # One more shows whether there is a next page.
-        limit=query.limit + 1,
+        limit=query.most + 1,
+        paths=query.path,
     )
+
+
+@dataclass(frozen=True)
+class _Page:
+    content: str
+    next: str | None
+    is_empty: bool
+
+
+def _page(store: EventStore, query: EventQuery, *, csv: bool) -> _Page:
+    """Read and encode; nobody waits for it but who asked, and in the loop everybody would."""
+    found = store.read(_selection(query))
+    page = found[: query.most]
+    following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(found) > len(page) else None
+    if csv:
+        content = _as_csv([_event(number, piece) for number, piece in page])
+    elif query.path:
+        content = EventList(events=[_event_with_path(*entry) for entry in page], next=following).model_dump_json()
+    else:
+        content = EventList(events=[_event(*entry) for entry in page], next=following).model_dump_json()
+    return _Page(content, following, not found)
 
 
 def _as_csv(events: Sequence[Event]) -> str:
@@ -161,21 +208,16 @@ def make_router(registry: Registry, recorder: Recorder) -> APIRouter:
 
     @router.get("/events", responses={200: documentation.EVENTS, **problems}, response_model=EventList)
     async def get_events(request: Request, query: Annotated[EventQuery, Query()]) -> Response:
-        """Return contacts from touch to lift, the newest touch first; as CSV a row each, without paths."""
-        found = await wrap_future(recorder.read(_selection(query)))
-        if query.surface and not found:
+        """Return contacts from touch to lift, the newest touch first; their paths only where asked for."""
+        csv = _wants_csv(query, request)
+        page = await wrap_future(recorder.ask(lambda store: _page(store, query, csv=csv)))
+        if query.surface and page.is_empty:
             # Of a surface that is no longer configured there may still be events; without any the name is wrong.
             registry.named(query.surface)
-        page = found[: query.limit]
-        following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(found) > len(page) else None
-        events = [_event(number, piece) for number, piece in page]
-        if not _wants_csv(query, request):
-            content = EventList(events=events, next=following).model_dump_json()
-            return Response(content, headers=NO_STORE, media_type="application/json")
         headers = dict(NO_STORE)
-        if following:
-            parameters = {**request.query_params, "after": following}
+        if page.next and csv:
+            parameters = {**request.query_params, "after": page.next}
             headers["Link"] = f'</events?{urlencode(parameters)}>; rel="next"'
-        return Response(_as_csv(events), headers=headers, media_type=CSV)
+        return Response(page.content, headers=headers, media_type=CSV if csv else "application/json")
 
     return router

@@ -47,6 +47,8 @@ class Selection:
     after: tuple[int, int] | None = None
     """Touch time and id of the last one that was read."""
     limit: int = 100
+    paths: bool = False
+    """With the path of each; it makes nearly all of an event."""
 
 
 class EventStore:
@@ -151,7 +153,7 @@ class EventStore:
         self._database.execute(f"INSERT OR REPLACE INTO events ({names}) VALUES ({places})", values)  # noqa: S608
 
     def read(self, selection: Selection) -> list[tuple[int, Piece]]:
-        """Return id and content of the selected events, newest touch first."""
+        """Return id and content of the selected events, newest touch first; without their paths unless asked for."""
         conditions, values = ["1"], list[object]()
         for condition, value in (
             ("surface = ?", selection.surface),
@@ -164,7 +166,7 @@ class EventStore:
         if selection.after:
             conditions.append("(touched_us, id) < (?, ?)")
             values += selection.after
-        names = ", ".join(f'"{name}"' for name in _COLUMNS)
+        names = ", ".join(f'"{name}"' if name != "path" or selection.paths else "'[]'" for name in _COLUMNS)
         query = (
             f"SELECT id, {names} FROM events WHERE {' AND '.join(conditions)} "  # noqa: S608  # our own text only
             "ORDER BY touched_us DESC, id DESC LIMIT ?"

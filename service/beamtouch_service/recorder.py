@@ -14,13 +14,13 @@ from itertools import pairwise
 from pathlib import Path
 from sqlite3 import Error as SqliteError
 from threading import BoundedSemaphore
+from typing import TypeVar
 
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.contact import State
 from beamtouch_service.defaults import KEEP_DAYS, MOST_MB
 from beamtouch_service.estimates import estimate
-from beamtouch_service.event_store import EventStore, Selection
-from beamtouch_service.events import Piece
+from beamtouch_service.event_store import EventStore
 from beamtouch_service.folding import Command, Folder, fold_late
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surface import Surface
@@ -33,6 +33,8 @@ _PRUNE_S = 60.0
 _COMPLAIN_S = 60.0
 
 _log = logging.getLogger("beamtouch.service.events")
+
+_T = TypeVar("_T")
 
 Edges = dict[int, tuple[int, State | None]]
 """Sample number -> time [us] and state, next to a gap."""
@@ -82,10 +84,10 @@ class Recorder:
         name, hold_ms = surface.name, surface.stale_ms
         self._submit(self._late, lambda: self._write_late(name, hold_ms, model, batch, samples))
 
-    def read(self, selection: Selection) -> "Future[list[tuple[int, Piece]]]":
-        """Read events, after everything that was told before."""
+    def ask(self, question: Callable[[EventStore], _T]) -> "Future[_T]":
+        """Have a question answered in the thread, one at a time, after everything that was told before."""
         self._flush()
-        return self._thread.submit(self._store.read, selection)
+        return self._thread.submit(question, self._store)
 
     def close(self) -> None:
         """Write what there is, and close the file."""
