@@ -6,11 +6,11 @@ from asyncio import wrap_future
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
-from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
 from beamtouch_service import documentation
 from beamtouch_service.contact import ContactQuality, rfc3339
@@ -48,18 +48,19 @@ class EventQuery(BaseModel):
     after: str | None = Field(
         None, pattern=r"^[0-9]{1,17}\.[0-9]{1,18}$", description="`next` of the last page: go on behind it."
     )
+    path: bool = Field(default=False, description="JSON with the path of each contact, up to 200 points.")
     limit: int | None = Field(
         None, ge=1, le=_MAX_LIMIT, description=f"Most events on a page; with paths at most {_MOST_PATHS}."
     )
-    path: bool = Field(default=False, description="JSON with the path of each contact, up to 200 points.")
     format: Literal["json", "csv"] | None = Field(None, description="Instead of the header `Accept`.")
 
-    @model_validator(mode="after")
-    def _few_with_paths(self) -> Self:
-        if self.path and (self.limit or 0) > _MOST_PATHS:
-            message = f"with path=true limit is at most {_MOST_PATHS}; ask for the next page"
+    @field_validator("limit")
+    @classmethod
+    def _few_with_paths(cls, limit: int | None, info: ValidationInfo) -> int | None:
+        if info.data.get("path") and limit is not None and limit > _MOST_PATHS:
+            message = f"with path=true it is at most {_MOST_PATHS}; ask for the next page"
             raise ValueError(message)
-        return self
+        return limit
 
     @property
     def most(self) -> int:
