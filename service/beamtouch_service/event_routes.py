@@ -162,7 +162,8 @@ def make_router(registry: Registry, recorder: Recorder) -> APIRouter:
     @router.get("/events", responses={200: documentation.EVENTS, **problems}, response_model=EventList)
     async def get_events(request: Request, query: Annotated[EventQuery, Query()]) -> Response:
         """Return contacts from touch to lift, the newest touch first; as CSV a row each, without paths."""
-        found = await wrap_future(recorder.read(_selection(query)))
+        selection = _selection(query)
+        found = await wrap_future(recorder.ask(lambda store: store.read(selection)))
         if query.surface and not found:
             # Of a surface that is no longer configured there may still be events; without any the name is wrong.
             registry.named(query.surface)
