@@ -1,8 +1,9 @@
 """Delivery of one surface's samples to the service: the present first, what waits on the disk after it.
 
 A batch that the service does not take goes to the spool, and with it all that waits. As soon as the service takes
-batches again, each live batch is followed by one from the spool, until that is empty. What was answered with nothing is
-sent again, which changes nothing.
+batches again, each live batch is followed by one from the spool, until that is empty. One from the spool that is not
+taken rests for a while, and the present does not: a service may have no time for what is late. What was answered with
+nothing is sent again, which changes nothing.
 """
 
 import asyncio
@@ -76,6 +77,9 @@ class Publisher:
         self._disk = disk
         self._most = min(MAX_BATCH, MAX_BATCH_VALUES // len(sender.channels))
         self._fault = Fault(_log, f"{sender.surface}: publishing")
+        self._late_fault = Fault(_log, f"{sender.surface}: publishing what waits on the disk")
+        self._late_backoff = Backoff(most_s=RETRY_S)
+        self._late_rests_until_s = 0.0
         self._delivered: Spooled | None = None
         """Delivered from the disk, and not removed there yet."""
         self._disk_rests_until_s = 0.0
@@ -95,7 +99,8 @@ class Publisher:
             if len(self._outbox) < self._most:
                 await self._outbox.pause(next_s - monotonic())
             next_s = monotonic() + self._batch_s
-            if await self._deliver_live() and await self._deliver_spooled():
+            if await self._deliver_live():
+                await self._deliver_spooled()
                 backoff.reset()
                 continue
             await self._spool_all()
@@ -115,7 +120,7 @@ class Publisher:
         if not samples:
             return True
         try:
-            taken = await self._send(self._batch(samples, monotonic()))
+            taken = await self._send(self._batch(samples, monotonic()), self._fault)
         except BaseException:  # cancelled: what may not have arrived stays counted
             self._outbox.put_back(samples)
             raise
@@ -127,19 +132,23 @@ class Publisher:
             self._outbox.put_back(samples)
         return taken is not False
 
-    async def _deliver_spooled(self) -> bool:
-        """Send the oldest batch on the disk, if there is one; return False if it has to be sent again."""
+    async def _deliver_spooled(self) -> None:
+        """Send the oldest batch on the disk, if there is one and it is time."""
         if self._disk is None or not self.spooled or self._outbox.is_closed:
-            return True
+            return
         disk, surface = self._disk, self._sender.surface
-        if monotonic() < self._disk_rests_until_s:
-            return True
+        if monotonic() < max(self._disk_rests_until_s, self._late_rests_until_s):
+            return
         try:
             if self._delivered is None:
                 oldest = await disk.call(lambda: disk.spool.oldest(surface))
-                taken = oldest is None or await self._send(oldest.batch)
-                if oldest is None or taken is False:
-                    return oldest is None
+                if oldest is None:
+                    return
+                taken = await self._send(oldest.batch, self._late_fault)
+                if taken is False:
+                    self._late_rests_until_s = monotonic() + self._late_backoff.next()
+                    return
+                self._late_backoff.reset()
                 self._count(oldest.batch, taken)
                 self._delivered = oldest
             done = self._delivered
@@ -148,7 +157,6 @@ class Publisher:
         except SpoolError as error:  # the present does not wait for it
             self._disk_fault.failed(str(error))
             self._disk_rests_until_s = monotonic() + DISK_REST_S
-        return True
 
     def _count(self, batch: Batch, taken: bool | None) -> None:
         if taken is None:
@@ -172,21 +180,21 @@ class Publisher:
                 raise
             self._disk_fault.recovered()
 
-    async def _send(self, batch: Batch) -> bool | None:
+    async def _send(self, batch: Batch, fault: Fault) -> bool | None:
         """Send a batch; return whether the service took it, None if it never will."""
         content = batch.model_dump_json().encode()
         try:
             answer = await self._client.post_samples(self._sender.surface, content)
         except UnreachableError as error:
-            self._fault.failed(f"no answer from {self._client.url} ({error}); trying again")
+            fault.failed(f"no answer from {self._client.url} ({error}); trying again")
             return False
         if answer.is_success:
-            self._fault.recovered()
+            fault.recovered()
             return True
         if answer.status in _NEVER_ACCEPTED:
-            self._fault.failed(f"the service will never take a batch ({answer.explanation}); it is dropped")
+            fault.failed(f"the service will never take a batch ({answer.explanation}); it is dropped")
             return None
-        self._fault.failed(f"the service takes no samples ({answer.explanation}); trying again")
+        fault.failed(f"the service takes no samples ({answer.explanation}); trying again")
         return False
 
     def _batch(self, samples: Sequence[Taken], now_s: float) -> Batch:

@@ -107,6 +107,7 @@ def _counted(context: Context, surface: Surface) -> Contact:
         Kind.INVALID_REQUEST,
         Kind.MISSING_CHANNELS,
         Kind.NO_SURFACE,
+        Kind.BUSY,
         Kind.STOPPING,
     ),
 )

@@ -200,9 +200,12 @@ class EventStore:
         return int((pages - free) * size)
 
     def close(self) -> None:
-        """Close the file; what goes on is unfinished."""
-        self._database.execute('UPDATE events SET "end" = ? WHERE "end" = ?', (End.UNFINISHED, End.OPEN))
-        self._database.close()
+        """Close the file; what goes on is unfinished. If that cannot be written, the next to open the file says so."""
+        try:
+            self._database.execute("PRAGMA busy_timeout=200")
+            self._database.execute('UPDATE events SET "end" = ? WHERE "end" = ?', (End.UNFINISHED, End.OPEN))
+        finally:
+            self._database.close()
 
 
 def _piece(row: tuple[object, ...]) -> Piece:

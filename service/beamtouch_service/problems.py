@@ -33,6 +33,7 @@ class Kind(Enum):
     TOO_LARGE = ("too-large", 413, "The body is too large")
     TOO_SLOW = ("too-slow", 408, "The body took too long to arrive")
     TOO_MANY_REQUESTS = ("too-many-requests", 429, "More batches per second than the surface takes")
+    BUSY = ("busy", 503, "Late samples come faster than they can be recorded")
     MODEL_REFUSED = ("model-refused", 409, "The model file is not used")
     NOT_FOUND = ("not-found", 404, "There is nothing at this address")
     METHOD_NOT_ALLOWED = ("method-not-allowed", 405, "This address does not take that method")

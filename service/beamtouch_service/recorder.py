@@ -1,14 +1,14 @@
 """Puts every contact on record: folds what surfaces tell, and writes it in a thread of its own.
 
 Everything that touches the file, and the estimates of late samples, is done by that one thread, so that the present
-never waits for the past.
+never waits for the past. What is present, and what is asked, passes the late samples that wait there.
 """
 
 import logging
 import time
 from collections import OrderedDict
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -25,9 +25,13 @@ from beamtouch_service.folding import Command, Folder, fold_late
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surface import Surface
 from beamtouch_service.touch import Follower, Levels, Seen, levels
+from beamtouch_service.turns import Turns
 
+MOST_LATE = 20_000
+"""Late samples that may wait: about a second of work, and some 20 MB."""
+STOP_S = 1.0
+"""What waits at the stop is done for so long."""
 _WAITING_WRITES = 1000
-_WAITING_LATE = 200
 _MAX_EDGES = 4096
 _PRUNE_S = 60.0
 _COMPLAIN_S = 60.0
@@ -46,11 +50,13 @@ class Recorder:
     def __init__(self, path: Path | None = None, keep_days: float = KEEP_DAYS, most_mb: float = MOST_MB) -> None:
         """Open the file, or keep the events in memory; raises EventStoreError if the file cannot be used."""
         self.lost = 0
-        """Writes that failed or found no room: parts of contacts that are not on record."""
+        """Writes that failed, found no room, or waited at the stop: parts of contacts that are not on record."""
         self._store = EventStore(path, keep_days * 86_400, int(most_mb * 1e6))
-        self._thread = ThreadPoolExecutor(1, "events")
+        self._turns = Turns("events")
         self._writes = BoundedSemaphore(_WAITING_WRITES)
-        self._late = BoundedSemaphore(_WAITING_LATE)
+        # Late samples, each count changed by one thread only: as told, and as written or lost.
+        self._late_told = self._late_done = 0
+        self._end_s = float("inf")
         self._folders: dict[str, tuple[str, str, Folder]] = {}
         """Surface -> boot id and model that its folder is for."""
         self._edges: OrderedDict[tuple[str, str, int], tuple[int, State | None]] = OrderedDict()
@@ -77,54 +83,85 @@ class Recorder:
                 edges[number] = (one.estimated.acquired_unix_us, one.state)
             commands += folder.add(one)
         if commands or edges:
-            self._submit(self._writes, lambda: self._write(surface.name, boot_id, commands, edges))
+            self._submit(lambda: self._write(surface.name, boot_id, commands, edges))
+
+    @property
+    def late_waiting(self) -> int:
+        """Late samples that are not written yet."""
+        return self._late_told - self._late_done
+
+    def has_room(self, samples: int) -> bool:
+        """Say whether so many late samples more may wait."""
+        return self.late_waiting + samples <= MOST_LATE
 
     def late(self, surface: Surface, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
         """Note samples of a batch that came after later ones, in order."""
-        name, hold_ms = surface.name, surface.stale_ms
-        self._submit(self._late, lambda: self._write_late(name, hold_ms, model, batch, samples))
+        # Beside present ones they are taken without room, but not without end.
+        if self.late_waiting > 2 * MOST_LATE:
+            self._lose("late samples come faster than they can be recorded")
+            return
+        name, hold_ms, count = surface.name, surface.stale_ms, len(samples)
+        self._late_told += count
+
+        def run() -> None:
+            self._attempt(lambda: self._write_late(name, hold_ms, model, batch, samples))
+            self._late_done += count
+
+        self._turns.late(run)
 
     def ask(self, question: Callable[[EventStore], _T]) -> "Future[_T]":
-        """Have a question answered in the thread, one at a time, after everything that was told before."""
+        """Have a question answered in the thread, one at a time, after all that was told of the present before."""
         self._flush()
-        return self._thread.submit(question, self._store)
+        return self._turns.prompt(lambda: question(self._store))
 
     def close(self) -> None:
-        """Write what there is, and close the file."""
+        """Write what can be written in a second, and close the file."""
+        lost = self.lost
         self._flush()
-        self._thread.shutdown()
-        self._store.close()
+        self._end_s = time.monotonic() + STOP_S
+        self._turns.close()
+        if self.lost > lost:
+            _log.warning("%d writes were lost at the stop", self.lost - lost)
+        try:
+            self._store.close()
+        except SqliteError as error:
+            _log.warning("the file of events could not be closed properly: %s", error)
 
     def _flush(self) -> None:
         for name, (boot_id, _, folder) in self._folders.items():
             commands = folder.flush()
             if commands:
-                self._submit(self._writes, partial(self._write, name, boot_id, commands, {}))
+                self._submit(partial(self._write, name, boot_id, commands, {}))
 
     def _submit_interruption(self, name: str, former: tuple[str, str, Folder]) -> None:
         boot_id, _, folder = former
         edges: Edges = {folder.last[0]: folder.last[1:]} if folder.last else {}
         commands = folder.interrupt()
-        self._submit(self._writes, lambda: self._write(name, boot_id, commands, edges))
+        self._submit(lambda: self._write(name, boot_id, commands, edges))
 
-    def _submit(self, room: BoundedSemaphore, work: Callable[[], None]) -> None:
-        if not room.acquire(blocking=False):
-            self._lose("the disk, or what comes late, is more than can be kept up with")
+    def _submit(self, work: Callable[[], None]) -> None:
+        if not self._writes.acquire(blocking=False):
+            self._lose("the disk is too slow")
             return
 
         def run() -> None:
-            try:
-                work()
-                self._prune()
-            except SqliteError as error:
-                self._lose(str(error))
-            except Exception:  # noqa: BLE001  # whatever it is, the next events must not be lost too
-                self.lost += 1
-                _log.exception("events are lost")
-            finally:
-                room.release()
+            self._attempt(work)
+            self._writes.release()
 
-        self._thread.submit(run)
+        self._turns.prompt(run)
+
+    def _attempt(self, work: Callable[[], None]) -> None:
+        if time.monotonic() > self._end_s:
+            self._lose("the service stops")
+            return
+        try:
+            work()
+            self._prune()
+        except SqliteError as error:
+            self._lose(str(error))
+        except Exception:  # noqa: BLE001  # whatever it is, the next events must not be lost too
+            self.lost += 1
+            _log.exception("events are lost")
 
     def _write(self, name: str, boot_id: str, commands: list[Command], edges: Edges) -> None:
         self._remember(name, boot_id, edges)

@@ -4,7 +4,6 @@ No I/O and no clock: instants come in as seconds of the service's monotonic cloc
 """
 
 from dataclasses import asdict, dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +20,7 @@ from beamtouch_service.sequences import SequenceLog
 from beamtouch_service.surface_summary import SampleCounts, SurfaceSummary
 from beamtouch_service.timings import Timings
 from beamtouch_service.touch import Follower, Levels, Seen, levels
-
-
-class Witness(Protocol):
-    """Told of everything that a surface makes of its samples."""
-
-    def present(self, surface: "Surface", model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
-        """Note samples that moved the present, in order."""
-
-    def late(self, surface: "Surface", model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
-        """Note samples of a batch that came after later ones, in order."""
+from beamtouch_service.witness import Witness
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +84,11 @@ class Surface:
         Raises
         ------
         ProblemError
-            Channels of the model are missing; the batch changed nothing.
+            Channels of the model are missing, or all of it is late and there is no room; the batch changed nothing.
         """
         self.offered = batch.channels
         self._require_channels(batch.channels)
+        self._require_room(batch, arrival_s)
         admission = self._sequences.admit(batch.boot_id, [sample.sequence for sample in batch.samples])
         self._counts.accepted += admission.accepted
         self._counts.repeated += admission.repeated
@@ -163,6 +154,15 @@ class Surface:
         if missing:
             detail = f"The batch lacks {', '.join(missing)}; send every channel of the model, a broken one as missing."
             raise ProblemError(Problem(Kind.MISSING_CHANNELS, detail, self.name, {"missing_channels": missing}))
+
+    def _require_room(self, batch: Batch, arrival_s: float) -> None:
+        if self.model is None or self.witness is None or self.witness.has_room(len(batch.samples)):
+            return
+        newest, acquired_s = batch.samples[-1].sequence, arrival_s - batch.newest_age_ms / 1e3
+        # One that holds a present sample is taken whole: the present never waits for the past.
+        if not self._senders.is_after_present(batch.boot_id, newest, acquired_s, arrival_s):
+            detail = "Late samples come faster than they can be recorded; send the batch again."
+            raise ProblemError(Problem(Kind.BUSY, detail, self.name), {"Retry-After": "1"})
 
     def _require_decision(self, now_s: float) -> tuple[Newest, Seen, Decision]:
         present = self._require_fresh(now_s)

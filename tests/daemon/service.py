@@ -2,7 +2,7 @@
 
 import asyncio
 import socket
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from time import monotonic
 
@@ -27,6 +27,8 @@ class Service:
         self._arrived = asyncio.Event()
         self.statuses: list[int] = []
         """Answers to come, one per request; 200 when there are no more."""
+        self.is_busy_for: Callable[[Batch], bool] = lambda _: False
+        """Which batches are refused for now."""
         # With the protocol named, asyncio turns off the delay of small writes.
         self.listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -53,6 +55,8 @@ class Service:
         status = self.statuses.pop(0) if self.statuses else 200
         if status != 200:
             return Response(status_code=status)
+        if self.is_busy_for(batch):
+            return JSONResponse({"detail": "Busy; send the batch again."}, 503, {"Retry-After": "1"})
         self.batches.append((request.path_params["name"], batch, monotonic()))
         self._arrived.set()
         return JSONResponse(Receipt(accepted=len(batch.samples), repeated=0).model_dump())

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Coroutine
+from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -9,10 +10,11 @@ import pytest
 
 from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Taken
-from beamtouch_daemon.publisher import Publisher, Sender
+from beamtouch_daemon.publisher import Disk, Publisher, Sender
 from beamtouch_daemon.service_client import ServiceClient
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_service.samples import Quality, Sample
+from beamtouch_daemon.spool import Spool
+from beamtouch_service.samples import Batch, Quality, Sample
 
 from .service import TOKEN, Service, serving
 
@@ -34,10 +36,18 @@ def taken(first: int, number: int, age_s: float = 0.0) -> list[Taken]:
 class Bench:
     """A publisher at work on an outbox."""
 
-    def __init__(self, service: Service, most: int = 10_000, batch_s: float = 0.02, token: str = TOKEN) -> None:
+    def __init__(
+        self,
+        service: Service,
+        most: int = 10_000,
+        batch_s: float = 0.02,
+        token: str = TOKEN,
+        spool: Spool | None = None,
+    ) -> None:
         self.outbox = Outbox(most, "bench")
         self._client = ServiceClient(service.url, token)
-        self.publisher = Publisher(self._client, SENDER, self.outbox, batch_s)
+        self._disk = Disk(spool) if spool else None
+        self.publisher = Publisher(self._client, SENDER, self.outbox, batch_s, self._disk)
 
     async def __aenter__(self) -> "Bench":
         self._task = asyncio.create_task(self.publisher.run())
@@ -47,6 +57,8 @@ class Bench:
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
         await self._client.close()
+        if self._disk:
+            self._disk.close()
 
     async def finish(self) -> None:
         """Close the outbox and wait for the delivery of what is in it."""
@@ -179,3 +191,41 @@ def test_a_backlog_goes_out_in_batches_of_bounded_size_without_pause() -> None:
         assert max(len(batch.samples) for _, batch, _ in service.batches) == 1000
 
     run(story())
+
+
+def test_what_waits_on_the_disk_does_not_hold_up_the_present_while_it_is_refused(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    refused: list[int] = []
+
+    def is_late(batch: Batch) -> bool:
+        if batch.boot_id == SENDER.boot_id:
+            return False
+        refused.append(batch.samples[0].sequence)
+        return True
+
+    async def story(spool: Spool) -> None:
+        service = Service()
+        service.is_busy_for = is_late
+        async with serving(service), Bench(service, spool=spool) as bench:
+            for number in range(40):
+                bench.outbox.put(taken(number, 1))
+                await service.until(number + 1)
+            assert sequences(service) == list(range(40))
+            assert bench.publisher.spooled == 15
+            # Not with each live batch, but again and again.
+            assert 1 <= len(refused) < 20
+            service.is_busy_for = lambda _: False
+            await service.until(55)
+        assert sequences(service)[-15:] == list(range(15))
+        assert bench.outbox.dropped == 0
+
+    with Spool(tmp_path / "spool", 10**6) as spool:
+        for first in (0, 5, 10):
+            samples = [one.sample for one in taken(first, 5)]
+            batch = Batch(boot_id="boot-0000", channels=SENDER.channels, newest_age_ms=0, samples=samples)
+            spool.put("bench", batch, monotonic() - 60)
+        run(story(spool))
+    refusal = "the service takes no samples (status 503: Busy; send the batch again.); trying again"
+    said = [record.getMessage() for record in caplog.records if record.name == "beamtouch_daemon.publisher"]
+    assert said == [f"bench: publishing what waits on the disk: {refusal}"]

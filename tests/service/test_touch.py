@@ -37,6 +37,9 @@ class Recorded:
     def late(self, surface: Surface, model: object, batch: Batch, samples: list[Sample]) -> None:  # noqa: ARG002
         self.late_sequences += [sample.sequence for sample in samples]
 
+    def has_room(self, samples: int) -> bool:  # noqa: ARG002
+        return True
+
     @property
     def states(self) -> str:
         return "".join("?" if one.state is None else one.state.value[1] for one in self.seen)

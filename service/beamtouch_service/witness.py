@@ -1,0 +1,24 @@
+"""What a surface tells, and to whom."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from beamtouch_models.modelfile import ModelFile
+    from beamtouch_service.samples import Batch, Sample
+    from beamtouch_service.surface import Surface
+    from beamtouch_service.touch import Seen
+
+
+class Witness(Protocol):
+    """Told of everything that a surface makes of its samples."""
+
+    def present(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
+        """Note samples that moved the present, in order."""
+
+    def late(self, surface: Surface, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
+        """Note samples of a batch that came after later ones, in order."""
+
+    def has_room(self, samples: int) -> bool:
+        """Say whether so many late samples can be noted now."""
