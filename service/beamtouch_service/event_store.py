@@ -178,6 +178,13 @@ class EventStore:
         found = self._find("id = ?", (number,))
         return found[1] if found else None
 
+    def recorded_since(self, since_s: float, most: int) -> tuple[list[Piece], int]:
+        """Return what was recorded since then [s since 1970], the newest and `most` at most, and how many there are."""
+        query = f"SELECT {_NAMES} FROM events WHERE recorded_s >= ? ORDER BY recorded_s DESC LIMIT ?"  # noqa: S608
+        events = [_piece(row) for row in self._database.execute(query, (since_s, most))]
+        query = "SELECT COUNT(*) FROM events WHERE recorded_s >= ?"
+        return events, int(self._database.execute(query, (since_s,)).fetchone()[0])
+
     def goes_on(self, surface: str, boot_id: str, sequence: int) -> bool:
         """Return whether that sample is the last on record of a contact whose lift was not seen."""
         query = 'SELECT 1 FROM events WHERE surface = ? AND boot_id = ? AND last_sequence = ? AND "end" != ? LIMIT 1'
