@@ -79,30 +79,33 @@ _EVENT = {
     "quality": "good",
     "model": "paper@4f2c91",
     "boot_id": "6f1d2c84-0b7e-4a53",
-    "path": [{"at": "2026-11-20T23:40:46.123Z", "position_mm": 123.4, "force_n": 9.8}],
 }
+_EVENT_WITH_PATH = _EVENT | {"path": [{"at": "2026-11-20T23:40:46.123Z", "position_mm": 123.4, "force_n": 9.8}]}
+_NEXT = "1795218046123000.42"
 EVENTS: dict[str, Any] = {
     "description": "Events, the newest touch first.",
     "content": {
         "application/json": {
             "examples": {
-                "one contact, and more behind it": {"value": {"events": [_EVENT], "next": "1795218046123000.42"}}
+                "one contact, and more behind it": {"value": {"events": [_EVENT], "next": _NEXT}},
+                "with path=true": {"value": {"events": [_EVENT_WITH_PATH], "next": _NEXT}},
             }
         },
         "text/csv": {
             "schema": {"type": "string"},
             "examples": {
-                "one contact": {
-                    "value": ",".join(name for name in _EVENT if name != "path")
-                    + "\r\n"
-                    + ",".join(str(value) for name, value in _EVENT.items() if name != "path")
-                    + "\r\n"
-                }
+                "one contact": {"value": ",".join(_EVENT) + "\r\n" + ",".join(map(str, _EVENT.values())) + "\r\n"}
             },
         },
     },
 }
 """The answer of the route of the events."""
+
+EVENT: dict[str, Any] = {
+    "description": "The event.",
+    "content": {"application/json": {"examples": {"one contact": {"value": _EVENT_WITH_PATH}}}},
+}
+"""The answer of the route of one event."""
 
 NEEDS_TOKEN: dict[str, Any] = {"security": [{_SECURITY_SCHEME: []}]}
 """For a route that not everyone may use."""

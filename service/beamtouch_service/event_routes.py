@@ -1,29 +1,28 @@
-"""The route of the events."""
+"""The routes of the events. What they answer is read and put into words in the recorder's thread; the loop sends it."""
 
-import csv
-import io
 from asyncio import wrap_future
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Query, Request, Response
+from fastapi import Path as PathParameter
 from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
-from beamtouch_service import documentation
-from beamtouch_service.contact import ContactQuality, rfc3339
+from beamtouch_service import documentation, event_answers
+from beamtouch_service.event_answers import EventList, EventWithPath
 from beamtouch_service.event_store import EventStore, Selection
-from beamtouch_service.events import Begin, End, Piece
 from beamtouch_service.handlers import NO_STORE
-from beamtouch_service.problems import Kind
+from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.recorder import Recorder
 from beamtouch_service.registry import Registry
 from beamtouch_service.samples import SurfaceName
 
 CSV = "text/csv"
-_LIMIT, _MAX_LIMIT, _MOST_PATHS = 100, 1000, 20
+_MAX_LIMIT = 1000
+_MAX_PATHS = 50
+"""Events with their paths are a hundred times as long."""
 
 
 def _rfc3339(value: object) -> object:
@@ -48,112 +47,26 @@ class EventQuery(BaseModel):
     after: str | None = Field(
         None, pattern=r"^[0-9]{1,17}\.[0-9]{1,18}$", description="`next` of the last page: go on behind it."
     )
-    path: bool = Field(default=False, description="JSON with the path of each contact, up to 200 points.")
-    limit: int | None = Field(
-        None, ge=1, le=_MAX_LIMIT, description=f"Most events on a page; with paths at most {_MOST_PATHS}."
+    path: bool = Field(False, description="With paths; CSV has none.")  # a default
+    limit: int = Field(
+        _MAX_PATHS, ge=1, le=_MAX_LIMIT, description=f"Most events on a page; with paths {_MAX_PATHS} at most."
     )
     format: Literal["json", "csv"] | None = Field(None, description="Instead of the header `Accept`.")
 
     @field_validator("limit")
     @classmethod
-    def _few_with_paths(cls, limit: int | None, info: ValidationInfo) -> int | None:
-        if info.data.get("path") and limit is not None and limit > _MOST_PATHS:
-            message = f"with path=true it is at most {_MOST_PATHS}; ask for the next page"
+    def _short_with_paths(cls, limit: int, info: ValidationInfo) -> int:
+        if limit > _MAX_PATHS and info.data.get("path"):
+            message = f"with path=true at most {_MAX_PATHS} events are on a page"
             raise ValueError(message)
         return limit
-
-    @property
-    def most(self) -> int:
-        """Most events on a page."""
-        return self.limit or (_MOST_PATHS if self.path else _LIMIT)
-
-
-class PathPoint(BaseModel):
-    """Where a contact was at one time."""
-
-    at: str
-    position_mm: float
-    force_n: float | None
-
-
-class Event(BaseModel):
-    """One contact from touch to lift. Times are those of the sender's clock, RFC 3339 in UTC."""
-
-    id: int
-    surface: str
-    touched_at: str
-    """First sample of the contact."""
-    lifted_at: str | None
-    """First clear sample after it; null where that was not seen."""
-    begin: Begin
-    """`touch`: the sample before was clear; `unseen`: it is not known."""
-    end: End
-    """`lift`; `open`: it goes on; `unseen`: what follows is not known; `unfinished`: the service stopped during it."""
-    dwell_ms: float
-    """From the touch to the lift, or to the last sample in contact where the lift was not seen."""
-    peak_force_n: float | None
-    """Null for a model that does not estimate force."""
-    peak_position_mm: float | None
-    """Where the force was at its peak."""
-    mean_position_mm: float | None
-    samples: int
-    """Samples in contact."""
-    quality: ContactQuality
-    """`degraded` where some sample lacked channels."""
-    model: str
-    boot_id: str
-    """Of the sender."""
-
-
-class EventWithPath(Event):
-    """One contact with its path."""
-
-    path: list[PathPoint]
-    """At most 200 points, spread over the time of the contact."""
-
-
-class EventList(BaseModel):
-    """Events, the newest touch first."""
-
-    events: list[EventWithPath] | list[Event]
-    next: str | None
-    """Give it as `after` for the next page; null on the last."""
-
-
-_CSV_COLUMNS = list(Event.model_fields)
-
-
-def _event(number: int, piece: Piece) -> Event:
-    end_us = piece.last_us if piece.lifted_us is None else piece.lifted_us
-    return Event(
-        id=number,
-        surface=piece.surface,
-        touched_at=rfc3339(piece.touched_us),
-        lifted_at=None if piece.lifted_us is None else rfc3339(piece.lifted_us),
-        begin=piece.begin,
-        end=piece.end,
-        # The sender's clock may have been set during the contact; less than nothing is no duration.
-        dwell_ms=max(0.0, round((end_us - piece.touched_us) / 1e3, 3)),
-        peak_force_n=piece.peak_force_n,
-        peak_position_mm=piece.peak_position_mm,
-        mean_position_mm=round(piece.position_sum_mm / piece.samples, 4) if piece.samples else None,
-        samples=piece.samples,
-        quality=ContactQuality.DEGRADED if piece.degraded else ContactQuality.GOOD,
-        model=piece.model,
-        boot_id=piece.boot_id,
-    )
-
-
-def _event_with_path(number: int, piece: Piece) -> EventWithPath:
-    path = [PathPoint(at=rfc3339(at), position_mm=position, force_n=force) for at, position, force in piece.path]
-    return EventWithPath(**dict(_event(number, piece)), path=path)
 
 
 def _microseconds(moment: datetime | None) -> int | None:
     return None if moment is None else round(moment.timestamp() * 1e6)
 
 
-def _selection(query: EventQuery) -> Selection:
+def _selection(query: EventQuery, *, path: bool) -> Selection:
     touched, _, number = (query.after or "").partition(".")
     return Selection(
         surface=query.surface,
@@ -161,38 +74,9 @@ def _selection(query: EventQuery) -> Selection:
         until_us=_microseconds(query.until),
         after=(int(touched), int(number)) if query.after else None,
         # One more shows whether there is a next page.
-        limit=query.most + 1,
-        paths=query.path,
+        limit=query.limit + 1,
+        path=path,
     )
-
-
-@dataclass(frozen=True)
-class _Page:
-    content: str
-    next: str | None
-    is_empty: bool
-
-
-def _page(store: EventStore, query: EventQuery, *, csv: bool) -> _Page:
-    """Read and encode; nobody waits for it but who asked, and in the loop everybody would."""
-    found = store.read(_selection(query))
-    page = found[: query.most]
-    following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(found) > len(page) else None
-    if csv:
-        content = _as_csv([_event(number, piece) for number, piece in page])
-    elif query.path:
-        content = EventList(events=[_event_with_path(*entry) for entry in page], next=following).model_dump_json()
-    else:
-        content = EventList(events=[_event(*entry) for entry in page], next=following).model_dump_json()
-    return _Page(content, following, not found)
-
-
-def _as_csv(events: Sequence[Event]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, _CSV_COLUMNS, extrasaction="ignore", lineterminator="\r\n")
-    writer.writeheader()
-    writer.writerows(event.model_dump(mode="json") for event in events)
-    return text.getvalue()
 
 
 def _wants_csv(query: EventQuery, request: Request) -> bool:
@@ -202,23 +86,56 @@ def _wants_csv(query: EventQuery, request: Request) -> bool:
     return CSV in accepted and "application/json" not in accepted
 
 
+@dataclass(frozen=True)
+class _Page:
+    content: bytes
+    is_empty: bool
+    following: str | None
+    """Where the next page begins."""
+
+
+def _page(store: EventStore, query: EventQuery, *, as_csv: bool) -> _Page:
+    path = query.path and not as_csv
+    found = store.read(_selection(query, path=path))
+    page = found[: query.limit]
+    following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(found) > len(page) else None
+    content = event_answers.as_csv(page) if as_csv else event_answers.as_json(page, following, path=path)
+    return _Page(content, not page, following)
+
+
+def _one(store: EventStore, number: int) -> bytes | None:
+    piece = store.get(number)
+    return None if piece is None else event_answers.event_with_path(number, piece).model_dump_json().encode()
+
+
 def make_router(registry: Registry, recorder: Recorder) -> APIRouter:
-    """Return the route of the events of these surfaces."""
+    """Return the routes of the events of these surfaces."""
     router = APIRouter(tags=["events"])
     problems = documentation.problems(Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.NO_SURFACE)
 
     @router.get("/events", responses={200: documentation.EVENTS, **problems}, response_model=EventList)
     async def get_events(request: Request, query: Annotated[EventQuery, Query()]) -> Response:
-        """Return contacts from touch to lift, the newest touch first; their paths only where asked for."""
-        csv = _wants_csv(query, request)
-        page = await wrap_future(recorder.ask(lambda store: _page(store, query, csv=csv)))
+        """Return contacts from touch to lift, the newest touch first; as CSV a row each."""
+        as_csv = _wants_csv(query, request)
+        page = await wrap_future(recorder.ask(lambda store: _page(store, query, as_csv=as_csv)))
         if query.surface and page.is_empty:
             # Of a surface that is no longer configured there may still be events; without any the name is wrong.
             registry.named(query.surface)
         headers = dict(NO_STORE)
-        if page.next and csv:
-            parameters = {**request.query_params, "after": page.next}
+        if as_csv and page.following:
+            parameters = {**request.query_params, "after": page.following}
             headers["Link"] = f'</events?{urlencode(parameters)}>; rel="next"'
-        return Response(page.content, headers=headers, media_type=CSV if csv else "application/json")
+        return Response(page.content, headers=headers, media_type=CSV if as_csv else "application/json")
+
+    one = {200: documentation.EVENT, **documentation.problems(Kind.UNKNOWN_EVENT, Kind.INVALID_REQUEST)}
+
+    @router.get("/events/{id}", responses=one, response_model=EventWithPath)
+    async def get_event(number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]) -> Response:
+        """Return one contact, with its path."""
+        content = await wrap_future(recorder.ask(lambda store: _one(store, number)))
+        if content is None:
+            detail = f"There is no event {number}: it was dropped, or has become part of another; see GET /events."
+            raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))
+        return Response(content, headers=NO_STORE, media_type="application/json")
 
     return router

@@ -13,6 +13,7 @@ _VERSION = 1
 _PRUNE_SHARE = 20
 """What is too much goes in parts of one in this many."""
 _COLUMNS = [entry.name for entry in fields(Piece)]
+_NAMES = ", ".join(f'"{name}"' for name in _COLUMNS)
 _SCHEMA = """
 BEGIN;
 CREATE TABLE events (
@@ -47,8 +48,8 @@ class Selection:
     after: tuple[int, int] | None = None
     """Touch time and id of the last one that was read."""
     limit: int = 100
-    paths: bool = False
-    """With the path of each; it makes nearly all of an event."""
+    path: bool = True
+    """Read paths too; they are by far the most of an event."""
 
 
 class EventStore:
@@ -141,8 +142,7 @@ class EventStore:
         self._put(row, whole, now_s)
 
     def _find(self, condition: str, values: tuple[object, ...]) -> tuple[int, Piece] | None:
-        names = ", ".join(f'"{name}"' for name in _COLUMNS)
-        query = f"SELECT id, {names} FROM events WHERE {condition} LIMIT 1"  # noqa: S608  # our own text only
+        query = f"SELECT id, {_NAMES} FROM events WHERE {condition} LIMIT 1"  # noqa: S608  # our own text only
         found = self._database.execute(query, values).fetchone()
         return (found[0], _piece(found[1:])) if found else None
 
@@ -153,7 +153,7 @@ class EventStore:
         self._database.execute(f"INSERT OR REPLACE INTO events ({names}) VALUES ({places})", values)  # noqa: S608
 
     def read(self, selection: Selection) -> list[tuple[int, Piece]]:
-        """Return id and content of the selected events, newest touch first; without their paths unless asked for."""
+        """Return id and content of the selected events, newest touch first."""
         conditions, values = ["1"], list[object]()
         for condition, value in (
             ("surface = ?", selection.surface),
@@ -166,12 +166,24 @@ class EventStore:
         if selection.after:
             conditions.append("(touched_us, id) < (?, ?)")
             values += selection.after
-        names = ", ".join(f'"{name}"' if name != "path" or selection.paths else "'[]'" for name in _COLUMNS)
+        names = _NAMES if selection.path else _NAMES.replace('"path"', "'[]'")
         query = (
             f"SELECT id, {names} FROM events WHERE {' AND '.join(conditions)} "  # noqa: S608  # our own text only
             "ORDER BY touched_us DESC, id DESC LIMIT ?"
         )
         return [(row[0], _piece(row[1:])) for row in self._database.execute(query, (*values, selection.limit))]
+
+    def get(self, number: int) -> Piece | None:
+        """Return the event of that id, None if there is none."""
+        found = self._find("id = ?", (number,))
+        return found[1] if found else None
+
+    def recorded_since(self, since_s: float, most: int) -> tuple[list[Piece], int]:
+        """Return what was recorded since then [s since 1970], the newest and `most` at most, and how many there are."""
+        query = f"SELECT {_NAMES} FROM events WHERE recorded_s >= ? ORDER BY recorded_s DESC LIMIT ?"  # noqa: S608
+        events = [_piece(row) for row in self._database.execute(query, (since_s, most))]
+        query = "SELECT COUNT(*) FROM events WHERE recorded_s >= ?"
+        return events, int(self._database.execute(query, (since_s,)).fetchone()[0])
 
     def goes_on(self, surface: str, boot_id: str, sequence: int) -> bool:
         """Return whether that sample is the last on record of a contact whose lift was not seen."""

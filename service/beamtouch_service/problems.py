@@ -26,6 +26,7 @@ class Kind(Enum):
     UNAUTHORIZED = ("unauthorized", 401, "A valid bearer token is required")
     FORBIDDEN = ("forbidden", 403, "The token is not for this")
     UNKNOWN_SURFACE = ("unknown-surface", 404, "There is no such surface")
+    UNKNOWN_EVENT = ("unknown-event", 404, "There is no such event")
     SURFACE_REQUIRED = ("surface-required", 400, "Several surfaces: name one")
     MALFORMED_JSON = ("malformed-json", 400, "The body is not JSON")
     INVALID_REQUEST = ("invalid-request", 422, "The request does not follow its format")

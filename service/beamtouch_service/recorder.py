@@ -20,6 +20,7 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.contact import State
 from beamtouch_service.defaults import KEEP_DAYS, MOST_MB
 from beamtouch_service.estimates import estimate
+from beamtouch_service.event_file import EventFile
 from beamtouch_service.event_store import EventStore
 from beamtouch_service.folding import Command, Folder, fold_late
 from beamtouch_service.samples import Batch, Sample
@@ -33,7 +34,7 @@ STOP_S = 1.0
 """What waits at the stop is done for so long."""
 _WAITING_WRITES = 1000
 _MAX_EDGES = 4096
-_PRUNE_S = 60.0
+_LOOK_S = 60.0
 _COMPLAIN_S = 60.0
 
 _log = logging.getLogger("beamtouch.service.events")
@@ -51,7 +52,7 @@ class Recorder:
         """Open the file, or keep the events in memory; raises EventStoreError if the file cannot be used."""
         self.lost = 0
         """Writes that failed, found no room, or waited at the stop: parts of contacts that are not on record."""
-        self._store = EventStore(path, keep_days * 86_400, int(most_mb * 1e6))
+        self._file = EventFile(path, keep_days * 86_400, int(most_mb * 1e6), time.time())
         self._turns = Turns("events")
         self._writes = BoundedSemaphore(_WAITING_WRITES)
         # Late samples, each count changed by one thread only: as told, and as written or lost.
@@ -61,7 +62,7 @@ class Recorder:
         """Surface -> boot id and model that its folder is for."""
         self._edges: OrderedDict[tuple[str, str, int], tuple[int, State | None]] = OrderedDict()
         self._levels: tuple[str, Levels] | None = None
-        self._pruned_s = float("-inf")
+        self._looked_s = float("-inf")
         self._complained_s = float("-inf")
 
     def present(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
@@ -112,7 +113,7 @@ class Recorder:
     def ask(self, question: Callable[[EventStore], _T]) -> "Future[_T]":
         """Have a question answered in the thread, one at a time, after all that was told of the present before."""
         self._flush()
-        return self._turns.prompt(lambda: question(self._store))
+        return self._turns.prompt(lambda: question(self._file.store))
 
     def close(self) -> None:
         """Write what can be written in a second, and close the file."""
@@ -123,7 +124,7 @@ class Recorder:
         if self.lost > lost:
             _log.warning("%d writes were lost at the stop", self.lost - lost)
         try:
-            self._store.close()
+            self._note_lost(self._file.close(time.time()))
         except SqliteError as error:
             _log.warning("the file of events could not be closed properly: %s", error)
 
@@ -156,7 +157,9 @@ class Recorder:
             return
         try:
             work()
-            self._prune()
+            if time.monotonic() - self._looked_s >= _LOOK_S:
+                self._looked_s = time.monotonic()
+                self.look_after()
         except SqliteError as error:
             self._lose(str(error))
         except Exception:  # noqa: BLE001  # whatever it is, the next events must not be lost too
@@ -166,7 +169,7 @@ class Recorder:
     def _write(self, name: str, boot_id: str, commands: list[Command], edges: Edges) -> None:
         self._remember(name, boot_id, edges)
         if commands:
-            self._store.write(name, commands, time.time())
+            self._file.store.write(name, commands, time.time())
 
     def _write_late(self, name: str, hold_ms: float, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
         estimates = estimate(model, name, batch.channels, samples)
@@ -187,7 +190,7 @@ class Recorder:
         edge = self._edges.get((name, boot_id, sequence - 1))
         if edge:
             return edge[1]
-        return State.CONTACT if self._store.goes_on(name, boot_id, sequence - 1) else None
+        return State.CONTACT if self._file.store.goes_on(name, boot_id, sequence - 1) else None
 
     def _remember(self, name: str, boot_id: str, edges: Edges) -> None:
         for number, edge in edges.items():
@@ -195,13 +198,18 @@ class Recorder:
         while len(self._edges) > _MAX_EDGES:
             self._edges.popitem(last=False)
 
-    def _prune(self) -> None:
-        now_s = time.monotonic()
-        if now_s - self._pruned_s >= _PRUNE_S:
-            self._pruned_s = now_s
-            dropped = self._store.prune(time.time())
-            if dropped:
-                _log.info("%d events dropped: too old, or more than there is room for", dropped)
+    def look_after(self) -> None:
+        """See that the file is in its place, and drop what is too old or too much; for the recorder's thread."""
+        now_s = time.time()
+        self._note_lost(self._file.look_after(now_s))
+        dropped = self._file.store.prune(now_s)
+        if dropped:
+            _log.info("%d events dropped: too old, or more than there is room for", dropped)
+
+    def _note_lost(self, events: int) -> None:
+        if events:
+            self.lost += events
+            _log.error("%d events are lost with the file that they were in", events)
 
     def _lose(self, reason: str) -> None:
         self.lost += 1

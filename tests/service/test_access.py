@@ -21,7 +21,14 @@ if TYPE_CHECKING:
 ALL = Access(write=TOKEN, read=READ_TOKEN, admin=ADMIN_TOKEN)
 PAGE = sorted(entry.name for entry in (resources.files("beamtouch_service") / "page").iterdir())
 READS = ["/contact", "/surfaces/press-7/contact", "/surfaces", "/surfaces/press-7", "/health/ready", "/metrics"]
-READS += ["/surfaces/press-7/model", "/openapi.json", "/nothing", "/events", "/events?surface=press-7&format=csv"]
+READS += [
+    "/surfaces/press-7/model",
+    "/openapi.json",
+    "/nothing",
+    "/events",
+    "/events/1",
+    "/events?surface=press-7&format=csv",
+]
 STREAMS = ["/stream", "/stream?surface=press-7", "/surfaces/press-7/stream"]
 
 
