@@ -39,10 +39,12 @@ def fill(bench: Bench, make_batch: MakeBatch) -> list[dict[str, Any]]:
     """Post late batches until one is refused; return all of them."""
     bench.post(make_batch(RESTING, sequence=PRESENT))
     sent: list[dict[str, Any]] = []
-    while True:
+    while len(sent) < 50:
         sent.append(make_batch(*ROWS, sequence=len(ROWS) * len(sent), age_ms=60_000))
         if bench.post(sent[-1]).status_code != 200:
             return sent
+    message = "none was refused"
+    raise AssertionError(message)
 
 
 def test_late_samples_without_room_are_refused_and_are_new_when_they_are_sent_again(
