@@ -72,7 +72,7 @@ def test_check_reads_serial_lines(tmp_path: Path) -> None:
             async with rtu_units(bus, {1: StampingUnit()}):
                 config = configs.write(
                     tmp_path,
-                    configs.surface("a", configs.rtu(bus.path)),
+                    configs.surface("a", f"{configs.rtu(bus.path)}\ntimeout_ms = 5000"),
                     configs.surface("b", configs.serial(line.path)),
                 )
                 outcome = await command("check", config, "--json")

@@ -64,7 +64,7 @@ def rig(folder: Path, model: Path) -> Iterator[tuple[dict[str, object], Path]]:
     try:
         assert process.stdout is not None
         port = int(process.stdout.readline().rpartition(":")[2])
-        yield {"kind": "modbus-tcp", "host": "127.0.0.1", "port": port}, truth
+        yield {"kind": "modbus-tcp", "host": "127.0.0.1", "port": port, "timeout_ms": 5000.0}, truth
     finally:
         process.terminate()
         process.communicate(timeout=10)
