@@ -44,6 +44,7 @@ class Recorder:
     def __init__(self, surface: Surface, rest_gap_mm: dict[str, float]) -> None:
         self._channels = surface.channel_names
         self._noise_mm = surface.noise_mm
+        self._rate_hz = surface.rate_hz
         self._source: Source = source_of(surface)
         self._calibration = Calibration.of(surface.channels, rest_gap_mm)
         self._pipeline = Pipeline(surface, rest_gap_mm)
@@ -64,7 +65,9 @@ class Recorder:
                 self._changed.set()
 
     async def record(self, seconds: float, keep: Callable[[Taken], None]) -> int:
-        """Wait until the surface has settled, then pass on what arrives for so long; returns how many samples.
+        """Wait until the surface has settled, then pass on the samples of so long; returns how many.
+
+        Where readings are late or missing it takes longer, `GIVE_UP_S` at most.
 
         Raises
         ------
@@ -74,9 +77,10 @@ class Recorder:
         self._recent.clear()
         await self._settled()
         self._arrived, self._keeps, number = [], True, 0
-        deadline_s = time.monotonic() + seconds
+        enough = round(seconds * self._rate_hz)
+        deadline_s = time.monotonic() + seconds + GIVE_UP_S
         try:
-            while (left_s := deadline_s - time.monotonic()) > 0:
+            while number < enough and (left_s := deadline_s - time.monotonic()) > 0:
                 await self._wait(left_s)
                 for taken in self._arrived:
                     keep(taken)

@@ -24,7 +24,7 @@ PROGRAMS = Path(sys.executable).parent
 SCENE = SCENES / "bench.toml"
 POSITIONS = np.linspace(20, 380, 10)
 FORCE_N = 12.0
-AT_REST_S, ON_S, OFF_S, RECORDED_S = 12.0, 7.0, 0.2, 0.5
+AT_REST_S, ON_S, OFF_S, RECORDED_S, RATE_HZ = 12.0, 7.0, 0.2, 2.0, 50.0
 """Long enough for a machine with much else to do."""
 IMPERFECT = """
 position_offset_mm = [1.0, -1.0, 1.0, -1.0]
@@ -108,7 +108,7 @@ def test_ten_recorded_loads_make_a_model_of_the_real_surface(bench_model: Path, 
     with rig(tmp_path, bench_model) as (source, truth_path):
         config = tomllib.loads(daemon_config(modelfile.load(bench_model).metadata))
         (surface,) = config["surfaces"].values()
-        surface["source"] = source
+        surface["source"], surface["rate_hz"] = source, RATE_HZ
         path = tmp_path / "daemon.toml"
         path.write_text(tomli_w.dumps(config))
         tare: list[str | Path] = [PROGRAMS / "beamtouch-daemon", "tare", path]
@@ -122,7 +122,7 @@ def test_ten_recorded_loads_make_a_model_of_the_real_surface(bench_model: Path, 
     )
     found = json.loads(done.stdout)
     assert found["calibration"]["loads"] == 10
-    # Half a second each is 100 samples; the tare has taken the offsets away.
+    # Two seconds each are 100 samples; the tare has taken the offsets away.
     assert found["error_after_mm"]["mean"] < 0.4 * found["error_before_mm"]["mean"]
     assert 0.02 < found["calibration"]["departures"]["fixity"][0] < 0.08
     assert modelfile.load(tmp_path / "real.onnx").metadata.calibration is not None
