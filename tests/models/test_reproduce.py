@@ -153,7 +153,7 @@ def test_figure_8_differs_for_other_numbers_and_states_the_noise_that_fits() -> 
 def test_misprints_of_the_paper() -> None:
     first, fourth, pitch = printed_rows()
     assert {row.verdict for row in (first, fourth, pitch)} == {"differs"}
-    assert "from 24 sensors on" in fourth.ours
+    assert "overflows with 24 sensors" in fourth.ours
     x, a = np.linspace(0, 1, 41)[None, :], np.linspace(0, 1, 41)[:, None]
     literal, bracket = (-equation_1(x, a, macaulay=macaulay) for macaulay in (False, True))
     assert np.abs(literal - bracket).max() * 48 == pytest.approx(8, rel=1e-12)

@@ -105,7 +105,7 @@ def _table(found: dict[str, Any], noise_mm: float) -> str:
         ("limit", _limit_line(limit, found["standard_error"], noise_mm)),
         ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
         ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
-        ("advice", f"use {found['recommended_sensors']} sensors: as many components exceed the noise, at least two"),
+        ("advice", f"{found['recommended_sensors']} sensors: one per component that exceeds the noise, at least two"),
     ]
     return "\n".join(f"{label:<8} {text}" for label, text in rows)
 
