@@ -1,6 +1,6 @@
-"""The main job, live: rigs, service and daemon as real processes, and a table of true against reported contacts.
+"""A live demo: rigs, service and daemon as real processes, and a table of true and reported contacts.
 
-Two surfaces of the same model run side by side, one read over Modbus TCP, the other over the serial protocol.
+Two surfaces of the same model run side by side, one over Modbus TCP, the other over the serial protocol.
 """
 
 import argparse
@@ -28,7 +28,7 @@ BUILT = ROOT / "build" / "demo"
 SURFACES = (Surface("modbus", "modbus-tcp"), Surface("serial", "serial"))
 PERIOD_S = 0.1
 TRUTH_DELAY_S = 0.05
-"""The rig writes the truth every 10 ms; a contact is compared once its moment has been written."""
+"""Wait before a contact is compared: the rig writes the true load every 10 ms."""
 LENGTH_MM = 400.0
 MIDDLE_MM = (60.0, 340.0)
 
@@ -41,7 +41,7 @@ PICTURE = """<svg viewBox="0 0 {width} {height}" xmlns="http://www.w3.org/2000/s
 <g class="{unique_id}-matrix">{matrix}</g></g>
 </svg>
 """
-"""A drawing that needs nothing from elsewhere, unlike the one that rich draws by default."""
+"""SVG template without external resources; the default template of rich loads fonts."""
 
 
 @dataclass
@@ -58,13 +58,13 @@ class Watched:
 
     @property
     def error_mm(self) -> float | None:
-        """Reported minus true position, where there is contact in both."""
+        """Reported minus true position; None unless both have a contact."""
         if self.answer.get("state") != "contact" or self.true_position_mm is None:
             return None
         return float(self.answer["position_mm"]) - self.true_position_mm
 
     def ask(self, client: httpx2.Client) -> None:
-        """Get the contact and what really touched when its sample was taken."""
+        """Get the contact, and the true load at the time of its sample."""
         response = client.get(f"/surfaces/{self.surface.name}/contact")
         self.answer = response.json()
         time.sleep(TRUTH_DELAY_S)
@@ -79,10 +79,10 @@ class Watched:
 
 
 def main() -> int:
-    """Run the demo; returns 0 if contacts were reported and nothing failed."""
+    """Run the demo; returns 0 if both surfaces reported contacts and nothing failed."""
     parser = argparse.ArgumentParser(description="Show live contacts of two virtual surfaces.")
-    parser.add_argument("--seconds", type=float, default=20.0, help="how long to watch (default 20)")
-    parser.add_argument("--picture", type=Path, metavar="FILE.svg", help="also draw what was printed")
+    parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="duration in seconds (default 20)")
+    parser.add_argument("--picture", type=Path, metavar="FILE.svg", help="also save the output as a picture")
     options = parser.parse_args()
     console = Console(width=None if sys.stdout.isatty() else 80, record=options.picture is not None)
     code = _run(console, options.seconds)
@@ -100,7 +100,7 @@ def _run(console: Console, seconds: float) -> int:
                 watched = _watch(line, console, seconds)
                 failed = line.dead()
                 for name in failed:
-                    console.print(f"{name} ended by itself:\n{line.log(name)}")
+                    console.print(f"{name} ended unexpectedly:\n{line.log(name)}")
             summary = json.loads(line.summary.read_text())["surfaces"] if line.summary.exists() else {}
     except KeyboardInterrupt:
         console.print("stopped")
@@ -112,7 +112,7 @@ def _run(console: Console, seconds: float) -> int:
 
 
 def _model(console: Console) -> tuple[Path, Path]:
-    """Build the model and the daemon's config of the scene if they are not there; returns their paths."""
+    """Return the paths of the model and the daemon's config; builds both if one is missing."""
     model, config = BUILT / "bench.onnx", BUILT / "daemon.toml"
     if not model.exists() or not config.exists():
         BUILT.mkdir(parents=True, exist_ok=True)
@@ -124,7 +124,7 @@ def _model(console: Console) -> tuple[Path, Path]:
 
 
 def _watch(line: Line, console: Console, seconds: float) -> list[Watched]:
-    """Ask for contacts until the time is up or Ctrl-C; returns what was seen."""
+    """Ask for contacts until the time is up or Ctrl-C is pressed; returns the surfaces with their errors."""
     watched = [Watched(surface, Truth(line.truth(surface.name))) for surface in line.surfaces]
     next_print = 0.0
     live = Live(console=console, auto_refresh=False) if console.is_terminal else None
@@ -184,7 +184,7 @@ def _cells(one: Watched) -> list[str]:
 
 
 def _summarise(console: Console, watched: list[Watched], summary: dict[str, dict[str, int]]) -> int:
-    """Print what was measured; returns the exit code."""
+    """Print the mean errors and the sample counts; returns the exit code."""
     table = Table(title="summary: mean error of contacts, samples", box=SIMPLE)
     for heading in ("surface", "contacts", "whole beam", "60..340 mm", "published", "lost"):
         table.add_column(heading, justify="left" if heading == "surface" else "right", no_wrap=True)
@@ -202,7 +202,7 @@ def _summarise(console: Console, watched: list[Watched], summary: dict[str, dict
         complete = complete and bool(one.errors_mm) and bool(counts)
     console.print(table)
     if not complete:
-        console.print("no contact was reported on one of the surfaces, or the daemon left no counts")
+        console.print("a surface reported no contact, or the daemon wrote no counts")
     return 0 if complete else 1
 
 

@@ -1,4 +1,4 @@
-"""The whole line as real processes: rigs, one service, one daemon. The demo and the system tests start it."""
+"""The whole line as real processes: rigs, one service, one daemon. Used by the demo and the system tests."""
 
 import bisect
 import os
@@ -21,12 +21,12 @@ Kind = Literal["modbus-tcp", "modbus-rtu", "serial"]
 START_TIMEOUT_S = 30.0
 STOP_TIMEOUT_S = 10.0
 TRUTH_GAP_S = 0.05
-"""Rows of the truth come every 10 ms."""
+"""Gap between two rows of the truth from which it counts as interrupted; the rig writes a row every 10 ms."""
 
 
 @dataclass(frozen=True)
 class Surface:
-    """One surface of the line: a rig, and how the daemon reaches it."""
+    """One surface of the line: its rig, and the kind of source by which the daemon reads it."""
 
     name: str
     kind: Kind
@@ -35,14 +35,14 @@ class Surface:
 
 
 class Line:
-    """Rigs, service and daemon for some surfaces of one model; a context manager that ends all of them.
+    """Rigs, service and daemon for surfaces of one model; a context manager that ends all of them.
 
     Parameters
     ----------
-    folder : for config, token, truth and log files
+    folder : folder for config, token, truth and log files
     scene, model : scene file and the model file built from it
     daemon_config : the config that `design-sensors build --daemon-config` wrote for the model
-    surfaces : what to run
+    surfaces : the surfaces to run
     """
 
     def __init__(
@@ -52,12 +52,12 @@ class Line:
         self.url = ""
         """Base URL of the service, once started."""
         self.summary = folder / "summary.json"
-        """Where the daemon writes its counts when it ends."""
+        """File to which the daemon writes its counts when it ends."""
         self._scene, self._model, self._generated = scene, model, daemon_config
         self._processes: dict[str, subprocess.Popen[str]] = {}
 
     def truth(self, surface: str) -> Path:
-        """The CSV file in which the rig of a surface writes what really touches."""
+        """Return the CSV file to which the rig of a surface writes the true loads."""
         return self.folder / f"{surface}.csv"
 
     def __enter__(self) -> Self:
@@ -77,12 +77,12 @@ class Line:
         self.stop()
 
     def stop(self) -> None:
-        """End what still runs, the daemon first so that it can deliver what it has."""
+        """End all running processes, the daemon first, so that it can deliver its samples."""
         for name in reversed(list(self._processes)):
             self.end(name)
 
     def end(self, name: str) -> int:
-        """End one process, "daemon", "service" or "rig-NAME", as Ctrl-C would; returns its exit code."""
+        """End one process, "daemon", "service" or "rig-NAME", by SIGTERM; returns its exit code."""
         process = self._processes.pop(name)
         process.terminate()
         try:
@@ -96,15 +96,15 @@ class Line:
                 process.stdout.close()
 
     def dead(self) -> list[str]:
-        """Names of the processes that have ended by themselves."""
+        """Return the names of the processes that have ended by themselves."""
         return [name for name, process in self._processes.items() if process.poll() is not None]
 
     def pids(self) -> dict[str, int]:
-        """Process ids by name."""
+        """Return the process ids by name."""
         return {name: process.pid for name, process in self._processes.items()}
 
     def log(self, name: str) -> str:
-        """What a process wrote to stderr."""
+        """Return what a process wrote to stderr."""
         return (self.folder / f"{name}.log").read_text()
 
     def _start_rig(self, surface: Surface) -> dict[str, Any]:
@@ -147,11 +147,11 @@ class Line:
                 stdout=subprocess.PIPE,
                 stderr=log,
                 text=True,
-                start_new_session=True,  # a Ctrl-C on the terminal reaches the demo, which ends them in order
+                start_new_session=True,  # so that Ctrl-C reaches only the demo, which ends the processes in order
             )
 
     def _first_line(self, name: str) -> str:
-        """Wait for the line in which a process says where it listens."""
+        """Wait for the first line of a process, which states its address."""
         process = self._processes[name]
         if process.stdout is None:
             message = f"{name} has no stdout"
@@ -173,7 +173,7 @@ class Line:
 
 
 class Truth:
-    """Follows the file in which a rig writes what really touches."""
+    """Follows the file to which a rig writes the true loads."""
 
     def __init__(self, path: Path) -> None:
         self._file = path.open(encoding="ascii")
@@ -186,12 +186,12 @@ class Truth:
         self._file.close()
 
     def skip_to_end(self) -> None:
-        """Leave out what was written so far."""
+        """Skip the rows written so far."""
         self._file.seek(0, 2)
-        self._file.readline()  # the rest of a row
+        self._file.readline()  # the rest of an unfinished row
 
     def read(self) -> None:
-        """Take in what the rig has written since the last call."""
+        """Read the rows that the rig has written since the last call."""
         *lines, self._rest = (self._rest + self._file.read()).split("\n")
         for line in lines:
             seconds, position, force = line.split(",")
@@ -200,16 +200,16 @@ class Truth:
                 self._loads.append((float(position) if position else None, float(force)))
 
     def at(self, unix_s: float) -> tuple[float | None, float] | None:
-        """Position in mm (None where nothing touched) and force in N at a time; None outside of what is known."""
+        """Return position in mm (None if nothing touched) and force in N at a time; None if no row covers it."""
         index = bisect.bisect_right(self._times, unix_s) - 1
         if index < 0 or unix_s > self._times[-1] + 0.02:
             return None
         return self._loads[index]
 
     def steady(self, unix_s: float, seconds: float) -> bool:
-        """Whether the same load, not moving, has been there for so long, and still was a moment later.
+        """Return whether the load was the same for `seconds` before a time and shortly after it.
 
-        The rig is a process that may be stopped for a while: a gap in what it wrote hides what touched.
+        The rig may be suspended for a while, so a gap in its rows counts as unsteady.
         """
         first = bisect.bisect_right(self._times, unix_s - seconds) - 1
         last = bisect.bisect_right(self._times, unix_s)

@@ -4,8 +4,8 @@
 
 static uint32_t EEMEM boots;
 
-/* Spread over 32 bits, so that two devices that were booted about as often rarely have the same number. Every step can
- * be undone: two counts never give the same number. */
+/* Spread the boot count over 32 bits, so that two devices with similar counts rarely share an id. Every step is
+ * invertible, so two counts never give the same id. */
 static uint32_t mixed(uint32_t count) {
     count ^= count >> 16;
     count *= 0x7FEB352DUL;
@@ -16,6 +16,6 @@ static uint32_t mixed(uint32_t count) {
 
 uint32_t next_boot_id(void) {
     uint32_t count = eeprom_read_dword(&boots) + 1;
-    eeprom_update_dword(&boots, count); /* nearly always one byte; an EEPROM lasts for 100 000 boots */
+    eeprom_update_dword(&boots, count); /* mostly writes one byte; EEPROM cells last for 100 000 writes */
     return mixed(count);
 }

@@ -3,7 +3,7 @@
 
 #include <stdint.h>
 
-/* Another number at each boot. Call once; takes some milliseconds. */
+/* A different number at each boot. Call it once per boot; it takes some milliseconds. */
 uint32_t next_boot_id(void);
 
 #endif

@@ -9,7 +9,7 @@
 #define OVERFLOW_US 32768  /* 65536 ticks of half a microsecond */
 #define BLINK_OVERFLOWS 4  /* on or off for 131 ms */
 
-/* A test lets it wrap soon. */
+/* A test sets this so that the clock wraps soon. */
 #ifndef CLOCK_BEGINS_US
 #define CLOCK_BEGINS_US 0
 #endif
@@ -20,14 +20,14 @@ static volatile uint16_t identify_overflows;
 void clock_start(void) {
     DDRB |= LIGHT;
     TCCR1A = 0;
-    TCCR1B = _BV(CS11); /* 16 MHz / 8; the counter runs freely, as device_us does */
+    TCCR1B = _BV(CS11); /* 16 MHz / 8, free-running */
     TIMSK1 |= _BV(TOIE1);
 }
 
 uint32_t clock_us_locked(void) {
     uint16_t ticks = TCNT1;
     uint32_t us = overflowed_us;
-    /* The counter may have wrapped a moment ago while its interrupt has to wait. */
+    /* The counter may just have wrapped while its interrupt is still pending. */
     bool is_behind = (TIFR1 & _BV(TOV1)) && ticks < 0x8000;
     if (is_behind) us += OVERFLOW_US;
     return us + ticks / TICKS_PER_US;
@@ -41,7 +41,7 @@ uint32_t clock_us(void) {
 
 void identify(uint8_t seconds) {
     ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-        identify_overflows = seconds * 61U / 2; /* 30.5 overflows are a second */
+        identify_overflows = seconds * 61U / 2; /* 30.5 overflows per second */
         PORTB &= (uint8_t)~LIGHT;
     }
 }

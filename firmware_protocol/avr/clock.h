@@ -1,10 +1,10 @@
-/* The device clock, and the light that blinks by it. */
+/* The device clock, and the Identify light, which blinks on its interrupt. */
 #ifndef CLOCK_H
 #define CLOCK_H
 
 #include <stdint.h>
 
-/* Of timer 1; its compare unit A belongs to the scan. */
+/* Timer 1. Its compare unit A belongs to the scan. */
 #define TICKS_PER_US 2
 #define TICKS_PER_S (1000000UL * TICKS_PER_US)
 
@@ -13,10 +13,10 @@ void clock_start(void);
 /* Microseconds since boot, modulo 2^32. */
 uint32_t clock_us(void);
 
-/* The same where interrupts are off already, as in an interrupt. */
+/* The same, for callers that have already disabled interrupts. */
 uint32_t clock_us_locked(void);
 
-/* Blink for some seconds from now; 0 ends it. */
+/* Blink for this long from now; 0 stops blinking. */
 void identify(uint8_t seconds);
 
 #endif

@@ -12,9 +12,9 @@
 
 static beamtouch_decoder decoder;
 static uint32_t boot_id;
-static beamtouch_message answer; /* type 0: none is due */
+static beamtouch_message answer; /* type 0: no answer is due */
 
-/* After a reset by the watchdog it goes on running, at its shortest time: stop it before anything else. */
+/* After a watchdog reset the watchdog still runs, with its shortest timeout: stop it before anything else. */
 __attribute__((naked, used, section(".init3"))) void stop_watchdog(void) {
     MCUSR = 0;
     wdt_disable();
@@ -53,7 +53,8 @@ static void handle(const beamtouch_message *message) {
     }
 }
 
-/* Take one byte, so that no flood of them keeps the others waiting. A question waits until the one before is answered. */
+/* Take one byte per round, so that a flood of bytes does not hold up the readings. A question waits until the one before
+ * it is answered. */
 static void listen(void) {
     uint8_t byte;
     beamtouch_message message;
@@ -61,7 +62,7 @@ static void listen(void) {
     if (beamtouch_decode(&decoder, byte, &message)) handle(&message);
 }
 
-/* False if the transmit buffer is full. */
+/* Send a message; false if the transmit buffer is full. */
 static bool send(const beamtouch_message *message) {
     uint8_t *frame = uart_free_frame();
     if (frame == NULL) return false;

@@ -9,37 +9,37 @@
 #include "config.h"
 
 #if MAX_RATE_HZ * (CHANNELS * CONVERSION_US + SCAN_OVERHEAD_US) > 1000000
-#error "the ADC cannot keep the rate that the line can"
+#error "MAX_RATE_HZ is faster than the ADC can scan"
 #endif
 
 #define REFERENCE _BV(REFS0) /* AVCC, with a capacitor at AREF */
 #define CONVERT (_BV(ADEN) | _BV(ADSC) | _BV(ADIE) | ADC_PRESCALER_BITS)
-#define FIRST_SCAN_TICKS 500 /* after Start; longer than a conversion that may still run */
+#define FIRST_SCAN_TICKS 500 /* delay after Start, longer than a conversion that may still be running */
 #define LONGEST_STEP 0x8000
 
-/* When to scan. The period in ticks is rarely whole; what is left over adds up until it makes one more tick, so that
- * the rate is exact in the long run. */
+/* The schedule. The period is rarely a whole number of ticks: the remainder accumulates until it makes one more tick, so
+ * that the rate is exact in the long run. */
 static uint16_t rate;
 static uint32_t period_ticks;
 static uint16_t period_rest; /* in ticks / rate */
 static uint16_t rest_sum;
 static uint32_t ticks_to_go;
 
-/* The interrupts fill one reading while others wait to be sent. One would do, but an answer goes first, and three in a row
- * take as long as some readings. */
+/* The interrupts fill one reading while others wait to be sent. Several may wait, because answers go first, and three
+ * answers in a row take as long as some readings. */
 #define READINGS 8
 static beamtouch_message readings[READINGS];
-static uint16_t scan_ticks[READINGS]; /* how long each took */
+static uint16_t scan_ticks[READINGS]; /* duration of each scan */
 static volatile uint8_t filling;
-static volatile uint8_t waiting; /* the first that waits, if it is not `filling` */
+static volatile uint8_t waiting; /* the first reading to send; none if equal to `filling` */
 
-/* The scan that runs. */
+/* The running scan. */
 static volatile bool is_scanning;
 static uint16_t began_ticks;
 static uint8_t scan_oversampling;
 static uint8_t rounds_left;
 static uint8_t channel;
-static uint16_t *sum; /* of that channel */
+static uint16_t *sum; /* the count of `channel` in the reading */
 static uint16_t sequence;
 
 static void convert(uint8_t which) {
@@ -48,12 +48,12 @@ static void convert(uint8_t which) {
 }
 
 void scan_prepare(void) {
-    DIDR0 = (uint8_t)((1U << CHANNELS) - 1); /* the pins' digital inputs would only add noise */
-    convert(0); /* the first conversion takes longer, and nobody waits for it */
+    DIDR0 = (uint8_t)((1U << CHANNELS) - 1); /* the pins' digital inputs would add noise */
+    convert(0);                              /* the first conversion takes longer; its result is not used */
 }
 
 static bool can_keep(uint16_t rate_hz, uint8_t oversampling) {
-    return rate_hz >= 1 && rate_hz <= MAX_RATE_HZ && oversampling >= 1 && oversampling <= MOST_OVERSAMPLING &&
+    return rate_hz >= 1 && rate_hz <= MAX_RATE_HZ && oversampling >= 1 && oversampling <= MAX_OVERSAMPLING &&
            rate_hz * SCAN_US(oversampling) <= 1000000;
 }
 
@@ -70,7 +70,7 @@ bool scan_start(uint16_t rate_hz, uint8_t oversampling) {
         ticks_to_go = 0;
         scan_oversampling = oversampling;
         OCR1A = TCNT1 + FIRST_SCAN_TICKS;
-        TIFR1 = _BV(OCF1A); /* a match of long ago */
+        TIFR1 = _BV(OCF1A); /* clear an old match */
         TIMSK1 |= _BV(OCIE1A);
     }
     return true;
@@ -89,9 +89,9 @@ static uint8_t after(uint8_t reading) { return (reading + 1) % READINGS; }
 const beamtouch_message *scan_waiting(void) {
     uint8_t first = waiting;
     if (first == filling) return NULL;
-    asm volatile("" ::: "memory"); /* what it holds is read now, and not before it was there */
+    asm volatile("" ::: "memory"); /* keep the compiler from reading the contents before `filling` */
     beamtouch_message *message = &readings[first];
-    message->as.reading.device_us += scan_ticks[first] / (2 * TICKS_PER_US); /* from its begin to its middle, once */
+    message->as.reading.device_us += scan_ticks[first] / (2 * TICKS_PER_US); /* move the time to the scan's middle, once */
     scan_ticks[first] = 0;
     return message;
 }
@@ -99,7 +99,7 @@ const beamtouch_message *scan_waiting(void) {
 void scan_forget(void) { waiting = after(waiting); }
 
 static void begin_scan(void) {
-    if (is_scanning) { /* never, at the rates that are taken; but a loss must show */
+    if (is_scanning) { /* never at the accepted rates; if it happens, the gap in `sequence` shows the loss */
         ATOMIC_BLOCK(ATOMIC_FORCEON) { sequence++; }
         return;
     }
@@ -121,7 +121,7 @@ static void begin_scan(void) {
     convert(0);
 }
 
-/* Lets others interrupt, as the line would wait for a byte otherwise. It is over long before it is due again. */
+/* Interruptible, because the line must not wait for its next byte. It ends long before it is due again. */
 ISR(TIMER1_COMPA_vect, ISR_NOBLOCK) {
     if (ticks_to_go == 0) {
         begin_scan();
@@ -132,26 +132,26 @@ ISR(TIMER1_COMPA_vect, ISR_NOBLOCK) {
             ticks_to_go++;
         }
     }
-    /* A long period goes in steps that the compare unit can hold, the last of them never a short one. */
+    /* A long period is split into steps that fit the compare unit; the last step is never short. */
     uint16_t step = ticks_to_go > 0xFFFF ? LONGEST_STEP : (uint16_t)ticks_to_go;
     ticks_to_go -= step;
-    ATOMIC_BLOCK(ATOMIC_FORCEON) { OCR1A += step; } /* of two bytes, which share a register with TCNT1 */
+    ATOMIC_BLOCK(ATOMIC_FORCEON) { OCR1A += step; } /* 16-bit access goes through a register that TCNT1 shares */
 }
 
 static void finish_scan(void) {
     uint8_t following = after(filling);
     is_scanning = false;
     sequence++;
-    if (following == waiting) return; /* all wait: this one is dropped, and its number with it */
+    if (following == waiting) return; /* the buffer is full: drop this reading; its number stays used */
     scan_ticks[filling] = TCNT1 - began_ticks; /* 16 ms at most */
     filling = following;
 }
 
-/* All channels once, then all again: so that every sum is of the same time. Short, as it runs most often: whatever needs
- * more than 16 bits is done before the scan or after it. */
+/* Convert all channels once, then all again, so that every sum covers the same time. This runs most often, so it is
+ * short: arithmetic beyond 16 bits is done before or after the scan. */
 ISR(ADC_vect) {
-    if (!is_scanning) return; /* stopped meanwhile */
-    /* Read before the next is chosen: hardware would not mind, simavr converts while it is read. */
+    if (!is_scanning) return; /* stopped in the meantime */
+    /* Read before choosing the next channel: simavr computes the conversion when ADC is read. Hardware would not mind. */
     *sum++ += ADC;
     uint8_t following = channel + 1;
     if (following == CHANNELS) {

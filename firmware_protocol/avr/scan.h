@@ -1,4 +1,4 @@
-/* Scans of all channels, by timer and ADC interrupts. */
+/* Scans of all channels, driven by timer and ADC interrupts. */
 #ifndef SCAN_H
 #define SCAN_H
 
@@ -7,19 +7,19 @@
 
 #include "beamtouch_protocol.h"
 
-/* Make the ADC ready. */
+/* Prepare the ADC. */
 void scan_prepare(void);
 
-/* Scan from now on at this rate; false, and nothing changes, if the ADC or the line cannot keep it. */
+/* Start scanning at this rate. If the ADC or the line cannot keep it, change nothing and return false. */
 bool scan_start(uint16_t rate_hz, uint8_t oversampling);
 
-/* Scan no more; forgets what waits to be sent. */
+/* Stop scanning and discard the readings that wait to be sent. */
 void scan_stop(void);
 
-/* The reading that waits to be sent, NULL if none does. It stays as it is until scan_forget. */
+/* The next reading to send, or NULL. It stays unchanged until scan_forget. */
 const beamtouch_message *scan_waiting(void);
 
-/* The reading that waited has been sent. */
+/* Discard the reading that scan_waiting returned, after it has been sent. */
 void scan_forget(void);
 
 #endif

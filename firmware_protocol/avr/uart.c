@@ -7,16 +7,16 @@
 
 #include "config.h"
 
-/* Frames are encoded straight into one of these while the interrupt sends another. One is always free. */
+/* Frames are encoded straight into one of these buffers while the interrupt sends another. One is always free. */
 #define FRAMES 4
-/* While a frame is being encoded nobody takes bytes from here: for 300 us at most, 30 bytes. */
+/* Room for the bytes that arrive while the main loop encodes a frame: 30 bytes in at most 300 us. */
 #define RECEIVED_BYTES 64
 
 #define RECEIVE_AND_SEND (_BV(RXCIE0) | _BV(RXEN0) | _BV(TXEN0))
 
-static uint8_t frames[FRAMES][MOST_SENT_BYTES];
-static uint8_t filling;          /* the frame that is written next */
-static volatile uint8_t sending; /* the frame on the line, if it is not `filling` */
+static uint8_t frames[FRAMES][MAX_SENT_BYTES];
+static uint8_t filling;          /* the frame to write next */
+static volatile uint8_t sending; /* the frame on the line; none if equal to `filling` */
 static const uint8_t *next;      /* its next byte */
 
 static volatile uint8_t received[RECEIVED_BYTES];
@@ -24,7 +24,7 @@ static volatile uint8_t received_end;
 static uint8_t received_begin;
 
 void uart_start(void) {
-    UCSR0A = _BV(U2X0); /* before the divider: simavr reads it only then */
+    UCSR0A = _BV(U2X0); /* before the divider: simavr reads this bit only when the divider is set */
     UBRR0 = F_CPU / 8 / (10UL * LINE_BYTES_PER_S) - 1;
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
     UCSR0B = RECEIVE_AND_SEND;
@@ -34,7 +34,7 @@ void uart_start(void) {
 ISR(USART_RX_vect) {
     uint8_t byte = UDR0;
     uint8_t end = (received_end + 1) % RECEIVED_BYTES;
-    if (end == received_begin) return; /* nobody takes them: the frame is lost, and its checksum says so */
+    if (end == received_begin) return; /* the buffer is full: the byte is lost, and the frame's checksum shows it */
     received[received_end] = byte;
     received_end = end;
 }
@@ -58,9 +58,9 @@ void uart_send(void) {
     }
 }
 
-/* Sends a byte, up to the zero that ends a frame and is nowhere inside one. By hand, as it runs for every byte: 43 cycles of
- * the 160 that a byte takes on the line, where the compiler makes 66 of it, and there is no time for them at the highest
- * rate. After the zero all registers are as they were, and the compiler's part goes on and returns. */
+/* Send one byte. The zero that ends a frame occurs nowhere inside it. Written by hand because it runs for every byte: it
+ * takes 43 of the 160 cycles that a byte takes on the line. The compiler's version takes 66, too many at the highest rate.
+ * After the zero all registers are restored, and the compiled part below finishes the frame and returns. */
 ISR(USART_UDRE_vect, ISR_NAKED) {
     asm volatile("push r24 \n\t"
                  "in r24, %[sreg] \n\t"
@@ -87,7 +87,7 @@ ISR(USART_UDRE_vect, ISR_NAKED) {
                  [udr] "n"(_SFR_MEM_ADDR(UDR0)), [sreg] "I"(_SFR_IO_ADDR(SREG)));
 }
 
-/* The rest of the above; gcc wants the name of an interrupt to begin so. */
+/* The compiled part of the interrupt above. gcc requires the name of an interrupt to begin with __vector. */
 __attribute__((signal, used)) void __vector_frame_sent(void);
 void __vector_frame_sent(void) {
     uint8_t frame = after(sending);

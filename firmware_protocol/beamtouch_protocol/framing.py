@@ -1,7 +1,6 @@
 """Frames on the wire: COBS over body and CRC-32, ended by a zero byte.
 
-The body is one type byte and the payload. What a message says is none of this module's business; it knows the table
-from type number to class and nothing more.
+The body is one type byte and the payload. Of the messages, this module uses only the table from type number to class.
 """
 
 import zlib
@@ -22,47 +21,47 @@ MAX_FRAME_BYTES = 1 + _MAX_CONTENT_BYTES + len(DELIMITER)
 
 
 class Rejection(StrEnum):
-    """Why a frame was not taken."""
+    """Reason to reject a frame."""
 
     OVERLONG = "overlong"
     """More bytes without a delimiter than any frame has."""
     COBS = "cobs"
     """A COBS block reaches beyond the end."""
     LENGTH = "length"
-    """Too short for a type and a checksum, or not a length that the message can have."""
+    """Too short for a type and a checksum, or a length that the message cannot have."""
     CRC = "crc"
-    """The checksum does not fit: damaged, or from another version of the protocol."""
+    """The checksum does not match: the frame is damaged or from another version of the protocol."""
     TYPE = "type"
-    """An intact frame of a type that no message has."""
+    """An intact frame of an unknown type."""
 
 
 @dataclass(slots=True)
 class DecoderCounts:
-    """What a decoder has seen since it was made."""
+    """Counts of a decoder since its creation."""
 
     frames: int = 0
     """Frames that became a message."""
     rejected_by: dict[Rejection, int] = field(default_factory=lambda: dict.fromkeys(Rejection, 0))
-    """Frames that did not, by reason."""
+    """Rejected frames, by reason."""
 
     @property
     def rejected(self) -> int:
-        """Frames that did not become a message, for any reason."""
+        """Rejected frames, for any reason."""
         return sum(self.rejected_by.values())
 
 
 def encode(message: Message) -> bytes:
-    """Return the whole frame of a message with its delimiter; ValueError with the field's name if a value is amiss."""
+    """Return a message's frame with its delimiter; ValueError with the field's name if a value is out of range."""
     body = bytes([message.TYPE]) + message.to_bytes()
     encoded: bytes = cobs.encode(body + _checksum(body))
     return encoded + DELIMITER
 
 
 class Decoder:
-    """Turns a stream of bytes, however it is cut, into messages.
+    """Decodes a stream of bytes, in chunks of any size, to messages.
 
-    Never raises on bad input and holds at most one frame. After any garbage it is in step again at the next
-    delimiter. Empty frames are skipped, so that a sender may begin with a delimiter to end what stood on the line.
+    Never raises on bad input and holds at most one frame. After garbage it resynchronises at the next delimiter. Empty
+    frames are skipped, so a sender may begin with a delimiter to end a partial frame on the line.
     """
 
     def __init__(self) -> None:
@@ -71,7 +70,7 @@ class Decoder:
         self._skipping = False
 
     def feed(self, data: bytes) -> list[Message]:
-        """Return the messages that are complete with `data`, in the order they arrived."""
+        """Return the messages that `data` completes, in order of arrival."""
         messages = []
         *ends, begin = data.split(DELIMITER)
         for end in ends:
@@ -111,7 +110,7 @@ def _checksum(body: bytes) -> bytes:
 
 
 def _decode(frame: bytes) -> Message | Rejection:
-    """Return the message in a frame without its delimiter, or why there is none."""
+    """Return the message in a frame without its delimiter, or the reason to reject it."""
     try:
         content: bytes = cobs.decode(frame)
     except cobs.DecodeError:

@@ -1,8 +1,8 @@
-"""The device's counters, which wrap, made whole again on the host."""
+"""Unwrapping of the device's counters on the host."""
 
 
 def missing_between(previous: int, current: int) -> int:
-    """Return how many readings were lost between two that arrived one after the other.
+    """Return how many readings were lost between two that arrived in succession.
 
     Parameters
     ----------
@@ -12,24 +12,23 @@ def missing_between(previous: int, current: int) -> int:
     Returns
     -------
     int
-        0 to 65535. Exact as long as fewer than 2**16 readings were lost; a longer silence is for the host's own clock
-        to notice.
+        0 to 65535, exact if fewer than 2**16 readings were lost. The host's own clock must detect a longer silence.
     """
     return (current - previous - 1) % (1 << 16)
 
 
 class DeviceClock:
-    """Extends `device_us`, which wraps every 71.6 minutes, to a count that does not.
+    """Extends `device_us`, which wraps every 71.6 minutes, to a count that does not wrap.
 
-    Never runs backwards. It holds for one boot of the device, and for readings less than 71.6 minutes apart: make a
-    new one after a Hello with another boot id, and after any longer silence.
+    Never runs backwards. Valid for one boot of the device and for readings less than 71.6 minutes apart: make a new
+    clock after a `Hello` with another boot id, and after a longer silence.
     """
 
     def __init__(self) -> None:
         self._us: int | None = None
 
     def extend(self, device_us: int) -> int:
-        """Return the device time in microseconds; the first value stands as it is, the others count on from there."""
+        """Return the device time in microseconds, counted on from the first value, which is returned unchanged."""
         if self._us is None:
             self._us = device_us
         else:
@@ -37,9 +36,9 @@ class DeviceClock:
         return self._us
 
     def extend_near(self, device_us: int) -> int:
-        """Return the device time in microseconds of a value that may be a little older than the last; moves nothing.
+        """Return the device time in microseconds of a value up to 35 minutes before or after the last one.
 
-        An answer can overtake a reading that was taken before it, and the other way round.
+        It leaves the clock unchanged. An answer can overtake an earlier reading, and a reading an earlier answer.
         """
         if self._us is None:
             return device_us

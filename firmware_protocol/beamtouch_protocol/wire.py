@@ -1,7 +1,7 @@
-"""How the fields of a message lie in its bytes.
+"""Wire types of message fields, and the packing of messages.
 
 A message class states the wire type of each field in its annotation (`rate_hz: U16`). Packing, unpacking and the
-schema text all read those annotations, so that the three cannot disagree.
+schema text all read these annotations, so they cannot disagree.
 """
 
 import struct
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self, get_type_hints
 
 MAX_CHANNELS = 32
-"""The most counts that a reading can hold; it bounds the memory of every decoder."""
+"""Largest number of counts in a reading; it bounds the memory of every decoder."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,48 +23,48 @@ class Unsigned:
         return f"u{self.bits}"
 
     @property
-    def most_bytes(self) -> int:
-        """Length on the wire, in bytes."""
+    def max_bytes(self) -> int:
+        """Length on the wire, in bytes; always the same."""
         return self.bits // 8
 
     def pack(self, name: str, value: object) -> bytes:
-        """Return the bytes of `value`; ValueError with the field's name if it does not fit."""
+        """Return the bytes of `value`; ValueError with the field's name if it is out of range."""
         if not isinstance(value, int) or not 0 <= value < 1 << self.bits:
             message = f"{name} must be a whole number from 0 to {(1 << self.bits) - 1}, not {value!r}"
             raise ValueError(message)
-        return value.to_bytes(self.most_bytes, "little")
+        return value.to_bytes(self.max_bytes, "little")
 
     def unpack(self, name: str, data: bytes) -> int:
         """Return the value of `data`; ValueError with the field's name if the length is wrong."""
-        if len(data) != self.most_bytes:
-            message = f"{name} is cut off: {len(data)} of {self.most_bytes} bytes"
+        if len(data) != self.max_bytes:
+            message = f"{name} is cut off: {len(data)} of {self.max_bytes} bytes"
             raise ValueError(message)
         return int.from_bytes(data, "little")
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One to `most` u16 in a row, up to the end of the payload; their number follows from its length."""
+    """One to `max_count` u16 values that fill the rest of the payload; their number follows from its length."""
 
-    most: int
+    max_count: int
 
     def __str__(self) -> str:
-        return f"u16[1..{self.most}]"
+        return f"u16[1..{self.max_count}]"
 
     @property
-    def most_bytes(self) -> int:
+    def max_bytes(self) -> int:
         """The greatest length on the wire, in bytes."""
-        return 2 * self.most
+        return 2 * self.max_count
 
     def pack(self, name: str, values: Sequence[int]) -> bytes:
-        """Return the bytes of `values`; ValueError with the field's name if one, or their number, does not fit."""
-        if not 1 <= len(values) <= self.most:
-            message = f"{name} must hold 1 to {self.most} values, not {len(values)}"
+        """Return the bytes of `values`; ValueError with the field's name if a value or their number is out of range."""
+        if not 1 <= len(values) <= self.max_count:
+            message = f"{name} must hold 1 to {self.max_count} values, not {len(values)}"
             raise ValueError(message)
         return b"".join(Unsigned(16).pack(f"{name}[{index}]", value) for index, value in enumerate(values))
 
     def unpack(self, name: str, data: bytes) -> tuple[int, ...]:
-        """Return the values in `data`; ValueError with the field's name if there is none, or half of one."""
+        """Return the values in `data`; ValueError with the field's name if it is empty or of odd length."""
         if not data or len(data) % 2:
             message = f"{name} cannot be {len(data)} bytes long"
             raise ValueError(message)
@@ -75,11 +75,11 @@ U8 = Annotated[int, Unsigned(8)]
 U16 = Annotated[int, Unsigned(16)]
 U32 = Annotated[int, Unsigned(32)]
 Counts = Annotated[tuple[int, ...], Run(MAX_CHANNELS)]
-"""One u16 per channel; only ever the last field of a message, as it takes all bytes that are left."""
+"""One u16 per channel. It must be the last field of a message, because it takes all remaining bytes."""
 
 
 class Payload:
-    """Base of the messages, which are dataclasses: a type number, and fields in the order they have on the wire."""
+    """Base class of the messages: dataclasses with a type number and fields in wire order."""
 
     __slots__ = ()
 
@@ -100,11 +100,11 @@ class Payload:
 
     @classmethod
     def from_bytes(cls, payload: bytes) -> Self:
-        """Return the message in `payload`; ValueError if it has the wrong length, and for no other reason."""
+        """Return the message in `payload`; ValueError only if its length is wrong."""
         values: list[Any] = []
         for name, kind in cls.FIELDS:
-            values.append(kind.unpack(name, payload[: kind.most_bytes]))
-            payload = payload[kind.most_bytes :]
+            values.append(kind.unpack(name, payload[: kind.max_bytes]))
+            payload = payload[kind.max_bytes :]
         if payload:
             message = f"{cls.__name__} is {len(payload)} bytes too long"
             raise ValueError(message)
@@ -116,6 +116,6 @@ class Payload:
         return " ".join([f"0x{cls.TYPE:02x}", cls.__name__, *(f"{name}:{kind}" for name, kind in cls.FIELDS)])
 
     @classmethod
-    def greatest_length(cls) -> int:
+    def max_payload_bytes(cls) -> int:
         """Return the length of the longest payload of this message, in bytes."""
-        return sum(kind.most_bytes for _, kind in cls.FIELDS)
+        return sum(kind.max_bytes for _, kind in cls.FIELDS)

@@ -4,12 +4,12 @@
 
 enum { CRC_BYTES = 4, TYPE_BYTES = 1, FIXED_READING_BYTES = 7 };
 
-/* The usual table of 256 remainders is linear, so that the remainder of a byte is that of its low nibble XOR that of its
- * high nibble: 128 bytes of table for nearly the speed of 1024. A Harvard machine has them in flash. */
+/* The usual CRC table of 256 remainders is linear: the remainder of a byte is that of its low nibble XOR that of its high
+ * nibble. So 128 bytes of table give nearly the speed of 1024. On AVR the table lies in flash. */
 #ifdef __AVR__
 #include <avr/pgmspace.h>
 #define IN_FLASH PROGMEM
-#define ENTRY(table, index) pgm_read_dword((const uint8_t *)(table) + (uint8_t)((index) * 4u)) /* 8 bits will do */
+#define ENTRY(table, index) pgm_read_dword((const uint8_t *)(table) + (uint8_t)((index) * 4u)) /* the offset fits 8 bits */
 #else
 #define IN_FLASH
 #define ENTRY(table, index) ((table)[index])
@@ -34,7 +34,7 @@ uint32_t beamtouch_crc(const uint8_t *body, uint8_t length, uint32_t seed) {
     return ~crc;
 }
 
-/* Only the introduction is read across versions; the schema hash seals everything else. */
+/* HelloRequest and Hello are readable across versions; the schema hash protects everything else. */
 static uint32_t seed_of(uint8_t type) {
     return type == BEAMTOUCH_HELLO_REQUEST || type == BEAMTOUCH_HELLO ? 0 : BEAMTOUCH_SCHEMA_HASH;
 }
@@ -71,7 +71,7 @@ static void get_hello(const uint8_t *at, beamtouch_hello *hello) {
 }
 
 static uint8_t *put_reading(uint8_t *at, const beamtouch_reading *reading) {
-    if (reading->channel_count < 1 || reading->channel_count > BEAMTOUCH_MOST_CHANNELS) return NULL;
+    if (reading->channel_count < 1 || reading->channel_count > BEAMTOUCH_MAX_CHANNELS) return NULL;
     at = put_u32(put_u16(at, reading->sequence), reading->device_us);
     *at++ = reading->oversampling;
     for (uint8_t channel = 0; channel < reading->channel_count; channel++) {
@@ -80,11 +80,11 @@ static uint8_t *put_reading(uint8_t *at, const beamtouch_reading *reading) {
     return at;
 }
 
-/* False if no reading has that many bytes. */
+/* Read the payload of a reading; false if no reading has this length. */
 static bool get_reading(const uint8_t *at, uint8_t length, beamtouch_reading *reading) {
     if (length <= FIXED_READING_BYTES || (length - FIXED_READING_BYTES) % 2 != 0) return false;
     reading->channel_count = (uint8_t)(length - FIXED_READING_BYTES) / 2;
-    if (reading->channel_count > BEAMTOUCH_MOST_CHANNELS) return false;
+    if (reading->channel_count > BEAMTOUCH_MAX_CHANNELS) return false;
     reading->sequence = get_u16(at);
     reading->device_us = get_u32(at + 2);
     reading->oversampling = at[6];
@@ -121,7 +121,7 @@ static uint8_t *put_payload(uint8_t *at, const beamtouch_message *message) {
     }
 }
 
-/* Read a payload of any length; returns BEAMTOUCH_REJECTIONS if it is a message, otherwise why not. */
+/* Read a payload of any length; returns BEAMTOUCH_REJECTIONS if it is valid, otherwise the reason for its rejection. */
 static uint8_t get_payload(const uint8_t *at, uint8_t length, beamtouch_message *message) {
     bool fits = length == 0;
     switch (message->type) {
@@ -157,8 +157,8 @@ static uint8_t get_payload(const uint8_t *at, uint8_t length, beamtouch_message 
     return fits ? BEAMTOUCH_REJECTIONS : BEAMTOUCH_LENGTH;
 }
 
-/* COBS in place: the content stands behind one free byte. That byte and each zero become the distance to the next zero,
- * the delimiter being the last. No piece is longer than 253 bytes, as no frame is. */
+/* Encode COBS in place: the content follows one free byte. That byte and each zero become the distance to the next zero;
+ * the delimiter is the last zero. No frame is long enough for the rule on pieces of 254 bytes. */
 static void stuff(uint8_t *frame, uint8_t *delimiter) {
     uint8_t distance = 1;
     for (uint8_t *at = delimiter - 1; at > frame; at--) {
@@ -172,7 +172,7 @@ static void stuff(uint8_t *frame, uint8_t *delimiter) {
     *delimiter = 0;
 }
 
-/* The way back, also in place: the content then stands behind the first byte. False if a distance leads too far. */
+/* Decode COBS in place: the content then follows the first byte. False if a distance leads beyond the end. */
 static bool unstuff(uint8_t *frame, uint8_t length) {
     uint8_t at = 0;
     uint8_t distance = frame[0];
@@ -194,7 +194,7 @@ uint8_t beamtouch_encode(const beamtouch_message *message, uint8_t *frame) {
     return (uint8_t)(end + 1 - frame);
 }
 
-/* Take a frame that is complete; returns as get_payload does. */
+/* Decode a complete frame; returns the same as get_payload. */
 static uint8_t open_frame(uint8_t *frame, uint8_t length, beamtouch_message *message) {
     uint8_t *body = frame + 1;
     if (!unstuff(frame, length)) return BEAMTOUCH_COBS;

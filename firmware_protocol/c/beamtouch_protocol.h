@@ -1,10 +1,10 @@
-/* The Beamtouch serial protocol, version 1, for both sides: messages to frames and frames to messages.
+/* The Beamtouch serial protocol, version 1: encodes and decodes messages, for devices and hosts.
  *
- * ../PROTOCOL.md says what the messages mean. Pure C99: no heap, no floating point, no I/O, nothing static that changes.
+ * ../PROTOCOL.md says what the messages mean. Pure C99: no heap, no floating point, no I/O, no mutable static data.
  *
- * A device that has little memory defines, for this header and beamtouch_protocol.c alike:
- *   BEAMTOUCH_MOST_FRAME_BYTES  the longest frame that its decoder takes; 10 is all that a device is sent
- *   BEAMTOUCH_MOST_CHANNELS     the most counts that a reading holds
+ * To save memory, a device may define these for both this header and beamtouch_protocol.c:
+ *   BEAMTOUCH_MAX_FRAME_BYTES  longest frame that the decoder accepts; a device receives no frame longer than 10
+ *   BEAMTOUCH_MAX_CHANNELS     largest number of counts in a reading
  */
 #ifndef BEAMTOUCH_PROTOCOL_H
 #define BEAMTOUCH_PROTOCOL_H
@@ -19,21 +19,21 @@ extern "C" {
 #define BEAMTOUCH_PROTOCOL_VERSION 1
 #define BEAMTOUCH_SCHEMA_HASH 0x3D4A3321u
 
-/* Length of the frame of a reading or of a hello, with its delimiter: what a transmit buffer must hold. */
+/* Length of a reading's and of a Hello's frame, with the delimiter. A transmit buffer must hold the longer of the two. */
 #define BEAMTOUCH_READING_FRAME_BYTES(channels) (14 + 2 * (channels))
 #define BEAMTOUCH_HELLO_FRAME_BYTES 20
 
-#ifndef BEAMTOUCH_MOST_CHANNELS
-#define BEAMTOUCH_MOST_CHANNELS 32
+#ifndef BEAMTOUCH_MAX_CHANNELS
+#define BEAMTOUCH_MAX_CHANNELS 32
 #endif
-#ifndef BEAMTOUCH_MOST_FRAME_BYTES
-#define BEAMTOUCH_MOST_FRAME_BYTES BEAMTOUCH_READING_FRAME_BYTES(BEAMTOUCH_MOST_CHANNELS)
+#ifndef BEAMTOUCH_MAX_FRAME_BYTES
+#define BEAMTOUCH_MAX_FRAME_BYTES BEAMTOUCH_READING_FRAME_BYTES(BEAMTOUCH_MAX_CHANNELS)
 #endif
-#if BEAMTOUCH_MOST_CHANNELS < 1 || BEAMTOUCH_MOST_CHANNELS > 32
-#error "a reading has 1 to 32 channels"
+#if BEAMTOUCH_MAX_CHANNELS < 1 || BEAMTOUCH_MAX_CHANNELS > 32
+#error "BEAMTOUCH_MAX_CHANNELS must be 1 to 32"
 #endif
-#if BEAMTOUCH_MOST_FRAME_BYTES < 10 || BEAMTOUCH_MOST_FRAME_BYTES > 78
-#error "the longest frame has 10 bytes to a device, 78 to a host"
+#if BEAMTOUCH_MAX_FRAME_BYTES < 10 || BEAMTOUCH_MAX_FRAME_BYTES > 78
+#error "BEAMTOUCH_MAX_FRAME_BYTES must be 10 (device) to 78 (host)"
 #endif
 
 enum {
@@ -78,11 +78,11 @@ typedef struct {
     uint16_t sequence;
     uint32_t device_us;
     uint8_t oversampling;
-    uint8_t channel_count; /* of `counts`; on the line it follows from the length */
-    uint16_t counts[BEAMTOUCH_MOST_CHANNELS];
+    uint8_t channel_count; /* length of `counts`; not sent, it follows from the payload's length */
+    uint16_t counts[BEAMTOUCH_MAX_CHANNELS];
 } beamtouch_reading;
 
-/* One message of any type; `as` says nothing for HelloRequest and Stop. */
+/* One message of any type; HelloRequest and Stop leave `as` unused. */
 typedef struct {
     uint8_t type;
     union {
@@ -95,7 +95,7 @@ typedef struct {
     } as;
 } beamtouch_message;
 
-/* Why a frame was not taken, as PROTOCOL.md names it. */
+/* Reasons to reject a frame, with the names of PROTOCOL.md. */
 enum {
     BEAMTOUCH_OVERLONG,
     BEAMTOUCH_COBS,
@@ -105,23 +105,23 @@ enum {
     BEAMTOUCH_REJECTIONS
 };
 
-/* What stands of the frame that is arriving. All zeros is a decoder that has seen nothing. */
+/* The state of a decoder. Initialise it with all zeros. */
 typedef struct {
-    uint32_t frames;                         /* that became a message */
-    uint32_t rejected[BEAMTOUCH_REJECTIONS]; /* that did not, by reason */
+    uint32_t frames;                         /* decoded to a message */
+    uint32_t rejected[BEAMTOUCH_REJECTIONS]; /* rejected, by reason */
     uint8_t length;
-    bool skipping; /* an overlong frame, up to the next delimiter */
-    uint8_t frame[BEAMTOUCH_MOST_FRAME_BYTES - 1];
+    bool skipping; /* dropping an overlong frame up to the next delimiter */
+    uint8_t frame[BEAMTOUCH_MAX_FRAME_BYTES - 1];
 } beamtouch_decoder;
 
-/* Write the whole frame of a message with its delimiter; returns its length, or 0 if the type or the number of
- * channels is none that the protocol has. `frame` must hold it. */
+/* Write the whole frame of a message with its delimiter and return its length; 0 if the protocol has no such type or
+ * number of channels. `frame` must be large enough. */
 uint8_t beamtouch_encode(const beamtouch_message *message, uint8_t *frame);
 
-/* Take one byte from the line; true if a message is complete with it. Never fails, whatever comes. */
+/* Take one byte from the line; true if it completes a message. Accepts any input. */
 bool beamtouch_decode(beamtouch_decoder *decoder, uint8_t byte, beamtouch_message *message);
 
-/* CRC-32 with a seed, as the checksum of a frame. */
+/* The checksum of a frame: CRC-32 with a seed. */
 uint32_t beamtouch_crc(const uint8_t *body, uint8_t length, uint32_t seed);
 
 #ifdef __cplusplus

@@ -1,5 +1,5 @@
-/* A simulated board: runs a firmware, its serial line on a pseudo-terminal or in a file, its analogue inputs told on
- * standard input. `usage` says how. */
+/* The simulated board: runs a firmware with its serial line on a pseudo-terminal or in a file. Commands on standard input
+ * set the analogue inputs; `usage` lists them. */
 #define _GNU_SOURCE
 #include <ctype.h>
 #include <errno.h>
@@ -15,22 +15,24 @@
 #include <unistd.h>
 
 #include "device.h"
+#include "fail.h"
 
 #define CHANNELS 8
-#define MOST_BEHIND_S 0.1 /* later than this, time lost is not made up for */
-#define SCRIPT_BYTES 1000000
+#define MAX_BEHIND_S 0.1     /* beyond this lag behind real time, the clock is set anew instead of catching up */
+#define SCRIPT_BYTES 1000000 /* of commands that wait for their time */
 
 static const char usage[] =
     "usage: board FIRMWARE.elf [--link PATH] [--eeprom FILE]\n"
     "       board FIRMWARE.elf --seconds S --output FILE [--input FILE] [--eeprom FILE]\n"
-    "Without --seconds: in real time, with the line on a pseudo-terminal whose path is printed first, and linked at PATH.\n"
-    "It ends with standard input. With --seconds: as fast as it can, with all that the device sends in a file.\n"
-    "Lines on standard input, each at its time in simulated seconds, or at once:\n"
-    "  [@SECONDS] mV mV ...     voltages at ADC0, ADC1, ...\n"
-    "  [@SECONDS] send HEX      bytes to the device, as --input is from the beginning\n"
-    "  [@SECONDS] reset         as by the reset button\n";
+    "Without --seconds it runs in real time until standard input ends. The serial line is a pseudo-terminal: its path is\n"
+    "printed first, and --link makes a link to it at PATH. With --seconds it runs S simulated seconds as fast as it can\n"
+    "and writes the bytes that the device sends to --output; --input holds bytes that the device receives from the start.\n"
+    "Commands on standard input, one per line, run at SECONDS of simulated time, or at once:\n"
+    "  [@SECONDS] mV mV ...     set the voltages at ADC0, ADC1, ...\n"
+    "  [@SECONDS] send HEX      send bytes to the device\n"
+    "  [@SECONDS] reset         press the reset button\n";
 
-static char script[SCRIPT_BYTES]; /* lines that have not been carried out */
+static char script[SCRIPT_BYTES]; /* commands that have not run yet */
 static size_t script_length;
 static bool script_ended;
 static volatile sig_atomic_t stopped;
@@ -40,10 +42,6 @@ static void stop(int signal_number) {
     stopped = 1;
 }
 
-void fail(const char *what) {
-    fprintf(stderr, "board: %s: %s\n", what, errno ? strerror(errno) : "cannot be used");
-    exit(2);
-}
 
 static double wall_s(void) {
     struct timespec now;
@@ -68,7 +66,7 @@ static void set_voltages(char *at) {
     }
 }
 
-static void carry_out(char *line) {
+static void run_command(char *line) {
     if (strncmp(line, "send ", 5) == 0) {
         send_hex(line + 5);
     } else if (strncmp(line, "reset", 5) == 0) {
@@ -78,13 +76,13 @@ static void carry_out(char *line) {
     }
 }
 
-/* Carry out the lines whose time has come. */
+/* Run the commands whose time has come. */
 static void follow_script(void) {
     for (char *end; (end = memchr(script, '\n', script_length)) != NULL;) {
         char *line = script;
         if (*line == '@' && strtod(line + 1, &line) > device_s()) return;
         *end = 0;
-        carry_out(line + strspn(line, " "));
+        run_command(line + strspn(line, " "));
         script_length -= (size_t)(end + 1 - script);
         memmove(script, end + 1, script_length);
     }
@@ -92,7 +90,7 @@ static void follow_script(void) {
 
 static void read_script(void) {
     errno = 0;
-    if (script_length == sizeof script) fail("so much on standard input that has to wait");
+    if (script_length == sizeof script) fail("more than 1 MB of commands waiting on standard input");
     ssize_t got = read(STDIN_FILENO, script + script_length, sizeof script - script_length);
     if (got > 0) script_length += (size_t)got;
     script_ended = got == 0 || (got < 0 && errno != EAGAIN && errno != EINTR);
@@ -113,8 +111,8 @@ static bool run_fast(double seconds, const char *output) {
     return is_running;
 }
 
-/* Open a pseudo-terminal that passes bytes as they are, and say where it is. Its other end stays open here too, as a line
- * does not hang up between two hosts. */
+/* Open a raw pseudo-terminal and print its path. This process keeps the other end open, too: otherwise the line would
+ * hang up when one host closes it and before the next opens it. */
 static int open_line(const char *link_path) {
     struct termios raw;
     int line = posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK);
@@ -129,8 +127,8 @@ static int open_line(const char *link_path) {
     return line;
 }
 
-/* Pass bytes between line and device, and wait until standard input or the line has something, or time is up. */
-static void look_outside(int line, double wait_s) {
+/* Pass bytes between line and device. Waits until standard input or the line is readable, for `wait_s` at most. */
+static void exchange(int line, double wait_s) {
     ssize_t passed = write(line, from_device.bytes + from_device.begin, from_device.end - from_device.begin);
     if (passed > 0) from_device.begin += (size_t)passed;
     struct pollfd ready[] = {{.fd = STDIN_FILENO, .events = POLLIN}, {.fd = line, .events = POLLIN}};
@@ -149,8 +147,8 @@ static bool run_live(int line) {
         follow_script();
         is_running = device_run();
         double ahead_s = device_s() - (wall_s() - began_s);
-        if (ahead_s < -MOST_BEHIND_S) began_s = wall_s() - device_s();
-        look_outside(line, ahead_s);
+        if (ahead_s < -MAX_BEHIND_S) began_s = wall_s() - device_s();
+        exchange(line, ahead_s);
     }
     return is_running;
 }
@@ -172,7 +170,7 @@ typedef struct {
     const char *elf, *link, *eeprom, *seconds, *output, *input;
 } options;
 
-/* Exits if they make no sense. */
+/* Print the usage and exit if the options are wrong. */
 static options read_options(int count, char **words) {
     static const struct option names[] = {{"link", 1, NULL, 'l'},    {"eeprom", 1, NULL, 'e'}, {"seconds", 1, NULL, 's'},
                                           {"output", 1, NULL, 'o'}, {"input", 1, NULL, 'i'},  {NULL, 0, NULL, 0}};

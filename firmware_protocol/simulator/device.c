@@ -1,5 +1,6 @@
-/* The simulated chip; everything here that knows simavr. */
+/* The simulated chip. Only this file uses simavr. */
 #include "device.h"
+#include "fail.h"
 
 #include <errno.h>
 #include <stdarg.h>
@@ -24,8 +25,8 @@ queue to_device, from_device;
 static avr_t *avr;
 static avr_irq_t *uart_input;
 static avr_uart_t *uart;
-static avr_cycle_count_t byte_cycles; /* as corrected */
-static bool device_is_full = true; /* until its receiver is on */
+static avr_cycle_count_t byte_cycles; /* cycles per byte, corrected */
+static bool device_is_full = true;    /* until the firmware switches its receiver on */
 static unsigned light_changes;
 
 void queue_put(queue *to, uint8_t byte) {
@@ -53,13 +54,13 @@ static void on_light(avr_irq_t *irq, uint32_t value, void *param) {
     if (irq->value != value) light_changes++;
 }
 
-/* simavr takes eleven bits for a byte, one of them for a parity that 8N1 does not have. */
+/* simavr counts eleven bits per byte. 8N1 has ten: it has no parity bit. */
 static void correct_byte_time(void) {
     if (uart->cycles_per_byte == byte_cycles) return;
     byte_cycles = uart->cycles_per_byte = uart->cycles_per_byte * 10 / 11;
 }
 
-/* One byte for the device each time that the line takes for one, if the simulated receiver has room. */
+/* Called once per byte time: hands the device its next byte if the simulated receiver has room. */
 static avr_cycle_count_t feed(avr_t *of, avr_cycle_count_t when, void *param) {
     (void)param;
     correct_byte_time();
@@ -74,7 +75,7 @@ static avr_uart_t *find_uart(void) {
     fail("simavr's UART");
 }
 
-/* simavr's own pseudo-terminal loses bytes at this rate, and its own console is of no use here. */
+/* Replace simavr's own pseudo-terminal, which loses bytes at this rate, and switch its console off. */
 static void connect_uart(void) {
     uint32_t flags = 0;
     avr_ioctl(avr, AVR_IOCTL_UART_GET_FLAGS('0'), &flags);
@@ -88,7 +89,7 @@ static void connect_uart(void) {
     avr_irq_register_notify(avr_io_getirq(avr, irqs, UART_IRQ_OUT_XOFF), on_is_full, NULL);
 }
 
-/* simavr tells what it loads on standard output, which is ours. */
+/* Print errors only, to standard error. By default simavr prints what it loads to standard output, which is the board's. */
 static void log_errors(avr_t *of, const int level, const char *format, va_list values) {
     (void)of;
     if (level <= LOG_ERROR) vfprintf(stderr, format, values);
@@ -114,7 +115,7 @@ void device_reset(void) {
 }
 
 bool device_run(void) {
-    /* A reset, also that by the watchdog, takes all timers away. */
+    /* Every reset, including one by the watchdog, removes all simavr timers. */
     if (!avr_cycle_timer_status(avr, feed, NULL)) avr_cycle_timer_register_usec(avr, BYTE_US, feed, NULL);
     for (avr_cycle_count_t end = avr->cycle + FREQUENCY / 1000; avr->cycle < end;) {
         int state = avr_run(avr);

@@ -1,4 +1,4 @@
-/* A simulated ATmega328P at 16 MHz and 5 V with a firmware, and the queues of bytes between it and the world outside. */
+/* A simulated ATmega328P at 16 MHz and 5 V with its firmware, and the byte queues to and from its serial line. */
 #ifndef DEVICE_H
 #define DEVICE_H
 
@@ -8,7 +8,7 @@
 
 #define QUEUE_BYTES 65536
 
-/* What waits on its way. What does not fit is lost, as on a line. */
+/* Bytes in transit. Bytes that do not fit are lost, as on a real line. */
 typedef struct {
     uint8_t bytes[QUEUE_BYTES];
     size_t begin, end;
@@ -18,31 +18,31 @@ extern queue to_device, from_device;
 
 void queue_put(queue *to, uint8_t byte);
 
-/* Load a firmware, switch on. */
+/* Load a firmware and switch on. Exits with a message if that fails. */
 void device_start(const char *elf_path);
 
-/* As by the reset button. */
+/* Press the reset button. */
 void device_reset(void);
 
-/* Run for a simulated millisecond; false if the firmware has come to an end, as none should. */
+/* Run for one simulated millisecond; false if the firmware crashed or ended. */
 bool device_run(void);
 
 /* Simulated seconds since the start. */
 double device_s(void);
 
-/* Set the voltage at an analogue input. */
+/* Set the voltage at an analogue input, ADC0 and up. */
 void device_set_voltage(int channel, unsigned millivolts);
 
 /* How often the light at PB5 has changed. */
 unsigned device_light_changes(void);
 
-/* What the device has set its line to; 0 if nothing yet. */
+/* The baud rate that the firmware has set; 0 before it has set one. */
 unsigned device_baud(void);
 
-void device_load_eeprom(const char *path); /* nothing happens if there is no such file */
-void device_save_eeprom(const char *path);
+/* Fill the EEPROM from a file; a missing file leaves it empty. */
+void device_load_eeprom(const char *path);
 
-/* Say what cannot be used, and why if errno knows; exit. */
-_Noreturn void fail(const char *what);
+/* Write the EEPROM to a file. Exits with a message if that fails. */
+void device_save_eeprom(const char *path);
 
 #endif

@@ -1,4 +1,4 @@
-"""Influence matrix of a structure of beam elements, for points and for contacts with a width."""
+"""Influence matrix of a structure of beam elements, for point loads and for contacts with a width."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,22 +12,22 @@ Indices = NDArray[np.intp]
 
 
 def element_influence(beam: Beam, sensor_mm: Array, low_mm: Array, high_mm: Array) -> Array:
-    """Influence of evenly pressing contacts from `low_mm` to `high_mm`, or of points where the two are equal.
+    """Return the influence of evenly pressing contacts from `low_mm` to `high_mm`, or of point loads if both are equal.
 
-    Returns (loads, sensors) in units of l^3/(EI), EI of the stiffest section.
+    The result has the shape (loads, sensors) and the unit l^3/(EI), with EI of the stiffest section.
 
     Raises
     ------
     SceneError
-        The structure is so nearly unstable or so uneven that too few digits would be right.
+        The structure is so nearly unstable or so uneven that the result would be inaccurate.
     """
     mesh = mesh_of(beam)
     loads = _nodal_loads(mesh, low_mm, high_mm)
     sensors = _nodal_loads(mesh, sensor_mm, sensor_mm)
-    few = len(loads) < len(sensors)  # the stiffness is symmetric: solve for the fewer
+    few = len(loads) < len(sensors)  # the stiffness is symmetric, so solve for the smaller set
     matrix = solve(mesh, loads.T).T @ sensors.T if few else loads @ solve(mesh, sensors.T)
     _add_within_elements(mesh, matrix, sensor_mm, low_mm, high_mm)
-    # Rounding leaves a trace of deflection at a support; what stands there reads exactly nothing.
+    # Rounding leaves a trace of deflection at a support, where it must be exactly zero.
     supports = [support.at_mm for support in beam.support_list]
     matrix[:, np.isin(sensor_mm, supports)] = 0.0
     matrix[(low_mm == high_mm) & np.isin(low_mm, supports)] = 0.0
@@ -35,7 +35,7 @@ def element_influence(beam: Beam, sensor_mm: Array, low_mm: Array, high_mm: Arra
 
 
 def _touched(mesh: Mesh, low_mm: Array, high_mm: Array) -> tuple[Indices, Indices]:
-    """Pairs of a contact and an element that it presses on."""
+    """Return all pairs of a contact and an element that it presses on."""
     last = len(mesh.node_mm) - 2
     if np.array_equal(low_mm, high_mm):
         return np.arange(len(low_mm)), np.clip(np.searchsorted(mesh.node_mm, low_mm, "right") - 1, 0, last)
@@ -47,7 +47,7 @@ def _touched(mesh: Mesh, low_mm: Array, high_mm: Array) -> tuple[Indices, Indice
 
 
 def _rule(mesh: Mesh, low_mm: Array, high_mm: Array) -> list[tuple[float, float]]:
-    """Nodes and weights on 0..1 that integrate a load along a piece of an element to the last digit."""
+    """Return nodes and weights on 0..1 that integrate a load along a piece of an element to rounding."""
     if np.array_equal(low_mm, high_mm):
         return [(0.0, 1.0)]
     at, weight = np.polynomial.legendre.leggauss(6 if mesh.elements.foundation else 2)
@@ -55,13 +55,13 @@ def _rule(mesh: Mesh, low_mm: Array, high_mm: Array) -> list[tuple[float, float]
 
 
 def _share(start: Array, end: Array, width: Array, pieces: int) -> Array:
-    """Share of a contact's force on one of its pieces; a point has as many equal ones as it has pieces."""
+    """Return the share of a contact's force on one of its pieces; the pieces of a point load have equal shares."""
     share: Array = np.where(width > 0, (end - start) / np.where(width > 0, width, 1.0), 1 / pieces)
     return share
 
 
 def _nodal_loads(mesh: Mesh, low_mm: Array, high_mm: Array) -> Array:
-    """Forces that unit contacts bring to the nodes, (contacts, degrees); for points also the shape functions."""
+    """Return the nodal forces of unit contacts, (contacts, degrees); for points these are also the shape functions."""
     contact, element = _touched(mesh, low_mm, high_mm)
     left, right = mesh.node_mm[element], mesh.node_mm[element + 1]
     low, high = low_mm[contact], high_mm[contact]
@@ -77,7 +77,7 @@ def _nodal_loads(mesh: Mesh, low_mm: Array, high_mm: Array) -> Array:
 
 
 def _add_within_elements(mesh: Mesh, matrix: Array, sensor_mm: Array, low_mm: Array, high_mm: Array) -> None:
-    """Add what a contact deflects its own element between clamped ends."""
+    """Add the deflection of each contact's own element between clamped ends."""
     contact, element = _touched(mesh, low_mm, high_mm)
     sensor, of_sensor = _touched(mesh, sensor_mm, sensor_mm)
     rule = _rule(mesh, low_mm, high_mm)
@@ -88,7 +88,7 @@ def _add_within_elements(mesh: Mesh, matrix: Array, sensor_mm: Array, low_mm: Ar
         start, end = np.maximum(low, left), np.minimum(high, right)
         middle = np.clip(x, start, end)
         of = mesh.elements.pick(index)
-        # The deflection has a kink in its third derivative at the sensor: either side is integrated by itself.
+        # The third derivative of the deflection jumps at the sensor, so integrate each side separately.
         pieces = [(start, end)] if len(rule) == 1 else [(start, middle), (middle, end)]
         for first, final in pieces:
             share = _share(first, final, high - low, len(pieces))

@@ -14,33 +14,33 @@ from beamtouch_models.structure import SMALLEST_NORMAL, Beam
 Array = NDArray[np.float64]
 
 MAX_SLOPE = 0.1
-"""Slope in rad from which (1 + slope^2)^(3/2), which small-angle theory leaves out, is off by more than 1.5 %."""
+"""Largest slope in rad; beyond it, the factor (1 + slope^2)^(3/2) that small-angle theory neglects exceeds 1.5 %."""
 
 
 def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> Array:
-    """Deflection at each sensor per newton, for each load position.
+    """Return the deflection at each sensor per newton, for each load position.
 
-    Prismatic single spans are computed in closed form, everything else with beam elements; shear and a foundation
-    only where the beam states them.
+    Prismatic single spans are computed in closed form, all other beams with beam elements. Shear and a foundation are
+    included only if the beam states them.
 
     Parameters
     ----------
     beam : the beam
     sensor_mm : (sensors,) positions in mm from the left end
     load_mm : (loads,) positions in mm from the left end
-    width_mm : length that a load presses on, evenly, centred at its position. What would reach beyond an end of the
-        beam presses on nothing: the whole force is then spread over the part that lies on the beam.
+    width_mm : length over which a load presses evenly, centred at its position. If it reaches beyond an end of the
+        beam, the whole force is spread over the part that lies on the beam.
 
     Returns
     -------
-    (loads, sensors) in mm/N, positive in the direction of the load. What is less than 1e-307 mm/N is rounded.
+    (loads, sensors) in mm/N, positive in the direction of the load. Values below 1e-307 mm/N lose digits.
 
     Raises
     ------
     ValueError
         A position is not finite or not on the beam, or the width is negative or not finite.
     SceneError
-        The beam cannot be computed with: beyond the range of float64, or so uneven that too few digits would be right.
+        The beam cannot be computed: it exceeds the range of float64, or it is so uneven that the result is inaccurate.
     """
     sensor = _on_beam(beam, sensor_mm, "sensor_mm")
     load = _on_beam(beam, load_mm, "load_mm")
@@ -65,17 +65,17 @@ def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: fl
 
 
 def scene_influence(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Array:
-    """Influence of a scene's contacts, (loads, sensors) in mm/N; arguments and errors as `influence`."""
+    """Return the influence matrix of a scene's contacts, (loads, sensors) in mm/N; arguments, errors as `influence`."""
     return influence(scene.beam, sensor_mm, load_mm, scene.contact.width_mm)
 
 
 def deflection_unit_mm_per_n(beam: Beam) -> float:
-    """Unit l^3/(EI) of dimensionless deflections, EI of the stiffest section; raises SceneError beyond float64."""
+    """Return the unit l^3/(EI) of dimensionless deflections, EI of the stiffest section; SceneError beyond float64."""
     return _deflection_unit(beam.length_mm, beam.rigidity_n_mm2)
 
 
 def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:
-    """l^3/(EI) without an overflow on the way."""
+    """Return l^3/(EI), without an intermediate overflow."""
     length, power = math.frexp(length_mm)
     rigidity, under = math.frexp(rigidity_n_mm2)
     try:
@@ -92,7 +92,7 @@ def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:
 
 
 def _on_beam(beam: Beam, position_mm: ArrayLike, name: str) -> Array:
-    """Return positions as an array; refuse what is not a position on the beam."""
+    """Return positions as an array; ValueError unless all lie on the beam."""
     position = np.atleast_1d(np.asarray(position_mm, dtype=np.float64))
     if position.ndim != 1 or position.size == 0:
         message = f"{name} must be a non-empty list of positions"
@@ -104,16 +104,16 @@ def _on_beam(beam: Beam, position_mm: ArrayLike, name: str) -> Array:
 
 
 def load_positions_mm(scene: Scene) -> Array:
-    """Load positions that the components are computed from: every 1/400 of the length, as in the paper."""
+    """Return the load positions for the components: every 1/400 of the length, as in the paper."""
     low, high = scene.contact.position_mm
     steps = max(1, round((high - low) / scene.beam.length_mm * 400))
     return np.linspace(low, high, steps + 1)
 
 
 def travel_mm(scene: Scene) -> tuple[float, float]:
-    """Farthest that any point of the beam moves against and in the direction of the largest force, in mm.
+    """Return how far any point of the beam moves against, and in, the direction of the largest force, in mm.
 
-    Both are positive or zero; a beam on two supports never moves against the force, one with an overhang does.
+    Both are positive or zero. A beam on two supports never moves against the force; a beam with an overhang does.
     """
     shapes = _shapes_mm(scene)[1]
     return max(0.0, -float(shapes.min())), max(0.0, float(shapes.max()))
@@ -125,7 +125,7 @@ def max_deflection_mm(scene: Scene) -> float:
 
 
 def check_small_angles(scene: Scene) -> None:
-    """Refuse a scene whose deflection is beyond small-angle theory; raises SceneError."""
+    """Raise SceneError if the deflection of a scene is beyond small-angle theory."""
     points, shapes = _shapes_mm(scene)
     slope = float(np.abs(np.diff(shapes, axis=1)).max() / (points[1] - points[0]))
     if not slope <= MAX_SLOPE:
@@ -137,6 +137,6 @@ def check_small_angles(scene: Scene) -> None:
 
 
 def _shapes_mm(scene: Scene) -> tuple[Array, Array]:
-    """Points all along the beam, and their deflection under the largest force at each load position."""
+    """Return points along the beam, and their deflections under the largest force at each load position."""
     points = np.linspace(0.0, scene.beam.length_mm, 801)
     return points, scene_influence(scene, points, load_positions_mm(scene)) * scene.contact.force_range_n[1]

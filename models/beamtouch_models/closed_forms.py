@@ -1,21 +1,21 @@
 """Deflection of prismatic spans in closed form, exact to a few units in the last place.
 
-Textbook forms subtract numbers that are nearly equal when a load or a sensor is near a support. Here each is a product
-of sums of positive terms in the four distances to the ends and the distance between the two points, which are all
-taken from millimetres directly. With p and q the distances of the left point from the left and the right end, r and s
-those of the right point, and d = r - p, all over the span, the deflection in units of F l^3/(EI) is
+Textbook forms subtract nearly equal numbers when a load or a sensor is near a support. The forms here are products of
+sums of positive terms: of the four distances to the ends and the distance between the two points, each computed
+directly from positions in mm. Let p and q be the distances of the left point from the left and the right end, r and s
+those of the right point, and d = r - p, all over the span. The deflection in units of F l^3/(EI) is
 
     simply supported   p s (2 r s + d (p + r)) / 6
     cantilever         p^2 (2 r + d) / 6                                 fixed at the left
     fixed-fixed        p^2 s^2 (2 r q + d) / 6
     propped            p^2 s (q r (1 + s) + 2 (d + s r)) / 12            fixed at the left, simple at the right
 
-Shear adds, with phi = EI/(k G A l^2), phi p s to a simply supported span and phi p to a cantilever, whose shear
-forces follow from equilibrium alone; the other two take elements where shear is stated. Timoshenko & Gere, Mechanics of
-Materials, 1972, sec. 12.12 (unit loads).
+With phi = EI/(k G A l^2), shear adds phi p s to a simply supported span and phi p to a cantilever, because their shear
+forces follow from equilibrium alone. The other two forms need elements if shear is stated. Timoshenko & Gere, Mechanics
+of Materials, 1972, sec. 12.12 (unit loads).
 
-By reciprocity (Maxwell) it does not matter which point is the load. Rearranged from Young, Budynas & Sadegh, Roark's
-Formulas for Stress and Strain, 8th ed., table 8.1, cases 1e, 1a, 1d, 1c; Gere & Goodno, Mechanics of Materials, app. H.
+By reciprocity (Maxwell) either point may be the load. Rearranged from Young, Budynas & Sadegh, Roark's Formulas for
+Stress and Strain, 8th ed., table 8.1, cases 1e, 1a, 1d, 1c; Gere & Goodno, Mechanics of Materials, app. H.
 """
 
 import math
@@ -29,7 +29,7 @@ from beamtouch_models.structure import SHEAR_COEFFICIENT, Beam
 Array = NDArray[np.float64]
 Form = Literal["simply-supported", "cantilever", "fixed-fixed", "propped"]
 
-# Nodes of the two-point Gauss-Legendre rule on 0..1: exact for the cubics that deflections are.
+# Nodes of the two-point Gauss-Legendre rule on 0..1, exact for cubics, which deflections are.
 GAUSS = ((1 - 1 / 3**0.5) / 2, (1 + 1 / 3**0.5) / 2)
 
 
@@ -42,18 +42,18 @@ class Span(NamedTuple):
     mirrored: bool
     """Whether the form's left end is the right end of the span."""
     shear: float = 0.0
-    """phi = EI/(k G A l^2); zero where the scene states no shear modulus."""
+    """phi = EI/(k G A l^2); zero if the scene states no shear modulus."""
 
     @property
     def length_mm(self) -> float:
-        """Distance of its ends."""
+        """Distance between its ends."""
         return self.end_mm - self.start_mm
 
 
 def span_of(beam: Beam, low_mm: float, high_mm: float) -> Span | None:
-    """Span of a beam that holds all positions from `low_mm` to `high_mm` and has a closed form; None if none does.
+    """Return the span with a closed form that holds all positions from `low_mm` to `high_mm`; None if there is none.
 
-    What lies beyond the supports of the span carries nothing there and has no part in its deflection.
+    The beam beyond the supports of the span is unloaded then and does not affect its deflection.
     """
     if len({section[1:] for section in beam.sections}) > 1 or beam.foundation_n_mm2 is not None:
         return None
@@ -90,16 +90,16 @@ def _shear_compliance(beam: Beam, length_mm: float) -> float:
 
 
 def point_influence(span: Span, sensor_mm: Array, load_mm: Array) -> Array:
-    """Influence of point loads (loads,) at sensors (sensors,), both in the span; (loads, sensors) over l^3/(EI)."""
+    """Return the influence of point loads (loads,) at sensors (sensors,) in a span; (loads, sensors) over l^3/(EI)."""
     x, a = sensor_mm[None, :], load_mm[:, None]
     return _deflection(span, (x - span.start_mm, span.end_mm - x), (a - span.start_mm, span.end_mm - a), np.abs(x - a))
 
 
 def patch_influence(span: Span, sensor_mm: Array, low_mm: Array, high_mm: Array) -> Array:
-    """Influence of evenly pressing contacts from `low_mm` to `high_mm` (loads,); (loads, sensors) over l^3/(EI).
+    """Return the influence of even contacts from `low_mm` to `high_mm` (loads,); (loads, sensors) over l^3/(EI).
 
-    As a function of the load's position the deflection is a cubic on either side of the sensor, so the mean over a
-    contact is two Gauss-Legendre sums of positive terms, which loses no digits however narrow the contact.
+    As a function of the load's position, the deflection is a cubic on either side of the sensor. So the mean over a
+    contact is two Gauss-Legendre sums of positive terms, which stay accurate for contacts of any width.
     """
     x, low, high = sensor_mm[None, :], low_mm[:, None], high_mm[:, None]
     at_sensor = (x - span.start_mm, span.end_mm - x)
@@ -120,7 +120,7 @@ def patch_influence(span: Span, sensor_mm: Array, low_mm: Array, high_mm: Array)
 
 
 def _deflection(span: Span, x: tuple[Array, Array], a: tuple[Array, Array], apart_mm: Array) -> Array:
-    """Deflection at x of a load at a, each given by its distances from the left and the right end in mm."""
+    """Return the deflection at x under a load at a, both given as distances from the left and the right end in mm."""
     length = span.length_mm
     x, a = (x[0] / length, x[1] / length), (a[0] / length, a[1] / length)
     left = np.minimum(x[0], a[0]), np.maximum(x[1], a[1])

@@ -1,8 +1,8 @@
-"""The Cramer-Rao bound on the position: what its derivative alone says of how well a reading can tell it.
+"""The Cramer-Rao bound on the position.
 
-The deviation of an unbiased estimate is at least one over the root of the Fisher information. With a reading of mean
-F g(x) and independent Gaussian noise s per channel, that is |F g'(x)|^2 / s^2 where the force is known; where it is
-not, only the part of g' across g counts, as what lies along g could as well be a change of the force.
+The standard deviation of an unbiased estimate is at least one over the root of the Fisher information. For a reading of
+mean F g(x) with independent Gaussian noise s per channel, the information is |F g'(x)|^2 / s^2 if the force is known.
+If the force is open, only the part of g' orthogonal to g counts: a change along g may as well come from the force.
 Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, sec. 3.7 and 3.8.
 """
 
@@ -17,9 +17,9 @@ POSITIONS, FORCES = 2001, 64
 
 
 def position_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLike) -> Array:
-    """Bound on the standard deviation of position at contacts (contacts,), in mm; infinite where nothing is told.
+    """Return the bound on the standard deviation of position at contacts (contacts,), in mm; may be infinite.
 
-    An unbiased estimate only: where it would exceed the range, as at a support, an estimate that knows the range does
+    It holds for unbiased estimates. Where it exceeds the range, as at a support, an estimate that uses the range is
     better.
     """
     position, force = np.broadcast_arrays(np.asarray(position_mm, np.float64), np.asarray(force_n, np.float64))
@@ -36,12 +36,12 @@ def position_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLi
 
 
 def mean_error_mm(prior: Prior) -> float:
-    """Mean |error| over the ranges of a Gaussian error with the bound's deviation; no more than a guess's anywhere.
+    """Return the mean |error| over the ranges of a Gaussian error with the bound's deviation, at most that of a guess.
 
-    It approaches the accuracy limit as the noise goes to zero; with much noise it is a rough figure, and no bound.
+    It approaches the accuracy limit as the noise goes to zero. At high noise it is a rough value and not a bound.
     """
     low, high = prior.position_mm
-    # Middles of equal parts: the integral over both ranges.
+    # Integrate over both ranges with the midpoint rule.
     positions = low + (high - low) * (np.arange(POSITIONS) + 0.5) / POSITIONS
     weak, strong = prior.force_n
     forces = weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES if weak < strong else np.array([weak])

@@ -1,4 +1,4 @@
-"""A daemon config for a model, ready to run against the rig; the daemon owns its format and checks it."""
+"""A daemon config for a model, ready to run against the rig. The daemon owns and checks the format."""
 
 import json
 import secrets
@@ -12,14 +12,14 @@ SERVICE_URL = "http://127.0.0.1:8420"
 
 
 def daemon_config(metadata: Metadata) -> str:
-    """Return the TOML text of a config with one surface, named and calibrated as the model says."""
+    """Return the TOML text of a config with one surface, with the name and the characteristic that the model states."""
     return "\n".join(
         [_head(metadata), _filter(metadata), *(_channel(metadata, i) for i in range(len(metadata.layout)))]
     )
 
 
 def write_token_if_absent(folder: Path) -> Path:
-    """Write a random token that only its owner may read, unless there is one; returns its path."""
+    """Write a random token that only its owner may read, unless the file exists; returns its path."""
     path = folder / TOKEN_FILE
     if not path.exists():
         path.touch(mode=0o600)
@@ -55,7 +55,7 @@ unit = 1
 
 
 def _noise(metadata: Metadata) -> str:
-    """The noise of a reading, left out where the scene has none: the daemon then judges it from the readings."""
+    """Return the line with the noise of a reading; empty if the scene has no noise: the daemon then estimates it."""
     if metadata.noise.reading_mm == 0:
         return ""
     return (

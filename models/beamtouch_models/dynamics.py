@@ -1,4 +1,4 @@
-"""How a beam rings after a load that comes at once: first natural frequency, and what the filter leaves of it."""
+"""Ringing of a beam after a sudden load: its first natural frequency, and the part that passes the filter."""
 
 import math
 
@@ -14,7 +14,7 @@ from beamtouch_models.structure import SMALLEST_NORMAL, Beam
 Array = NDArray[np.float64]
 
 DAMPING_RATIO = 0.01
-"""Assumed, as a scene states none: a bare metal beam on its supports; Blevins, Flow-Induced Vibration, ch. 8."""
+"""Assumed, because a scene states none: a bare metal beam on its supports; Blevins, Flow-Induced Vibration, ch. 8."""
 # First roots of the frequency equations; Blevins, Formulas for Natural Frequency and Mode Shape, 1979, table 8-1.
 FIRST_ROOT = {
     "simply-supported": math.pi,
@@ -24,14 +24,14 @@ FIRST_ROOT = {
 }
 GRAVITY = 9.80665
 POINTS = 400
-"""Of the mass where no closed form holds; the frequency is then right to about 1e-4."""
+"""Point masses that represent the beam if there is no closed form; they give the frequency to about 1e-4."""
 
 
 def first_frequency_hz(beam: Beam) -> float | None:
-    """First natural frequency in Hz; None where the scene states no density, width or thickness.
+    """Return the first natural frequency in Hz; None if the scene does not state density, width and thickness.
 
-    Without a closed form it comes from the influence matrix: the largest eigenvalue of flexibility times mass is
-    1/omega^2, whatever carries the beam.
+    Without a closed form it comes from the influence matrix: for any supports, the largest eigenvalue of flexibility
+    times mass is 1/omega^2.
     """
     mass = _line_mass(beam)
     if mass is None:
@@ -53,7 +53,7 @@ def first_frequency_hz(beam: Beam) -> float | None:
 
 
 def sag_mm(beam: Beam) -> float | None:
-    """Largest deflection under the beam's own weight, in mm; None where its mass is not stated."""
+    """Return the largest deflection under the beam's own weight, in mm; None if its mass is not stated."""
     mass = _line_mass(beam)
     if mass is None:
         return None
@@ -62,7 +62,7 @@ def sag_mm(beam: Beam) -> float | None:
 
 
 def _line_mass(beam: Beam) -> Array | None:
-    """Mass per length of each section in kg/mm; None where the scene does not state it."""
+    """Return the mass per length of each section in kg/mm; None if the scene does not state it."""
     areas = [section.area_mm2 for section in beam.sections]
     if beam.density_kg_m3 is None or None in areas:
         return None
@@ -74,17 +74,17 @@ def _line_mass(beam: Beam) -> Array | None:
 
 
 def _points(beam: Beam, line_mass: Array) -> tuple[Array, Array]:
-    """The beam's mass in many points: their places in mm and their masses in kg."""
+    """Return the beam's mass as points: their places in mm and their masses in kg."""
     place = (np.arange(POINTS) + 0.5) / POINTS * beam.length_mm
     section = np.searchsorted([section.to_mm for section in beam.sections], place)
     return place, line_mass[section] * (beam.length_mm / POINTS)
 
 
 def ringing_after_filter(frequency_hz: float, chosen: FilterChoice, rate_hz: float) -> float:
-    """Share of a sudden load's deflection that still rings in the first sample that knows only that load.
+    """Return the share of a sudden load's deflection that still rings once the filter has settled on that load.
 
-    All of the motion is taken to be in the first mode. It decays over the settling time, and a mean of N readings
-    passes |sin(pi f N/rate) / (N sin(pi f/rate))| of it.
+    All motion is assumed to be in the first mode. It decays during the settling time, and a mean of N readings passes
+    |sin(pi f N/rate) / (N sin(pi f/rate))| of it.
     """
     decay = math.exp(-DAMPING_RATIO * 2 * math.pi * frequency_hz * chosen.settling_ms / 1000)
     phase = math.pi * frequency_hz / rate_hz

@@ -1,8 +1,8 @@
-"""What a scene requires: its effects, priced, and the scene without those that are worth too little.
+"""The physical effects of a scene: their prices, and the scene without the negligible ones.
 
-The price of an effect is the largest change in deflection it causes at any allowed sensor position, over the scene's
-loads at the largest force, in units of the noise of a sample. Effects are left out, cheapest first, as long as the
-prices of all that is left out stay under a tenth together: the sum bounds what they can do at once.
+The price of an effect is the largest change in deflection that it causes at any allowed sensor position, over the
+scene's loads at the largest force, in units of the noise of a sample. Effects are left out, cheapest first, while the
+sum of their prices stays under a tenth. The sum bounds their joint effect.
 """
 
 from dataclasses import replace
@@ -16,7 +16,7 @@ from beamtouch_models.pricing import EFFECTS, NEGLIGIBLE, Effect, Pricing, chang
 from beamtouch_models.scene import Scene
 
 MOST_POSITIONS = 401
-"""Sensor positions that an effect is priced at, evenly chosen from those allowed."""
+"""Largest number of sensor positions at which an effect is priced, evenly chosen from the allowed ones."""
 
 
 def effects_of(scene: Scene) -> list[Effect]:
@@ -25,7 +25,7 @@ def effects_of(scene: Scene) -> list[Effect]:
     Raises
     ------
     SceneError
-        The noise is 0, in which no price can be stated, or the scene cannot be computed with.
+        The noise is 0, so that there is no unit for a price, or the scene cannot be computed.
     """
     noise_mm = noise_of(scene, choose_filter(scene)).sample_mm
     if noise_mm == 0:
@@ -38,9 +38,9 @@ def effects_of(scene: Scene) -> list[Effect]:
 
 
 def required(scene: Scene) -> Scene:
-    """Return the scene without the effects that are out; the scene itself where nothing is, or where its noise is 0.
+    """Return the scene without its negligible effects; unchanged if there are none, or if its noise is 0.
 
-    Noise given in percent of the largest deflection is then stated in mm, so that it stays what it was.
+    If the scene states its noise in percent of the largest deflection, the result states the same noise in mm.
     """
     if sensor_noise_mm(scene) == 0:
         return scene
@@ -54,7 +54,7 @@ def required(scene: Scene) -> Scene:
 
 
 def _judged(effects: list[Effect]) -> list[Effect]:
-    """Take back, dearest first, what would make the sum of all that is left out exceed the limit."""
+    """Include the most expensive negligible effects again, until the prices of the rest sum to less than the limit."""
     judged, total = {effect.name: effect for effect in effects}, 0.0
     left_out = [effect for effect in effects if effect.verdict == "out" and effect.leave_out]
     for effect in sorted(left_out, key=lambda effect: effect.price or 0.0):

@@ -1,19 +1,19 @@
-"""Exact beam elements: states along a stretch of one section, its stiffness, its shape functions.
+"""Exact beam elements: states along a uniform stretch of beam, its stiffness, its shape functions.
 
-The four states of a section are deflection w, rotation phi, bending moment M and shear force Q. Along the beam
+The four states at a point are deflection w, rotation phi, bending moment M and shear force Q. Along the beam
 (Timoshenko, on a Winkler foundation)
 
     w' = phi + Q/(k G A),   phi' = M/(E I),   M' = -Q,   Q' = foundation w - load.
 
-The power series of this linear system from an element's end is exact: four terms without a foundation, and with one the
-mesh is so fine that 18 terms are exact to rounding. From it follow the stiffness, the shape functions and the
-deflection of a point load between clamped ends, so that neither loads nor sensors need a node and the mesh brings no
-error. Without shear the solutions are Hetenyi's, Beams on Elastic Foundation, 1946, ch. III; for the elements see
-Eisenberger & Yankelevsky, Exact stiffness matrix for beams on elastic foundation, Computers & Structures 21 (1985),
+The power series of this linear system from an element's end is exact: with four terms without a foundation, and to
+rounding with 18 terms on a foundation, where the mesh is fine enough for that. It gives the stiffness, the shape
+functions and the deflection under a point load between clamped ends. So loads and sensors need no nodes, and the mesh
+adds no error. Without shear the solutions are Hetenyi's, Beams on Elastic Foundation, 1946, ch. III; for the elements
+see Eisenberger & Yankelevsky, Exact stiffness matrix for beams on elastic foundation, Computers & Structures 21 (1985),
 doi 10.1016/0045-7949(85)90189-0.
 
-Lengths are in units of the beam's length l, rigidities of a reference EI, shear compliances EI/(k G A l^2) and the
-foundation in units of EI/l^4; deflections come out in units of F l^3/(EI).
+Units: lengths in the beam's length l, rigidities in a reference EI, the foundation in EI/l^4, deflections in
+F l^3/(EI). Shear compliances are EI/(k G A l^2).
 """
 
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LONGEST = 0.5
-"""Of an element on a foundation, in units of (4 EI / foundation)^(1/4): so far its series converges."""
+"""Longest element on a foundation, in units of (4 EI / foundation)^(1/4), for which the series converges."""
 TERMS = 18
 MIRROR = np.array([1.0, -1.0])
-"""Seen from the other end a deflection keeps its sign and a rotation changes it."""
+"""Signs of deflection and rotation seen from the other end."""
 
 
 @dataclass(frozen=True)
@@ -38,18 +38,18 @@ class Elements:
     """(elements,) length of each."""
     foundation: float
     series: Array
-    """(elements, 4, 2, terms): w, phi, M, Q at a distance from an end held in w and phi, per unit moment and per unit
-    shear force there; coefficients of the powers of the distance."""
+    """(elements, 4, 2, terms): power series of w, phi, M, Q in the distance from an end held in w and phi, per unit
+    moment and per unit shear force at that end."""
     clamp: Array
-    """(elements, 2, 2): moment and shear force at a clamped end, per unit w and phi at the other."""
+    """(elements, 2, 2): moment and shear force at a clamped end, per unit w and phi at the other end."""
 
     def pick(self, index: NDArray[np.intp] | int) -> "Elements":
-        """The elements of an index, in its shape."""
+        """Return the elements at `index`, in its shape."""
         return Elements(self.height[index], self.foundation, self.series[index], self.clamp[index])
 
 
 def elements_of(height: Array, rigidity: Array, shear: Array, foundation: float) -> Elements:
-    """Elements of given length, rigidity and shear compliance, (elements,) each."""
+    """Return elements of given length, rigidity and shear compliance, (elements,) each."""
     terms = TERMS if foundation else 4
     series = np.zeros((len(height), 4, 2, terms))
     series[:, 2, 0, 0] = series[:, 3, 1, 0] = 1.0
@@ -64,7 +64,7 @@ def elements_of(height: Array, rigidity: Array, shear: Array, foundation: float)
 
 
 def stiffness(of: Elements) -> Array:
-    """Stiffness (elements, 4, 4) in w and phi at the left, w and phi at the right."""
+    """Return the stiffness (elements, 4, 4) in w and phi at the left, w and phi at the right."""
     right = _evaluate(of.series[:, [3, 2]], of.height[:, None, None]) @ of.clamp
     across = -of.clamp[:, [1, 0], :]
     top = np.concatenate([right * np.outer(MIRROR, MIRROR), across], axis=-1)
@@ -75,10 +75,10 @@ def stiffness(of: Elements) -> Array:
 
 
 def rigid_forces(of: Elements) -> Array:
-    """Forces on the nodes of an element moving as a rigid body, per unit w at its left and right; (elements, 4, 2).
+    """Return the nodal forces under a rigid motion, per unit w at the left and at the right; (elements, 4, 2).
 
-    Only the foundation resists. By reciprocity its work is the integral of each shape function with the motion, a sum
-    of positive terms where the stiffness would cancel.
+    Only the foundation resists a rigid motion. By reciprocity its work is the integral of each shape function times the
+    motion: a sum of positive terms, where a product with the stiffness would cancel.
     """
     total = np.zeros((len(of.height), 4, 2))
     for at, weight in zip(*np.polynomial.legendre.leggauss(6), strict=True):
@@ -89,19 +89,19 @@ def rigid_forces(of: Elements) -> Array:
 
 
 def shapes(from_left: Array, from_right: Array, of: Elements) -> Array:
-    """Deflection per unit w and phi at the left, w and phi at the right; (..., 4).
+    """Return the deflection per unit w and phi at the left, w and phi at the right; (..., 4).
 
-    Each is taken from the end where it vanishes, so that it keeps its digits there. By reciprocity these are also the
-    forces that a unit load brings to the nodes.
+    Each is computed from the end where it vanishes, so that it stays accurate there. By reciprocity these are also the
+    nodal forces of a unit load.
     """
     return np.stack([*_mirrored(_from_clamp(from_right, of)), *_from_clamp(from_left, of)], axis=-1)
 
 
 def clamped(near: Array, far: Array, of: Elements) -> Array:
-    """Deflection between clamped ends.
+    """Return the deflection between clamped ends.
 
     `near` and `far` are the distances of the left point from the left end and of the right point from the right end,
-    in any order: seen from the end whose point is nearer, nothing cancels.
+    in either order. Computed from the end with the nearer point, nothing cancels.
     """
     near, far = np.minimum(near, far), np.maximum(near, far)
     force, moment = _mirrored(_from_clamp(far, of))
@@ -111,7 +111,7 @@ def clamped(near: Array, far: Array, of: Elements) -> Array:
 
 
 def _from_clamp(x: Array, of: Elements) -> tuple[Array, Array]:
-    """Deflection at x from a clamped end, per unit w and per unit phi of the other end."""
+    """Return the deflection at x from a clamped end, per unit w and per unit phi of the other end."""
     by_moment, by_force = (_evaluate(of.series[..., 0, column, :], x) for column in (0, 1))
     per_w, per_phi = (by_moment * of.clamp[..., 0, end] + by_force * of.clamp[..., 1, end] for end in (0, 1))
     return per_w, per_phi
@@ -122,7 +122,7 @@ def _mirrored(pair: tuple[Array, Array]) -> tuple[Array, Array]:
 
 
 def _evaluate(series: Array, x: Array) -> Array:
-    """Sum of a power series (..., terms) at x, by Horner's rule."""
+    """Evaluate a power series (..., terms) at x, by Horner's rule."""
     total = series[..., -1] * np.ones_like(x)
     for power in range(series.shape[-1] - 2, -1, -1):
         total = total * x + series[..., power]

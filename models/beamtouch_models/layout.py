@@ -1,4 +1,4 @@
-"""Where sensors may stand: the candidate grid and the rules of a scene."""
+"""Sensor layouts: the candidate grid and the rules of a scene."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,27 +19,27 @@ MAX_CANDIDATES = 20_000
 
 @dataclass(frozen=True)
 class Candidates:
-    """The positions a sensor may take, and the rules a layout of them keeps.
+    """The positions that a sensor may take, and the rules for a layout.
 
-    A layout is an ascending list of candidates, all different, at least `min_distance_mm` apart, with every fixed
-    sensor among them.
+    A layout is an ascending list of distinct candidates, at least `min_distance_mm` apart, that includes every fixed
+    sensor.
     """
 
     position_mm: Array
     """(candidates,), ascending; the grid without its keep-outs, plus the fixed sensors."""
     fixed: Indices
-    """Candidates that are sensors already, ascending."""
+    """Candidates of the fixed sensors, ascending."""
     min_distance_mm: float
 
     @cached_property
     def gap_mm(self) -> float:
-        """Distance that neighbours keep, less what rounding may take from a multiple of the grid."""
+        """Smallest distance between neighbours, minus a tolerance for rounding of the grid's multiples."""
         step = float(np.diff(self.position_mm).min())
         return max(self.min_distance_mm - 1e-9 * step, step / 2)
 
     @cached_property
     def last_before(self) -> Indices:
-        """Last candidate that keeps the distance to each one from the left, -1 where none does; (candidates,)."""
+        """For each candidate, the last one to its left that keeps the distance, or -1; (candidates,)."""
         return np.searchsorted(self.position_mm, self.position_mm - self.gap_mm, side="right") - 1
 
     @cached_property
@@ -48,7 +48,7 @@ class Candidates:
         return Candidates(-self.position_mm[::-1], len(self.position_mm) - 1 - self.fixed[::-1], self.min_distance_mm)
 
     def allowed(self, layouts: Indices) -> NDArray[np.bool_]:
-        """Whether each layout (population, sensors) keeps the distance and holds every fixed sensor; (population,)."""
+        """Return whether each layout (population, sensors) keeps the distance and has all fixed sensors."""
         positions = np.sort(self.position_mm[layouts], axis=1)
         kept: NDArray[np.bool_] = np.all(np.diff(positions, axis=1) >= self.gap_mm, axis=1)
         for index in self.fixed:
@@ -56,30 +56,31 @@ class Candidates:
         return kept
 
     def conflicts(self, layout: Indices) -> NDArray[np.bool_]:
-        """Whether each candidate stands too close to each sensor of a layout; (sensors, candidates)."""
+        """Return whether each candidate is too close to each sensor of a layout; (sensors, candidates)."""
         near: NDArray[np.bool_] = np.abs(self.position_mm[layout][:, None] - self.position_mm) < self.gap_mm
         return near
 
     def is_fixed(self, layout: Indices) -> NDArray[np.bool_]:
-        """Which sensors of a layout may not move; the shape of `layout`."""
+        """Return whether each sensor of a layout is fixed, in the shape of `layout`."""
         return np.isin(layout, self.fixed)
 
     def nearest(self, position_mm: Array) -> Indices:
-        """Candidate nearest to each position, any shape."""
+        """Return the candidate nearest to each position, in the shape of `position_mm`."""
         after = np.clip(np.searchsorted(self.position_mm, position_mm), 1, len(self.position_mm) - 1)
         left, right = self.position_mm[after - 1], self.position_mm[after]
         chosen: Indices = np.where(position_mm - left <= right - position_mm, after - 1, after)
         return chosen
 
     def fitted(self, wanted_mm: Array) -> Indices | None:
-        """Layout that keeps the rules and is nearest to wanted positions (sensors,); None if no layout exists."""
+        """Return the allowed layout nearest to wanted positions (sensors,); None if no layout exists."""
         span = self.position_mm[-1] - self.position_mm[0]
         return self.best(-(((np.sort(wanted_mm)[:, None] - self.position_mm) / span) ** 2))
 
     def best(self, values: Array) -> Indices | None:
-        """Layout with the largest sum of values (sensors, candidates), row k for the k-th sensor from the left.
+        """Return the layout with the largest sum of values (sensors, candidates), or None.
 
-        Dynamic programming over the sensors; None if no layout keeps the rules with finite values.
+        Row k holds the values of the k-th sensor from the left. Dynamic programming over the sensors finds the layout;
+        None means that no allowed layout has finite values.
         """
         sums = self._sums_from_left(values)
         last = self._last_sums(sums)
@@ -92,7 +93,7 @@ class Candidates:
         return np.array(layout[::-1], dtype=np.intp)
 
     def best_through(self, values: Array) -> Array:
-        """Largest sum of values of a layout whose k-th sensor is candidate i; (sensors, candidates), -inf if none."""
+        """Return the largest sum of values of a layout whose k-th sensor is at i, or -inf; (sensors, candidates)."""
         left = self._sums_from_left(values)
         right = self.mirrored._sums_from_left(values[::-1, ::-1])[::-1, ::-1]
         through = np.full_like(values, -np.inf)
@@ -101,11 +102,11 @@ class Candidates:
         return through
 
     def _sums_from_left(self, values: Array) -> Array:
-        """Largest sum of the first k + 1 values with the k-th sensor at i; (sensors, candidates)."""
+        """Return the largest sum of the first k + 1 values with the k-th sensor at i; (sensors, candidates)."""
         sums = np.full_like(values, -np.inf)
         first = self.fixed[0] if len(self.fixed) else len(self.position_mm) - 1
         sums[0, : first + 1] = values[0, : first + 1]
-        # A sensor looks back no further than the fixed sensor before it, which may not be left out.
+        # The predecessor of a sensor is at or after the last fixed sensor before it, which must not be skipped.
         bounds = [0, *(int(index) + 1 for index in self.fixed), len(self.position_mm)]
         for k in range(1, len(values)):
             for start, end in pairwise(bounds):
@@ -123,13 +124,13 @@ class Candidates:
         return last
 
     def _window(self, index: int) -> tuple[int, int]:
-        """First and last candidate that may be the sensor before the one at `index`."""
+        """Return the first and the last candidate that may precede the sensor at `index`."""
         fixed_before = self.fixed[self.fixed < index]
         return int(fixed_before[-1]) if len(fixed_before) else 0, int(self.last_before[index])
 
 
 def candidates(scene: Scene) -> Candidates:
-    """Return the candidates of a scene; raises SceneError where its rules leave no room."""
+    """Return the candidates of a scene; raises SceneError if its rules leave fewer than two."""
     sensors, length = scene.sensors, scene.beam.length_mm
     if length / sensors.grid_mm > MAX_CANDIDATES:
         message = f"sensors.grid_mm = {sensors.grid_mm:g} makes more than {MAX_CANDIDATES} positions; make it coarser"
@@ -138,7 +139,7 @@ def candidates(scene: Scene) -> Candidates:
     grid = _grid(scene)
     for start, end in sensors.keep_out_mm:
         grid = grid[(grid <= start) | (grid >= end)]
-    # 3 * 0.1 and 0.3 are one position, and a fixed sensor keeps the digits it was given.
+    # 3 * 0.1 and 0.3 are the same position; a fixed sensor keeps the digits of the scene.
     apart = np.abs(grid[:, None] - fixed_mm).min(axis=1, initial=np.inf) > 1e-9 * length
     position = np.union1d(grid[apart], fixed_mm)
     if len(position) < 2:
@@ -148,7 +149,7 @@ def candidates(scene: Scene) -> Candidates:
 
 
 def _grid(scene: Scene) -> Array:
-    """Multiples of the grid along the beam; an end counts where the beam moves there."""
+    """Return the multiples of the grid along the beam, with the ends where the beam moves."""
     step, length = scene.sensors.grid_mm, scene.beam.length_mm
     inner = np.arange(1, np.ceil(length / step)) * step
     inner = inner[inner < length * (1 - 1e-12)]
@@ -162,5 +163,5 @@ def _grid(scene: Scene) -> Array:
 
 
 def equal_pitch_mm(scene: Scene, count: int) -> Array:
-    """The layout that divides the beam in equal parts; (count,) in mm."""
+    """Return the layout that divides the beam into equal parts; (count,) in mm."""
     return scene.beam.length_mm * np.arange(1, count + 1) / (count + 1)

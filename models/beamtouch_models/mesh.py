@@ -1,7 +1,7 @@
 """A structure of beam elements: steps in section, several spans, overhangs, shear, an elastic foundation.
 
-Nodes stand at supports and steps only (and, on a foundation, close enough for the elements' series), the stiffness is
-banded and symmetric, and it is assembled only for beams that no closed form covers.
+Nodes stand only at supports and steps and, on a foundation, close enough for the elements' series to converge. The
+stiffness is banded and symmetric. It is assembled only for beams that no closed form covers.
 """
 
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 SHORTEST = 1e-9
-"""Of an element, in units of the length; what is closer cannot be told apart."""
+"""Shortest element, in units of the beam's length; closer nodes cannot be distinguished."""
 MOST_ELEMENTS = 20_000
 LARGEST_CORRECTION = 1e-10
-"""Relative change of the solution in the last refinement, above which too few digits are right."""
+"""Relative change of the solution in the last refinement, above which the solution is inaccurate."""
 UNEVEN = (
     "beam: its parts are so uneven, or it is held so loosely, that too few digits would be right; "
     "take out very short segments and spans, or add a support"
@@ -38,20 +38,20 @@ class Mesh:
     """(elements + 1,)"""
     elements: Elements
     held: Indices
-    """Degrees of freedom that the supports hold; node i has 2 i, its deflection, and 2 i + 1, its rotation."""
+    """Degrees of freedom held by the supports; node i has the deflection 2 i and the rotation 2 i + 1."""
     springs: Array
-    """(nodes,) stiffness of each node's rotation."""
+    """(nodes,) rotational stiffness of the support at each node."""
     stiffness: Array
     """(elements, 4, 4)"""
     rigid: Array
-    """(elements, 4, 2), forces of rigid motions."""
+    """(elements, 4, 2), forces under rigid motions."""
     factor: Array
     """(4, 2 nodes), banded Cholesky factor."""
 
 
 @lru_cache(maxsize=16)
 def mesh_of(beam: Beam) -> Mesh:
-    """Mesh of a beam, factorised; raises SceneError where its parts are too close or too uneven to compute with."""
+    """Return the factorised mesh of a beam; raises SceneError if its parts are too close together or too uneven."""
     length, reference = beam.length_mm, beam.rigidity_n_mm2
     foundation = (beam.foundation_n_mm2 or 0.0) * length / reference * length * length * length
     if not np.isfinite(foundation):
@@ -77,7 +77,7 @@ def mesh_of(beam: Beam) -> Mesh:
 
 
 def _nodes(beam: Beam, foundation: float) -> Array:
-    """Ends, steps and supports, and between them, on a foundation, what keeps the elements' series short."""
+    """Return the nodes: ends, steps and supports; on a foundation also nodes between, to keep the elements short."""
     ends = [section.to_mm for section in beam.sections]
     node = np.unique([0.0, *ends, *(support.at_mm for support in beam.support_list)])
     gaps = np.diff(node)
@@ -105,7 +105,7 @@ def _too_stiff(beam: Beam) -> str:
 
 
 def _shear_compliance(beam: Beam) -> Array:
-    """EI/(k G A l^2) of each section, EI of the stiffest; zeros where the scene states no shear modulus."""
+    """Return EI/(k G A l^2) of each section, with EI of the stiffest; zeros if the scene states no shear modulus."""
     if beam.shear_modulus_gpa is None:
         return np.zeros(len(beam.sections))
     modulus = SHEAR_COEFFICIENT * 1e3 * beam.shear_modulus_gpa
@@ -139,7 +139,7 @@ def _factor(matrices: Array, springs: Array, held: list[int]) -> Array:
 
 
 def solve(mesh: Mesh, right: Array) -> Array:
-    """Displacements (degrees, columns) under nodal loads, refined; raises SceneError where too few digits are right."""
+    """Return refined displacements (degrees, columns) under nodal loads; raises SceneError if they are inaccurate."""
     right = right.copy()
     right[mesh.held] = 0.0
     solution: Array = cho_solve_banded((mesh.factor, True), right)
@@ -154,10 +154,10 @@ def solve(mesh: Mesh, right: Array) -> Array:
 
 
 def _forces(mesh: Mesh, displacement: Array) -> Array:
-    """Nodal forces that hold the displacements (degrees, columns).
+    """Return the nodal forces under displacements (degrees, columns).
 
-    An element's rigid motion is taken apart from its deformation, so that what the large stiffness of a short element
-    multiplies is its small deformation alone. This is what makes the refinement of `solve` gain digits.
+    Each element's rigid motion is separated from its deformation, so that the large stiffness of a short element
+    multiplies only its small deformation. This makes the refinement in `solve` effective.
     """
     w, phi = displacement[0::2], displacement[1::2]
     chord = (w[1:] - w[:-1]) / mesh.elements.height[:, None]

@@ -1,9 +1,9 @@
 """The paper's estimator of position: a back-propagation network with one hidden layer of ten logistic units.
 
-Trained as section 2 of the paper says: learning rate 0.9, momentum 0.7, one load position after another, until the
-composite error is no more than 0.1 %. The paper does not define that error; here it is the mean squared error of the
-output, which runs from 0 to 1. With those rates the units must be logistic and the targets scaled, here to 0.1 .. 0.9;
-inputs are scaled to -1 .. 1. Several networks are trained side by side, which costs little more than one.
+Training follows section 2 of the paper: learning rate 0.9, momentum 0.7, one load position after another, until the
+composite error is at most 0.1 %. The paper does not define this error; here it is the mean squared error of the output,
+which lies between 0 and 1. These rates require logistic units and scaled targets, here 0.1 .. 0.9; inputs are scaled to
+-1 .. 1. Several networks are trained side by side, which costs little more than one.
 Rumelhart, Hinton & Williams, Learning representations by back-propagating errors, Nature 323 (1986),
 doi 10.1038/323533a0.
 """
@@ -24,23 +24,23 @@ LEARNING_RATE = 0.9
 MOMENTUM = 0.7
 COMPOSITE_ERROR = 0.001
 INITIAL_WEIGHT = 0.5
-"""Weights start uniformly between minus and plus this."""
+"""Initial weights are uniform between minus and plus this value."""
 TARGET_LOW, TARGET_HIGH = 0.1, 0.9
 MAX_EPOCHS = 3000
 CHECK_EVERY = 10
-"""Epochs between two looks at the composite error."""
+"""Epochs between two evaluations of the composite error."""
 PATIENCE = 600
-"""Epochs without a composite error lower by 1 % after which a network stands still."""
+"""Epochs without a 1 % lower composite error after which training counts as stalled."""
 
 Outcome = Literal["reached", "stood still", "out of epochs"]
 
 
 @dataclass(frozen=True)
 class PaperNetwork:
-    """A trained network and how its training ended."""
+    """A trained network, and the outcome of its training."""
 
     full_scale_mm: Array
-    """(sensors,) largest deflection in training; 0 .. this becomes -1 .. 1."""
+    """(sensors,) largest deflection in training; inputs from 0 to this value are scaled to -1 .. 1."""
     length_mm: float
     hidden: Array
     """(sensors + 1, 10); the last row is the bias."""
@@ -51,7 +51,7 @@ class PaperNetwork:
     outcome: Outcome
 
     def estimate_mm(self, deflection_mm: Array) -> Array:
-        """Position for each row of deflections (samples, sensors); (samples,) in mm from the left end."""
+        """Return the position for each row of deflections (samples, sensors); (samples,) in mm from the left end."""
         scaled = 2 * deflection_mm / self.full_scale_mm - 1
         units = expit(scaled @ self.hidden[:-1] + self.hidden[-1])
         answer = expit(units @ self.output[:-1] + self.output[-1])
@@ -64,7 +64,7 @@ class _Stack:
     """Networks in training; those with fewer sensors have inputs that are always zero."""
 
     index: NDArray[np.intp]
-    """(networks,) which of all networks each is."""
+    """(networks,) index of each network among all that are trained."""
     patterns: Array
     """(patterns, networks, inputs), the last input being 1."""
     hidden: Array
@@ -85,7 +85,7 @@ class _Stack:
         )
 
     def composite_error(self, target: Array) -> Array:
-        """Mean squared error of the output of each network."""
+        """Return the mean squared error of the output of each network."""
         units = expit(np.einsum("pni,nih->pnh", self.patterns, self.hidden))
         answer = expit(np.einsum("pnh,nh->pn", units, self.output[:, :-1]) + self.output[:, -1])
         error: Array = ((answer - target[:, None]) ** 2).mean(axis=0)
@@ -106,10 +106,10 @@ def train(
     Parameters
     ----------
     deflections_mm : for each network (patterns, sensors) in mm; the number of sensors may differ
-    position_mm : (patterns,) where the load stood
-    length_mm : of the beam; targets are scaled over it
-    seed : of the initial weights and of the order of the patterns
-    max_epochs : bound on the presentations of all patterns
+    position_mm : (patterns,) load positions
+    length_mm : length of the beam, which scales the targets
+    seed : seed of the initial weights and of the order of the patterns
+    max_epochs : bound on the number of epochs
     progress : called with the fraction of `max_epochs` done
 
     Returns
@@ -140,7 +140,7 @@ def _initial(deflections_mm: Sequence[Array], scales: Sequence[Array], seed: int
     hidden = np.zeros((count, widest + 1, HIDDEN))
     output = np.zeros((count, HIDDEN + 1))
     for index, (deflection, scale) in enumerate(zip(deflections_mm, scales, strict=True)):
-        # A generator each, so that a network does not depend on which others are trained with it.
+        # Each network has its own generator, so that it does not depend on the networks trained with it.
         rng = np.random.default_rng([seed, index])
         sensors = len(scale)
         patterns[:, index, :sensors] = 2 * deflection / scale - 1
@@ -180,7 +180,7 @@ class _Record:
     """Epoch of each network's last gain of 1 %."""
 
     def look(self, stack: _Stack, target: Array, epoch: int) -> NDArray[np.bool_]:
-        """Record the networks that have become better; returns which of the stack are finished."""
+        """Record the networks that have improved; returns whether each network of the stack is finished."""
         errors = stack.composite_error(target).tolist()
         for row, (index, error) in enumerate(zip(stack.index.tolist(), errors, strict=True)):
             lowest = self.best[index].composite_error if index in self.best else np.inf

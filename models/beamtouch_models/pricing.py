@@ -1,4 +1,4 @@
-"""The price of each physical effect for a scene, an effect at a time; `effects` says what follows from them."""
+"""The price of each single physical effect in a scene; `effects` decides which effects are modelled."""
 
 import math
 from collections.abc import Callable
@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 Verdict = Literal["in", "out", "not stated", "not modelled"]
 
 NEGLIGIBLE = 0.1
-"""Price in noise under which effects are left out."""
+"""Price, in units of the noise, below which effects are left out."""
 POISSON_RATIO = 0.3
-"""Of most metals: what the shear modulus is estimated with where the scene states none."""
+"""Value of most metals; it gives the shear modulus if the scene does not state one."""
 
 
 @dataclass(frozen=True)
@@ -30,36 +30,36 @@ class Effect:
 
     name: str
     price: float | None
-    """In units of the noise of a sample; None where the scene does not state what it depends on."""
+    """In units of the noise of a sample; None if the scene does not state the data for it."""
     verdict: Verdict
-    """"in" and "out" of the influence matrix; "not modelled": it matters, and the influence matrix cannot have it."""
+    """"in" or "out" of the influence matrix; "not modelled": it matters, but the influence matrix cannot include it."""
     reason: str
     having: Scene | None = None
     lacking: Scene | None = None
-    """The scene with and without the effect, where that makes a difference."""
+    """The scene with and without the effect, if the two differ."""
     leave_out: Callable[[Scene], Scene] | None = None
-    """What leaving it out does to a scene, where it does anything."""
+    """Removes the effect from a scene; None if that changes nothing."""
 
 
 @dataclass(frozen=True)
 class Pricing:
-    """What pricing needs of a scene."""
+    """The data for pricing the effects of a scene."""
 
     scene: Scene
     noise_mm: float
-    """Of a sample."""
+    """Noise of a sample."""
     sensor_mm: Array
 
     def deflection_mm(self, scene: Scene) -> Array:
-        """Deflection (loads, sensors) at the largest force."""
+        """Return the deflection (loads, sensors) at the largest force."""
         return scene.contact.force_range_n[1] * scene_influence(scene, self.sensor_mm, load_positions_mm(scene))
 
     def price(self, having: Scene, lacking: Scene) -> float:
-        """Largest difference between two scenes, in noise."""
+        """Return the largest difference in deflection between two scenes, in units of the noise."""
         return self.in_noise(self.deflection_mm(having) - self.deflection_mm(lacking))
 
     def in_noise(self, deflection_mm: Array) -> float:
-        """Largest of some deflections over the noise; raises SceneError where that is beyond float64."""
+        """Return the largest deflection in units of the noise; raises SceneError beyond the range of float64."""
         with np.errstate(over="ignore"):
             price = float(np.abs(deflection_mm).max(initial=0.0) / self.noise_mm)
         if not math.isfinite(price):
@@ -69,7 +69,7 @@ class Pricing:
 
 
 def changed(scene: Scene, part: str, **values: Any) -> Scene:  # noqa: ANN401  # whatever a scene's field may be
-    """Return a scene with other values in one of its parts; raises pydantic's ValidationError as a scene does."""
+    """Return a scene with other values in one of its parts; raises pydantic's ValidationError if they are invalid."""
     stated = scene.model_dump()
     return Scene.model_validate({**stated, part: {**stated[part], **values}})
 
@@ -107,7 +107,7 @@ def _contact_width(pricing: Pricing) -> Effect:
 
 
 def _self_weight(pricing: Pricing) -> Effect:
-    # Deflections are linear in the load: with the weight there and tared off, a contact adds what it adds without it.
+    # Deflections are linear in the load: after a tare, a contact adds the same deflection with or without the weight.
     sag = dynamics.sag_mm(pricing.scene.beam)
     told = "" if sag is None else f"; before it the beam sags by {sag:.3g} mm, which the stand-off must allow for"
     return Effect("self-weight", 0.0, "out", f"a constant, which tare takes off{told}")
@@ -130,7 +130,7 @@ def _steps(pricing: Pricing) -> Effect:
     scene = pricing.scene
     if len({section.rigidity_n_mm2 for section in scene.beam.sections}) == 1:
         return Effect("steps", 0.0, "out", "one section throughout")
-    # A prismatic beam knows no sections that shear could depend on, so the two are compared without it.
+    # The prismatic beam has no section for shear to depend on, so compare the two without shear.
     having, lacking = _without_shear(scene), _without_steps(scene)
     price = pricing.price(having, lacking)
     reason = f"beside a prismatic beam of {lacking.beam.rigidity_n_mm2:.4g} N mm^2, the mean compliance"
@@ -184,7 +184,7 @@ def _adc_steps(pricing: Pricing) -> Effect:
         return Effect("ADC steps", None, "not stated", "give sensors.adc_bits")
     step = step_mm(sensors.range_mm, sensors.adc_bits)
     window = choose_filter(pricing.scene).window
-    # Like the noise it is measured by, a standard deviation; rounding errors of readings are taken as independent.
+    # A standard deviation, like the noise that it is compared to; rounding errors of readings count as independent.
     price = step / math.sqrt(12 * window) / pricing.noise_mm
     return Effect("ADC steps", price, _verdict(price), f"{1000 * step:.3g} um a count", leave_out=_without_adc)
 
@@ -219,7 +219,7 @@ def _without_adc(scene: Scene) -> Scene:
 
 
 def _without_steps(scene: Scene) -> Scene:
-    """Take a prismatic beam whose compliance is the mean of the beam's."""
+    """Return the scene with a prismatic beam that has the mean compliance of the beam."""
     sections = scene.beam.sections
     starts = [0.0, *(section.to_mm for section in sections[:-1])]
     shares = [(section.to_mm - start) / scene.beam.length_mm for section, start in zip(sections, starts, strict=True)]

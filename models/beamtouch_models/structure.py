@@ -1,4 +1,4 @@
-"""The beam a scene states, and what carries it: sections, supports, an elastic foundation. Checked strictly."""
+"""The beam of a scene: sections, supports, and an elastic foundation. Validated strictly."""
 
 import math
 from itertools import pairwise
@@ -12,13 +12,13 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Fixity = Annotated[float, Field(ge=0, lt=1)]
 SHEAR_COEFFICIENT = 5 / 6
-"""Share of a rectangular section that bears shear; Timoshenko & Gere, Mechanics of Materials, 1972, sec. 12.12."""
+"""Shear coefficient of a rectangular section; Timoshenko & Gere, Mechanics of Materials, 1972, sec. 12.12."""
 SMALLEST_NORMAL = 2.0**-1022
-"""Below it float64 loses digits."""
+"""Smallest float64 with full precision."""
 
 
 class Strict(BaseModel):
-    """A part of a scene: unknown keys are refused, and nothing changes after validation."""
+    """Base class of the parts of a scene: immutable, refuses unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -27,12 +27,12 @@ class Support(Strict):
     """A support: "simple" holds the deflection at zero, "fixed" the slope as well."""
 
     at_mm: Finite
-    """From the left end."""
+    """Position from the left end."""
     kind: Literal["simple", "fixed"] = "simple"
     fixity: Fixity = 0.0
-    """Of a simple support that resists rotation a little: 1 / (1 + 3 E I / (k L)), k the stiffness of its rotation, E I
-    that of the stiffest section and L the length of the beam; 0 is a hinge, towards 1 a fixed end. Monforton & Wu,
-    Matrix analysis of semi-rigidly connected frames, J. Struct. Div. ASCE 89 (1963)."""
+    """Resistance of a simple support to rotation: 1 / (1 + 3 E I / (k L)), with its rotational stiffness k, E I of the
+    stiffest section and the beam's length L. 0 is a hinge; values near 1 approach a fixed end. Monforton & Wu, Matrix
+    analysis of semi-rigidly connected frames, J. Struct. Div. ASCE 89 (1963)."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -43,27 +43,27 @@ class Support(Strict):
 
     @property
     def stiffness(self) -> float:
-        """Stiffness of the rotation in units of E I / L."""
+        """Rotational stiffness in units of E I / L."""
         return 3 * self.fixity / (1 - self.fixity)
 
 
 class Segment(Strict):
-    """A stretch of the beam with a section of its own; what it leaves out it takes from the beam."""
+    """A stretch of the beam with its own section; keys that it omits are those of the beam."""
 
     to_mm: PositiveFinite
-    """Where it ends, from the left end; it begins where the one before it ends."""
+    """Its end, from the left end of the beam; it begins where the previous segment ends."""
     width_mm: PositiveFinite | None = None
     thickness_mm: PositiveFinite | None = None
     flexural_rigidity_n_mm2: PositiveFinite | None = None
 
 
 class Section(NamedTuple):
-    """A stretch of the beam with everything resolved."""
+    """A stretch of the beam with its resolved section."""
 
     to_mm: float
     rigidity_n_mm2: float
     area_mm2: float | None
-    """None where the scene states no width and thickness."""
+    """None if the scene does not state width and thickness."""
 
 
 SupportName = Literal["simply-supported", "cantilever", "fixed-fixed", "propped"]
@@ -73,9 +73,9 @@ END_KINDS: dict[str, tuple[Literal["simple", "fixed"] | None, Literal["simple", 
     "fixed-fixed": ("fixed", "fixed"),
     "propped": ("fixed", "simple"),
 }
-"""What the names mean: the support at the left and at the right end."""
+"""Supports at the left and the right end, by name."""
 
-# The tags keep a bad entry of a list from being reported as a bad name; with a hyphen they stay out of messages.
+# The tags keep a bad entry of a list from being reported as a bad name. Their hyphen keeps them out of messages.
 Supports = Annotated[
     Annotated[SupportName, Tag("a-name")] | Annotated[tuple[Support, ...], Tag("a-list")],
     Discriminator(lambda value: "a-name" if isinstance(value, str) else "a-list"),
@@ -83,23 +83,23 @@ Supports = Annotated[
 
 
 class Beam(Strict):
-    """The beam and what carries it."""
+    """The beam, its supports and its foundation."""
 
     length_mm: PositiveFinite
     supports: Supports = "simply-supported"
-    """A name, or supports one by one: [{at_mm = 0, kind = "simple"}, ...]."""
+    """A name, or a list of supports: [{at_mm = 0, kind = "simple"}, ...]."""
     youngs_modulus_gpa: PositiveFinite | None = None
     shear_modulus_gpa: PositiveFinite | None = None
-    """Stated, the beam yields to shear as well (Timoshenko)."""
+    """If stated, shear deflection is included (Timoshenko)."""
     width_mm: PositiveFinite | None = None
     thickness_mm: PositiveFinite | None = None
     flexural_rigidity_n_mm2: PositiveFinite | None = None
-    """E I; give this, or modulus, width and thickness."""
+    """E I; give either this or modulus, width and thickness."""
     density_kg_m3: PositiveFinite | None = None
     segments: tuple[Segment, ...] = ()
-    """Steps in section, from left to right, up to the beam's end; left out, the beam is prismatic."""
+    """Segments from left to right, up to the beam's end; by default the beam is prismatic."""
     foundation_n_mm2: PositiveFinite | None = None
-    """Elastic (Winkler) foundation under the whole beam, N/mm of reaction per mm of beam and mm of deflection."""
+    """Elastic (Winkler) foundation under the whole beam: reaction in N per mm of beam and mm of deflection."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -128,7 +128,7 @@ class Beam(Strict):
             raise ValueError(message)
 
     def _check_supports(self) -> None:
-        """Refuse supports that are off the beam, coincide, or leave it free to move."""
+        """Raise ValueError if supports are off the beam, coincide, or leave the beam free to move."""
         places = [support.at_mm for support in self.support_list]
         if any(not 0 <= place <= self.length_mm for place in places):
             message = f"supports at {places} mm: one lies off the beam, 0..{self.length_mm:g} mm"
@@ -149,7 +149,7 @@ class Beam(Strict):
 
     @property
     def support_list(self) -> tuple[Support, ...]:
-        """The supports one by one, from left to right."""
+        """The supports from left to right."""
         if not isinstance(self.supports, str):
             return tuple(sorted(self.supports, key=lambda support: support.at_mm))
         ends = zip((0.0, self.length_mm), END_KINDS[self.supports], strict=True)
@@ -157,7 +157,7 @@ class Beam(Strict):
 
     @property
     def sections(self) -> tuple[Section, ...]:
-        """The stretches of the beam from left to right; one where it is prismatic."""
+        """The sections from left to right; a prismatic beam has one."""
         segments = self.segments or (Segment(to_mm=self.length_mm),)
         return tuple(self._section(segment) for segment in segments)
 
@@ -183,17 +183,17 @@ class Beam(Strict):
 
     @property
     def rigidity_n_mm2(self) -> float:
-        """Flexural rigidity E I in N mm^2; of the stiffest section where there are several."""
+        """Flexural rigidity E I of the stiffest section, in N mm^2."""
         return max(section.rigidity_n_mm2 for section in self.sections)
 
 
 def changed_beam(beam: Beam, rigidity: float, fixity: tuple[float, float]) -> Beam:
-    """Return a beam of another rigidity, and with its first and last support resisting rotation.
+    """Return a beam with its rigidity times `rigidity` and with a `fixity` of its first and its last support.
 
     Raises
     ------
     SceneError
-        A support that is to have a fixity is a wall already, or there is none.
+        A support that gets a fixity is already fixed.
     """
     fields: dict[str, Any] = beam.model_dump()
     for part in (fields, *fields["segments"]):

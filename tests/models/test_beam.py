@@ -1,4 +1,4 @@
-"""Closed forms against published values, against virtual work, and against transfer matrices in many digits."""
+"""Closed forms against published values, virtual work, and transfer matrices in many digits."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ from example_scenes import PAPER, UNIT_BEAM
 ULP = 2.0**-53
 NAMES = ("simply-supported", "cantilever", "fixed-fixed", "propped")
 SPANS: list[Any] = [*NAMES, fixed(1.0), [*simple(0.0), *fixed(1.0)]]
-"""All closed forms, and the two that are mirrored."""
+"""All closed forms, and the mirrored ones."""
 beam = Beam.model_validate(UNIT_BEAM)
 
 
@@ -28,7 +28,7 @@ def unit_beam(supports: object, **values: object) -> Beam:
 
 
 def by_virtual_work(x: float, a: float) -> mpmath.mpf:
-    """Deflection at x of a unit load at a on a unit beam: the integral of both bending moments' product."""
+    """Deflection at x under a unit load at a on a unit beam: the integral of the product of both bending moments."""
     with mpmath.workdps(40):
         left, right = mpmath.mpf(min(x, a)), mpmath.mpf(max(x, a))
 
@@ -58,11 +58,11 @@ def by_virtual_work(x: float, a: float) -> mpmath.mpf:
         ("propped", 0.5, 0.5, 7 / 768),
     ],
 )
-def test_published_deflections(supports: str, x: float, a: float, expected: float) -> None:
+def test_deflections_agree_with_published_values(supports: str, x: float, a: float, expected: float) -> None:
     assert influence(unit_beam(supports), [x], [a])[0, 0] == pytest.approx(expected, rel=4 * ULP)
 
 
-def test_the_largest_deflection_of_a_propped_span_is_where_it_is_published() -> None:
+def test_the_largest_deflection_of_a_propped_span_is_the_published_one() -> None:
     # Roark, table 8.1 case 1c: 0.0098 W l^3/(EI), with the load 0.414 l from the simple end.
     points = np.linspace(0, 1, 1001)
     matrix = influence(unit_beam("propped"), points, points)
@@ -77,14 +77,14 @@ fractions = st.floats(1e-12, 1.0, exclude_max=True) | small | small.map(lambda d
 
 
 @given(x=fractions, a=fractions)
-def test_a_few_units_in_the_last_place_over_the_whole_span(x: float, a: float) -> None:
+def test_deflections_are_right_to_a_few_units_in_the_last_place_over_the_whole_span(x: float, a: float) -> None:
     expected = by_virtual_work(x, a)
     assert abs((mpmath.mpf(influence(beam, [x], [a])[0, 0]) - expected) / expected) < 8 * ULP
 
 
 @settings(max_examples=60, deadline=None)
 @given(x=fractions, a=fractions, supports=st.sampled_from(SPANS))
-def test_every_closed_form_near_either_end(x: float, a: float, supports: object) -> None:
+def test_every_closed_form_is_accurate_near_either_end(x: float, a: float, supports: object) -> None:
     stated = unit_beam(supports)
     assert span_of(stated, 0.0, 1.0) is not None
     expected = ExactBeam(stated, digits=120).deflection(x, a)
@@ -94,7 +94,7 @@ def test_every_closed_form_near_either_end(x: float, a: float, supports: object)
 @settings(max_examples=60, deadline=None)
 @given(x=fractions, a=st.integers(1, 4095), width=st.integers(1, 4096), supports=st.sampled_from(SPANS))
 def test_a_contact_with_a_width_is_exact(x: float, a: int, width: int, supports: object) -> None:
-    # Multiples of 1/8192, so that the edges of the contact are the same numbers here and there.
+    # Multiples of 1/8192, so that both sides compute the same edges of the contact.
     stated = unit_beam(supports)
     expected = ExactBeam(stated, digits=120).deflection(x, a / 4096, width / 4096)
     found = influence(stated, [x], [a / 4096], width / 4096)[0, 0]
@@ -102,13 +102,13 @@ def test_a_contact_with_a_width_is_exact(x: float, a: int, width: int, supports:
 
 
 @given(x=fractions, a=fractions, supports=st.sampled_from(SPANS), power=st.integers(-320, -14))
-def test_a_contact_that_narrows_to_a_point_loses_nothing(x: float, a: float, supports: object, power: int) -> None:
+def test_a_contact_that_narrows_to_a_point_stays_accurate(x: float, a: float, supports: object, power: int) -> None:
     stated, width = unit_beam(supports), min(10.0**power, 1e-14 * min(a, 1 - a))
     point = influence(stated, [x], [a])[0, 0]
     assert influence(stated, [x], [a], width)[0, 0] == pytest.approx(point, rel=1e-13)
 
 
-def test_a_contact_at_the_end_keeps_its_force_on_what_lies_on_the_beam() -> None:
+def test_a_contact_beyond_the_end_puts_its_whole_force_on_the_part_on_the_beam() -> None:
     tip = unit_beam("cantilever")
     assert influence(tip, [1.0], [1.0], 0.5)[0, 0] == influence(tip, [1.0], [0.875], 0.25)[0, 0]
 
@@ -120,13 +120,13 @@ def test_reciprocity_is_exact(x: float, a: float, supports: object) -> None:
 
 
 @given(x=fractions, a=fractions, length=st.floats(1e-3, 1e6), power=st.integers(-15, 15))
-def test_scale(x: float, a: float, length: float, power: int) -> None:
-    # 1 micrometre to 1 km, rigidities over 30 decades.
+def test_deflections_scale_with_length_and_rigidity(x: float, a: float, length: float, power: int) -> None:
+    # Lengths from 1 micrometre to 1 km, and rigidities over 30 decades.
     stated = unit_beam("propped", length_mm=length, flexural_rigidity_n_mm2=10.0**power)
     sensor, load = x * length, a * length
     expected = ExactBeam(stated, digits=120).deflection(sensor, load)
     found = mpmath.mpf(influence(stated, [sensor], [load])[0, 0])
-    if expected:  # x times the length may round to the length, where nothing moves
+    if expected:  # x times the length may round to the length, where the deflection is 0
         assert abs((found - expected) / expected) < 16 * ULP
 
 
@@ -134,13 +134,13 @@ def test_beams_beyond_float64_are_refused() -> None:
     for length, rigidity in ((1e300, 1.0), (1e-300, 1.0), (1.0, 1e300 * 1e8), (1e103, 1e-100)):
         with pytest.raises(SceneError, match="deflects beyond what can be computed"):
             influence(unit_beam("propped", length_mm=length, flexural_rigidity_n_mm2=rigidity), [0.0], [0.0])
-    # Within it, however large both are.
+    # Within the range of float64, both may be large.
     assert influence(unit_beam("cantilever", length_mm=1e150, flexural_rigidity_n_mm2=1e300), [1e150], [1e150])[
         0, 0
     ] == pytest.approx(1e150 / 3, rel=1e-14)
 
 
-def test_the_scale_is_right_where_its_cube_alone_would_overflow() -> None:
+def test_the_scale_is_right_even_if_the_cube_of_the_length_overflows() -> None:
     stated = unit_beam("cantilever", length_mm=1e120, flexural_rigidity_n_mm2=1e300)
     assert influence(stated, [1e120], [1e120])[0, 0] == pytest.approx(1e60 / 3, rel=1e-14)
 
@@ -155,7 +155,7 @@ def test_shape_is_loads_by_sensors_and_supports_do_not_move(supports: object) ->
 
 
 @pytest.mark.parametrize("position", [[], [[0.5]], [float("nan")], [float("inf")], [-0.1], [1.1]])
-def test_what_is_no_position_is_refused_by_name(position: list[float]) -> None:
+def test_an_invalid_position_is_refused_by_name(position: list[float]) -> None:
     with pytest.raises(ValueError, match="sensor_mm"):
         influence(beam, position, [0.5])
     with pytest.raises(ValueError, match="load_mm"):
@@ -163,12 +163,12 @@ def test_what_is_no_position_is_refused_by_name(position: list[float]) -> None:
 
 
 @pytest.mark.parametrize("width", [-1.0, float("nan"), float("inf")])
-def test_what_is_no_width_is_refused(width: float) -> None:
+def test_an_invalid_width_is_refused(width: float) -> None:
     with pytest.raises(ValueError, match="width_mm"):
         influence(beam, [0.5], [0.5], width)
 
 
-def test_largest_deflection_of_the_paper() -> None:
+def test_the_largest_deflection_of_the_papers_beam() -> None:
     # 10 N in the middle of 400 mm: F l^3 / (48 E I), E I = 1.18125e7 N mm^2.
     assert max_deflection_mm(parse_scene(PAPER, "x")) == pytest.approx(10 * 400**3 / (48 * 1.18125e7), rel=1e-12)
 
@@ -179,7 +179,7 @@ def test_a_load_on_one_of_two_spans_lifts_the_other() -> None:
     assert 0 < lift < travel == max_deflection_mm(parse_scene(text, "x"))
 
 
-def test_a_beam_that_sags_beyond_small_angles_is_refused() -> None:
+def test_a_beam_that_bends_beyond_small_angles_is_refused() -> None:
     check_small_angles(parse_scene(PAPER, "x"))
     with pytest.raises(SceneError, match="small-angle theory"):
         check_small_angles(parse_scene(PAPER.replace("force_n = 10.0", "force_n = 200.0"), "x"))

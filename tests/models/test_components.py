@@ -42,13 +42,13 @@ def test_coincident_sensors_and_sensors_on_a_support_score_minus_infinity() -> N
     assert log_eigenvalue_product(matrix_of(0, 400)) == -np.inf
 
 
-def test_leading_eigenvalues_only() -> None:
+def test_the_product_of_the_leading_eigenvalues_only() -> None:
     matrix = matrix_of(100, 100, 300)
     first_two = principal_components(matrix).eigenvalues[:2]
     assert log_eigenvalue_product(matrix, 2) == pytest.approx(np.log(first_two).sum(), rel=1e-12)
 
 
-def test_scales_that_would_overflow_as_a_product() -> None:
+def test_scales_at_which_a_product_would_overflow() -> None:
     matrix = matrix_of(68, 156, 244, 332)
     for scale in (1e-150, 1e150):
         shifted = log_eigenvalue_product(matrix * scale) - 8 * np.log(scale)

@@ -24,14 +24,14 @@ LAYOUTS = {
 
 
 def exact_eigenvalues(matrix: Array) -> list[mpmath.mpf]:
-    """Of X^T X / N0 for the matrix as it stands, descending, in 60 digits."""
+    """Eigenvalues of X^T X / N0, descending, in 60 digits."""
     with mpmath.workdps(60):
         exact = mpmath.matrix(matrix.tolist())
         return sorted(mpmath.eigsy(exact.T * exact / len(matrix), eigvals_only=True), reverse=True)
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
-def test_eigenvalues_and_the_log_of_their_product_keep_their_digits(name: str) -> None:
+def test_eigenvalues_and_the_log_of_their_product_are_accurate(name: str) -> None:
     matrix = influence(beam, LAYOUTS[name], LOADS)
     expected = exact_eigenvalues(matrix)
     found = principal_components(matrix).eigenvalues
@@ -45,7 +45,7 @@ def test_eigenvalues_and_the_log_of_their_product_keep_their_digits(name: str) -
 
 
 @pytest.mark.parametrize("leading", [1, 3, 8])
-def test_the_leading_part_of_the_product_keeps_its_digits(leading: int) -> None:
+def test_the_product_of_the_leading_eigenvalues_is_accurate(leading: int) -> None:
     matrix = influence(beam, LAYOUTS["32 at equal pitch"], LOADS)
     with mpmath.workdps(60):
         expected = float(mpmath.fsum(mpmath.log(value) for value in exact_eigenvalues(matrix)[:leading]))
@@ -71,14 +71,14 @@ def test_eigenvalues_beyond_float64_are_refused(scale: float) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_what_is_not_finite_is_refused(bad: float) -> None:
+def test_a_matrix_that_is_not_finite_is_refused(bad: float) -> None:
     with pytest.raises(ValueError, match="must be finite"):
         log_eigenvalue_product(np.array([[1.0, bad], [0.5, 1.0]]))
     with pytest.raises(ValueError, match="must be finite"):
         principal_components(np.array([[1.0, bad], [0.5, 1.0]]))
 
 
-def test_sixty_four_sensors_and_a_single_load() -> None:
+def test_the_product_is_right_for_sixty_four_sensors_and_for_a_single_load() -> None:
     matrix = influence(beam, np.arange(1, 65) / 65, LOADS)
     with mpmath.workdps(60):
         exact = mpmath.matrix(matrix.tolist())
@@ -91,9 +91,9 @@ def test_sixty_four_sensors_and_a_single_load() -> None:
     assert principal_components(one).eigenvalues == pytest.approx([(one**2).sum()])
 
 
-def test_components_that_stand_out_of_the_noise_are_counted() -> None:
+def test_components_that_exceed_the_noise_are_counted() -> None:
     # Magnitudes 10, 1 and 0.1.
     eigenvalues = np.array([100.0, 1.0, 0.01])
     assert [discernible(eigenvalues, noise) for noise in (20, 2, 0.5, 0.05, 0)] == [0, 1, 2, 3, 3]
-    # What rounding leaves of a component is none, even without noise.
+    # A component within rounding does not count, even without noise.
     assert discernible(np.array([1.0, 1e-34]), 0) == 1

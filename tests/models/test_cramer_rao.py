@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound, against derivatives of a textbook formula in 40 digits, and the limit at small noise."""
+"""The Cramer-Rao bound against derivatives of a textbook formula in 40 digits, and against the limit at small noise."""
 
 import dataclasses
 
@@ -24,7 +24,7 @@ def textbook_mm_per_n(sensor: mpmath.mpf, load: mpmath.mpf) -> mpmath.mpf:
 
 @pytest.mark.parametrize("position", [3.0, 60.0, 150.0, 200.0, 390.0])
 @pytest.mark.parametrize("known", [True, False])
-def test_the_bound_is_that_of_the_textbook_formula(position: float, known: bool) -> None:
+def test_the_bound_agrees_with_the_textbook_formula(position: float, known: bool) -> None:
     prior = Prior.of(paper_scene(), np.array(SENSORS), 0.002)
     force = 10.0
     if not known:
@@ -38,13 +38,13 @@ def test_the_bound_is_that_of_the_textbook_formula(position: float, known: bool)
     assert position_deviation_mm(prior, [position], force)[0] == pytest.approx(exact, rel=1e-4)
 
 
-def test_one_channel_tells_nothing_of_the_position_if_the_force_is_open() -> None:
+def test_one_channel_gives_no_position_if_the_force_is_open() -> None:
     prior = dataclasses.replace(Prior.of(paper_scene(), np.array([122.0]), 0.002), force_n=(2.0, 20.0))
     assert position_deviation_mm(prior, [50.0, 200.0], 10.0).min() > 1e6
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_the_limit_comes_to_the_bound_as_the_noise_goes(known: bool) -> None:
+def test_the_limit_approaches_the_bound_as_the_noise_vanishes(known: bool) -> None:
     wide = prior_of("bench", 4, 0.003, known=known)
     prior = dataclasses.replace(wide, position_mm=(80.0, 320.0))
     best = limit.accuracy_limit(prior, 2000, 1)
@@ -52,7 +52,7 @@ def test_the_limit_comes_to_the_bound_as_the_noise_goes(known: bool) -> None:
     assert best.percent == pytest.approx(bound, abs=4 * best.standard_error + 0.02 * bound)
 
 
-def test_with_no_information_it_is_the_error_of_a_guess() -> None:
+def test_without_information_the_mean_error_is_that_of_a_guess() -> None:
     prior = prior_of("bench", 2, 1e7, known=False)
-    # At x of 1..399 a guess drawn evenly is off by ((x - 1)^2 + (399 - x)^2) / (2 * 398): 398 / 3 on average.
+    # At x in 1..399 a uniform guess is off by ((x - 1)^2 + (399 - x)^2) / (2 * 398), which is 398 / 3 on average.
     assert mean_error_mm(prior) == pytest.approx(398 / 3, rel=1e-3)

@@ -1,4 +1,4 @@
-"""What effects are priced at, against textbook figures, and what leaving one out does to the accuracy limit."""
+"""Prices of effects against textbook values, and the effect on the accuracy limit of leaving one out."""
 
 import math
 from typing import Any
@@ -57,8 +57,8 @@ def price(scene: Scene, name: str) -> float:
 
 
 @pytest.mark.parametrize("name", ["shear", "contact width", "steps", "foundation"])
-def test_an_effect_at_the_edge_of_being_left_out_changes_the_accuracy_by_less_than_a_percent(name: str) -> None:
-    # The noise that makes the price 0.095: what is in at half of it is out at it.
+def test_a_barely_negligible_effect_changes_the_accuracy_by_less_than_a_percent(name: str) -> None:
+    # At this noise the price is 0.095, so the effect is out; at half of the noise it is in.
     rough = scene_with(STATED[name], noise_percent_of_max=None, noise_mm=0.01)
     noise = 0.01 * price(rough, name) / 0.095
     scene = scene_with(STATED[name], noise_percent_of_max=None, noise_mm=noise)
@@ -66,7 +66,7 @@ def test_an_effect_at_the_edge_of_being_left_out_changes_the_accuracy_by_less_th
     assert priced(scene_with(STATED[name], noise_percent_of_max=None, noise_mm=noise / 2))[name].verdict == "in"
     smaller, layout = required(scene), np.array([68.0, 156.0, 244.0, 332.0])
     assert smaller != scene
-    # The same contacts and the same noise: told by an estimator with the effect, and by one without it.
+    # The same contacts with the same noise, estimated with the effect and without it.
     drawn = limit.draw(Prior.of(scene, layout, noise), 4000, 1)
     best, without = (
         limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm)).percent
@@ -75,8 +75,8 @@ def test_an_effect_at_the_edge_of_being_left_out_changes_the_accuracy_by_less_th
     assert abs(without / best - 1) < 0.01
 
 
-def test_adc_steps_at_the_edge_of_being_left_out_change_the_noise_by_less_than_a_percent() -> None:
-    # A count is 3 mm / (0.8 x 4095); its standard deviation is that over the root of 12.
+def test_barely_negligible_adc_steps_change_the_noise_by_less_than_a_percent() -> None:
+    # A count is 3 mm / (0.8 x 4095); the standard deviation of its rounding is a count over the root of 12.
     count = 3 / (0.8 * 4095)
     scene = scene_with(STATED["ADC steps"], noise_percent_of_max=None, noise_mm=count / math.sqrt(12) / 0.0995)
     assert price(scene, "ADC steps") == pytest.approx(0.0995 / math.hypot(1, 0.0995), rel=1e-12)
@@ -85,7 +85,7 @@ def test_adc_steps_at_the_edge_of_being_left_out_change_the_noise_by_less_than_a
     assert sensor_noise_mm(smaller) == pytest.approx(noise_of(scene, choose_filter(scene)).sample_mm, rel=0.006)
 
 
-def test_effects_left_out_stay_under_a_tenth_together() -> None:
+def test_the_prices_of_the_effects_left_out_sum_to_less_than_a_tenth() -> None:
     both = (STATED["shear"], STATED["contact width"])
     rough = scene_with(*both, noise_percent_of_max=None, noise_mm=0.01)
     dearest = max(price(rough, "shear"), price(rough, "contact width"))
@@ -97,7 +97,7 @@ def test_effects_left_out_stay_under_a_tenth_together() -> None:
     assert any("with the other effects left out" in effect.reason for effect in judged.values())
 
 
-def test_nothing_changes_where_nothing_is_left_out() -> None:
+def test_a_scene_without_negligible_effects_is_unchanged() -> None:
     scene = paper_scene()
     assert required(scene) is scene
     silent = paper_scene(noise_percent_of_max=None, noise_mm=0)
@@ -106,7 +106,7 @@ def test_nothing_changes_where_nothing_is_left_out() -> None:
         effects_of(silent)
 
 
-def test_noise_in_percent_stays_what_it_was() -> None:
+def test_noise_in_percent_of_the_deflection_keeps_its_value_in_mm() -> None:
     scene = scene_with(STATED["foundation"], noise_percent_of_max=20.0)
     smaller = required(scene)
     assert smaller.beam.foundation_n_mm2 is None
@@ -114,7 +114,7 @@ def test_noise_in_percent_stays_what_it_was() -> None:
 
 
 def test_the_price_of_shear_is_its_textbook_deflection_over_the_noise() -> None:
-    # In the middle of a simple span F l / (4 k G A), k = 5/6; Timoshenko & Gere, Mechanics of Materials, sec. 12.12.
+    # F l / (4 k G A) in the middle of a simple span, k = 5/6; Timoshenko & Gere, Mechanics of Materials, sec. 12.12.
     scene = paper_scene(noise_percent_of_max=None, noise_mm=1e-4)
     estimated = 10 * 400 / (4 * 5 / 6 * 210e3 / 2.6 * 75)
     assert price(scene, "shear") == pytest.approx(estimated / 1e-4, rel=1e-6)
@@ -128,7 +128,7 @@ def test_without_a_section_shear_and_dynamics_are_not_stated() -> None:
     assert priced(scene)["shear"].verdict == priced(scene)["dynamics"].verdict == "not stated"
 
 
-def test_overhangs_are_cut_off_exactly_where_nothing_is_there_and_in_otherwise() -> None:
+def test_overhangs_are_left_out_only_if_they_carry_neither_loads_nor_sensors() -> None:
     supports = {"beam": {"supports": [{"at_mm": 0}, {"at_mm": 300}]}}
     apart = scene_with(supports, {"contact": {"position_mm": (10, 290)}}, keep_out_mm=[(300, 401)])
     assert priced(apart)["overhang"].verdict == "out"
@@ -138,7 +138,7 @@ def test_overhangs_are_cut_off_exactly_where_nothing_is_there_and_in_otherwise()
     assert priced(measured)["overhang"].verdict == "in"
 
 
-def test_a_foundation_that_carries_the_beam_is_in_whatever_its_price() -> None:
+def test_a_foundation_that_carries_the_beam_is_in_at_any_price() -> None:
     floating = scene_with({"beam": {"supports": [], "foundation_n_mm2": 0.5}}, noise_percent_of_max=50)
     assert priced(floating)["foundation"].verdict == "in"
     assert "nothing carries the beam" in priced(floating)["foundation"].reason
@@ -153,23 +153,23 @@ def test_a_foundation_that_carries_the_beam_is_in_whatever_its_price() -> None:
         ("cantilever", 15.6663),
         ("fixed-fixed", 99.688),
         ("propped", 68.698),
-        # Two equal spans move as two simple ones of half the length; a fixed middle makes two cantilevers.
+        # Two equal spans vibrate as two simple spans of half the length; a fixed middle makes two cantilevers.
         ([{"at_mm": 0}, {"at_mm": 200}, {"at_mm": 400}], 4 * 43.9754),
         ([{"at_mm": 200, "kind": "fixed"}], 4 * 15.6663),
     ],
 )
-def test_first_frequencies(supports: object, frequency: float) -> None:
+def test_first_frequencies_agree_with_published_values(supports: object, frequency: float) -> None:
     scene = scene_with({"beam": {"supports": supports, "density_kg_m3": 7850}})
     assert first_frequency_hz(scene.beam) == pytest.approx(frequency, rel=2e-4)
 
 
 def test_a_foundation_under_a_floating_beam_is_a_spring() -> None:
-    # Rigid beside its foundation it moves as one mass: sqrt(k/m) / 2 pi, k = 1e-6 N/mm^2 = 1 N/m^2, m = 0.58875 kg/m.
+    # Rigid compared to its foundation, it moves as one mass: sqrt(k/m) / 2 pi, k = 1 N/m^2, m = 0.58875 kg/m.
     scene = scene_with({"beam": {"supports": [], "foundation_n_mm2": 1e-6, "density_kg_m3": 7850}})
     assert first_frequency_hz(scene.beam) == pytest.approx(math.sqrt(1 / 0.58875) / (2 * math.pi), rel=1e-4)
 
 
-def test_sag_under_own_weight() -> None:
+def test_the_sag_under_its_own_weight_is_the_published_one() -> None:
     # 5 w l^4 / (384 EI), w = 0.58875 kg/m x 9.80665 m/s^2; Roark, table 8.1 case 2e.
     scene = scene_with({"beam": {"density_kg_m3": 7850}})
     expected = 5 * 0.58875e-3 * 9.80665 * 400**4 / (384 * 1.18125e7)
@@ -178,9 +178,9 @@ def test_sag_under_own_weight() -> None:
     assert f"{expected:.3g} mm" in priced(scene)["self-weight"].reason
 
 
-def test_what_a_filter_leaves_of_ringing() -> None:
+def test_a_mean_filter_passes_the_expected_part_of_ringing() -> None:
     assert ringing_after_filter(50.0, FilterChoice(), 1000.0) == 1.0
-    # A whole period in the mean leaves nothing; half a period in two readings, 90 degrees apart, the root of a half.
+    # A mean over a whole period passes nothing; a mean of two readings 90 degrees apart passes the root of a half.
     whole = FilterChoice(kind="moving-average", window=20, settling_ms=20)
     assert ringing_after_filter(50.0, whole, 1000.0) == pytest.approx(0, abs=1e-15)
     two = FilterChoice(kind="moving-average", window=2, settling_ms=10)
@@ -190,7 +190,7 @@ def test_what_a_filter_leaves_of_ringing() -> None:
 
 
 @pytest.mark.parametrize("name", NEW_SCENES)
-def test_shipped_scenes_require_what_they_are_named_after_and_can_be_designed(name: str) -> None:
+def test_shipped_scenes_include_the_effects_they_are_named_after_and_can_be_designed(name: str) -> None:
     scene, _ = load_scene(SCENES / f"{name}.toml")
     assert {effect.name for effect in effects_of(scene) if effect.verdict == "in"} == NEW_SCENES[name]
     low, high = scene.sensors.range_mm

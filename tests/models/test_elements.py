@@ -1,4 +1,4 @@
-"""Structures of beam elements against transfer matrices in many digits, textbooks, and the closed forms."""
+"""Beam elements against transfer matrices in many digits, textbooks, and closed forms."""
 
 import math
 from typing import Any
@@ -27,7 +27,7 @@ def stated(*parts: dict[str, Any], **values: object) -> Beam:
 
 
 def check(beam: Beam, width: float = 0.0, digits: int = 60, positions: np.ndarray = POSITIONS) -> None:
-    """Compare with the exact beam at some positions, in units of the largest deflection."""
+    """Compare with the exact beam at `positions`, in units of the largest deflection."""
     exact = ExactBeam(beam, digits)
     expected = np.array([[float(exact.deflection(x, a, width)) for x in positions[::2]] for a in positions])
     found = influence(beam, positions[::2], positions, width)
@@ -54,12 +54,12 @@ STRUCTURES = {
 
 
 @pytest.mark.parametrize("name", STRUCTURES)
-def test_points(name: str) -> None:
+def test_point_loads_agree_with_transfer_matrices(name: str) -> None:
     check(STRUCTURES[name])
 
 
 @pytest.mark.parametrize("name", STRUCTURES)
-def test_wide_contacts(name: str) -> None:
+def test_wide_contacts_agree_with_transfer_matrices(name: str) -> None:
     check(STRUCTURES[name], width=130.0, positions=POSITIONS[1:-1])
 
 
@@ -72,7 +72,9 @@ def test_wide_contacts(name: str) -> None:
     supports=st.sampled_from(["simply-supported", "cantilever", "fixed-fixed", "propped", simple(120, 310)]),
     modulus=st.none() | st.floats(1e-3, 1e3),
 )
-def test_any_step(x: float, a: float, step: float, thickness: float, supports: object, modulus: float | None) -> None:
+def test_any_step_in_section_agrees_with_transfer_matrices(
+    x: float, a: float, step: float, thickness: float, supports: object, modulus: float | None
+) -> None:
     segments = [{"to_mm": step, "thickness_mm": thickness}, {"to_mm": 400}]
     beam = stated(STEEL, segments=segments, supports=supports, shear_modulus_gpa=modulus)
     points = np.linspace(0, 400, 41)
@@ -82,7 +84,7 @@ def test_any_step(x: float, a: float, step: float, thickness: float, supports: o
 
 @pytest.mark.parametrize("supports", ["simply-supported", "cantilever", "fixed-fixed", "propped", simple(100), []])
 @pytest.mark.parametrize("reach", [1e-6, 1e-3, 0.1, 1.0, 5.0])
-def test_foundations_from_feeble_to_stiff(supports: object, reach: float) -> None:
+def test_foundations_from_soft_to_stiff_agree_with_transfer_matrices(supports: object, reach: float) -> None:
     # reach is beta l, with beta = (k / (4 EI))^(1/4).
     beam = stated(PLAIN, supports=supports, foundation_n_mm2=4e7 * (reach / 400) ** 4)
     if reach < 0.01 and not isinstance(supports, str):
@@ -93,7 +95,7 @@ def test_foundations_from_feeble_to_stiff(supports: object, reach: float) -> Non
 
 
 @pytest.mark.parametrize("reach", [100.0, 1000.0])
-def test_long_beams_on_a_foundation_are_hetenyis_infinite_and_half_infinite_beams(reach: float) -> None:
+def test_long_beams_on_a_foundation_agree_with_hetenyis_infinite_and_half_infinite_beams(reach: float) -> None:
     # Hetenyi, Beams on Elastic Foundation, 1946: eq. 6a, and eq. 24a for a load at the free end.
     beta, stiffness = reach / 400, 4e7 * (reach / 400) ** 4
     beam = stated(PLAIN, supports=[], foundation_n_mm2=stiffness)
@@ -104,7 +106,7 @@ def test_long_beams_on_a_foundation_are_hetenyis_infinite_and_half_infinite_beam
     assert influence(beam, away / beta, [0.0])[0] == pytest.approx(end, rel=1e-11)
 
 
-def test_published_values() -> None:
+def test_deflections_agree_with_published_values() -> None:
     # Timoshenko & Gere, Mechanics of Materials, sec. 12.12: shear adds F l / (4 k G A) in the middle, F l / (k G A) at
     # the end of a cantilever.
     area, middle = 25 * 30, 400**3 / (48 * 210e3 * 25 * 30**3 / 12)
@@ -127,7 +129,7 @@ def test_published_values() -> None:
 
 @pytest.mark.parametrize("supports", ["simply-supported", "cantilever", "fixed-fixed", "propped", simple(0, 300)])
 def test_elements_agree_with_the_closed_forms(supports: object) -> None:
-    # Sensors and loads within the span have a closed form; a foundation as soft as nothing takes the elements.
+    # Within the span there is a closed form; a negligible foundation forces the use of elements.
     points = np.linspace(0, 300, 31)
     plain = stated(PLAIN, supports=supports)
     assert span_of(plain, 0, 300) is not None
@@ -136,7 +138,7 @@ def test_elements_agree_with_the_closed_forms(supports: object) -> None:
     assert np.abs(closed - elements).max() < 1e-14 * closed.max()
 
 
-def test_equal_segments_are_one_prismatic_beam() -> None:
+def test_equal_segments_make_a_prismatic_beam() -> None:
     beam = stated(STEEL, segments=[{"to_mm": 100}, {"to_mm": 400}])
     assert span_of(beam, 0, 400) is not None
 
@@ -153,12 +155,12 @@ def with_tip(tip: float) -> Beam:
 
 
 @pytest.mark.parametrize("tip", [10.0, 1.0, 0.1])
-def test_short_pieces_keep_their_digits(tip: float) -> None:
+def test_short_segments_stay_accurate(tip: float) -> None:
     check(with_tip(tip), positions=np.array([100.0, 399.0, 400 - tip / 2, 400.0]))
 
 
 @pytest.mark.parametrize(("tip", "said"), [(1e-4, "its parts are so uneven"), (1e-7, "too close to be told apart")])
-def test_pieces_too_short_for_their_digits_are_refused(tip: float, said: str) -> None:
+def test_segments_too_short_to_be_accurate_are_refused(tip: float, said: str) -> None:
     with pytest.raises(SceneError, match=said):
         influence(with_tip(tip), [400.0], [400.0])
 
@@ -169,7 +171,7 @@ def test_two_supports_close_together_act_as_a_clamp(apart: float) -> None:
 
 
 @pytest.mark.parametrize("ratio", [1e-12, 1e-4, 1e4])
-def test_sections_of_any_stiffness(ratio: float) -> None:
+def test_sections_of_any_stiffness_agree_with_transfer_matrices(ratio: float) -> None:
     segments = [{"to_mm": 130, "flexural_rigidity_n_mm2": 1e7}, {"to_mm": 400, "flexural_rigidity_n_mm2": 1e7 * ratio}]
     check(stated({"length_mm": 400}, supports="propped", segments=segments), digits=80)
 
@@ -195,7 +197,7 @@ def test_sections_of_any_stiffness(ratio: float) -> None:
         ({"youngs_modulus_gpa": 1e-300, "thickness_mm": 1e-200}, "cannot be computed with"),
     ],
 )
-def test_what_is_no_structure_is_refused_by_name(values: dict[str, Any], said: str) -> None:
+def test_an_invalid_structure_is_refused_by_name(values: dict[str, Any], said: str) -> None:
     with pytest.raises(ValidationError, match=said):
         stated(STEEL, **values)
 
@@ -214,6 +216,6 @@ def test_shear_needs_a_section() -> None:
         ({"segments": [{"to_mm": 1e-9}, {"to_mm": 400, "thickness_mm": 9}]}, "too close to be told apart"),
     ],
 )
-def test_what_cannot_be_computed_is_refused_by_name(values: dict[str, Any], said: str) -> None:
+def test_a_structure_that_cannot_be_computed_is_refused_by_name(values: dict[str, Any], said: str) -> None:
     with pytest.raises(SceneError, match=said):
         influence(stated(STEEL, **values), [100.0], [100.0])

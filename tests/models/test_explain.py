@@ -27,7 +27,7 @@ def explain(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=100)
 
 
-def test_one_json_object_with_every_effect() -> None:
+def test_one_json_object_holds_every_effect() -> None:
     done = explain(SCENES / "short-deep.toml", "--json")
     assert (done.returncode, done.stderr) == (0, "")
     explained = json.loads(done.stdout)
@@ -43,14 +43,14 @@ def test_one_json_object_with_every_effect() -> None:
     assert (unstated["price"], unstated["included"], unstated["cost_us"]) == (None, False, None)
 
 
-def test_a_table_for_a_person() -> None:
+def test_a_table_lists_every_effect() -> None:
     done = explain(SCENES / "wide-contact.toml")
     assert done.returncode == 0
     rows = {line[: len("contact width")].strip(): line for line in done.stdout.splitlines()}
     assert set(NAMES) <= set(rows)
     assert " in " in rows["contact width"]
     assert " out " in rows["foundation"]
-    assert "price in the noise of a sample, 0.00537 mm" in done.stdout
+    assert "price: in units of a sample's noise, 0.00537 mm" in done.stdout
 
 
 @pytest.mark.parametrize(

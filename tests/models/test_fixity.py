@@ -1,4 +1,4 @@
-"""Supports that resist rotation a little, against the differential equation solved in 50 digits."""
+"""Supports with fixity, against the differential equation solved in 50 digits."""
 
 import mpmath
 import numpy as np
@@ -24,7 +24,7 @@ def exact(left: float, right: float, sensor: float, load: float) -> float:
     with mpmath.workdps(50):
         a, x = mpmath.mpf(load), mpmath.mpf(sensor)
         k0, k1 = (3 * mpmath.mpf(f) / (1 - mpmath.mpf(f)) for f in (left, right))
-        # Unknown c1, b2, c3 of w = c1 x + b2 x^2 + c3 x^3 + <x - a>^3 / 6 (w'''' = load).
+        # Solve for c1, b2, c3 in w = c1 x + b2 x^2 + c3 x^3 + <x - a>^3 / 6 (w'''' = load).
         d = 1 - a
         matrix = mpmath.matrix([[1, 1, 1], [-k0, 2, 0], [k1, 2 + 2 * k1, 6 + 3 * k1]])
         right_side = mpmath.matrix([-(d**3) / 6, 0, -d - k1 * d**2 / 2])
@@ -33,7 +33,7 @@ def exact(left: float, right: float, sensor: float, load: float) -> float:
 
 
 @pytest.mark.parametrize("fixity", [(0.05, 0.0), (0.0, 0.3), (0.5, 0.5), (0.999, 0.2), (1e-9, 1 - 1e-9)])
-def test_influence_is_the_solution_of_the_differential_equation(fixity: tuple[float, float]) -> None:
+def test_the_influence_solves_the_differential_equation(fixity: tuple[float, float]) -> None:
     sensors, loads = np.array([0.1, 0.37, 0.5, 0.93]), np.array([1e-3, 0.2, 0.5, 0.71, 0.999])
     found = influence(beam_with(*fixity), sensors, loads)
     expected = [[exact(*fixity, sensor, load) for sensor in sensors] for load in loads]
@@ -41,7 +41,7 @@ def test_influence_is_the_solution_of_the_differential_equation(fixity: tuple[fl
 
 
 @pytest.mark.parametrize(("fixity", "name"), [(1e-14, "simply-supported"), (1 - 1e-14, "fixed-fixed")])
-def test_towards_a_hinge_and_towards_a_wall(fixity: float, name: str) -> None:
+def test_fixity_approaches_a_hinge_at_0_and_a_fixed_end_at_1(fixity: float, name: str) -> None:
     places = np.linspace(0.05, 0.95, 7)
     limit = influence(Beam.model_validate({**UNIT_BEAM, "supports": name}), places, places)
     assert influence(beam_with(fixity, fixity), places, places) == pytest.approx(limit, rel=1e-9)
@@ -55,7 +55,7 @@ def test_influence_is_symmetric_with_steps_and_fixity() -> None:
     assert matrix == pytest.approx(matrix.T, rel=1e-11)
 
 
-def test_one_support_that_resists_rotation_carries_a_beam() -> None:
+def test_one_support_with_fixity_carries_a_beam() -> None:
     beam = Beam.model_validate({**UNIT_BEAM, "supports": [{"at_mm": 0.0, "fixity": 0.5}]})
     # A cantilever on a spring of k = 3: bending x^3 / 3 and the wall's rotation x^2 / 3 at the load itself.
     assert influence(beam, [0.6], [0.6])[0, 0] == pytest.approx(0.6**3 / 3 + 0.6**2 / 3, rel=1e-10)
@@ -70,6 +70,6 @@ def test_one_support_that_resists_rotation_carries_a_beam() -> None:
         ({"at_mm": 0.0, "fixity": 0.0}, "lets the beam rotate"),
     ],
 )
-def test_what_cannot_be_is_refused(support: dict[str, object], said: str) -> None:
+def test_an_invalid_fixity_is_refused(support: dict[str, object], said: str) -> None:
     with pytest.raises(ValidationError, match=said):
         Beam.model_validate({**UNIT_BEAM, "supports": [support]})

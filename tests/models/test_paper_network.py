@@ -20,7 +20,7 @@ def squared_error(inputs: Array, hidden: Array, output: Array, target: float) ->
     return float((target - answer) ** 2 / 2)
 
 
-def test_a_step_goes_0_9_down_the_slope_and_keeps_0_7_of_the_last() -> None:
+def test_a_step_is_0_9_of_the_gradient_and_0_7_of_the_last_step() -> None:
     stack = _initial([TWO_SENSORS], [TWO_SENSORS.max(axis=0)], seed=3)
     target = np.linspace(0.1, 0.9, len(LOADS))
     before = np.zeros_like(stack.hidden[0]), np.zeros_like(stack.output[0])
@@ -41,7 +41,7 @@ def test_a_step_goes_0_9_down_the_slope_and_keeps_0_7_of_the_last() -> None:
         before = steps
 
 
-def test_training_reaches_the_composite_error_and_the_answers_are_as_near() -> None:
+def test_training_reaches_the_composite_error_and_the_answers_are_as_accurate() -> None:
     loads = np.arange(20.0, 381.0, 8.0)
     deflection = deflection_mm([122.0, 278.0], loads)
     (network,) = train([deflection], loads, 400.0, seed=0)
@@ -64,17 +64,17 @@ def test_a_bound_on_the_epochs_holds() -> None:
     assert done == [pytest.approx(10 / 15), 1.0]
 
 
-def test_what_cannot_be_learnt_stands_still(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_training_on_identical_inputs_stalls(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paper_network, "PATIENCE", 100)
     same = np.ones((40, 1))
     (network,) = train([same], np.linspace(0.0, 400.0, 40), 400.0, seed=0, max_epochs=2000)
     assert network.outcome == "stood still"
     assert network.epochs < 1900
-    # The best constant answer is the middle; the variance of a uniform target over 0.1 .. 0.9 remains.
+    # The best constant answer is the middle, which leaves the variance of a uniform target over 0.1 .. 0.9.
     assert network.composite_error == pytest.approx(0.64 / 12, rel=0.15)
 
 
-def test_a_network_does_not_depend_on_its_neighbours_and_the_seed_decides() -> None:
+def test_a_network_depends_on_the_seed_and_not_on_its_neighbours() -> None:
     alone, again = (train([ONE_SENSOR], LOADS, 400.0, seed=4, max_epochs=30)[0] for _ in range(2))
     beside = train([ONE_SENSOR, TWO_SENSORS], LOADS, 400.0, seed=4, max_epochs=30)[0]
     other = train([ONE_SENSOR], LOADS, 400.0, seed=5, max_epochs=30)[0]

@@ -34,14 +34,14 @@ def test_five_sensors_are_proven_within_a_minute() -> None:
     assert found["wall_s"] < 60
 
 
-def test_the_defaults_are_the_scenes_sensors_by_the_product_and_exact() -> None:
+def test_the_defaults_are_the_scenes_number_of_sensors_the_product_and_the_exact_search() -> None:
     found = json.loads(place(SCENES / "paper.toml", "--json").stdout)
     assert (found["criterion"], found["search"], found["seed"]) == ("eigenvalue-product", "exact", 0)
     assert found["components"] == len(found["positions_mm"])
     assert 0 <= found["gap"] < 1e-3
 
 
-def test_the_papers_figure_5_and_a_table_for_a_person() -> None:
+def test_the_table_shows_the_layout_of_the_papers_figure_5() -> None:
     done = place(SCENES / "paper.toml", "--sensors", 8, "--components", 4, "--search", "paper", "--prove")
     assert done.returncode == 0, done.stderr
     assert "68, 69, 156, 157, 243, 244, 331, 332 mm" in done.stdout
@@ -49,7 +49,7 @@ def test_the_papers_figure_5_and_a_table_for_a_person() -> None:
     assert "the best layout on the grid, proven" in done.stdout
 
 
-def test_position_error_says_that_it_has_no_bound() -> None:
+def test_position_error_has_no_gap() -> None:
     found = json.loads(
         place(SCENES / "paper.toml", "--sensors", 2, "--criterion", "position-error", "--prove", "--json").stdout
     )
@@ -77,7 +77,7 @@ def test_without_noise_there_is_a_layout_and_no_limit(tmp_path: Path) -> None:
         ("[1, 399]", "[200, 200.001]", ("--sensors", 3), "widen contact.position_mm"),
     ],
 )
-def test_what_cannot_be_placed_is_one_line_and_exit_2(
+def test_a_scene_that_cannot_be_placed_gives_one_line_and_exit_2(
     tmp_path: Path, old: str, new: str, arguments: tuple[object, ...], said: str
 ) -> None:
     scene = tmp_path / "scene.toml"

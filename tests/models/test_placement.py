@@ -7,7 +7,7 @@ from beamtouch_models.placement.placing import SearchName
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 
-# Two and four sensors as published; three and five by enumeration of all layouts of the grid in other code.
+# Two and four sensors as published; three and five from an independent enumeration of all layouts of the grid.
 OPTIMA = {
     2: ((122, 278), -21.6047),
     3: ((88, 200, 312), -37.5336),
@@ -53,7 +53,7 @@ def test_the_paper_search_starts_from_equal_pitch_and_takes_about_as_many_steps(
 
 
 @pytest.mark.parametrize("search", ["exact", "paper"])
-def test_keep_outs_fixed_sensors_grid_and_distance_hold(search: SearchName) -> None:
+def test_layouts_keep_keep_outs_fixed_sensors_grid_and_distance(search: SearchName) -> None:
     scene = paper_scene(keep_out_mm=[(110, 130), (270, 290)], fixed_mm=[200.5], grid_mm=5, min_distance_mm=40)
     found = np.array(place(scene, 4, 0, search=search, certify="proof").positions_mm)
     assert 200.5 in found
@@ -64,7 +64,7 @@ def test_keep_outs_fixed_sensors_grid_and_distance_hold(search: SearchName) -> N
     assert np.all(others % 5 == 0)
 
 
-def test_rules_that_leave_no_room_are_refused() -> None:
+def test_rules_that_allow_no_layout_are_refused() -> None:
     refused = {
         "more than the 1 to be placed": (paper_scene(fixed_mm=[100, 200]), 1),
         "min_distance_mm": (paper_scene(min_distance_mm=300), 4),
@@ -80,8 +80,8 @@ def test_rules_that_leave_no_room_are_refused() -> None:
         place(paper_scene(), 2, 0, leading=3)
 
 
-def test_a_step_of_a_tenth_keeps_a_fixed_sensor_that_lies_on_the_grid() -> None:
-    # 1003 * 0.1 is not 100.3 in binary; the two are one position all the same.
+def test_a_fixed_sensor_on_a_grid_of_a_tenth_is_not_counted_twice() -> None:
+    # 1003 * 0.1 is not 100.3 in binary, but they are the same position.
     found = place(paper_scene(grid_mm=0.1, fixed_mm=[100.3]), 2, 0)
     assert found.positions_mm[0] == 100.3
     assert found.positions_mm[1] - 100.3 > 50

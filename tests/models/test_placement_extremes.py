@@ -1,4 +1,4 @@
-"""The ends of what a scene may state: the right number, or a refusal with a reason, and never a warning."""
+"""Placement at the extremes of a scene: the right answer or a refusal with a reason, and never a warning."""
 
 import numpy as np
 import pytest
@@ -48,26 +48,26 @@ def test_hardly_more_than_one_load_position() -> None:
     with pytest.raises(SceneError, match=r"not 3; widen contact\.position_mm"):
         place(narrow, 3, 0)
     one = place(narrow, 3, 0, leading=1, certify="proof")
-    # One component is the length of the deflection: the three most moving neighbours, in the middle.
+    # A single component is the length of the deflection, so the best are the three neighbours in the middle.
     assert one.positions_mm == (199, 200, 201)
     assert one.proven
 
 
 def test_sensors_next_to_each_other_and_nowhere_else() -> None:
     crowded = paper_scene(keep_out_mm=[(1, 400)], grid_mm=0.25)
-    # Left of all loads a beam's shape is made of x and x^3, so no more than two components are to be had.
-    with pytest.raises(SceneError, match="make 2 components that rounding does not hide, not 4"):
+    # Left of all loads the beam's shape is a sum of x and x^3, so there are only two components.
+    with pytest.raises(SceneError, match="give only 2 components above rounding, not 4"):
         place(crowded, 4, 0)
     found = place(crowded, 2, 0, certify="proof")
     assert found.proven
     assert np.isfinite(found.log_eigenvalue_product)
 
 
-def test_a_fixed_sensor_on_a_support_sees_nothing() -> None:
+def test_a_fixed_sensor_on_a_support_measures_nothing() -> None:
     for search in ("exact", "paper"):
-        with pytest.raises(SceneError, match="2 sensors find no places of their own"):
+        with pytest.raises(SceneError, match="leave no 2 positions with independent readings"):
             place(paper_scene(fixed_mm=[0]), 2, 0, search=search)
-    # It costs a component: the other two take the places of two.
+    # It adds no component: the other two sensors stand where two sensors alone would.
     assert place(paper_scene(fixed_mm=[0]), 3, 0, leading=2).positions_mm == (0, 122, 278)
 
 
@@ -78,14 +78,14 @@ def test_all_sensors_fixed() -> None:
 
 
 def test_noise_larger_than_the_signal_leaves_the_prior() -> None:
-    # Knowing nothing but the range 1..399 mm, the best guess is its middle: a quarter of 398 mm on average.
+    # With the range 1..399 mm alone, the best guess is its middle, with a mean error of a quarter of 398 mm.
     limit = accuracy_limit(Prior.of(paper_scene(), np.array([122.0, 278.0]), 1e6), 1000, 0)
     assert limit.percent == pytest.approx(398 / 4 / 4, rel=1e-5)
     assert recommended_count(paper_scene(), 1e6) == 2
     assert len(place_by_position_error(paper_scene(), 2, 0, 1e6).positions_mm) == 2
 
 
-def test_no_noise_is_refused_where_it_decides() -> None:
+def test_no_noise_is_refused_by_criteria_that_depend_on_it() -> None:
     with pytest.raises(SceneError, match="state the noise of a reading"):
         place_by_position_error(paper_scene(), 2, 0, 0.0)
     with pytest.raises(SceneError, match="there is no accuracy limit"):
@@ -94,11 +94,11 @@ def test_no_noise_is_refused_where_it_decides() -> None:
 
 
 @pytest.mark.parametrize(("force", "least"), [(10.0, 95), ((2.0, 20.0), 21)])
-def test_little_noise_gives_an_error_in_proportion_up_to_the_supports(force: object, least: float) -> None:
+def test_the_error_at_little_noise_follows_the_expected_power_of_the_noise(force: object, least: float) -> None:
     base = paper_scene().model_dump()
     scene = Scene.model_validate({**base, "contact": {"force_n": force, "position_mm": (0, 400)}})
     layout = np.array([68.0, 156.0, 244.0, 332.0])
     coarse, fine = (accuracy_limit(Prior.of(scene, layout, noise), 2000, 0).percent for noise in (1e-6, 1e-8))
-    # In proportion to the noise where the force is known. Where it is not, a load at a small distance x from a support
-    # changes the shape by x^3 only: x up to noise^(1/3) is hidden, and costs noise^(2/3), a factor of 21.5.
+    # With a known force the error is proportional to the noise. With an open force, a load at a small distance x from a
+    # support changes the shape by x^3 only: x up to noise^(1/3) is hidden and costs noise^(2/3), a factor of 21.5.
     assert least < coarse / fine < 101

@@ -1,4 +1,4 @@
-"""Proofs and bounds against plain enumeration, on grids coarse enough for it."""
+"""Proofs and bounds against plain enumeration, on coarse grids."""
 
 from itertools import combinations
 from typing import Any
@@ -20,7 +20,7 @@ from example_scenes import paper_scene
 
 
 def best_by_enumeration(scene: Scene, count: int, leading: int) -> float | None:
-    """Largest log product over every layout that keeps the rules, by numpy's singular values; None if there is none."""
+    """Return the largest log product over all allowed layouts, by numpy's singular values; None if there is none."""
     sensors = scene.sensors
     grid = np.arange(1, np.ceil(400 / sensors.grid_mm)) * sensors.grid_mm
     for start, end in sensors.keep_out_mm:
@@ -49,7 +49,7 @@ def best_by_enumeration(scene: Scene, count: int, leading: int) -> float | None:
     keep_out_mm=st.lists(st.sampled_from([(90, 135), (200, 260), (330, 399)]), max_size=2, unique=True),
     fixed_mm=st.lists(st.sampled_from([47.0, 150.0, 301.0]), max_size=2, unique=True),
 )
-def test_what_is_proven_is_what_enumeration_finds(count: int, fewer: int, **rules: Any) -> None:  # noqa: ANN401
+def test_a_proven_layout_is_the_one_that_enumeration_finds(count: int, fewer: int, **rules: Any) -> None:  # noqa: ANN401
     scene = paper_scene(**rules)
     leading = max(1, count - fewer)
     expected = best_by_enumeration(scene, count, leading) if count >= len(scene.sensors.fixed_mm) else None
@@ -65,7 +65,7 @@ def test_what_is_proven_is_what_enumeration_finds(count: int, fewer: int, **rule
 @pytest.mark.long
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([(2, 2), (3, 3), (4, 4), (4, 2), (3, 1)]))
-def test_no_layout_exceeds_a_bound_whatever_its_multiplier(seed: int, size: tuple[int, int]) -> None:
+def test_no_layout_exceeds_a_bound_with_any_multiplier(seed: int, size: tuple[int, int]) -> None:
     count, leading = size
     problem = problem_of(paper_scene(grid_mm=20), count, leading)
     weights = np.random.default_rng(seed).exponential(size=len(problem.rules.position_mm)) ** 3
@@ -78,7 +78,7 @@ def test_no_layout_exceeds_a_bound_whatever_its_multiplier(seed: int, size: tupl
 
 
 @pytest.mark.parametrize(("count", "leading"), [(2, 2), (3, 3), (4, 4), (5, 5), (8, 4)])
-def test_the_papers_problems_are_proven_and_in_good_time(count: int, leading: int) -> None:
+def test_the_papers_problems_are_proven(count: int, leading: int) -> None:
     found = place(paper_scene(), count, 0, leading, certify="proof")
     assert found.proven
     assert found.gap == 0
@@ -92,8 +92,8 @@ def test_a_proof_replaces_a_layout_that_is_not_the_best() -> None:
     assert proof.score == pytest.approx(-55.4483, abs=5e-5)
 
 
-def test_where_rounding_is_large_nothing_is_called_proven() -> None:
-    # Four sensors within 0.8 mm of each other, in the middle: the components fall by a thousand each.
+def test_nothing_counts_as_proven_if_rounding_is_large() -> None:
+    # Four sensors within 0.8 mm of each other, in the middle: each component is a thousandth of the one before.
     crowded = paper_scene(keep_out_mm=[(0, 200), (200.8, 400)], grid_mm=0.1)
     problem = problem_of(crowded, 4)
     margin = rounding_margin(problem, problem.starts[0])
@@ -105,7 +105,7 @@ def test_where_rounding_is_large_nothing_is_called_proven() -> None:
     assert rounding_margin(problem_of(paper_scene(), 5), np.array([55, 127, 199, 271, 343])) == 1e-8
 
 
-def test_what_is_not_proven_states_a_gap_that_holds() -> None:
+def test_an_unproven_layout_states_a_gap_that_holds() -> None:
     problem = problem_of(paper_scene(), 4)
     equal = problem.fitted(np.array([80.0, 160.0, 240.0, 320.0]))
     shortfall = -55.4483 - problem.exact_score(equal)
@@ -113,7 +113,7 @@ def test_what_is_not_proven_states_a_gap_that_holds() -> None:
     assert shortfall - 5e-5 <= bound_gap(problem, equal) < shortfall + 0.1
     unfinished = prove(problem_of(paper_scene(), 8), problem_of(paper_scene(), 8).starts[0], max_regions=4)
     assert 0 < unfinished.gap < 0.3
-    # The best of eight that is known, -140.13847, is no better than that.
+    # The best known layout of eight sensors, with -140.13847, lies within the gap.
     assert unfinished.score + unfinished.gap >= -140.13847
 
 
@@ -137,7 +137,7 @@ def uneven(count: int) -> NDArray[np.float64]:
     return 400 * (np.arange(1, count + 1) / (count + 1)) ** 1.5
 
 
-def test_the_quick_scores_are_those_of_the_full_columns() -> None:
+def test_the_quick_scores_agree_with_those_of_the_full_columns() -> None:
     for count, leading in ((2, 2), (5, 5), (8, 4), (12, 12)):
         problem = problem_of(paper_scene(), count, leading)
         layout = problem.fitted(uneven(count))

@@ -21,9 +21,9 @@ def limit_of(scene: Scene, layout: tuple[float, ...], noise_mm: float = NOISE_MM
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_two_sensors_come_out_better_than_the_eigenvalue_product(seed: int) -> None:
+def test_two_sensors_have_a_lower_limit_than_by_the_eigenvalue_product(seed: int) -> None:
     found = place_by_position_error(paper_scene(), 2, seed, NOISE_MM)
-    # Known from other code: 3.78 % near 107 and 293 mm, 4.12 % at the optimum of the product.
+    # From independent code: 3.78 % near 107 and 293 mm, 4.12 % at the optimum of the product.
     assert np.array(found.positions_mm) == pytest.approx([107, 293], abs=14)
     assert limit_of(paper_scene(), found.positions_mm).percent == pytest.approx(3.78, abs=0.06)
     assert limit_of(paper_scene(), (122.0, 278.0)).percent > 3.95
@@ -41,7 +41,7 @@ def test_the_limit_of_spread_contacts_is_that_of_random_ones() -> None:
     assert spread.standard_error < plain.standard_error / 4
 
 
-def test_with_little_noise_the_cramer_rao_bound_leads_the_way() -> None:
+def test_at_little_noise_the_layout_is_no_worse_than_equal_pitch_or_the_product() -> None:
     noise_mm = 1e-5
     found = place_by_position_error(paper_scene(), 2, 0, noise_mm)
     equal = limit_of(paper_scene(), (133.0, 267.0), noise_mm)
@@ -49,7 +49,7 @@ def test_with_little_noise_the_cramer_rao_bound_leads_the_way() -> None:
     assert limit_of(paper_scene(), found.positions_mm, noise_mm).percent <= min(equal.percent, product.percent)
 
 
-def test_the_surrogates_agree_with_a_plain_gaussian_error() -> None:
+def test_the_cramer_rao_surrogate_agrees_with_a_plain_gaussian_error() -> None:
     rules, _ = rules_for(paper_scene(), 2)
     noise_mm = 1e-3
     surrogate = surrogate_of(paper_scene(), rules, 2, noise_mm, 0)
@@ -62,7 +62,7 @@ def test_the_surrogates_agree_with_a_plain_gaussian_error() -> None:
 
 
 @pytest.mark.parametrize("search", ["exact", "paper"])
-def test_the_rules_hold(search: SearchName) -> None:
+def test_layouts_by_position_error_keep_the_rules(search: SearchName) -> None:
     scene = paper_scene(keep_out_mm=[(80, 130)], fixed_mm=[200.5], grid_mm=5, min_distance_mm=40)
     found = np.array(place_by_position_error(scene, 3, 0, NOISE_MM, search=search).positions_mm)
     assert 200.5 in found
@@ -73,7 +73,7 @@ def test_the_rules_hold(search: SearchName) -> None:
         place_by_position_error(paper_scene(min_distance_mm=300), 4, 0, NOISE_MM)
 
 
-def test_an_unknown_force_and_the_same_seed() -> None:
+def test_with_an_open_force_the_seed_decides_and_the_limit_is_no_worse_than_by_the_product() -> None:
     base = paper_scene().model_dump()
     scene = Scene.model_validate({**base, "contact": {"force_n": (2.0, 20.0), "position_mm": (1, 399)}})
     first, second = (place_by_position_error(scene, 2, 4, 0.01) for _ in range(2))

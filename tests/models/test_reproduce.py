@@ -1,4 +1,4 @@
-"""The paper's figures: numbers against the paper, and against sums done another way."""
+"""The reproduced figures: numbers against the paper, and against independent calculations."""
 
 import json
 import subprocess
@@ -28,7 +28,7 @@ from tags import Tags
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> partial[Reproduction]:
-    """The whole reproduction with little of everything that takes time."""
+    """The whole reproduction, with little of everything that takes time."""
     monkeypatch.setattr(accuracy, "DRAWS", 400)
     monkeypatch.setattr(accuracy, "LIMIT_DRAWS", 200)
     monkeypatch.setattr(search, "OTHER_SEEDS", 2)
@@ -42,7 +42,7 @@ def row_of(figure: Figure | tuple[Row, ...], start: str) -> Row:
 
 
 def eigenvalues(sensor_mm: Array) -> Array:
-    """Eigenvalues of eq. 2, from eq. 1 with its bracket and numpy's symmetric solver, descending."""
+    """Eigenvalues of eq. 2, descending, from eq. 1 with a Macaulay bracket and numpy's symmetric solver."""
     x, a = sensor_mm[None, :] / 400, LOADS_MM[:, None] / 400
     matrix = -((2 - a) * (a - 1) * a * x + (1 - a) * x**3 - np.maximum(x - a, 0) ** 3) / 6
     found: Array = np.linalg.eigvalsh(matrix.T @ matrix / 399)[::-1]
@@ -59,7 +59,7 @@ def test_figure_2_is_straight_from_1_to_4_mm() -> None:
     assert figure.results["largest_departure_percent"] < 0.01
 
 
-def test_figure_3_has_four_components_to_discern() -> None:
+def test_figure_3_has_four_visible_components() -> None:
     figure = figure_3()
     assert figure.results["discernible"] == 4
     assert figure.results["eigenvalues_over_first"][1] == pytest.approx(0.0039, abs=5e-5)
@@ -70,7 +70,7 @@ def test_figure_3_has_four_components_to_discern() -> None:
 
 
 @pytest.mark.parametrize("noise", [2.0, 10.0])
-def test_figure_4_is_the_mean_of_a_half_normal_over_the_size(noise: float) -> None:
+def test_figure_4_is_the_mean_of_a_half_normal_distribution_over_the_size_of_each_component(noise: float) -> None:
     percent, factor, exponent = noise_errors(noise, 0)
     _, vectors = np.linalg.eigh(dimensionless(equal_pitch_mm(8)).T @ dimensionless(equal_pitch_mm(8)))
     sizes = np.abs(dimensionless(equal_pitch_mm(8)) @ vectors[:, ::-1]).mean(axis=0)
@@ -81,7 +81,7 @@ def test_figure_4_is_the_mean_of_a_half_normal_over_the_size(noise: float) -> No
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_figures_5_and_6_eight_sensors_merge_into_the_papers_four(seed: int) -> None:
+def test_figures_5_and_6_merge_eight_sensors_into_the_papers_four_places(seed: int) -> None:
     run = paper_search(8, 4, seed)
     assert np.array_equal(run.positions_mm[0], [44, 89, 133, 178, 222, 267, 311, 356])
     assert np.sort(run.positions_mm[-1]) == pytest.approx(EXPECTED_MM, abs=1)
@@ -98,7 +98,7 @@ def test_figures_5_and_6_agree_with_the_paper() -> None:
     assert len(fifth.chart.series) == 8
 
 
-def test_figure_7_says_where_it_differs() -> None:
+def test_figure_7_states_its_differences() -> None:
     figure = figure_7(np.array([68.0, 156.0, 244.0, 332.0]))
     assert figure.results["peak_optimised_over_equal"] == pytest.approx([0.9565, 0.9632, 1.0314, 1.0892], abs=1e-3)
     assert [row.verdict for row in figure.rows] == ["differs", "agrees", "differs", "agrees"]
@@ -122,7 +122,7 @@ def performance(layout: Layout, low: float, high: float) -> Performance:
     return Performance(layout, np.array([1.0, 2.0]), (network,), errors, MeanError(3.0, 0.1))
 
 
-def test_figure_8_agrees_where_the_numbers_are_the_papers() -> None:
+def test_figure_8_agrees_for_equal_numbers() -> None:
     rig = {2: (4.67, 3.28), 3: (4.0, 3.2), 4: (3.5, 3.18), 5: (3.13, 3.16)}
     found = {
         (layout := Layout(count, kind)): performance(layout, 1.0, rig[count][kind == "optimised"])
@@ -134,7 +134,7 @@ def test_figure_8_agrees_where_the_numbers_are_the_papers() -> None:
     assert "2 % of the largest deflection" in row_of(figure, "fig. 8: noise of the paper's rig").ours
 
 
-def test_figure_8_differs_where_they_are_not_and_says_at_which_noise_they_would_be() -> None:
+def test_figure_8_differs_for_other_numbers_and_states_the_noise_that_fits() -> None:
     found = {
         (layout := Layout(count, kind)): performance(layout, 0.0, 12.0)
         for count in (2, 3, 4, 5)
@@ -144,16 +144,16 @@ def test_figure_8_differs_where_they_are_not_and_says_at_which_noise_they_would_
     row = row_of(figure, "fig. 8: 2 sensors, equal")
     assert row.verdict == "differs"
     assert f"{2 * 4.67 / 12:.2f} % noise" in row.why
-    assert row_of(figure, "fig. 8: where optimising pays").verdict == "differs"
+    assert row_of(figure, "fig. 8: benefit of optimising").verdict == "differs"
     assert row_of(figure, "fig. 8: error that optimising saves").verdict == "differs"
     assert "the limit at 2 % is above it" not in row_of(figure, "fig. 8: 5 sensors, equal").why
     assert len(MEASURED_PERCENT) == 4
 
 
-def test_what_cannot_be_taken_as_printed() -> None:
+def test_misprints_of_the_paper() -> None:
     first, fourth, pitch = printed_rows()
     assert {row.verdict for row in (first, fourth, pitch)} == {"differs"}
-    assert "from 24 sensors on" in fourth.ours
+    assert "overflows with 24 sensors" in fourth.ours
     x, a = np.linspace(0, 1, 41)[None, :], np.linspace(0, 1, 41)[:, None]
     literal, bracket = (-equation_1(x, a, macaulay=macaulay) for macaulay in (False, True))
     assert np.abs(literal - bracket).max() * 48 == pytest.approx(8, rel=1e-12)
@@ -208,9 +208,9 @@ def test_the_command_writes_the_folder_and_prints_the_table(
         assert "(seed 3)" in out
 
 
-def test_a_file_in_the_place_of_the_folder_is_refused(tmp_path: Path) -> None:
+def test_an_output_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     arguments = [sys.executable, "-m", "beamtouch_models.cli", "reproduce", "-o", str(tmp_path / "taken")]
     done = subprocess.run(arguments, capture_output=True, text=True, check=False, timeout=60)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "is a file; name a folder" in done.stderr
+    assert "is a file; give a folder" in done.stderr

@@ -1,4 +1,4 @@
-"""The virtual surface: script, sensor characteristic, and the device behind a pseudo-terminal."""
+"""The virtual surface: scripts, sensor characteristic, imperfections, and the device on a pseudo-terminal."""
 
 import asyncio
 import os
@@ -65,7 +65,7 @@ def test_a_script_repeats_unless_told_otherwise(tmp_path: Path) -> None:
     [
         ("[[step]]\nseconds = 0", "seconds"),
         ("[[step]]\nseconds = 1\nposition_mm = 3", "together"),
-        ("[[step]]\nseconds = 1\nposition_mm = 401\nforce_n = 1", "beyond the beam"),
+        ("[[step]]\nseconds = 1\nposition_mm = 401\nforce_n = 1", "must lie on the beam"),
         ("[[step]]\nseconds = 1\nspeed = 3", "speed"),
         ("", "step"),
         ("[[", "not valid TOML"),
@@ -76,7 +76,7 @@ def test_a_bad_script_is_refused(tmp_path: Path, text: str, said: str) -> None:
         script_of(tmp_path, text)
 
 
-def test_the_default_script_stays_in_the_scene() -> None:
+def test_the_default_script_stays_in_the_range_of_the_scene() -> None:
     script = default_script(scene)
     loads = [script.at(time) for time in np.arange(0, 19, 0.01)]
     touching = [load for load in loads if load.position_mm is not None]
@@ -118,7 +118,7 @@ def test_counts_come_back_as_the_deflection_with_the_noise_of_the_scene(bench: M
 
 
 def exchange(path: Path, sent: list[Message | float], enough: Callable[[list[Message]], bool]) -> list[Message]:
-    """Talk to a serial device on a pseudo-terminal as a host would, a number being a pause; return what it said."""
+    """Talk to a serial device as a host would and return its messages; a number in `sent` is a pause [s]."""
 
     async def talk() -> list[Message]:
         received: list[Message] = []
@@ -155,7 +155,7 @@ def test_the_serial_device_says_hello_and_streams_until_stopped(tmp_path: Path) 
     assert all(reading.counts == (1, 2, 65535) for reading in readings)
     clocks = [reading.device_us for reading in readings]
     assert clocks == sorted(clocks)
-    # A busy machine leaves slots out and is late for others; it never makes up for them.
+    # A busy machine skips slots and is late for others, but never catches up.
     assert clocks[-1] - clocks[0] >= (len(readings) - 3) * 2000
     assert np.percentile(np.diff(clocks), 20) < 2600
 
@@ -164,11 +164,11 @@ def test_a_stopped_device_sends_nothing_but_answers(tmp_path: Path) -> None:
     script: list[Message | float] = [Start(500, 1), 0.05, Stop(), HelloRequest(), 0.1, HelloRequest()]
     received = exchange(tmp_path / "line", script, lambda so_far: sum(isinstance(m, Hello) for m in so_far) == 3)
     kinds = [type(message) for message in received]
-    assert Reading in kinds  # it had started
-    assert kinds[-2:] == [Hello, Hello]  # and once it had answered after the stop, nothing came but the next answer
+    assert Reading in kinds  # the stream had started
+    assert kinds[-2:] == [Hello, Hello]  # after the stop, the device sent only answers
 
 
-def test_a_line_disappears_with_its_name_and_never_takes_another_file(tmp_path: Path) -> None:
+def test_a_line_removes_its_link_and_never_replaces_a_file(tmp_path: Path) -> None:
     with named_line(tmp_path / "line"):
         assert (tmp_path / "line").is_char_device()
     assert not (tmp_path / "line").is_symlink()
@@ -202,7 +202,7 @@ rigidity = 1.1
 """
 
 
-def test_imperfections_change_what_the_device_sees_as_they_say(bench: ModelFile, tmp_path: Path) -> None:
+def test_imperfections_change_the_counts_as_stated(bench: ModelFile, tmp_path: Path) -> None:
     path = tmp_path / "imperfections.toml"
     path.write_text(IMPERFECT)
     surface = VirtualSurface(scene, bench.metadata, 1, load_imperfections(path))
@@ -224,7 +224,7 @@ def test_imperfections_change_what_the_device_sees_as_they_say(bench: ModelFile,
         ("fixity = [1.0, 0.0]", "fixity"),
         ("rigidity = 0", "rigidity"),
         ("damping_ratio = 1", "damping_ratio"),
-        ("position_offset_mm = [-200, 0, 0, 0]", "not under the beam"),
+        ("position_offset_mm = [-200, 0, 0, 0]", "moves a sensor off the beam"),
         ("gain = [", "imperfections.toml"),
     ],
 )
@@ -238,7 +238,7 @@ def test_wrong_imperfections_are_one_line(bench_model: Path, tmp_path: Path, tex
     assert said in done.stderr
 
 
-def test_a_wall_has_no_fixity() -> None:
+def test_a_fixed_support_takes_no_fixity() -> None:
     cantilever, _ = load_scene(SCENES / "cantilever.toml")
     with pytest.raises(SceneError, match="fixed already"):
         Imperfections(fixity=(0.1, 0.0)).applied_to(cantilever)

@@ -1,4 +1,4 @@
-"""What `beamtouch-rig --firmware` refuses; that it works is seen in tests/system/test_firmware_line.py."""
+"""Inputs that `beamtouch-rig --firmware` refuses; tests/system/test_firmware_line.py shows that it works."""
 
 import subprocess
 import sys
@@ -22,7 +22,7 @@ def refused(*arguments: str | Path) -> str:
 
 @pytest.fixture(scope="module")
 def ten_bits(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The bench with the ADC of the chip, and its model."""
+    """The bench scene with a 10-bit ADC as in the firmware's chip, and its model."""
     folder = tmp_path_factory.mktemp("ten-bits")
     path, model = folder / "scene.toml", folder / "model.onnx"
     path.write_text((SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10"))
@@ -31,26 +31,26 @@ def ten_bits(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return path, model
 
 
-def test_it_needs_a_serial_line(ten_bits: tuple[Path, Path]) -> None:
+def test_the_firmware_needs_a_serial_line(ten_bits: tuple[Path, Path]) -> None:
     scene, model = ten_bits
     said = refused(scene, "--model", model, "--modbus-tcp", "127.0.0.1:0", "--firmware", "board", "firmware.elf")
-    assert said == "beamtouch-rig: --firmware speaks on a serial line: give --serial as well\n"
+    assert said == "beamtouch-rig: --firmware needs --serial\n"
 
 
-def test_the_scene_has_to_have_its_adc(built_model: Callable[[str], Path], tmp_path: Path) -> None:
+def test_the_scene_must_state_the_adc_of_the_firmware(built_model: Callable[[str], Path], tmp_path: Path) -> None:
     serial = ("--serial", tmp_path / "line", "--firmware", "board", "firmware.elf")
     said = refused(SCENES / "bench.toml", "--model", built_model("bench"), *serial)
-    assert said == "beamtouch-rig: the firmware's ADC has 10 bits: give sensors.adc_bits = 10 in the scene\n"
+    assert said == "beamtouch-rig: the firmware's ADC has 10 bits; set sensors.adc_bits = 10 in the scene\n"
 
 
-def test_a_board_that_is_not_there_is_one_line(ten_bits: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_missing_board_is_reported_in_one_line(ten_bits: tuple[Path, Path], tmp_path: Path) -> None:
     scene, model = ten_bits
     line, board = tmp_path / "line", tmp_path / "board"
     said = refused(scene, "--model", model, "--serial", line, "--firmware", board, "firmware.elf")
     assert said == f"beamtouch-rig: {board}: No such file or directory\n"
 
 
-def test_a_board_that_does_not_start_is_named(ten_bits: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_board_that_does_not_start_is_named_in_the_message(ten_bits: tuple[Path, Path], tmp_path: Path) -> None:
     scene, model = ten_bits
     said = refused(scene, "--model", model, "--serial", tmp_path / "line", "--firmware", "/bin/false", "firmware.elf")
-    assert said == "beamtouch-rig: /bin/false did not start\n"
+    assert said == "beamtouch-rig: the simulated board /bin/false did not start\n"

@@ -1,4 +1,4 @@
-"""How the rig rings: the exact solution against theory and against scipy, and which surfaces ring at all."""
+"""Ringing of the rig: the solution against theory and scipy, and the surfaces that ring."""
 
 import math
 from pathlib import Path
@@ -22,7 +22,7 @@ scene, _ = load_scene(SCENES / "bench.toml")
 
 
 def after_a_step(mode: Mode, times: Array) -> Array:
-    """Deflections of a beam that was still at 0, with 1 applied since the first time."""
+    """Deflections of a beam at rest at 0, with a static deflection of 1 applied from the first time on."""
     ringing = Ringing(mode)
     ringing.at(float(times[0]), np.zeros(1))
     return np.array([ringing.at(float(time), np.ones(1))[0] for time in times])
@@ -30,9 +30,7 @@ def after_a_step(mode: Mode, times: Array) -> Array:
 
 @pytest.mark.parametrize("frequency_hz", [1e-6, 0.3, 44.0, 99.9, 100.0, 1234.5, 1e5])
 @pytest.mark.parametrize("zeta", [1e-4, 0.01, 0.5, 0.99])
-def test_a_step_is_answered_as_the_closed_form_says_however_far_apart_the_conversions(
-    frequency_hz: float, zeta: float
-) -> None:
+def test_the_step_response_is_the_closed_form_at_any_spacing_of_conversions(frequency_hz: float, zeta: float) -> None:
     times = np.cumsum(np.random.default_rng(1).uniform(0.001, 0.009, 200))
     omega, since = 2 * math.pi * frequency_hz, times - times[0]
     damped = omega * math.sqrt(1 - zeta**2)
@@ -43,7 +41,7 @@ def test_a_step_is_answered_as_the_closed_form_says_however_far_apart_the_conver
     np.testing.assert_allclose(after_a_step(Mode(frequency_hz, zeta), times), closed, atol=tolerance)
 
 
-def test_moving_loads_are_followed_as_scipy_follows_them() -> None:
+def test_the_response_to_moving_loads_agrees_with_scipy() -> None:
     omega, zeta = 2 * math.pi * 44.0, 0.01
     times = np.arange(400) / 200.0
     static = np.where(times < 0.5, 0.0, np.sin(3 * times))
@@ -68,7 +66,7 @@ def test_velocity_and_deflection_satisfy_the_equation_of_motion() -> None:
     np.testing.assert_allclose(np.concatenate(found), solved.y[:, -1], rtol=1e-8)
 
 
-def test_a_mode_much_faster_than_the_conversions_follows_at_once_and_a_much_slower_one_hardly() -> None:
+def test_a_mode_much_faster_than_the_conversions_follows_at_once_and_a_much_slower_one_hardly_moves() -> None:
     times = np.arange(100) / 200.0
     np.testing.assert_array_equal(after_a_step(Mode(1e9, 0.01), times)[1:], np.ones(99))
     assert np.abs(after_a_step(Mode(1e-9, 0.01), times)).max() < 1e-16
@@ -76,25 +74,25 @@ def test_a_mode_much_faster_than_the_conversions_follows_at_once_and_a_much_slow
     assert [value.tolist() for value in far] == [[1.0], [0.0]]
 
 
-def test_two_conversions_at_the_same_time_see_the_same() -> None:
+def test_two_conversions_at_the_same_time_measure_the_same() -> None:
     ringing = Ringing(Mode(44.0, 0.01))
     ringing.at(0.0, np.zeros(1))
     assert ringing.at(0.01, np.ones(1)) == ringing.at(0.01, np.ones(1))
 
 
 def mean_deflection(model: Path, imperfections: Imperfections, times: Array) -> Array:
-    """Deflection over the static one, in the mean of the channels; a load comes right after the first conversion."""
+    """Deflection over the static one, averaged over channels; the load comes right after the first conversion."""
     metadata = modelfile.load(model).metadata
     surface, sensor = VirtualSurface(scene, metadata, 1, imperfections), metadata.sensor
     loads = [Load(None, 0.0)] + [Load(200.0, 8.0)] * (len(times) - 1)
     counts = np.array([surface.counts(load, float(time)) for load, time in zip(loads, times, strict=True)])
     deflection = sensor.standoff_mm - (sensor.offset_mm + sensor.gain_mm_per_count * counts)
-    static = VirtualSurface(scene, metadata, 1)._static_mm(Load(200.0, 8.0))  # what it settles at
+    static = VirtualSurface(scene, metadata, 1)._static_mm(Load(200.0, 8.0))  # the final deflection
     mean: Array = deflection.mean(axis=1) / static.mean()
     return mean
 
 
-def test_a_surface_rings_about_its_static_deflection_where_it_is_told_to(bench_model: Path) -> None:
+def test_a_surface_with_a_damping_ratio_rings_about_its_static_deflection(bench_model: Path) -> None:
     times = np.arange(2000) / 200.0
     frequency = first_frequency_hz(scene.beam) or 0.0
     expected = after_a_step(Mode(frequency, 0.01), times)
@@ -104,12 +102,12 @@ def test_a_surface_rings_about_its_static_deflection_where_it_is_told_to(bench_m
     np.testing.assert_allclose(found[-100:], 1.0, atol=0.03)
 
 
-def test_without_a_damping_ratio_it_follows_at_once(bench_model: Path) -> None:
+def test_without_a_damping_ratio_a_surface_follows_at_once(bench_model: Path) -> None:
     found = mean_deflection(bench_model, Imperfections(), np.arange(50) / 200.0)
     np.testing.assert_allclose(found[1:], 1.0, atol=0.03)
 
 
-def test_a_scene_rings_where_ringing_is_priced_in_and_its_stiffness_says_how_fast() -> None:
+def test_a_scene_rings_unless_its_noise_makes_ringing_negligible() -> None:
     assert ringing_of(scene, 0.01) is not None
     heavy_noise = scene.model_dump()
     heavy_noise["sensors"]["noise_percent_of_max"] = None
@@ -127,6 +125,6 @@ def test_without_noise_every_beam_rings() -> None:
 
 
 @pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
-def test_all_shipped_scenes_can_be_told_to_ring(path: Path) -> None:
+def test_every_shipped_scene_can_ring(path: Path) -> None:
     other, _ = load_scene(path)
     assert ringing_of(other, 0.01) is not None

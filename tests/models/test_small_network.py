@@ -1,4 +1,4 @@
-"""The small network: its gradient, its graph, and what it knows after training."""
+"""The small network: its gradient, its graph, and its accuracy after training."""
 
 from itertools import pairwise
 
@@ -28,7 +28,7 @@ def network() -> Network:
     return train(PRIOR, 1, lambda _done: None, hidden=(12, 12), examples=5000, iterations=400)
 
 
-def test_the_gradient_is_the_slope_of_the_loss() -> None:
+def test_the_gradient_agrees_with_differences_of_the_loss() -> None:
     rng = np.random.default_rng(0)
     sizes = (5, 4, 3, OUTPUTS)
     count = sum((fan_in + 1) * fan_out for fan_in, fan_out in pairwise(sizes))
@@ -79,7 +79,7 @@ def test_the_graph_computes_what_the_network_computes(network: Network) -> None:
     assert answers["force_high_n"] == pytest.approx(np.clip(high, *PRIOR.force_n), rel=2e-3)
 
 
-def test_what_a_missing_channel_holds_changes_nothing(network: Network) -> None:
+def test_the_value_of_a_missing_channel_has_no_effect(network: Network) -> None:
     graph = small_network_graph(network, with_force=False)
     deflection = limit.draw(PRIOR, 50, 5).deflection_mm
     valid = np.ones(deflection.shape, np.bool_)
@@ -101,7 +101,7 @@ def test_the_error_is_near_the_limit_and_intervals_hold_the_truth(network: Netwo
         prior, reading = PRIOR.without(missing), np.delete(reading, missing, axis=1)
     answers = answers_of(small_network_graph(network, with_force=True), drawn.deflection_mm, valid)
     best = np.abs(limit.posterior_median_mm(prior, reading) - drawn.position_mm).mean()
-    # After these few seconds of training; a build trains five times as long.
+    # The bound after a few seconds of training; a build trains five times as long.
     assert np.abs(answers["position_mm"] - drawn.position_mm).mean() < 1.35 * best
     for low, high, truth in (
         ("position_low_mm", "position_high_mm", drawn.position_mm),

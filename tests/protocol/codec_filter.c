@@ -12,7 +12,7 @@
 
 #include "beamtouch_protocol.h"
 
-#define MOST_FIELDS 64
+#define MAX_FIELDS 64
 
 static void print_reading(const beamtouch_reading *reading) {
     printf(" %u %" PRIu32 " %u", reading->sequence, reading->device_us, reading->oversampling);
@@ -48,10 +48,10 @@ static void decode(void) {
     printf("\n");
 }
 
-/* Take "TYPE FIELD..." apart; returns how many numbers it has. */
+/* Split "TYPE FIELD..." into numbers; returns their count. */
 static size_t split(char *line, uint32_t *numbers) {
     size_t count = 0;
-    for (char *word = strtok(line, " \n"); word != NULL && count < MOST_FIELDS; word = strtok(NULL, " \n")) {
+    for (char *word = strtok(line, " \n"); word != NULL && count < MAX_FIELDS; word = strtok(NULL, " \n")) {
         numbers[count++] = (uint32_t)strtoul(word, NULL, 10);
     }
     return count;
@@ -62,7 +62,7 @@ static void fill_reading(beamtouch_reading *reading, const uint32_t *fields, siz
     reading->device_us = fields[1];
     reading->oversampling = (uint8_t)fields[2];
     reading->channel_count = (uint8_t)(count - 3);
-    for (size_t channel = 0; channel < count - 3 && channel < BEAMTOUCH_MOST_CHANNELS; channel++) {
+    for (size_t channel = 0; channel < count - 3 && channel < BEAMTOUCH_MAX_CHANNELS; channel++) {
         reading->counts[channel] = (uint16_t)fields[3 + channel];
     }
 }
@@ -84,11 +84,11 @@ static void fill(beamtouch_message *message, const uint32_t *fields, size_t coun
 static void encode(void) {
     char line[1024];
     while (fgets(line, sizeof line, stdin) != NULL) {
-        uint32_t numbers[MOST_FIELDS] = {0};
+        uint32_t numbers[MAX_FIELDS] = {0};
         size_t count = split(line, numbers);
         beamtouch_message message = {.type = (uint8_t)numbers[0]};
         fill(&message, numbers + 1, count - 1);
-        /* Made for each frame anew, of the exact length that is promised to suffice: the sanitizer sees one byte more. */
+        /* A new buffer of exactly the promised length for each frame, so that the sanitizer detects a byte too many. */
         size_t room = message.type == BEAMTOUCH_READING ? BEAMTOUCH_READING_FRAME_BYTES(count - 4)
                                                         : BEAMTOUCH_HELLO_FRAME_BYTES;
         uint8_t *frame = malloc(room);
@@ -115,7 +115,7 @@ int main(int count, char **words) {
     } else if (strcmp(what, "crc") == 0 && count > 2) {
         crc((uint32_t)strtoul(words[2], NULL, 10));
     } else if (strcmp(what, "constants") == 0) {
-        printf("%d %" PRIu32 " %d\n", BEAMTOUCH_PROTOCOL_VERSION, BEAMTOUCH_SCHEMA_HASH, BEAMTOUCH_MOST_FRAME_BYTES);
+        printf("%d %" PRIu32 " %d\n", BEAMTOUCH_PROTOCOL_VERSION, BEAMTOUCH_SCHEMA_HASH, BEAMTOUCH_MAX_FRAME_BYTES);
     } else {
         return 2;
     }

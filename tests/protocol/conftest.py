@@ -1,4 +1,4 @@
-"""Messages with any values that the wire can carry, for `st.from_type`."""
+"""Hypothesis strategies for messages with any values that the wire can carry."""
 
 from hypothesis import strategies as st
 

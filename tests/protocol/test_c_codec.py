@@ -32,7 +32,7 @@ REASONS = list(Rejection)
 """In the order in which the filter counts them."""
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 SANITIZERS = ("-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
-DEVICE = ("-DBEAMTOUCH_MOST_FRAME_BYTES=10", "-DBEAMTOUCH_MOST_CHANNELS=8")
+DEVICE = ("-DBEAMTOUCH_MAX_FRAME_BYTES=10", "-DBEAMTOUCH_MAX_CHANNELS=8")
 DEVICE_BYTES = 10
 
 Filter = Callable[[str, bytes], list[str]]
@@ -55,14 +55,14 @@ def filter_in(folder: Path) -> Filter:
 
 @pytest.fixture(scope="session")
 def codec(tmp_path_factory: pytest.TempPathFactory) -> Filter:
-    """The filter as a host has the codec."""
+    """The filter with the codec as built for a host."""
     need("gcc")
     return filter_in(made_once(tmp_path_factory, "codec", compiled_filter))
 
 
 @pytest.fixture(scope="session")
 def device_codec(tmp_path_factory: pytest.TempPathFactory) -> Filter:
-    """The filter as a device has the codec: with room for ten bytes."""
+    """The filter with the codec as built for a device: frames of ten bytes at most."""
     need("gcc")
     return filter_in(made_once(tmp_path_factory, "device-codec", lambda folder: compiled_filter(folder, *DEVICE)))
 
@@ -89,7 +89,7 @@ def encoded(codec: Filter, sent: Iterable[Message]) -> list[str]:
 
 
 def decoded(codec: Filter, stream: bytes) -> tuple[list[Message], int, dict[Rejection, int]]:
-    """Return the messages in a stream, the number of frames taken, and of those rejected by reason."""
+    """Return the messages in a stream, the number of accepted frames, and the number of rejected frames by reason."""
     *lines, last = codec("decode", stream)
     frames, *rejected = map(int, last.split())
     found = [from_numbers([int(word) for word in line.split()]) for line in lines]
@@ -110,12 +110,12 @@ def golden_messages() -> list[Message]:
     return found
 
 
-def test_its_constants_are_those_of_the_protocol(codec: Filter) -> None:
+def test_the_constants_are_those_of_the_protocol(codec: Filter) -> None:
     assert codec("constants", b"") == [f"{PROTOCOL_VERSION} {SCHEMA_HASH} {MAX_FRAME_BYTES}"]
 
 
 @pytest.mark.parametrize("check", GOLDEN["crc_checks"])
-def test_its_checksum_has_the_published_check_value(codec: Filter, check: dict[str, str]) -> None:
+def test_the_checksum_has_the_published_check_value(codec: Filter, check: dict[str, str]) -> None:
     seed = int(check["seed_hex"], 16)
     assert codec(f"crc {seed}", check["text"].encode()) == [str(int(check["crc_hex"], 16))]
 
@@ -168,7 +168,7 @@ def random_message(generator: random.Random) -> Message:
 
 
 def damaged(generator: random.Random, stream: bytearray) -> bytes:
-    """Do to a stream what lines do, many times: flip bits, change, lose, repeat and insert bytes."""
+    """Damage a stream as lines do, many times: flip bits; change, lose, repeat and insert bytes."""
     for _ in range(len(stream) // 50):
         place = generator.randrange(len(stream))
         match generator.randrange(4):
@@ -209,7 +209,7 @@ def test_noise_gives_the_same_counts_in_both(codec: Filter, chance_of_zero: floa
     assert decoded(codec, noise) == decoded_by_python(noise)
 
 
-def test_a_device_with_ten_bytes_takes_all_that_it_is_sent_and_drops_what_is_longer(device_codec: Filter) -> None:
+def test_a_ten_byte_decoder_accepts_all_messages_to_a_device_and_drops_longer_ones(device_codec: Filter) -> None:
     to_device = [message for message in golden_messages() if message.TYPE < 0x80]
     longer = [message for message in golden_messages() if len(encode(message)) > DEVICE_BYTES]
     stream = b"".join(encode(message) for pair in zip(to_device, longer, strict=False) for message in pair)

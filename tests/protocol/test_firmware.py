@@ -1,4 +1,4 @@
-"""The reference firmware keeps to PROTOCOL.md, on a simulated chip. All figures are in simulated time."""
+"""The reference firmware follows PROTOCOL.md, on a simulated chip. All times are simulated time."""
 
 import random
 from pathlib import Path
@@ -20,7 +20,7 @@ def assert_counts(reading: Reading, millivolts: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize("channels", CHANNELS)
-def test_it_says_hello_at_boot_and_when_asked(board_for: Boards, tmp_path: Path, channels: int) -> None:
+def test_the_device_sends_hello_at_boot_and_on_request(board_for: Boards, tmp_path: Path, channels: int) -> None:
     seen = board_for(channels).record(tmp_path, 0.2, at(0.1, HelloRequest()))
     first, second = seen.messages
     assert first == second
@@ -50,7 +50,7 @@ def test_oversampling_gives_sums(board: Board, tmp_path: Path) -> None:
 
 
 def test_a_reading_has_the_time_of_the_middle_of_its_scan(board: Board, tmp_path: Path) -> None:
-    """A voltage that steps amid long scans divides each channel's sum by the time before it and after it."""
+    """A voltage step during a long scan splits each channel's sum in proportion to the times before and after it."""
     scan_us = 64 * 4 * 28
     seen = board.record(tmp_path, 0.5, at(0, (0, 0, 0, 0)), at(0.1, Start(100, 64)), at(0.3025, (5000,) * 4 + (0,)))
     pinged = board.record(tmp_path, 0.5, at(0.3025, Ping(1)))
@@ -71,7 +71,7 @@ def test_a_changed_voltage_changes_the_counts(board: Board, tmp_path: Path) -> N
     assert_counts(seen.readings[-1], later)
 
 
-def test_it_stops_when_told_and_goes_on_with_the_next_number(board: Board, tmp_path: Path) -> None:
+def test_stop_ends_the_readings_and_start_continues_their_numbers(board: Board, tmp_path: Path) -> None:
     script = [at(0.1, Start(200, 1)), at(0.2, Stop()), at(0.4, Start(200, 1)), at(0.5, Stop())]
     seen = board.record(tmp_path, 0.8, *script)
     assert 38 <= len(seen.readings) <= 42
@@ -79,7 +79,7 @@ def test_it_stops_when_told_and_goes_on_with_the_next_number(board: Board, tmp_p
     assert len([step for step in seen.steps_us if step > 100_000]) == 1
 
 
-def test_a_start_amid_a_stream_changes_it_without_a_gap(board: Board, tmp_path: Path) -> None:
+def test_a_start_during_a_stream_changes_it_without_a_gap(board: Board, tmp_path: Path) -> None:
     seen = board.record(tmp_path, 0.5, *(at(0.1 + 0.0137 * n, Start(500 + 100 * n, 1 + n % 3)) for n in range(12)))
     assert seen.lost == 0
     assert {reading.oversampling for reading in seen.readings} == {1, 2, 3}
@@ -95,7 +95,7 @@ def test_any_rate_is_kept_in_the_long_run(board: Board, tmp_path: Path, rate_hz:
 REFUSED = [Start(0, 1), Start(100, 0), Start(4091, 1), Start(65535, 1), Start(100, 65), Start(100, 255), Start(122, 64)]
 
 
-def test_it_refuses_to_start_what_it_cannot_keep(board: Board, tmp_path: Path) -> None:
+def test_a_start_that_the_device_cannot_keep_is_ignored(board: Board, tmp_path: Path) -> None:
     refused = [at(0.1 + 0.05 * n, start) for n, start in enumerate(REFUSED)]
     seen = board.record(tmp_path, 0.8, *refused, at(0.6, Start(121, 64)))
     assert seen.readings
@@ -103,7 +103,7 @@ def test_it_refuses_to_start_what_it_cannot_keep(board: Board, tmp_path: Path) -
     assert seen.readings[0].device_us > 590_000
 
 
-def test_a_stream_goes_on_through_what_is_refused(board: Board, tmp_path: Path) -> None:
+def test_a_refused_start_leaves_the_running_stream_unchanged(board: Board, tmp_path: Path) -> None:
     refused = [at(0.2 + 0.05 * n, start) for n, start in enumerate(REFUSED)]
     seen = board.record(tmp_path, 0.8, at(0.1, Start(200, 2)), *refused)
     assert seen.lost == 0
@@ -121,7 +121,7 @@ def test_every_ping_gets_its_pong_with_the_clock(board: Board, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("channels", CHANNELS)
-def test_it_loses_nothing_at_its_highest_rate_while_it_answers(
+def test_no_reading_is_lost_at_the_highest_rate_while_the_device_answers(
     board_for: Boards, tmp_path: Path, channels: int
 ) -> None:
     rate_hz = 90_000 // (14 + 2 * channels)
@@ -130,7 +130,7 @@ def test_it_loses_nothing_at_its_highest_rate_while_it_answers(
     script = [at(0, VOLTAGES), at(0.1, Start(rate_hz, 1)), *bursts, at(2.1, Stop())]
     seen = board_for(channels).record(tmp_path, 2.2, *script)
     assert (seen.lost, seen.rejected) == (0, 0)
-    assert len(seen.readings) == pytest.approx(2 * rate_hz, abs=0.002 * rate_hz + 2)  # told to the millisecond
+    assert len(seen.readings) == pytest.approx(2 * rate_hz, abs=0.002 * rate_hz + 2)  # commands act within 1 ms
     assert sum(seen.steps_us) / len(seen.steps_us) == pytest.approx(1e6 / rate_hz, rel=1e-4)
     assert (len(seen.pongs), len(seen.hellos)) == (40, 21)
     for reading in seen.readings:
@@ -140,7 +140,7 @@ def test_it_loses_nothing_at_its_highest_rate_while_it_answers(
 @pytest.mark.parametrize(
     ("channels", "rate_hz", "oversampling"), [(1, 5625, 4), (4, 3378, 2), (4, 478, 16), (8, 60, 64)]
 )
-def test_it_keeps_every_oversampling_that_it_takes(
+def test_every_accepted_oversampling_is_kept(
     board_for: Boards, tmp_path: Path, channels: int, rate_hz: int, oversampling: int
 ) -> None:
     seen = board_for(channels).record(tmp_path, 1.1, at(0.1, Start(rate_hz, oversampling)))
@@ -192,7 +192,7 @@ def test_a_flood_of_garbage_neither_stops_readings_nor_ends_in_a_reset(board: Bo
         assert len(seen.readings) == pytest.approx(400, abs=3)
 
 
-def test_it_blinks_when_asked_as_long_as_asked(board: Board, tmp_path: Path) -> None:
+def test_identify_blinks_for_the_requested_time(board: Board, tmp_path: Path) -> None:
     def changes(seconds: float, *script: str) -> int:
         return board.record(tmp_path, seconds, *script).report["light_changes"]
 

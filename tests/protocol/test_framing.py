@@ -61,14 +61,14 @@ def test_empty_frames_are_skipped_and_not_counted() -> None:
     assert (decoder.counts.frames, decoder.counts.rejected) == (1, 0)
 
 
-def test_a_host_that_opens_the_line_amid_a_frame_loses_only_that_frame() -> None:
+def test_a_host_that_opens_the_line_during_a_frame_loses_only_that_frame() -> None:
     for cut in range(1, len(encode(READING)) - 1):
         decoder = Decoder()
         assert decoder.feed(encode(READING)[cut:] + encode(READING)) == [READING]
         assert decoder.counts.rejected == 1
 
 
-def test_a_device_that_resets_amid_a_frame_ends_it_with_a_delimiter() -> None:
+def test_a_device_that_resets_during_a_frame_ends_it_with_a_delimiter() -> None:
     decoder = Decoder()
     assert decoder.feed(encode(READING)[:9] + DELIMITER + encode(FOREIGN_HELLO)) == [FOREIGN_HELLO]
     assert decoder.counts.rejected == 1
@@ -80,7 +80,7 @@ def test_a_lost_delimiter_costs_two_frames_and_no_more() -> None:
     assert decoder.counts.rejected == 1
 
 
-def test_a_reading_of_another_schema_is_never_taken() -> None:
+def test_a_reading_of_another_schema_is_never_accepted() -> None:
     body = bytes([Reading.TYPE]) + READING.to_bytes()
     decoder = Decoder()
     assert decoder.feed(seal(body, SCHEMA_HASH ^ 1) + seal(body, 0)) == []
@@ -88,7 +88,7 @@ def test_a_reading_of_another_schema_is_never_taken() -> None:
     assert decoder.feed(seal(body, SCHEMA_HASH)) == [READING]
 
 
-def test_the_hello_of_another_version_is_always_taken() -> None:
+def test_the_hello_of_another_version_is_always_accepted() -> None:
     body = bytes([Hello.TYPE]) + FOREIGN_HELLO.to_bytes()
     assert Decoder().feed(seal(body, 0)) == [FOREIGN_HELLO]
 
@@ -102,7 +102,7 @@ def test_the_longest_frame_fits_and_one_byte_more_does_not() -> None:
     assert reasons(decoder) == {Rejection.OVERLONG: 1}
 
 
-def test_overlong_garbage_counts_once_holds_no_memory_and_ends_at_the_next_delimiter() -> None:
+def test_overlong_garbage_counts_once_takes_no_memory_and_ends_at_the_next_delimiter() -> None:
     decoder = Decoder()
     for _ in range(1000):
         assert decoder.feed(b"\x55" * 100) == []
@@ -112,7 +112,7 @@ def test_overlong_garbage_counts_once_holds_no_memory_and_ends_at_the_next_delim
     assert reasons(decoder) == {Rejection.OVERLONG: 1}
 
 
-def test_a_frame_that_goes_on_beyond_any_length_is_not_taken_for_its_begin() -> None:
+def test_the_beginning_of_an_overlong_frame_is_not_decoded() -> None:
     decoder = Decoder()
     assert decoder.feed(encode(READING)[:-1]) == []
     assert decoder.feed(b"\x55" * 100) == []
@@ -120,6 +120,6 @@ def test_a_frame_that_goes_on_beyond_any_length_is_not_taken_for_its_begin() -> 
     assert reasons(decoder) == {Rejection.OVERLONG: 1}
 
 
-def test_a_value_that_does_not_fit_makes_no_frame() -> None:
+def test_an_out_of_range_value_cannot_be_encoded() -> None:
     with pytest.raises(ValueError, match="rate_hz"):
         encode(Start(65536, 1))

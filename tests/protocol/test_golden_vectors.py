@@ -1,6 +1,6 @@
-"""The golden vectors against the package, and both against an encoder written out here by hand.
+"""The golden vectors against the package, and both against an independent encoder in this file.
 
-Nothing of the independent encoder comes from zlib, cobs or the package, so that a number that both agree on is right.
+The independent encoder uses neither zlib nor cobs nor the package, so a number on which both agree is right.
 """
 
 import json
@@ -80,7 +80,7 @@ def test_an_encoder_written_by_hand_gives_the_same_frame(vector: dict[str, Any])
 
 
 @pytest.mark.parametrize("rejected", REJECTED)
-def test_a_damaged_frame_is_rejected_for_its_reason_and_the_next_one_is_taken(rejected: dict[str, str]) -> None:
+def test_a_damaged_frame_is_rejected_for_its_reason_and_the_next_one_is_accepted(rejected: dict[str, str]) -> None:
     decoder = Decoder()
     assert decoder.feed(bytes.fromhex(rejected["frame_hex"])) == []
     assert {reason for reason, number in decoder.counts.rejected_by.items() if number} == {rejected["reason"]}

@@ -50,7 +50,7 @@ def test_messages_without_fields_have_no_payload() -> None:
         ("max_rate_hz", 2**16, 65535),
     ],
 )
-def test_a_value_that_does_not_fit_is_refused_by_name(field: str, value: int, limit: int) -> None:
+def test_an_out_of_range_value_is_refused_by_name(field: str, value: int, limit: int) -> None:
     with pytest.raises(ValueError, match=f"^{field} must be a whole number from 0 to {limit}, not {value}$"):
         dataclasses.replace(HELLO, **{field: value}).to_bytes()
 
@@ -61,7 +61,7 @@ def test_half_a_microsecond_is_refused_by_name() -> None:
         dataclasses.replace(READING, **half).to_bytes()
 
 
-def test_the_one_count_that_does_not_fit_is_named_with_its_channel() -> None:
+def test_an_out_of_range_count_is_named_with_its_channel() -> None:
     with pytest.raises(ValueError, match=r"^counts\[2\] must be .* not 65536$"):
         Reading(0, 0, 1, (1, 2, 65536, 4)).to_bytes()
 
@@ -86,7 +86,7 @@ def test_a_payload_of_another_length_is_refused(message: Message) -> None:
             type(message).from_bytes(candidate)
 
 
-def test_a_hello_decodes_whatever_another_version_may_say() -> None:
+def test_a_hello_decodes_with_any_values_of_another_version() -> None:
     foreign = Hello.from_bytes(b"\xff" * 13)
     assert (foreign.protocol_version, foreign.channel_count, foreign.adc_bits) == (255, 255, 255)
 
@@ -97,7 +97,7 @@ def test_only_the_same_version_and_schema_are_compatible() -> None:
     assert not dataclasses.replace(HELLO, schema_hash=SCHEMA_HASH ^ 1).is_compatible
 
 
-def test_only_the_introduction_is_read_across_versions() -> None:
+def test_only_hello_and_its_request_are_readable_across_versions() -> None:
     unseeded = {number for number in range(256) if crc_seed(number) == 0}
     assert unseeded == {HelloRequest.TYPE, Hello.TYPE}
     assert {crc_seed(number) for number in set(range(256)) - unseeded} == {SCHEMA_HASH}

@@ -1,4 +1,4 @@
-"""PROTOCOL.md says what the code does."""
+"""PROTOCOL.md agrees with the code."""
 
 import re
 from pathlib import Path
@@ -32,7 +32,7 @@ def test_every_message_has_a_table_of_its_fields(number: int) -> None:
     expected = []
     for name, kind in message.FIELDS:
         expected.append([str(offset), name, str(kind)])
-        offset += kind.most_bytes
+        offset += kind.max_bytes
     assert [row[:3] for row in table_rows(section(f"### {message.__name__} (0x{number:02x})"))] == expected
 
 

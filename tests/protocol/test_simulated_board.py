@@ -41,7 +41,7 @@ class Line:
         os.write(self._descriptor, encode(message))
 
     def wait_for(self, is_it: Callable[[Message], bool]) -> None:
-        """Read until such a message arrives."""
+        """Read until a message satisfies `is_it`."""
         end = time.monotonic() + LIVE_TIMEOUT_S
         while time.monotonic() < end:
             try:
@@ -51,7 +51,7 @@ class Line:
                 continue
             if any(map(is_it, self._decoder.feed(data))):
                 return
-        pytest.fail("it did not arrive")
+        pytest.fail("the message did not arrive")
 
     def close(self) -> None:
         os.close(self._descriptor)
@@ -68,7 +68,7 @@ def reading_of(count: int) -> Callable[[Message], bool]:
     return is_it
 
 
-def test_a_host_can_open_it_as_a_serial_port(board: Board, tmp_path: Path) -> None:
+def test_a_host_opens_the_board_as_a_serial_port(board: Board, tmp_path: Path) -> None:
     link = tmp_path / "device"
     with live(board, link) as process:
         assert process.stdin
@@ -86,7 +86,7 @@ def test_a_host_can_open_it_as_a_serial_port(board: Board, tmp_path: Path) -> No
     assert not link.is_symlink()
 
 
-def test_it_ends_when_terminated(board: Board, tmp_path: Path) -> None:
+def test_sigterm_ends_the_board_and_removes_its_link(board: Board, tmp_path: Path) -> None:
     with live(board, tmp_path / "device") as process:
         process.terminate()
         assert process.wait(LIVE_TIMEOUT_S) == 0

@@ -1,4 +1,4 @@
-"""What any stream must keep to, however it is cut or damaged."""
+"""Properties of the decoder for any chunks and any damage of a stream."""
 
 import random
 from collections.abc import Iterable
@@ -22,7 +22,7 @@ def decode(chunks: Iterable[bytes]) -> tuple[list[Message], Decoder]:
 
 
 @given(messages)
-def test_what_is_sent_arrives(sent: list[Message]) -> None:
+def test_every_message_sent_arrives(sent: list[Message]) -> None:
     received, decoder = decode([b"".join(map(encode, sent))])
     assert received == sent
     assert decoder.counts.rejected == 0
@@ -43,12 +43,12 @@ def test_any_split_of_a_stream_gives_the_same_messages_and_the_same_counts(
 
 
 @given(st.binary(max_size=300), any_message)
-def test_after_any_garbage_the_next_delimiter_puts_the_decoder_in_step(garbage: bytes, message: Message) -> None:
+def test_after_any_garbage_the_decoder_resynchronises_at_the_next_delimiter(garbage: bytes, message: Message) -> None:
     received, _ = decode([garbage, b"\0", encode(message)])
     assert received == [message]
 
 
-def test_random_bytes_never_raise_and_never_are_a_message() -> None:
+def test_random_bytes_neither_raise_nor_decode_to_a_message() -> None:
     generator = random.Random(1)  # noqa: S311 - noise, not secrets
     for chance_of_zero in (0.0, 0.01, 0.1, 0.5):
         noise = bytes(0 if generator.random() < chance_of_zero else generator.randrange(256) for _ in range(100_000))
@@ -59,7 +59,7 @@ def test_random_bytes_never_raise_and_never_are_a_message() -> None:
 
 
 def damage(generator: random.Random, stream: bytearray) -> None:
-    """Do to a stream one thing that lines do: flip a bit, change, lose or insert bytes."""
+    """Damage a stream once as lines do: flip a bit, or change, lose or insert bytes."""
     place = generator.randrange(len(stream))
     match generator.randrange(4):
         case 0:

@@ -20,7 +20,7 @@ def decode(stream: bytes) -> tuple[list[Message], Decoder]:
 
 
 @pytest.mark.parametrize("part_of_zeros", [0.0, 0.02, 0.2])
-def test_random_bytes_are_no_frame_and_the_next_one_is_taken(part_of_zeros: float) -> None:
+def test_random_bytes_decode_to_nothing_and_the_next_frame_is_accepted(part_of_zeros: float) -> None:
     rng = np.random.default_rng(1)
     noise = rng.integers(0, 256, BYTES // 3, dtype=np.uint8)
     noise[rng.random(len(noise)) < part_of_zeros] = 0
@@ -31,7 +31,7 @@ def test_random_bytes_are_no_frame_and_the_next_one_is_taken(part_of_zeros: floa
     assert decoder.feed(b"\0" + encode(Stop())) == [Stop()]
 
 
-def test_of_mutated_frames_only_those_come_that_were_sent_in_their_order() -> None:
+def test_mutated_frames_decode_only_to_sent_messages_in_their_order() -> None:
     rng = np.random.default_rng(2)
     sent = [
         Reading(number % 65536, 500 * number, 1, tuple(int(c) for c in rng.integers(0, 4096, 8)))
@@ -46,10 +46,10 @@ def test_of_mutated_frames_only_those_come_that_were_sent_in_their_order() -> No
         stream[hit] ^= rng.integers(1, 256, hit.sum(), dtype=np.uint8)
         stream = np.delete(stream, np.flatnonzero(rng.random(len(stream)) < 1e-4))
         found, decoder = decode(stream.tobytes())
-        order = [numbers[message] for message in found]  # KeyError: a frame that nobody sent
+        order = [numbers[message] for message in found]  # KeyError for a message that was not sent
         assert order == sorted(set(order))
         assert decoder.counts.frames == len(found)
-        # A frame without a changed byte is lost only where one was taken out, or the frame before it lost its end.
+        # An unchanged frame is lost only if one of its bytes was deleted or the frame before it lost its delimiter.
         whole = FRAMES - int(np.unique(np.flatnonzero(hit) // (len(stream) // FRAMES)).size)
         assert len(found) >= 0.5 * whole
         length, received = length + len(stream), received + len(found)

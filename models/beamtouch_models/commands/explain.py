@@ -1,4 +1,4 @@
-"""`design-sensors explain`: what each physical effect is worth to a scene, and what it costs to have it."""
+"""`design-sensors explain`: the price of each physical effect in a scene, and the time that modelling it costs."""
 
 import argparse
 import json
@@ -18,11 +18,11 @@ from beamtouch_models.scene import Scene, load_scene
 
 REPEATS = 5
 SENSORS = 101
-"""In the influence matrix whose time is measured."""
+"""Sensors in the influence matrix whose computation is timed."""
 
 
 def run(options: argparse.Namespace) -> None:
-    """Price the effects, measure what they cost, and print both."""
+    """Price the effects, measure the time that each costs, and print both."""
     scene, _ = load_scene(options.scene)
     check_small_angles(scene)
     noise = noise_of(scene, choose_filter(scene))
@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _cost_us(effect: Effect) -> tuple[float, float] | None:
-    """Microseconds for an influence matrix with and without the effect, the least of a few; None where none changes."""
+    """Return the time of an influence matrix with and without the effect, in us; None if the effect changes nothing."""
     if effect.having is None or effect.lacking is None:
         return None
     return _matrix_us(effect.having), _matrix_us(effect.lacking)
@@ -51,7 +51,7 @@ def _matrix_us(scene: Scene) -> float:
     sensors, loads = np.linspace(0.0, scene.beam.length_mm, SENSORS), load_positions_mm(scene)
     least = float("inf")
     for _ in range(REPEATS):
-        mesh_of.cache_clear()  # an effect costs its assembly, too
+        mesh_of.cache_clear()  # the time includes the assembly
         start = time.perf_counter()
         scene_influence(scene, sensors, loads)
         least = min(least, time.perf_counter() - start)
@@ -84,5 +84,5 @@ def _print_table(effects: list[tuple[Effect, tuple[float, float] | None]], noise
         table.add_row(effect.name, price, effect.verdict, timed, effect.reason)
     console = Console(highlight=False)
     console.print(table)
-    console.print(f"price in the noise of a sample, {noise_mm:.3g} mm; under {NEGLIGIBLE:g} it is left out")
-    console.print(f"with/without: time for an influence matrix of {SENSORS} sensors, measured just now")
+    console.print(f"price: in units of a sample's noise, {noise_mm:.3g} mm; effects below {NEGLIGIBLE:g} are left out")
+    console.print(f"with/without: measured time to compute an influence matrix of {SENSORS} sensors")

@@ -1,4 +1,4 @@
-"""`design-sensors inspect`: what a model file says of itself."""
+"""`design-sensors inspect`: prints the metadata of a model file."""
 
 import argparse
 import json
@@ -7,10 +7,10 @@ from beamtouch_models import modelfile, report
 
 
 def run(options: argparse.Namespace) -> None:
-    """Load the model, golden answers included, and print it."""
+    """Load the model, which checks its golden answers, and print it."""
     show(modelfile.load(options.model), as_json=options.json)
 
 
 def show(model: modelfile.ModelFile, *, as_json: bool) -> None:
-    """Print a model as one JSON object or as lines for a person."""
+    """Print a model as one JSON object or as text."""
     print(json.dumps(report.describe(model)) if as_json else report.summary(model))

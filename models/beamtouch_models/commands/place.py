@@ -1,4 +1,4 @@
-"""`design-sensors place`: where to put the sensors, and by how much another layout could be better."""
+"""`design-sensors place`: places the sensors, and bounds how much better another layout could be."""
 
 import argparse
 import json
@@ -21,7 +21,7 @@ LIMIT_DRAWS = 10_000
 
 
 def run(options: argparse.Namespace) -> None:
-    """Place the sensors of a scene and print the layout with what is known of it."""
+    """Place the sensors of a scene and print the layout with its score, gap and accuracy limit."""
     started = time.perf_counter()
     scene = required(load_scene(options.scene)[0])
     noise_mm = noise_of(scene, choose_filter(scene)).sample_mm
@@ -65,11 +65,11 @@ def _count_of(scene: Scene) -> int:
 
 
 def _described(options: argparse.Namespace, scene: Scene, noise_mm: float, placement: Placement) -> dict[str, Any]:
-    """Everything that is printed, but the time; what is not known or does not exist is None."""
+    """Return everything to print except the time; unknown values are None."""
     percent: float | None = None
     standard_error: float | None = None
     if noise_mm > 0:
-        # Fresh draws: a layout chosen by some contacts looks better on those.
+        # Use fresh draws: a layout looks better on the draws that it was chosen by.
         found = accuracy_limit(
             Prior.of(scene, np.array(placement.positions_mm), noise_mm), LIMIT_DRAWS, options.seed + 1
         )
@@ -92,12 +92,12 @@ def _described(options: argparse.Namespace, scene: Scene, noise_mm: float, place
 
 
 def _table(found: dict[str, Any], noise_mm: float) -> str:
-    """Return the same as lines for a person, a figure with its unit and its reference."""
+    """Return the result as text, each number with its unit and reference."""
     score, limit = found["log_eigenvalue_product"], found["accuracy_limit_percent"]
     leading = (
         f"{found['components']} leading eigenvalues" if found["components"] < len(found["positions_mm"]) else "all"
     )
-    product = "-inf: rounding hides a component" if score is None else f"{score:.4f}"
+    product = "-inf: a component is below rounding" if score is None else f"{score:.4f}"
     rows = [
         ("sensors", f"{', '.join(f'{position:g}' for position in found['positions_mm'])} mm from the left end"),
         ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
@@ -105,7 +105,7 @@ def _table(found: dict[str, Any], noise_mm: float) -> str:
         ("limit", _limit_line(limit, found["standard_error"], noise_mm)),
         ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
         ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
-        ("advice", f"{found['recommended_sensors']} components of eight sensors stand out of the noise"),
+        ("advice", f"{found['recommended_sensors']} sensors: one per component that exceeds the noise, at least two"),
     ]
     return "\n".join(f"{label:<8} {text}" for label, text in rows)
 
@@ -113,12 +113,12 @@ def _table(found: dict[str, Any], noise_mm: float) -> str:
 def _limit_line(percent: float | None, standard_error: float | None, noise_mm: float) -> str:
     if percent is None:
         return "none: without noise there is no accuracy limit"
-    return f"{percent:.3f} % +- {standard_error:.3f} of the length, mean, with {noise_mm:.3g} mm of noise a sample"
+    return f"mean error {percent:.3f} % +- {standard_error:.3f} of the length, at {noise_mm:.3g} mm noise per sample"
 
 
 def _proof_line(found: dict[str, Any]) -> str:
     if found["proven"]:
         return "the best layout on the grid, proven"
     if found["gap"] is None:
-        return "none: no bound is known for this criterion"
-    return f"no layout on the grid scores more than {found['gap']:.3g} above this in ln of the product"
+        return "none: this criterion has no bound"
+    return f"no layout on the grid scores more than {found['gap']:.3g} above this one, in ln of the product"

@@ -36,7 +36,7 @@ def show(found: Reproduction) -> None:
     """Print the table of verdicts."""
     console = Console(width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
     table = Table(box=SIMPLE_HEAD, show_lines=True)
-    for heading in ("the paper", "says", "here", "verdict"):
+    for heading in ("statement", "paper", "here", "verdict"):
         table.add_column(heading, overflow="fold")
     colours = {"agrees": "green", "differs": "yellow", "not stated": "dim"}
     for row in found.rows:
@@ -46,9 +46,9 @@ def show(found: Reproduction) -> None:
 
 
 def folder_of(path: Path) -> Path:
-    """Make the folder to write to; raises InputError where that cannot be."""
+    """Create the output folder if it is missing; raises InputError if the path is a file."""
     if path.exists() and not path.is_dir():
-        message = f"{path}: is a file; name a folder"
+        message = f"{path}: is a file; give a folder"
         raise InputError(message)
     path.mkdir(parents=True, exist_ok=True)
     return path

@@ -1,1 +1,1 @@
-"""Estimators: from a prior to an ONNX graph that answers where, how hard and how surely. Trained offline, all alike."""
+"""Estimators: turn a prior into an ONNX graph that gives position, force, their intervals and the odds of contact."""

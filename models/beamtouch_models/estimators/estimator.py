@@ -28,7 +28,7 @@ class Estimator:
     graph: onnx.ModelProto
     """Without metadata."""
     min_channels: int
-    """With fewer working channels it gives no position."""
+    """Smallest number of working channels with which it gives a position."""
 
 
 def estimator_of(name: Name, prior: Prior, *, with_force: bool, seed: int, progress: Progress) -> Estimator:

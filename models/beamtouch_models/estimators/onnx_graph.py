@@ -1,7 +1,6 @@
 """ONNX graphs with the inputs and outputs of a model file.
 
-Opset and IR version are pinned to what onnxruntime 1.17 reads, so that a model made today runs on a machine that is not
-updated.
+Opset and IR version are pinned to those that onnxruntime 1.17 reads, so that new models run on older installations.
 """
 
 from collections.abc import Sequence
@@ -23,9 +22,9 @@ class Graph:
     """Nodes and constants of a graph under construction; every operation returns the name of its result."""
 
     real: DTypeLike = np.float32
-    """Of constants, unless they state another."""
+    """Number type of constants, unless stated otherwise."""
     name: str = ""
-    """Before every name, where two graphs are joined."""
+    """Prefix of every name, for joining two graphs."""
     nodes: list[onnx.NodeProto] = field(default_factory=list)
     constants: list[onnx.TensorProto] = field(default_factory=list)
 
@@ -65,7 +64,7 @@ class Graph:
 
 
 def with_linear_input(made: onnx.ModelProto, offset_mm: NDArray[np.float64], curve_per_mm: float) -> onnx.ModelProto:
-    """Return a model that takes what curved sensors with offsets state: y + curve y^2 goes in, y = stated - offset."""
+    """Return the model with corrected inputs: it computes y + curve y^2 with y = measured deflection - offset."""
     if not (np.any(offset_mm) or curve_per_mm):
         return made
     deflection = INPUTS[0]
@@ -87,7 +86,7 @@ def with_linear_input(made: onnx.ModelProto, offset_mm: NDArray[np.float64], cur
 
 
 def model(graph: Graph, channels: int, outputs: Sequence[str]) -> onnx.ModelProto:
-    """Return a graph that computes `outputs` as an ONNX model without metadata; raises where it is not valid ONNX."""
+    """Return a graph with these outputs as an ONNX model without metadata; onnx raises if it is invalid."""
     deflection, valid = INPUTS
     proto = helper.make_graph(
         graph.nodes,

@@ -1,4 +1,4 @@
-"""The paper's network as an ONNX graph: a position and nothing else, from all channels."""
+"""The paper's network as an ONNX graph: gives a position only, and needs all channels."""
 
 import numpy as np
 import onnx
@@ -9,11 +9,11 @@ from beamtouch_models.paper_network import TARGET_HIGH, TARGET_LOW, PaperNetwork
 from beamtouch_models.prior import Prior
 
 PATTERNS = 399
-"""Load positions that it learns from, as many as the paper's."""
+"""Number of load positions in training, as in the paper."""
 
 
 def paper_graph(network: PaperNetwork) -> onnx.ModelProto:
-    """Return a network as an ONNX model; what `valid` says is not used."""
+    """Return a network as an ONNX model; it ignores `valid`."""
     graph = Graph()
     deflection, _valid = INPUTS
     weights = 2 * network.hidden[:-1] / network.full_scale_mm[:, None]
@@ -28,7 +28,7 @@ def paper_graph(network: PaperNetwork) -> onnx.ModelProto:
 
 
 def trained_as_in_the_paper(prior: Prior, seed: int) -> PaperNetwork:
-    """Train on deflections without noise, at the middle of the force range: the paper knows one force."""
+    """Train on deflections without noise, at the middle of the force range, because the paper has a single force."""
     position = np.linspace(*prior.position_mm, PATTERNS)
     force = sum(prior.force_n) / 2
     (network,) = train([force * prior.influence_at(position)], position, prior.length_mm, seed=seed)

@@ -1,4 +1,4 @@
-"""Running a graph offline, over many samples."""
+"""Offline evaluation of a graph on many samples."""
 
 from collections.abc import Callable
 
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from beamtouch_models.modelfile import Answers, session_options
 
 Run = Callable[[NDArray[np.float32], NDArray[np.bool_]], Answers]
-"""Deflections and validity, both (batch, channels), to one array (batch,) per output."""
+"""Takes deflections and validity, both (batch, channels), and returns one array (batch,) per output."""
 
 CHUNK = 256
 
 
 def runner(content: bytes) -> Run:
-    """Return a function that runs an ONNX file's content, in chunks that fit the cache."""
+    """Return a function that runs an ONNX file's content in chunks that fit the cache."""
     session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
     names = [output.name for output in session.get_outputs()]
 

@@ -1,12 +1,12 @@
-"""A small network that answers nearly as the posterior does, for less arithmetic.
+"""A small network that approximates the posterior with less arithmetic.
 
-It learns from the posterior itself: simulated readings with their exact answers, which are smooth and without noise,
-so that few examples do and a second-order method converges (L-BFGS; Liu & Nocedal 1989, doi 10.1007/BF01589116). Its
-inputs are the direction of the deflection vector, which says where whatever the force, turned to its principal axes,
-the logarithm of its length, which says how hard, and which channels are missing.
+It learns from the posterior: simulated readings with their exact answers. The answers are smooth and free of noise, so
+that few examples suffice and a second-order method converges (L-BFGS; Liu & Nocedal 1989, doi 10.1007/BF01589116). Its
+inputs are the direction of the deflection vector in its principal axes, which depends on the position only; the
+logarithm of its length, which depends on the force; and the missing channels.
 
-Losses say what an error costs. A position off by d, where the posterior's deviation is s, adds about
-sqrt(s^2 + d^2) - s to the error: little at the ends of the beam, where nothing is known better, all in the middle.
+The loss is the cost of an error. A position that is wrong by d, where the posterior's deviation is s, adds about
+sqrt(s^2 + d^2) - s to the error: little at the ends of the beam, where s is large, and nearly d in the middle.
 """
 
 from collections.abc import Callable
@@ -29,16 +29,16 @@ EXAMPLES = 12_000
 ITERATIONS = 2000
 CALIBRATION_DRAWS = 20_000
 OUTPUTS = 7
-"""Position's median and the logarithms of the widths below and above it, log odds, and the same three for force."""
+"""Median of position, logarithms of the widths below and above it, log odds, and the same three for the force."""
 ODDS_SCALE = 4.0
-"""An error of so many nats in the log odds weighs as much as one of 100 % in a width."""
+"""Error in the log odds, in nats, that weighs as much as a 100 % error in a width."""
 WEIGHTS = (1.0, 0.1, 0.1, 0.1, 1.0, 0.1, 0.1)
-"""Of the outputs in the loss; the first is the mean error in units of the posterior's mean deviation."""
+"""Weights of the outputs in the loss; the first is the mean error in units of the posterior's mean deviation."""
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """How a deflection becomes the input of the first layer."""
+    """Scaling of deflections to the inputs of the first layer."""
 
     noise_mm: float
     centre: Array
@@ -49,7 +49,7 @@ class Inputs:
     log_spread: float
 
     def features(self, deflection_mm: Array, valid: Bools) -> Array:
-        """Inputs of the first layer, (samples, 2 channels + 1)."""
+        """Return the inputs of the first layer, (samples, 2 channels + 1)."""
         scaled = np.where(valid, deflection_mm, 0.0) / self.noise_mm
         length = np.sqrt((scaled**2).sum(axis=1, keepdims=True) + 1)
         direction = (scaled / length - self.centre) @ self.axes
@@ -57,7 +57,7 @@ class Inputs:
         return np.concatenate([direction, log_length, ~valid], axis=1)
 
     def log_length(self, deflection_mm: Array, valid: Bools) -> Array:
-        """Logarithm of the length of the deflection in units of the noise, (samples,)."""
+        """Return the logarithm of the length of the deflection in units of the noise, (samples,)."""
         scaled = np.where(valid, deflection_mm, 0.0) / self.noise_mm
         log: Array = np.log((scaled**2).sum(axis=1) + 1) / 2
         return log
@@ -69,14 +69,14 @@ class Network:
 
     inputs: Inputs
     layers: tuple[tuple[Array, Array], ...]
-    """(weights, bias) of hidden layers with tanh and of a linear last one."""
+    """(weights, bias) of the hidden layers, with tanh, and of the linear output layer."""
     position_mm: tuple[float, float]
     force_n: tuple[float, float]
     width: tuple[float, float] = (1.0, 1.0)
     """Factors on the widths of the position's and the force's interval, set so that 95 % hold the truth."""
 
     def raw(self, features: Array) -> Array:
-        """Raw outputs (samples, 7) of features (samples, 2 channels + 1)."""
+        """Return the raw outputs (samples, 7) for features (samples, 2 channels + 1)."""
         return _forward(self.layers, features)[-1]
 
     @property
@@ -111,7 +111,7 @@ def train(
         progress(min(1.0, done / (1.1 * iterations)))
         return loss_and_gradient(_layers(flat, sizes), features, target)
 
-    # The matrices are small: a second thread costs more than it saves, and leaves the order of sums to chance.
+    # The matrices are small: a second thread costs more than it saves, and makes the order of sums random.
     with threadpool_limits(1, user_api="blas"):
         options = {"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 30, "ftol": 1e-9, "gtol": 1e-8}
         found = minimize(loss, start, jac=True, method="L-BFGS-B", options=options)
@@ -121,7 +121,7 @@ def train(
 
 @dataclass(frozen=True)
 class Targets:
-    """What the network is to say, and how much an error of it costs."""
+    """Target outputs, with the weights of their errors."""
 
     raw: Array
     """(samples, 7)"""
@@ -132,7 +132,7 @@ class Targets:
 
 
 def inputs_of(prior: Prior, taught: Lessons) -> Inputs:
-    """Scales from simulated contacts with all channels."""
+    """Return the scaling of inputs, from simulated contacts with all channels."""
     whole = taught.touched & taught.valid.all(axis=1)
     scaled = taught.deflection_mm[whole] / prior.noise_mm
     length = np.sqrt((scaled**2).sum(axis=1, keepdims=True) + 1)
@@ -157,7 +157,7 @@ def _targets(prior: Prior, inputs: Inputs, taught: Lessons) -> Targets:
         raw[:, first], raw[:, first + 1 : first + 3] = median, np.log(widths).T
         spread[:, column] = widths.sum(axis=0) / 4
     raw[:, 3] = taught.log_odds / ODDS_SCALE
-    # Where nothing touches, what is said of position and force is never read.
+    # Where nothing touches, position and force are never used.
     weight = np.where(taught.touched[:, None], 1.0, 0.02) * np.array(WEIGHTS)
     weight[:, 3] = WEIGHTS[3]
     touched = taught.touched
@@ -169,7 +169,7 @@ def _targets(prior: Prior, inputs: Inputs, taught: Lessons) -> Targets:
 
 
 def loss_and_gradient(layers: tuple[tuple[Array, Array], ...], features: Array, target: Targets) -> tuple[float, Array]:
-    """Loss and its gradient by all weights and biases, flat, in the order weights, bias, weights, bias, ..."""
+    """Return the loss and its flat gradient, in the order weights, bias, weights, bias, ..."""
     values = _forward(layers, features)
     off = values[-1] - target.raw
     cost, slope = off**2 / 2, off.copy()
@@ -188,7 +188,7 @@ def loss_and_gradient(layers: tuple[tuple[Array, Array], ...], features: Array, 
 
 
 def _forward(layers: tuple[tuple[Array, Array], ...], features: Array) -> list[Array]:
-    """Features, the values of the hidden layers, and the raw outputs."""
+    """Return the features, the values of the hidden layers, and the raw outputs."""
     values = [features]
     for weights, bias in layers[:-1]:
         values.append(np.tanh(values[-1] @ weights + bias))
@@ -197,7 +197,7 @@ def _forward(layers: tuple[tuple[Array, Array], ...], features: Array) -> list[A
 
 
 def _initial(rng: np.random.Generator, fan_in: int, fan_out: int) -> Array:
-    """Weights at random (Glorot & Bengio 2010), biases too, so that no two units begin alike."""
+    """Return random initial weights (Glorot & Bengio 2010) and random biases, so that no two units are alike."""
     weights = rng.normal(scale=np.sqrt(2 / (fan_in + fan_out)), size=fan_in * fan_out)
     return np.concatenate([weights, rng.normal(scale=0.1, size=fan_out)])
 
@@ -213,7 +213,7 @@ def _layers(flat: Array, sizes: tuple[int, ...]) -> tuple[tuple[Array, Array], .
 
 
 def _with_calibrated_widths(network: Network, fresh: Lessons) -> Network:
-    """Scale the intervals so that they hold the truth in 95 % of fresh simulated cases (split conformal prediction)."""
+    """Scale the intervals to hold the truth in 95 % of fresh simulated cases (split conformal prediction)."""
     raw = network.raw(network.inputs.features(fresh.deflection_mm, fresh.valid))
     centre, half = network.position_scale
     log_force = np.log(fresh.true_force_n) - network.inputs.log_length(fresh.deflection_mm, fresh.valid)

@@ -1,6 +1,6 @@
-"""The small network as an ONNX graph, its scales folded into its weights.
+"""The small network as an ONNX graph, with its scaling folded into its weights.
 
-Every operation costs about as much as all the arithmetic of this network, so there are as few as can be.
+Each operation costs about as much as all the arithmetic of this network, so the graph has as few as possible.
 """
 
 import numpy as np
@@ -50,9 +50,9 @@ def small_network_graph(network: Network, *, with_force: bool) -> onnx.ModelProt
 
 
 def _features(graph: Graph, noise_mm: float) -> tuple[str, str]:
-    """Direction, logarithm of the size and validity, (batch, 2 channels + 1), and the second alone.
+    """Return direction, logarithm of the size and validity, (batch, 2 channels + 1), and the logarithm alone.
 
-    The size is that of the deflection with the noise, in mm squared: log(|z|^2 + s^2).
+    The size is the length of the deflection together with the noise, in mm: sqrt(|z|^2 + s^2).
     """
     deflection, valid = INPUTS
     reading = graph.apply("Where", valid, deflection, graph.constant(0.0))
@@ -64,7 +64,7 @@ def _features(graph: Graph, noise_mm: float) -> tuple[str, str]:
 
 
 def _on_plain_features(network: Network, weights: Array, bias: Array) -> tuple[Array, Array]:
-    """The first layer for features that are neither centred nor turned nor scaled, and say valid instead of missing."""
+    """Return the first layer for plain features: not centred, turned or scaled, and valid instead of missing."""
     inputs, channels = network.inputs, len(network.inputs.centre)
     direction, log_size, missing = weights[:channels], weights[channels : channels + 1], weights[channels + 1 :]
     turned, scaled = inputs.axes @ direction, log_size / inputs.log_spread
@@ -73,7 +73,7 @@ def _on_plain_features(network: Network, weights: Array, bias: Array) -> tuple[A
 
 
 def _in_units(network: Network, weights: Array, bias: Array) -> tuple[Array, Array]:
-    """The last layer with outputs in mm, nats, and the logarithm of newtons less that of the size in mm."""
+    """Return the last layer with outputs in mm, in nats, and as log of the force in N minus log of the size in mm."""
     centre, half = network.position_scale
     factor = np.array([half, 1, 1, ODDS_SCALE, 1, 1, 1])
     width = np.log(np.array(network.width) * [half, 1.0])

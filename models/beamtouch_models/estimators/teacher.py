@@ -1,4 +1,4 @@
-"""Simulated readings with the posterior's answers: what a network learns from."""
+"""Simulated readings with the posterior's answers, from which a network learns."""
 
 from dataclasses import dataclass
 
@@ -14,22 +14,22 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 REST_SHARE, WEAK_SHARE = 0.1, 0.15
-"""Of the examples: nothing touches; something touches with a part of its force, so that the odds turn there."""
+"""Shares of the examples without a contact, and with a weak contact, at which the odds change sign."""
 MISSING_SHARE = 0.2
-"""Of the examples, where a scene can do without one channel: one is missing."""
+"""Share of the examples in which one channel is missing, if a position can be found without it."""
 MOST_ODDS = 30.0
-"""Log odds beyond this are taken for it: it is contact, or it is not."""
+"""Log odds are clipped to this value; beyond it, contact or rest is certain."""
 
 
 @dataclass(frozen=True)
 class Lessons:
-    """Readings and answers; the answers' columns are median, low and high end of the 95 % interval."""
+    """Readings and answers. The columns of the answers are the median and the ends of the 95 % interval."""
 
     deflection_mm: Array
     """(samples, channels), with noise."""
     valid: Bools
     touched: Bools
-    """Whether with a force of the range."""
+    """Whether a contact with a force in the range touches."""
     true_position_mm: Array
     true_force_n: Array
     position: Array
@@ -40,12 +40,12 @@ class Lessons:
 
 
 def may_miss_one(prior: Prior) -> bool:
-    """Whether position and, where it is open, force are still determined without any one channel."""
+    """Return whether position and, if it is open, force are still determined without any one channel."""
     return prior.channels > (1 if prior.force_is_known else 2)
 
 
 def lessons(prior: Prior, rng: np.random.Generator, size: int, *, contacts_only: bool = False) -> Lessons:
-    """Draw examples: contacts from the ranges, and unless told otherwise some rest, weak contacts, missing channels."""
+    """Draw contacts and, unless `contacts_only`, some examples at rest, weak contacts and missing channels."""
     position = rng.uniform(*prior.position_mm, size=size)
     force = rng.uniform(*prior.force_n, size=size)
     kind = np.ones(size) if contacts_only else rng.random(size)

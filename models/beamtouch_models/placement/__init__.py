@@ -1,4 +1,4 @@
-"""Where to put the sensors."""
+"""Placement of the sensors."""
 
 from beamtouch_models.placement.counting import fewest_sensors, recommended_count
 from beamtouch_models.placement.placing import Placement, place, place_by_position_error, score_positions

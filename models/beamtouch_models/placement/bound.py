@@ -1,14 +1,14 @@
 """An upper bound on the eigenvalue product of every layout in a region, from the dual of a convex relaxation.
 
 Let f_i be the column of candidate i, M the sum of f_i f_i^T over a layout, and T any positive definite matrix with
-eigenvalues t_1 <= t_2 <= ... As log u <= u - 1, and as tr(T M) is at least the sum of t_j mu_j with the eigenvalues mu
-of M in descending order (Ruhe's trace inequality), the K leading ones obey
+eigenvalues t_1 <= t_2 <= ... Let mu be the eigenvalues of M in descending order. Because log u <= u - 1, and because
+tr(T M) is at least the sum of t_j mu_j (Ruhe's trace inequality), the K leading eigenvalues obey
 
     sum of log mu_j  <=  sum over the layout of h_i  -  K  -  sum of log t_j (j = 1..K),     h_i = f_i^T T f_i.
 
-The right side is a sum over sensors, and its largest value over all layouts that keep the rules is a shortest path.
-T is free to choose; the best one solves the dual of the factorisation bound of maximum-entropy sampling (Nikolov 2015,
-doi 10.1145/2746539.2746576; Li & Xie 2024, doi 10.1287/opre.2022.2388), approached here by multiplicative steps.
+The right side is a sum over sensors. Its largest value over all layouts that keep the rules is a shortest path. T is
+free. The best T solves the dual of the factorisation bound of maximum-entropy sampling (Nikolov 2015,
+doi 10.1145/2746539.2746576; Li & Xie 2024, doi 10.1287/opre.2022.2388); multiplicative steps approach it here.
 """
 
 from dataclasses import dataclass
@@ -21,34 +21,35 @@ from beamtouch_models.placement.problem import Problem
 Array = NDArray[np.float64]
 
 LEFT_OUT = 1e-6
-"""Coordinates left out of T, where T is a multiple of one, as a part of what the scored components need."""
+"""Squared length that T may leave out of any column, relative to what the scored components need. On the coordinates
+left out, T is a multiple of the identity."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """An upper bound, and what led to it."""
+    """An upper bound on the layouts of a region, with its terms."""
 
     value: float
     """No layout of the region scores more."""
     through: Array
-    """(sensors, candidates): no layout of the region with its k-th sensor at i scores more; -inf outside."""
+    """(sensors, candidates): bound on the layouts whose k-th sensor is at i; -inf outside the region."""
     price: Array
-    """(candidates,): h_i above, 1 for the sensors of an optimum."""
+    """(candidates,): h_i above; 1 at the sensors of an optimum."""
 
 
 @dataclass(frozen=True)
 class Bounder:
-    """What the bounds of one problem share."""
+    """The data that all bounds of one problem share."""
 
     problem: Problem
     features: Array
-    """(coordinates, candidates), those in which T is free."""
+    """(coordinates, candidates): the coordinates on which T is free."""
     rest: Array
     """(candidates,): squared length of each column in all other coordinates."""
 
     @property
     def ease(self) -> float:
-        """Part of the usual number of bounds that may be spent: one costs the cube of the coordinates."""
+        """Fraction of the usual number of bounds to compute; the cost of one grows as the cube of the coordinates."""
         return min(1.0, (100 / len(self.features)) ** 3)
 
     def bound(self, weights: Array, region: NDArray[np.bool_]) -> Bound:
@@ -56,8 +57,8 @@ class Bounder:
 
         Parameters
         ----------
-        weights : (candidates,) that sum to the number of sensors; T is the gradient of the relaxation there
-        region : (sensors, candidates), where the k-th sensor from the left may be
+        weights : (candidates,), summing to the number of sensors; T is the gradient of the relaxation at this point
+        region : (sensors, candidates), True where the k-th sensor from the left may be
         """
         problem = self.problem
         spectrum, vectors = np.linalg.eigh((self.features * weights) @ self.features.T)
@@ -72,7 +73,7 @@ def bounder_of(problem: Problem) -> Bounder:
     """Prepare the bounds of a problem."""
     squares = problem.features[::-1] ** 2
     left_out = np.cumsum(np.vstack([problem.tail, squares]), axis=0)[::-1]
-    # left_out[c] is the squared length that the first c coordinates leave out of each column.
+    # left_out[c] is the squared length of each column outside the first c coordinates.
     worst = left_out.max(axis=1)
     needed = worst[problem.leading - 1]
     kept = max(problem.leading, int(np.argmax(worst <= LEFT_OUT * needed)) or len(problem.features))
@@ -80,10 +81,10 @@ def bounder_of(problem: Problem) -> Bounder:
 
 
 def _gradient(spectrum: Array, leading: int) -> tuple[Array, float]:
-    """Eigenvalues of T, ascending, and the one of all coordinates left out.
+    """Return the eigenvalues of T, ascending, and its eigenvalue on all coordinates left out.
 
-    T inverts the spectrum (descending) down to where the mean of what the leading components would share of the rest
-    exceeds the next eigenvalue, and is the inverse of that mean beyond.
+    T inverts the first eigenvalues of `spectrum` (descending). It stops where the sum of the remaining eigenvalues,
+    divided among the remaining leading components, reaches the next eigenvalue; beyond, T is 1 over that quotient.
     """
     spectrum = np.maximum(spectrum, spectrum[0] * 1e-30)
     shares = np.cumsum(spectrum[::-1])[::-1][:leading] / (leading - np.arange(leading))

@@ -1,4 +1,4 @@
-"""How many sensors a scene needs."""
+"""The number of sensors that a scene needs."""
 
 import math
 
@@ -14,15 +14,15 @@ from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 
 PROBES = 8
-"""Sensors at equal pitch whose components are looked at, as in the paper."""
+"""Equally pitched sensors whose components are counted, as in the paper."""
 COUNT_DRAWS = 1_000
 
 
 def recommended_count(scene: Scene, noise_mm: float) -> int:
-    """Return the number of sensors that the paper's section 3 argues for: one per component that stands out of noise.
+    """Return the number of sensors by the paper's section 3: one per component that exceeds the noise.
 
-    The components are those of eight sensors at equal pitch, under forces drawn from the scene's range. At least two:
-    with fewer, a contact and its mirror image look the same.
+    The components are those of eight sensors at equal pitch, under forces drawn from the scene's range. The number is
+    at least two, because one sensor cannot distinguish a contact from its mirror image.
     """
     low, high = scene.contact.force_range_n
     force = math.sqrt((low * low + low * high + high * high) / 3)
@@ -39,7 +39,7 @@ def fewest_sensors(scene: Scene, noise_mm: float, count: int | None, seed: int) 
     Raises
     ------
     SceneError
-        The number is open and nothing decides it, or not even the most sensors meet the requirement.
+        The scene leaves the number open without a requirement, or not even its largest number meets the requirement.
     """
     fewest, most = (count, count) if count else scene.sensors.count_range
     wanted_mm = scene.requirements.position_error_mm
@@ -57,6 +57,6 @@ def fewest_sensors(scene: Scene, noise_mm: float, count: int | None, seed: int) 
             return placement
     message = (
         f"not even {most} sensors reach requirements.position_error_mm = {wanted_mm:g}: the accuracy limit is "
-        f"{reached_mm:.3g} mm; take sensors with less noise or allow more latency_ms"
+        f"{reached_mm:.3g} mm; use sensors with less noise or allow more latency_ms"
     )
     raise SceneError(message)

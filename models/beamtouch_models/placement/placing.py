@@ -1,4 +1,4 @@
-"""Placing sensors: a criterion, a search, and, where there is one, a proof."""
+"""Placement of sensors by a criterion and a search, with a proof where the criterion has a bound."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -32,24 +32,25 @@ SURROGATE_STARTS = 2
 
 @dataclass(frozen=True)
 class Placement:
-    """A layout with how it was found."""
+    """A layout, and the search that found it."""
 
     positions_mm: tuple[float, ...]
     """Ascending, from the left end."""
     log_eigenvalue_product: float
-    """Of the leading eigenvalues asked for; lengths in units of l, W/(EI) = 1. Minus infinity where rounding hides one,
-    which only position-error leads to."""
+    """Natural logarithm of the product of the leading eigenvalues; lengths in units of l, W/(EI) = 1. Minus infinity if
+    rounding hides one of them, which can happen with the position-error criterion only."""
     evaluations: int
+    """Number of layouts scored."""
     convergence: tuple[float, ...]
-    """Best score of the winning start, a value per step: the log above, or minus the mean position error in mm."""
+    """Best score after each step of the winning run: the logarithm above, or minus the mean position error in mm."""
     trail_mm: tuple[tuple[float, ...], ...] = ()
-    """The layout at each of those steps, what the paper's figure 5 shows."""
+    """The layout after each of these steps, as in the paper's figure 5."""
     gap: float | None = None
-    """No layout scores more than log_eigenvalue_product + gap; 0 where that is proven, None where nothing is known."""
+    """No layout scores more than log_eigenvalue_product + gap. 0: proven the best; None: no bound is known."""
 
     @property
     def proven(self) -> bool:
-        """Whether no layout on the grid scores more, to `proof.rounding_margin`."""
+        """Whether no layout on the grid scores more, within `proof.rounding_margin`."""
         return self.gap == 0
 
 
@@ -59,7 +60,7 @@ def _controller() -> ThreadpoolController:
 
 
 def _one_thread() -> AbstractContextManager[object]:
-    """Keep linear algebra on one thread: of matrices this small, threads wait longer than they work."""
+    """Keep linear algebra on one thread: with matrices this small, threads wait longer than they work."""
     limited: AbstractContextManager[object] = _controller().limit(limits=1)
     return limited
 
@@ -82,18 +83,18 @@ def place(
 
     Parameters
     ----------
-    scene : its keep-outs, fixed sensors, grid and minimum distance hold
+    scene : scene, whose keep-outs, fixed sensors, grid and minimum distance apply
     count : number of sensors
-    seed : of the search
-    leading : number of eigenvalues that count; `count` by default
-    search : "exact" exchanges sensors from many starts, "paper" clones and varies
-    certify : "bound" states a gap, "proof" closes it if it can, and takes the better layout if it finds one
-    progress : told what is being done and the fraction of it that is done
+    seed : seed of the search
+    leading : number of eigenvalues in the product; `count` by default
+    search : "exact" exchanges sensors from many starts, "paper" clones and varies a layout
+    certify : "bound" states a gap; "proof" closes it if possible, and may return a better layout
+    progress : called with the current step and the fraction done
 
     Raises
     ------
     SceneError
-        The rules of the scene leave no layout of that many sensors, or no layout has that many components.
+        The rules of the scene allow no layout of `count` sensors, or no layout has `leading` components.
     """
     with _one_thread():
         problem = problem_of(scene, count, leading)
@@ -102,7 +103,7 @@ def place(
         best = first_best(runs)
         layout, score, evaluations, gap = best.layout, problem.exact_score(best.layout), _total(runs), None
         if not np.isfinite(score):
-            message = f"{count} sensors find no places of their own under the rules of sensors; take fewer"
+            message = f"the rules of sensors leave no {count} positions with independent readings; use fewer sensors"
             raise SceneError(message)
         if certify == "bound":
             progress("bounding", 0.5)
@@ -125,10 +126,10 @@ def place_by_position_error(
 ) -> Placement:
     """Place sensors so that the accuracy limit is smallest; arguments and errors as `place`.
 
-    `noise_mm` is that of a sample and must not be 0. The gap is not known.
+    `noise_mm` is the noise of a sample and must not be 0. This criterion has no bound, so the gap is None.
     """
     if not 0 < noise_mm < np.inf:
-        message = f"sensors: with a noise of {noise_mm:g} mm every layout is as good; state the noise of a reading"
+        message = f"sensors: with a noise of {noise_mm:g} mm all layouts are equal; state the noise of a reading"
         raise SceneError(message)
     with _one_thread():
         rules, equal = rules_for(scene, count)
@@ -150,7 +151,7 @@ def place_by_position_error(
 
 
 def score_positions(scene: Scene, positions_mm: Array, leading: int | None = None) -> float:
-    """Logarithm of the eigenvalue product of a layout; lengths in units of l, W/(EI) = 1."""
+    """Return the logarithm of the eigenvalue product of a layout; lengths in units of l, W/(EI) = 1."""
     matrix = scene_influence(scene, positions_mm, load_positions_mm(scene))
     score = float(log_eigenvalue_product(matrix, leading))
     return score - 2 * (leading or len(positions_mm)) * float(np.log(deflection_unit_mm_per_n(scene.beam)))
@@ -161,12 +162,12 @@ def _searched(problem: Problem, search: SearchName, seed: int) -> list[Run]:
 
 
 def _surrogate_starts(scene: Scene, surrogate: Surrogate, equal: Indices, count: int, seed: int) -> list[Indices]:
-    """The layouts worth starting from, the most promising by the surrogate first."""
+    """Return the layouts to start from, ordered by the surrogate with the best first."""
     starts = [equal, surrogate.cramer_rao_layout(equal)]
     try:
         problem = problem_of(scene, count)
     except SceneError:
-        pass  # Without as many components as sensors there is no eigenvalue product to begin with.
+        pass  # With fewer components than sensors, there is no eigenvalue product to maximise.
     else:
         starts.append(first_best(exact_search(problem, seed)).layout)
     values = surrogate.scores(np.array(starts))

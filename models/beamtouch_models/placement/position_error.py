@@ -1,9 +1,9 @@
-"""Placement by what matters in the end, the accuracy limit: a quick surrogate searches, the limit itself decides.
+"""Placement by the accuracy limit: a quick surrogate searches, and the limit itself decides between the finalists.
 
-Two surrogates, both in the scene's own ranges. Where noise is small beside the deflection, the mean over the load
-positions of the Cramer-Rao bound, which a posterior cannot exceed in width; its sums over sensors make every exchange
-of a sensor one array. Otherwise the accuracy limit of a few contacts, the same for every layout (common random
-numbers), on a coarse grid. Neither proves anything: this criterion comes without a bound on the gap.
+There are two surrogates, both over the scene's ranges. The first is the mean Cramer-Rao bound over the load positions,
+for noise that is small compared to the deflection; it is made of sums over sensors, so that all exchanges of a sensor
+are one array operation. The second is the accuracy limit of a few contacts on a coarse grid, with the same contacts
+for every layout (common random numbers). Neither bounds how much better another layout could be.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ GRID = 257
 DRAWS = 256
 FINALISTS = 6
 FINAL_DRAWS = (1_500, 8_000)
-"""Contacts that all finalists, and then the best three of them, are judged by."""
+"""Simulated contacts by which all finalists, and then the best three, are compared."""
 MAX_EXCHANGES = 200
 
 
@@ -41,10 +41,10 @@ class Surrogate:
     clean: Array
     """(draws, candidates), deflection over the noise."""
     noise: Array
-    """(draws, sensors), of variance 1."""
+    """(draws, sensors), with variance 1."""
 
     def scores(self, layouts: Indices) -> Array:
-        """Mean |position error| of layouts (population, sensors), in mm and negative; -inf where a rule is broken."""
+        """Return minus the mean |position error| in mm of layouts (population, sensors); -inf if a rule is broken."""
         allowed = self.rules.allowed(layouts)
         pairs = zip(layouts, allowed, strict=True)
         return np.array([-self._mean_error_mm(np.sort(layout)) if kept else -np.inf for layout, kept in pairs])
@@ -57,20 +57,20 @@ class Surrogate:
         return float(median_and_deviation(np.broadcast_to(self.position_mm, density.shape), density)[1].mean())
 
     def cramer_rao_mm(self, sums: Array) -> Array:
-        """Mean Cramer-Rao bound on the error, clipped by the range; from sums over sensors (3, grid, ...), (...)."""
+        """Return the mean Cramer-Rao bound on the error (...), limited by the range, from `sums` (3, grid, ...)."""
         slope, mixed, size = sums
         low, high = self.scene.contact.force_range_n
         square = (low * low + low * high + high * high) / 3
         information = slope
         if low < high:
-            # The slope along the deflection itself could as well be a change of the force.
+            # A slope along the deflection itself cannot be distinguished from a change of the force.
             information = np.maximum(slope - mixed**2 / np.maximum(size, np.finfo(np.float64).tiny), 0)
         span = self.position_mm[-1] - self.position_mm[0]
         bound: Array = (1 / np.sqrt(information * square + 12 / span**2)).mean(axis=0)
         return bound
 
     def cramer_rao_layout(self, start: Indices) -> Indices:
-        """Layout that single exchanges reach from `start` by the Cramer-Rao bound."""
+        """Return the layout that single exchanges by the Cramer-Rao bound reach from `start`."""
         slope = np.gradient(self.shapes, self.position_mm, axis=0)
         terms = np.stack([slope**2, slope * self.shapes, self.shapes**2])
         layout, value = start, float(self.cramer_rao_mm(terms[:, :, start].sum(axis=2)))
@@ -113,7 +113,7 @@ def decided(
     seed: int,
     progress: Callable[[float], None],
 ) -> Indices:
-    """Layout with the smallest accuracy limit, of candidates that begin with the most promising ones."""
+    """Return the layout with the smallest accuracy limit; `layouts` lists the most promising first."""
     distinct = list({tuple(layout): layout for layout in layouts}.values())[:FINALISTS]
     for draws in FINAL_DRAWS:
         limits = []

@@ -1,4 +1,4 @@
-"""The placement problem in a few orthogonal coordinates, so that a layout is scored from short columns."""
+"""The placement problem, reduced to a few orthogonal coordinates so that scoring a layout is quick."""
 
 import math
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from beamtouch_models.scene import Scene
 Array = NDArray[np.float64]
 
 TAIL = 1e-8
-"""Coordinates are kept until what they leave of any column is this part of what the scored components need."""
+"""Squared length that the coordinates may leave out of any column, relative to the smallest scored component."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Which columns of an influence matrix to take so that the product of their leading eigenvalues is largest."""
+    """Selection of columns of an influence matrix that maximises the product of their leading eigenvalues."""
 
     rules: Candidates
     count: int
@@ -30,30 +30,30 @@ class Problem:
     features: Array
     """(coordinates, candidates): the columns of `matrix` in an orthogonal basis, the largest coordinates first."""
     tail: Array
-    """(candidates,): squared length of each column that the coordinates leave out."""
+    """(candidates,): squared length of each column outside the coordinates."""
     starts: tuple[Indices, Indices]
-    """The layout of equal pitch and the one that greedy pivoting chose, fitted to the rules."""
+    """The layouts of equal pitch and of greedy pivoting, fitted to the rules."""
     offset: float
-    """What a score gains by the scale of the matrix and the number of loads, per component."""
+    """Constant per component in a score, from the scale of the matrix and the number of loads."""
 
     def scores(self, layouts: Indices) -> Array:
-        """Log of the eigenvalue product of layouts (population, sensors), good to 1e-7; -inf where a rule is broken."""
+        """Return the log eigenvalue product of layouts (population, sensors), to 1e-7; -inf if a rule is broken."""
         columns = np.moveaxis(self.features[:, layouts], 0, 2)
         logs = _log_volumes(columns) if self.leading == self.count else _log_leading(columns, self.leading)
         return np.where(self.rules.allowed(layouts), logs + self.leading * self.offset, -np.inf)
 
     def exact_score(self, layout: Indices) -> float:
-        """Log of the eigenvalue product of one layout (sensors,), to rounding."""
+        """Return the log eigenvalue product of one layout (sensors,), to rounding."""
         logs = float(log_eigenvalue_product(self.matrix[:, layout], self.leading))
         return logs + self.leading * (self.offset + math.log(len(self.matrix)))
 
     def random_layout(self, rng: np.random.Generator) -> Indices:
-        """Layout nearest to uniformly drawn positions."""
+        """Return the allowed layout nearest to uniformly drawn positions."""
         position = self.rules.position_mm
         return self.fitted(rng.uniform(position[0], position[-1], size=self.count))
 
     def fitted(self, wanted_mm: Array) -> Indices:
-        """Layout that keeps the rules and is nearest to wanted positions (sensors,)."""
+        """Return the allowed layout nearest to wanted positions (sensors,)."""
         layout = self.rules.fitted(wanted_mm)
         if layout is None:
             raise no_layout(self.count)
@@ -61,18 +61,18 @@ class Problem:
 
 
 def no_layout(count: int) -> SceneError:
-    """Return the error of rules that leave no room."""
+    """Return the error for rules that allow no layout."""
     return SceneError(
         f"no layout of {count} sensors keeps the rules of sensors (min_distance_mm, keep_out_mm, fixed_mm, grid_mm); "
-        "loosen one or take fewer"
+        "loosen one or use fewer sensors"
     )
 
 
 def rules_for(scene: Scene, count: int) -> tuple[Candidates, Indices]:
-    """Candidates of a scene and the layout nearest to equal pitch; raises SceneError where no layout exists."""
+    """Return the candidates of a scene and the layout nearest to equal pitch; SceneError if no layout exists."""
     rules = candidates(scene)
     if count < len(rules.fixed):
-        message = f"sensors.fixed_mm names {len(rules.fixed)} sensors, more than the {count} to be placed"
+        message = f"sensors.fixed_mm has {len(rules.fixed)} sensors, more than the {count} to be placed"
         raise SceneError(message)
     layout = rules.fitted(equal_pitch_mm(scene, count))
     if layout is None:
@@ -81,22 +81,22 @@ def rules_for(scene: Scene, count: int) -> tuple[Candidates, Indices]:
 
 
 def problem_of(scene: Scene, count: int, leading: int | None = None) -> Problem:
-    """State the placement problem of a scene.
+    """Return the placement problem of a scene.
 
     Parameters
     ----------
-    scene : its keep-outs, fixed sensors, grid and minimum distance hold
+    scene : scene, whose keep-outs, fixed sensors, grid and minimum distance apply
     count : number of sensors
-    leading : number of eigenvalues that count, from the largest; `count` by default
+    leading : number of largest eigenvalues in the product; `count` by default
 
     Raises
     ------
     SceneError
-        The rules leave no layout of that many sensors, or no layout has that many components.
+        The rules allow no layout of `count` sensors, or no layout has `leading` components.
     """
     leading = leading or count
     if leading > count:
-        message = f"{count} sensors have {count} components, not {leading}; take fewer components or more sensors"
+        message = f"{count} sensors have {count} components, not {leading}; use fewer components or more sensors"
         raise SceneError(message)
     rules, equal = rules_for(scene, count)
     matrix = scene_influence(scene, rules.position_mm, load_positions_mm(scene))
@@ -104,29 +104,29 @@ def problem_of(scene: Scene, count: int, leading: int | None = None) -> Problem:
 
 
 def problem_from(matrix: Array, rules: Candidates, equal: Indices, leading: int, unit: float = 1.0) -> Problem:
-    """State the placement problem of an influence matrix (loads, candidates).
+    """Return the placement problem of an influence matrix (loads, candidates).
 
     Parameters
     ----------
-    rules, equal : the rules, and the layout that keeps them and is nearest to equal pitch
-    leading : number of eigenvalues that count
-    unit : deflection per newton that scores are in units of, as `matrix`
+    rules, equal : the rules, and the allowed layout nearest to equal pitch
+    leading : number of largest eigenvalues in the product
+    unit : unit of deflection in scores, in the unit of `matrix`
 
     Raises
     ------
     SceneError
-        The matrix is zero, or has fewer components than are to be scored.
+        The matrix is zero, or has fewer than `leading` components.
     """
     size = float(np.abs(matrix).max())
     if not 0 < size < np.inf:
-        message = f"the largest deflection per newton comes out as {size:g} mm; state the beam in other units"
+        message = f"the largest deflection per newton is {size:g} mm; check the dimensions and the rigidity of the beam"
         raise SceneError(message)
     matrix = matrix / size
     features, tail, pivots = reduced(matrix, leading)
     if len(features) < leading:
         message = (
-            f"contacts at {len(matrix)} positions make {len(features)} components that rounding does not hide, not "
-            f"{leading}; widen contact.position_mm or score fewer components"
+            f"contacts at {len(matrix)} positions give only {len(features)} components above rounding, not "
+            f"{leading}; widen contact.position_mm or use fewer components"
         )
         raise SceneError(message)
     free = len(equal) - len(rules.fixed)
@@ -138,16 +138,16 @@ def problem_from(matrix: Array, rules: Candidates, equal: Indices, leading: int,
 
 
 def reduced(matrix: Array, leading: int) -> tuple[Array, Array, Indices]:
-    """Coordinates of columns in an orthogonal basis, by Gram-Schmidt that takes the longest remainder first.
+    """Reduce columns to coordinates in an orthogonal basis, by Gram-Schmidt with the longest remainder first.
 
     Parameters
     ----------
     matrix : (loads, candidates)
-    leading : number of components that must keep their digits
+    leading : number of components that must stay accurate
 
     Returns
     -------
-    features (coordinates, candidates), the squared lengths left out (candidates,), and the pivots.
+    The coordinates (coordinates, candidates), the squared lengths left out (candidates,), and the pivots.
     """
     remainder = matrix.copy()
     most = min(matrix.shape)
@@ -157,7 +157,7 @@ def reduced(matrix: Array, leading: int) -> tuple[Array, Array, Indices]:
     floor = rounding = squares.max() * (np.finfo(np.float64).eps * max(matrix.shape)) ** 2
     subtracted, level = 0, squares.max()
     for k in range(most):
-        # The remainder is brought up to date now and then, in one product, before rounding shows in the squares.
+        # Update the remainder only now and then, in one product, before rounding shows in the squares.
         if squares.max() <= level * 1e-4:
             remainder -= basis[subtracted:k].T @ features[subtracted:k]
             squares = np.einsum("ij,ij->j", remainder, remainder)
@@ -178,7 +178,7 @@ def reduced(matrix: Array, leading: int) -> tuple[Array, Array, Indices]:
 
 
 def _log_volumes(columns: Array) -> Array:
-    """Log of det(X^T X) by Gram-Schmidt, for columns (population, sensors, coordinates); (population,)."""
+    """Return log det(X^T X) (population,) by Gram-Schmidt, for columns (population, sensors, coordinates)."""
     rest = np.array(columns)
     total = np.zeros(len(rest))
     tiny = np.finfo(np.float64).tiny
@@ -192,7 +192,7 @@ def _log_volumes(columns: Array) -> Array:
 
 
 def _log_leading(columns: Array, leading: int) -> Array:
-    """Log of the product of the leading eigenvalues of X^T X, for columns (population, sensors, coordinates)."""
+    """Return the log product of the leading eigenvalues of X^T X, for columns (population, sensors, coordinates)."""
     singular = np.linalg.svd(columns, compute_uv=False)[:, :leading]
     logs: Array = 2 * np.log(np.maximum(singular, np.finfo(np.float64).tiny)).sum(axis=1)
     return logs

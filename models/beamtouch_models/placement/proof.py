@@ -1,4 +1,4 @@
-"""Branch and bound: proves that a layout is the best on the grid, or states by how much another could be better."""
+"""Branch and bound: proves that a layout is the best on the grid, or bounds how much better another could be."""
 
 import heapq
 import math
@@ -16,28 +16,28 @@ Array = NDArray[np.float64]
 Region = NDArray[np.bool_]
 
 MARGIN = 1e-8
-"""In log units: what rounding may take from a bound or a score, with much to spare; scores this close are equal. Where
-the components differ so much in size that it may take more, the margin is `rounding_margin` instead."""
+"""Generous bound on rounding errors of a bound or a score, in log units; scores this close are equal. If the components
+differ very much in size, the larger `rounding_margin` applies."""
 LARGEST_MARGIN = 1e-6
-"""With more than this nothing is called proven."""
+"""With a larger margin, no layout counts as proven."""
 MAX_REGIONS = 3_000
 ENUMERATED = 4_096
-"""Layouts of a region that are scored one by one instead of being bounded further."""
+"""Regions of up to this many layouts are scored layout by layout instead of being split further."""
 ROOT_STEPS = 150
 STEPS = 12
 FLOOR = 1e-9
-"""Smallest weight; 0 could not grow again, and products of small ones would lose their speed to denormal numbers."""
+"""Smallest weight. A weight of 0 could not grow again, and denormal products would be slow."""
 
 
 @dataclass(frozen=True)
 class Proof:
-    """What is known of a layout."""
+    """The outcome of a proof."""
 
     layout: Indices
-    """The best known, which may be better than the one that was to be proven."""
+    """The best known layout, which may be better than the given one."""
     score: float
     gap: float
-    """No layout scores more than `score` + `gap`; 0 where the layout is proven, to `rounding_margin`."""
+    """No layout scores more than `score` + `gap`; 0 if the layout is proven the best, within `rounding_margin`."""
     regions: int
     """Regions that were bounded."""
     evaluations: int
@@ -45,7 +45,7 @@ class Proof:
 
 @dataclass(order=True)
 class _Region:
-    """Where the sensors may be, with a bound on the layouts there; the heap pops the largest bound."""
+    """A set of layouts with an upper bound on their scores; the heap pops the largest bound first."""
 
     negative_bound: float
     number: int
@@ -56,7 +56,7 @@ class _Region:
 
 
 def bound_gap(problem: Problem, layout: Indices) -> float:
-    """By how much another layout could be better, from one bound over all layouts; quick."""
+    """Return by how much another layout could be better, from a single bound over all layouts; quick."""
     search = _Search(problem, layout)
     root = search.root()
     return search.stated_gap(root.negative_bound if root else np.inf)
@@ -72,10 +72,10 @@ def prove(
 
     Parameters
     ----------
-    problem : what is to be proven
-    layout : the best known
-    max_regions : regions to bound before the remaining gap is stated; half a minute's worth by default
-    progress : told the gap now and then
+    problem : the placement problem
+    layout : the best known layout
+    max_regions : number of regions to bound before the remaining gap is returned; about half a minute by default
+    progress : called with the gap now and then
     """
     search = _Search(problem, layout)
     root = search.root()
@@ -96,7 +96,7 @@ def prove(
 
 
 def rounding_margin(problem: Problem, layout: Indices) -> float:
-    """What rounding may take from a bound or a score, in log units.
+    """Return a bound on the rounding error of a bound or a score, in log units.
 
     Coordinates are off by some eps of the longest column, and a bound divides them by the smallest scored component.
     """
@@ -119,21 +119,21 @@ class _Search:
 
     @property
     def limit(self) -> float:
-        """Score that a layout must exceed to be better than the best so far."""
+        """The score that a layout must exceed to be better than the best so far."""
         return self.score + self.margin
 
     def stated_gap(self, negative_bound: float) -> float:
-        """By how much a bound exceeds the best score; 0 if that is rounding, and the rounding if it is much."""
+        """Return the excess of a bound over the best score: 0 if it is rounding, or the margin if that is large."""
         gap = max(-negative_bound - self.score, self.margin)
         return gap if gap > min(self.margin, LARGEST_MARGIN) else 0.0
 
     def root(self) -> _Region | None:
-        """All layouts that keep the rules, without those that the bound excludes."""
+        """Return the region of all allowed layouts, without those that the bound excludes."""
         shape = (self.problem.count, len(self.problem.rules.position_mm))
         mask = np.isfinite(self.problem.rules.best_through(np.zeros(shape)))
         at_layout = np.zeros(shape)
         at_layout[np.arange(shape[0]), np.sort(self.layout)] = 1
-        # The optimum itself makes the best multiplier where the relaxation is tight, and a bad one where it is not.
+        # The best known layout gives the best multiplier if the relaxation is tight, and a bad one if it is not.
         first = self.tightened(mask, at_layout, 1)
         if first is None or -first.negative_bound - self.score < 1e-2:
             return first
@@ -142,7 +142,7 @@ class _Search:
         return second and max(first, second)
 
     def tightened(self, mask: Region, weights: Array, steps: int, known: float = np.inf) -> _Region | None:
-        """Bound a region, leaving out what the bound excludes; None where nothing is left."""
+        """Return a region with its bound, without the candidates that the bound excludes; None if nothing is left."""
         self.regions += 1
         weights = _within(mask, weights)
         bound, best, limit = known, weights, self.limit
@@ -165,7 +165,7 @@ class _Search:
         if not len(layouts):
             return
         scores = self.problem.scores(layouts)
-        # The search scores are good to 1e-7; what might be the best is scored to rounding.
+        # The quick scores are accurate to 1e-7: layouts that may be the best are scored again to rounding.
         for index in np.flatnonzero(scores > max(float(scores.max()), self.score) - 1e-6):
             exact = self.problem.exact_score(layouts[index])
             if exact > self.limit:
@@ -173,14 +173,14 @@ class _Search:
 
 
 def _within(mask: Region, weights: Array) -> Array:
-    """Weights that sum to 1 in each row of a region; nowhere in it 0, so that they can grow again."""
+    """Restrict weights to a region; each row sums to 1, and no weight inside is 0, so that it can grow again."""
     inside = np.where(mask, np.maximum(weights, FLOOR), 0.0)
     normal: Array = inside / inside.sum(axis=1, keepdims=True)
     return normal
 
 
 def _split(region: _Region) -> list[Region]:
-    """Cut a region in two where the relaxation spreads a sensor most, at the middle of its weights."""
+    """Split a region at the sensor that the relaxation spreads most, at the mean of its weights."""
     index = np.arange(region.mask.shape[1])
     mean = region.weights @ index
     variance = region.weights @ index**2 - mean**2

@@ -1,9 +1,9 @@
-"""Exchange search: from many starts, the best single exchange again and again, then exchanges of two sensors.
+"""Exchange search: from several starts, repeats the best exchange of one sensor, then exchanges two at once.
 
-The volume spanned by the columns of a layout grows, when column k gives way to column i, by the factor
-b_ki^2 + |r_i|^2 |p_k|^2, with b the least-squares coefficients and r the remainder of column i on the layout and p_k
-row k of the layout's pseudo-inverse: all exchanges of a layout cost one matrix product (Fedorov, Theory of Optimal
-Experiments, 1972, sec. 3.3).
+When column i replaces column k of a layout, the squared volume spanned by its columns changes by the factor
+b_ki^2 + |r_i|^2 |p_k|^2. Here b are the least-squares coefficients and r the remainder of column i on the layout, and
+p_k is row k of the layout's pseudo-inverse. So all exchanges of a layout cost one matrix product (Fedorov, Theory of
+Optimal Experiments, 1972, sec. 3.3).
 """
 
 from collections.abc import Callable, Iterator
@@ -20,16 +20,16 @@ Array = NDArray[np.float64]
 
 RANDOM_STARTS = 2
 LEADING_RANDOM_STARTS = 4
-"""Where fewer eigenvalues than sensors count, and no exchange formula is known, single runs end early more often."""
+"""Random starts if fewer eigenvalues than sensors count: without the exchange formula, more runs end too early."""
 MAX_EXCHANGES = 2_000
 TINY = float(np.finfo(np.float64).tiny)
 GAIN = 1e-10
-"""Smallest gain, in log units, that is no rounding."""
+"""Smallest gain, in log units, that exceeds rounding."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A search from one start."""
+    """The result of a search from one start."""
 
     layout: Indices
     trail: tuple[tuple[float, Indices], ...]
@@ -38,15 +38,12 @@ class Run:
 
     @property
     def score(self) -> float:
-        """Score of the layout that was found."""
+        """Score of the found layout."""
         return self.trail[-1][0]
 
 
 def exact_search(problem: Problem, seed: int) -> list[Run]:
-    """Runs from equal pitch, from the greedy layout and from random ones; the best holds the optimum.
-
-    The same seed gives the same runs.
-    """
+    """Return runs from equal pitch, the greedy layout and random layouts; the same seed gives the same runs."""
     rng = np.random.default_rng(seed)
     some = problem.leading < problem.count
     random_starts = LEADING_RANDOM_STARTS if some else RANDOM_STARTS
@@ -60,13 +57,13 @@ def exact_search(problem: Problem, seed: int) -> list[Run]:
 
 
 def first_best(runs: list[Run]) -> Run:
-    """The best run, the earliest of those that are equal but for rounding."""
+    """Return the best run; of runs that are equal within rounding, the first."""
     best = max(run.score for run in runs)
     return next(run for run in runs if run.score >= best - 1e-9)
 
 
 def exchange(problem: Problem, start: Indices) -> Run:
-    """Make the best single exchange until none gains; for the product of all eigenvalues."""
+    """Make the best single exchange until none gains. Only for the product of all eigenvalues."""
     layout = np.sort(start)
     score, gains = _score_and_gains(problem, layout)
     trail, evaluations = [(score, layout)], gains.size
@@ -77,7 +74,7 @@ def exchange(problem: Problem, start: Indices) -> Run:
         changed.sort()
         score, gains = _score_and_gains(problem, changed)
         evaluations += gains.size
-        # The score of the changed layout itself decides: close to a singular layout a gain is mostly rounding.
+        # Decide by the score of the changed layout itself: near a singular layout, a gain is mostly rounding.
         if not score > trail[-1][0] + GAIN:
             break
         layout = changed
@@ -86,15 +83,15 @@ def exchange(problem: Problem, start: Indices) -> Run:
 
 
 def _score_and_gains(problem: Problem, layout: Indices) -> tuple[float, Array]:
-    """Score of a layout, and the factor by which each exchange (sensor, candidate) changes the squared volume.
+    """Return the score of a layout, and the change of the squared volume by each exchange (sensor, candidate).
 
-    The factor is 0 where a rule forbids the exchange.
+    The change is a factor, 0 if a rule forbids the exchange.
     """
     features, rules = problem.features, problem.rules
     basis, triangle = np.linalg.qr(features[:, layout])
     diagonal = np.abs(np.diag(triangle))
     score = 2 * float(np.log(np.maximum(diagonal, TINY)).sum()) + problem.count * problem.offset
-    # Sensors that coincide to rounding are kept apart just enough to be told from each other.
+    # Columns that coincide within rounding get a tiny remainder, so that the triangle stays invertible.
     floor = diagonal.max() * 1e-14
     triangle[np.diag_indices_from(triangle)] += np.where(diagonal <= floor, floor, 0.0)
     along = basis.T @ features
@@ -110,7 +107,7 @@ def _score_and_gains(problem: Problem, layout: Indices) -> tuple[float, Array]:
 
 
 def _with_pairs(problem: Problem, run: Run) -> Run:
-    """Go on from where single exchanges end: two neighbours at once, each by a step or two, until nothing gains."""
+    """Continue where single exchanges end: move one sensor or two at once, by one or two steps, until nothing gains."""
     return pattern_search(problem.scores, problem.rules, run.layout, step=2, before=run)
 
 
@@ -121,11 +118,13 @@ def pattern_search(
     step: int | None = None,
     before: Run | None = None,
 ) -> Run:
-    """Move one or two sensors by a step, take the best, and halve the step where nothing gains.
+    """Move one or two sensors by a step, keep the best move, and halve the step when nothing gains.
 
     Parameters
     ----------
-    score : of layouts (population, sensors), -inf where not allowed
+    score : function that scores layouts (population, sensors), -inf where not allowed
+    rules : rules of the scene; fixed sensors stay
+    start : first layout
     step : first step, in candidates; a quarter of the mean pitch by default
     before : the run that led to `start`
     """
@@ -147,7 +146,7 @@ def pattern_search(
 
 
 def _moved(layout: Indices, step: int, candidates: int, rules: Candidates) -> Iterator[Indices]:
-    """Layouts with one sensor moved by a step, or two, either way; all pairs of few sensors, neighbours of many."""
+    """Yield the allowed layouts with one or two sensors moved by a step; of many sensors, only neighbours as pairs."""
     free = np.flatnonzero(~rules.is_fixed(layout))
     pairs = combinations(free, 2) if len(free) <= 8 else pairwise(free)
     for sensors, signs in [

@@ -1,7 +1,7 @@
 """The paper's search: clone the best layout, vary the clones, keep the best, shrink the variation when nothing gains.
 
-Scored in logarithms and over the whole population at once. What is added to the paper so that it reaches the optimum
-from every seed: it starts anew from other layouts, and some of the clones move one sensor, or two, instead of all.
+Scores are logarithms, computed for the whole population at once. Two additions to the paper make it reach the optimum
+from every seed: it restarts from other layouts, and some clones move one or two sensors instead of all.
 """
 
 from collections.abc import Callable
@@ -18,15 +18,15 @@ Array = NDArray[np.float64]
 RANDOM_STARTS = 2
 LEADING_RANDOM_STARTS = 5
 POPULATION = 36
-"""At least; eight per sensor."""
+"""Smallest number of clones; more sensors get eight clones each."""
 MAX_GENERATIONS = 400
 SHRINK = 0.6
 PATIENCE = 5
-"""Generations without a gain, at the smallest increment, that end a run."""
+"""Generations without a gain at the smallest increment after which a run ends."""
 
 
 def paper_runs(problem: Problem, seed: int) -> list[Run]:
-    """Runs from equal pitch, as in the paper, and from random layouts; the same seed gives the same runs."""
+    """Return runs from equal pitch, as in the paper, and from random layouts; the same seed gives the same runs."""
     rng = np.random.default_rng(seed)
     random_starts = LEADING_RANDOM_STARTS if problem.leading < problem.count else RANDOM_STARTS
     starts = [problem.starts[0], *(problem.random_layout(rng) for _ in range(random_starts))]
@@ -34,14 +34,14 @@ def paper_runs(problem: Problem, seed: int) -> list[Run]:
 
 
 def paper_search(score: Callable[[Indices], Array], rules: Candidates, start: Indices, rng: np.random.Generator) -> Run:
-    """One run of the paper's search.
+    """Run the paper's search once.
 
     Parameters
     ----------
-    score : of layouts (population, sensors), the larger the better, -inf where not allowed
-    rules : of the scene; fixed sensors stay
-    start : layout to begin with
-    rng : of the variations
+    score : function that scores layouts (population, sensors), larger is better, -inf where not allowed
+    rules : rules of the scene; fixed sensors stay
+    start : first layout
+    rng : random generator of the variations
     """
     best, trail = start, [(float(score(start[None, :])[0]), start)]
     increment = len(rules.position_mm) / (2 * len(start))
@@ -62,14 +62,14 @@ def paper_search(score: Callable[[Indices], Array], rules: Candidates, start: In
 
 
 def _varied(best: Indices, rules: Candidates, increment: float, rng: np.random.Generator) -> Indices:
-    """Clones of a layout with random changes: a third in all sensors, a third in one, a third in two."""
+    """Return clones of a layout with random moves: a third move all sensors, a third one, a third two."""
     free = np.flatnonzero(~rules.is_fixed(best))
     population = max(POPULATION, 8 * len(best))
     clones = np.repeat(best[None, :], population, axis=0)
     if not len(free):
         return clones
     change = np.rint(rng.normal(scale=increment, size=(population, len(free)))).astype(np.intp)
-    # In its turn a sensor moves by at least a step: a clone that is no other than its parent is wasted.
+    # A sensor that is to move takes at least one step: a clone equal to its parent is wasted.
     change[change == 0] = rng.choice([-1, 1], size=int((change == 0).sum()))
     order = rng.permuted(np.tile(np.arange(len(free)), (population, 1)), axis=1)
     moving = np.resize([len(free), 1, min(2, len(free))], population)

@@ -1,1 +1,1 @@
-"""The paper's figures 2 to 8, computed anew and set beside what the paper says."""
+"""The paper's figures 2 to 8, recomputed and compared with the paper."""

@@ -1,7 +1,7 @@
-"""Figure 8: the error of position of the paper's network with two to five sensors, beside the accuracy limit.
+"""Figure 8: the position error of the paper's network with two to five sensors, beside the accuracy limit.
 
-The networks learn from computed deflections without noise, as the paper's did. The paper's rig is not at hand: in its
-place stands a simulated one, whose readings carry noise that no network has seen.
+The networks learn from computed deflections without noise, as the paper's did. A simulated rig replaces the paper's;
+its readings carry noise that the networks were not trained with.
 """
 
 from collections.abc import Callable
@@ -26,13 +26,13 @@ from beamtouch_models.reproduction.paper import (
 
 COUNTS = (2, 3, 4, 5)
 NETWORKS = 3
-"""Trained for each layout, from different initial weights: one alone is a matter of luck."""
+"""Networks trained for each layout, from different initial weights, because a single one is a matter of luck."""
 DRAWS = 40_000
 LIMIT_DRAWS = 10_000
-"""The first of the same draws: a posterior costs a hundred times what a network's answer does."""
+"""The limit uses fewer of the same draws, because a posterior costs a hundred times as much as a network's answer."""
 NOISES_PERCENT = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.25, 1.5, 1.75, 2.0)
 RIG_NOISE_PERCENT = NOISES_PERCENT[-1]
-"""Of the largest deflection, standard deviation of a reading."""
+"""Standard deviation of a reading, in percent of the largest deflection."""
 
 Kind = Literal["equal", "optimised"]
 KINDS: tuple[Kind, Kind] = ("equal", "optimised")
@@ -47,7 +47,7 @@ class Layout(NamedTuple):
 
 @dataclass(frozen=True)
 class Performance:
-    """What a layout reaches."""
+    """The measured errors of a layout."""
 
     layout: Layout
     positions_mm: Array
@@ -59,7 +59,7 @@ class Performance:
 
     @property
     def theoretical(self) -> float:
-        """Mean error with inputs from theory, percent."""
+        """Mean error with computed inputs, percent."""
         return float(self.error_percent[:, 0].mean())
 
     @property
@@ -73,7 +73,7 @@ class Performance:
         return float(self.error_percent[:, -1].std(ddof=1)) if len(self.networks) > 1 else 0.0
 
     def noise_that_gives(self, percent: float) -> float | None:
-        """Noise of the rig at which the mean error is this; None where no noise up to the last gives it."""
+        """Return the noise of the rig with this mean error, percent; None if no noise up to the largest gives it."""
         means = self.error_percent.mean(axis=0)
         if not means[0] <= percent <= means[-1]:
             return None
@@ -81,7 +81,7 @@ class Performance:
 
 
 def layouts(seed: int) -> dict[Layout, Array]:
-    """Return the layouts of figure 8: equal pitch, and the largest eigenvalue product."""
+    """Return the layouts of figure 8: at equal pitch, and with the largest eigenvalue product."""
     found = {}
     for count in COUNTS:
         found[Layout(count, "equal")] = equal_pitch_mm(count)

@@ -1,4 +1,4 @@
-"""Figures 3, 4 and 7: principal components of the beam, what noise does to them, and what placement does."""
+"""Figures 3, 4 and 7: the principal components of the beam, and the effects of noise and placement on them."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ from beamtouch_models.reproduction.finding import Figure, Row, compared, rounded
 from beamtouch_models.reproduction.paper import LOADS_MM, MAX_DEFLECTION, Array, dimensionless, equal_pitch_mm
 
 DISCERNIBLE = 0.005
-"""A curve that fills less than this share of a plot's height is a thick line: half a millimetre on 100 mm."""
+"""A curve within less than this share of a plot's height looks like a flat line: half a millimetre of 100 mm."""
 NOISES_PERCENT = (2.0, 10.0)
 NOISE_DRAWS = 50
 SIZE = "size, W l³/(EI)"
 
 
 def figure_3() -> Figure:
-    """The components of eight equally pitched sensors."""
+    """Return figure 3: the components of eight equally pitched sensors."""
     found = principal_components(dimensionless(equal_pitch_mm(8)))
     curves = [Series(f"component {k + 1}", LOADS_MM.tolist(), rounded(found.transformed[:, k]), k) for k in range(4)]
     says = "The four largest components of eight equally pitched sensors over the position of the load"
@@ -41,18 +41,18 @@ def _sizes(found: Components) -> tuple[Row, Row]:
     discernible = _discernible(found)
     return (
         compared(
-            "fig. 3: components that can be discerned on one scale, of eight",
+            "fig. 3: components of eight that are visible on one scale",
             "4",
             f"{discernible} (peak to peak over the first: {', '.join(f'{x:.2g}' for x in (spans / spans[0])[:5])})",
             agrees=discernible == 4,
-            why=f"with {DISCERNIBLE:g} of the plot's height as the limit",
+            why=f"with a threshold of {DISCERNIBLE:g} of the plot's height",
         ),
         Row(
             "fig. 3: eigenvalues over the first",
             "",
             f"{ratio[1]:.4f}, {ratio[2]:.3g}, {ratio[3]:.3g}, {ratio[4]:.3g}",
             "not stated",
-            f"near (1/k)^8 as bending theory has it: {1 / 2**8:.4f}, {1 / 3**8:.3g}, {1 / 4**8:.3g}, {1 / 5**8:.3g}",
+            f"near (1/k)^8, as bending theory predicts: {1 / 2**8:.4f}, {1 / 3**8:.3g}, {1 / 4**8:.3g}, {1 / 5**8:.3g}",
         ),
     )
 
@@ -65,11 +65,11 @@ def _meanings(found: Components) -> tuple[Row, Row]:
     apart = np.linalg.norm(pairs[:, None] - pairs[None, :], axis=2)[~np.eye(len(pairs), dtype=bool)].min()
     return (
         compared(
-            "fig. 3: what the first two components are",
+            "fig. 3: meaning of the first two components",
             "the magnitude of the deflection; its bias to the left or right",
             f"correlation with the length of the deflection vector {size:.6f}; odd about the middle to {odd:.1g}",
             agrees=bool(size > 0.999 and odd < 1e-6),
-            why="the symmetry is not that of the beam",
+            why="they do not have the symmetry of the beam",
         ),
         compared(
             "sec. 3: each load has its own pair of the first two components",
@@ -77,17 +77,17 @@ def _meanings(found: Components) -> tuple[Row, Row]:
             f"two loads 1 mm apart differ by at least {apart:.2g} W l³/(EI), {apart / MAX_DEFLECTION * 100:.1f} % of "
             "the largest deflection",
             agrees=bool(apart > 0),
-            why="two loads share a pair",
+            why="two loads have the same pair",
         ),
     )
 
 
 def noise_errors(noise_percent: float, seed: int) -> tuple[Array, float, float]:
-    """Mean |error| of each component under noise, in percent of the component's mean size, with the fit of y = A x^B.
+    """Return the mean |error| of each component under noise, in percent of its mean size, and the fit y = A x^B.
 
     Returns
     -------
-    (8,) percent, A in percent, B; the fit is a straight line through the logarithms.
+    (8,) percent, A in percent, and B; the fit is a straight line through the logarithms.
     """
     matrix = dimensionless(equal_pitch_mm(8))
     found = principal_components(matrix)
@@ -100,7 +100,7 @@ def noise_errors(noise_percent: float, seed: int) -> tuple[Array, float, float]:
 
 
 def figure_4(seed: int) -> Figure:
-    """The error of each component under 2 % and 10 % noise."""
+    """Return figure 4: the error of each component under 2 % and 10 % noise."""
     number = np.arange(1, 9)
     found = {noise: noise_errors(noise, seed) for noise in NOISES_PERCENT}
     series = []
@@ -132,14 +132,14 @@ def _noise_rows(at_2: tuple[Array, float, float], at_10: tuple[Array, float, flo
             "increases with the noise",
             f"{(high / low).min():.2f} to {(high / low).max():.2f} times as large",
             agrees=bool((high > low).all()),
-            why="not for every component",
+            why="it does not increase for every component",
         ),
         compared(
-            "fig. 4: error over the number of the component",
+            "fig. 4: error by number of the component",
             "increases, as y = A x^B",
             f"increases from the first ({low[0]:.2g} % at 2 % noise) to the eighth ({low[7]:.2g} %)",
             agrees=bool((np.diff(low) > 0).all() and (np.diff(high) > 0).all()),
-            why="not from each to the next",
+            why="it does not increase from each component to the next",
         ),
         Row(
             "fig. 4: fitted A and B",
@@ -147,41 +147,41 @@ def _noise_rows(at_2: tuple[Array, float, float], at_10: tuple[Array, float, flo
             f"2 %: A = {low_factor:.2f} %, B = {low_exponent:.2f}; 10 %: A = {high_factor:.2f} %, "
             f"B = {high_exponent:.2f}",
             "not stated",
-            "B is near 4, for a component's size falls as (1/k)^4 and the noise in it does not",
+            "B is near 4, because the size of a component falls as (1/k)^4 and its noise does not",
         ),
     )
 
 
 def figure_7(optimised_mm: Array) -> Figure:
-    """The components of four sensors at equal pitch and of four optimised ones."""
+    """Return figure 7: the components of four sensors at equal pitch and of four optimised sensors."""
     equal = principal_components(dimensionless(equal_pitch_mm(4))).transformed
     best = principal_components(dimensionless(optimised_mm)).transformed
-    best = best * np.sign((best * equal).sum(axis=0))  # the sign of a component is free
+    best = best * np.sign((best * equal).sum(axis=0))  # the sign of a component is arbitrary
     eight = principal_components(dimensionless(equal_pitch_mm(8))).transformed
     peaks = np.abs(best).max(axis=0) / np.abs(equal).max(axis=0)
     from_eight = np.abs(best).max(axis=0) / np.abs(eight).max(axis=0)[:4]
     series = []
     for k in range(4):
-        # Each over its own peak at equal pitch: on one scale the third and fourth would be flat lines.
+        # Divide each by its own peak at equal pitch: on one scale the third and fourth would be flat lines.
         scale = np.abs(equal[:, k]).max()
         series += [
             Series(f"component {k + 1}, equal pitch", LOADS_MM.tolist(), rounded(equal[:, k] / scale), k, "dashed"),
             Series(f"component {k + 1}, optimised", LOADS_MM.tolist(), rounded(best[:, k] / scale), k),
         ]
-    says = "The components of four sensors, at equal pitch and optimised, each over its peak at equal pitch"
+    says = "The components of four sensors, at equal pitch and optimised, each relative to its peak at equal pitch"
     results = {
         "positions_mm": {"equal": rounded(equal_pitch_mm(4)), "optimised": rounded(optimised_mm)},
         "peak_optimised_over_equal": rounded(peaks),
         "peak_optimised_over_eight_equal": rounded(from_eight),
     }
-    chart = Chart(says, "position of the load, mm", "over the peak at equal pitch", series)
+    chart = Chart(says, "position of the load, mm", "relative to the peak at equal pitch", series)
     return Figure(7, "components-optimised", f"{says}.", chart, results, _peak_rows(peaks, from_eight))
 
 
 def _peak_rows(peaks: Array, from_eight: Array) -> tuple[Row, ...]:
     change, other = (peaks - 1) * 100, (from_eight - 1) * 100
     against_eight = (
-        f"set against eight equal sensors it is {other[0]:.0f} %, but then the fourth falls too, by {-other[3]:.0f} %"
+        f"relative to eight equal sensors it changes by {other[0]:.0f} %, but so does the fourth, by {other[3]:.0f} %"
     )
     return (
         compared(
@@ -189,7 +189,7 @@ def _peak_rows(peaks: Array, from_eight: Array) -> tuple[Row, ...]:
             "prominent reduction",
             f"{change[0]:+.1f} %",
             agrees=bool(change[0] < -10),
-            why=f"it falls, but little; {against_eight}",
+            why=f"it falls only a little; {against_eight}",
         ),
         compared(
             "fig. 7: peak of the second",
@@ -203,7 +203,7 @@ def _peak_rows(peaks: Array, from_eight: Array) -> tuple[Row, ...]:
             "slight decrease, more near the middle",
             f"{change[2]:+.1f} %",
             agrees=bool(-10 < change[2] < 0),
-            why="it grows slightly; no pairing of four or eight sensors gives a smaller third with a larger fourth",
+            why="it grows slightly; beside four or eight equal sensors, the third never falls while the fourth grows",
         ),
         compared(
             "fig. 7: peak of the fourth",

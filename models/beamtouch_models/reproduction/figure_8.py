@@ -1,4 +1,4 @@
-"""Figure 8 as a plot and as rows: what the paper measured beside what comes out here."""
+"""Figure 8 as a plot and as rows: the paper's measurements beside ours."""
 
 from collections import Counter
 from typing import Any
@@ -24,14 +24,15 @@ MEASURED_PERCENT = {
     Layout(5, "optimised"): 3.16,
 }
 TOLERANCE = 0.15
-"""Share of the paper's figure within which ours agrees; two networks of one layout differ by a fifth of it."""
+"""Largest relative difference from the paper's value that counts as agreement; two networks of one layout differ by a
+fifth of it."""
 Performances = dict[Layout, Performance]
 
 
 def figure_8(found: Performances) -> Figure:
-    """Errors over the number of sensors, with the accuracy limit."""
+    """Return figure 8: errors by number of sensors, with the accuracy limit."""
     rows = (_training(found), *_within_5_percent(found), *_measured(found), _fitting_noise(found), *_trends(found))
-    says = "Error of position with two to five sensors, equal and optimised, from theory, on a simulated rig, the limit"
+    says = "Position error with two to five sensors, equal and optimised: in theory, on a simulated rig, and the limit"
     chart = Chart(
         says,
         "sensors",
@@ -82,7 +83,7 @@ def _within_5_percent(found: Performances) -> tuple[Row, Row]:
             "within 5 % of the range",
             f"{equal.theoretical:.2f} % equal, {best.theoretical:.2f} % optimised, mean",
             agrees=max(equal.theoretical, best.theoretical) < 5,
-            why="the networks have not learnt the curve",
+            why="the networks did not learn the curve",
         ),
         compared(
             f"abstract: two sensors, simulated rig with {RIG_NOISE_PERCENT:g} % noise",
@@ -90,7 +91,7 @@ def _within_5_percent(found: Performances) -> tuple[Row, Row]:
             f"network {equal.rig:.2f} % equal, {best.rig:.2f} % optimised; limit {equal.limit.percent:.2f} % and "
             f"{best.limit.percent:.2f} %",
             agrees=max(equal.rig, best.rig) < 5,
-            why="possible, as the limit says, but not for a network that never saw noise",
+            why="the limit shows that it is possible, but not for a network trained without noise",
         ),
     )
 
@@ -100,7 +101,7 @@ def _measured(found: Performances) -> list[Row]:
     for layout, percent in MEASURED_PERCENT.items():
         one = found[layout]
         noise = one.noise_that_gives(percent)
-        at = "at none" if noise is None else f"at {noise:.2f} % noise"
+        at = "at no noise" if noise is None else f"at {noise:.2f} % noise"
         beyond = "; the limit at 2 % is above it" if percent < one.limit.percent else ""
         rows.append(
             compared(
@@ -109,14 +110,14 @@ def _measured(found: Performances) -> list[Row]:
                 f"{one.rig:.2f} ± {one.rig_spread:.2f} % on the simulated rig; limit {one.limit.percent:.2f} ± "
                 f"{one.limit.standard_error:.2f} %",
                 agrees=abs(one.rig / percent - 1) < TOLERANCE,
-                why=f"the paper does not state its rig's noise; our networks come to its figure {at}{beyond}",
+                why=f"the paper does not state its rig's noise; our networks reach its value {at}{beyond}",
             )
         )
     return rows
 
 
 def _fitting_noise(found: Performances) -> Row:
-    """The one noise that comes nearest to all four figures of the paper."""
+    """Return a row with the noise that fits all four values of the paper best."""
     ours = np.array([found[layout].error_percent.mean(axis=0) for layout in MEASURED_PERCENT])
     theirs = np.array(list(MEASURED_PERCENT.values()))[:, None]
     nearest = int(np.abs(ours / theirs - 1).max(axis=0).argmin())
@@ -141,28 +142,26 @@ def _trends(found: Performances) -> list[Row]:
     bounds = [found[Layout(count, "equal")].limit.percent for count in COUNTS]
     return [
         compared(
-            "fig. 8: errors over the number of sensors",
+            "fig. 8: errors by number of sensors",
             "decrease, less and less",
             f"equal {first['equal']:.2f} to {last['equal']:.2f} %, optimised {first['optimised']:.2f} to "
             f"{last['optimised']:.2f} %; limit {bounds[0]:.2f} to {bounds[-1]:.2f} %",
             agrees=all(falling.values()),
-            why=f"not at every step ({not_falling}): more inputs let more of the noise in that the network never saw",
+            why=f"not at every step ({not_falling}): more inputs bring more of the noise that the network never saw",
         ),
         compared(
-            "fig. 8: where optimising pays",
-            "more with few sensors than with many",
+            "fig. 8: benefit of optimising",
+            "larger with few sensors than with many",
             f"it saves {gain[0]:.0f} % of the error with two sensors, {gain[-1]:.0f} % with five, on the simulated rig",
             agrees=bool(gain[0] > 0 and gain[0] > gain[-1]),
-            why="no such pattern",
+            why="there is no such pattern",
         ),
         compared(
             "fig. 8: error that optimising saves with two sensors",
             f"{stated * 100:.0f} %",
             f"{gain[0]:.0f} % on the simulated rig, {best * 100:.0f} % of the limit",
             agrees=abs(gain[0] / 100 - stated) < TOLERANCE,
-            why="at one noise for both layouts not even the limit gains as much"
-            if best < stated
-            else "the limit allows more",
+            why="at equal noise, not even the limit improves as much" if best < stated else "the limit allows more",
         ),
     ]
 

@@ -1,4 +1,4 @@
-"""What a figure of the paper comes to: its plot, its numbers, and a verdict on each thing the paper says."""
+"""Reproduced figures: plot, numbers, and a verdict on each statement of the paper."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -14,11 +14,11 @@ class Row:
 
     quantity: str
     paper: str
-    """Empty where the paper states nothing."""
+    """Empty if the paper states nothing."""
     ours: str
     verdict: Verdict
     why: str = ""
-    """Given wherever it differs."""
+    """The reason of a difference."""
 
     @property
     def verdict_text(self) -> str:
@@ -47,12 +47,12 @@ class Figure:
 
 
 def compared(quantity: str, paper: str, ours: str, *, agrees: bool, why: str) -> Row:
-    """Return a row with its verdict; `why` is kept where it differs."""
+    """Return a row with its verdict; `why` is kept only if it differs."""
     return Row(quantity, paper, ours, "agrees", "") if agrees else Row(quantity, paper, ours, "differs", why)
 
 
 def rounded(values: Any) -> Any:  # noqa: ANN401  # an array of any shape, or a number
-    """Return numbers for JSON, to seven significant digits: more would be rounding noise."""
+    """Round numbers for JSON to seven significant digits; further digits would be rounding noise."""
     if hasattr(values, "tolist"):
         values = values.tolist()
     if isinstance(values, list):

@@ -1,4 +1,4 @@
-"""Statements of the paper that cannot be taken as printed: equations 1 and 4 and the pitches of section 5."""
+"""Misprints and imprecise statements of the paper: equations 1 and 4 and the pitches of section 5."""
 
 import numpy as np
 
@@ -7,26 +7,27 @@ from beamtouch_models.reproduction.finding import Row, compared
 from beamtouch_models.reproduction.paper import FORCE_N, LENGTH_MM, LOADS_MM, Array, deflection_mm, equal_pitch_mm
 
 PRINTED_PITCH_MM = (67, 80, 100, 133)
-MOST_SENSORS = 40
+MAX_SENSORS = 40
+"""Bounds the search for the number of sensors at which equation 4 overflows."""
 
 
 def printed_rows() -> tuple[Row, ...]:
-    """A row for each statement that has to be read with care."""
+    """Return a row for each of these statements."""
     literal, bracket = _largest_error(), _largest_error(macaulay=True)
-    overflow = next(count for count in range(2, MOST_SENSORS) if not np.isfinite(_performance_si(count)))
+    overflow = next(count for count in range(2, MAX_SENSORS) if not np.isfinite(_performance_si(count)))
     pitches = [LENGTH_MM / (count + 1) for count in range(2, 6)]
     return (
         compared(
             "eq. 1: deflection of the beam",
             "(x - a)³ without a condition",
-            f"off by {literal:.2g} times the largest deflection as printed; by {bracket:.0e} as a Macaulay bracket",
+            f"wrong by {literal:.2g} times the largest deflection as printed, by {bracket:.0e} with a Macaulay bracket",
             agrees=literal < 1e-6,
-            why="(x - a)³ counts for x > a only, and upward is positive",
+            why="the term (x - a)³ applies only for x > a, and upward is positive",
         ),
         compared(
             "eq. 4: performance value m = 1/(E1 E2 ... En)",
             "finite",
-            f"overflows from {overflow} sensors on, in SI units at {FORCE_N:g} N; ln m does not",
+            f"overflows with {overflow} sensors or more, in SI units at {FORCE_N:g} N; ln m does not",
             agrees=False,
             why="double precision ends at 1.8e308",
         ),
@@ -41,14 +42,14 @@ def printed_rows() -> tuple[Row, ...]:
 
 
 def equation_1(x: Array, a: Array, *, macaulay: bool) -> Array:
-    """Equation 1 over W l^3/(EI), with x and a over the length; upward positive."""
+    """Return equation 1 in units of W l^3/(EI), with x and a over the length; upward is positive."""
     beyond = np.maximum(x - a, 0.0) if macaulay else x - a
     deflection: Array = ((2 - a) * (a - 1) * a * x + (1 - a) * x**3 - beyond**3) / 6
     return deflection
 
 
 def _largest_error(*, macaulay: bool = False) -> float:
-    """Largest error of equation 1 over the largest deflection."""
+    """Return the largest error of equation 1, relative to the largest deflection."""
     true = deflection_mm(LOADS_MM)
     x, a = LOADS_MM[None, :] / LENGTH_MM, LOADS_MM[:, None] / LENGTH_MM
     ours = -equation_1(x, a, macaulay=macaulay) * 48 * deflection_mm([LENGTH_MM / 2], [LENGTH_MM / 2])[0, 0]
@@ -56,7 +57,7 @@ def _largest_error(*, macaulay: bool = False) -> float:
 
 
 def _performance_si(count: int) -> float:
-    """Equation 4 as printed, in metres."""
+    """Return equation 4 as printed, with lengths in metres."""
     eigenvalues = principal_components(deflection_mm(equal_pitch_mm(count)) / 1e3).eigenvalues
     with np.errstate(over="ignore", divide="ignore"):
         return float(1 / np.prod(eigenvalues))

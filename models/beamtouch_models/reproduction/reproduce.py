@@ -1,4 +1,4 @@
-"""The whole reproduction: from a seed to the seven figures, their numbers and the table of verdicts."""
+"""The whole reproduction: seven figures, their numbers, and the table of verdicts."""
 
 import json
 from collections import Counter
@@ -24,12 +24,12 @@ TABLE, RESULTS = "table.md", "results.json"
 
 @dataclass(frozen=True)
 class Reproduction:
-    """The paper's figures with what they come to."""
+    """The reproduced figures and the table of verdicts."""
 
     seed: int
     figures: tuple[Figure, ...]
     printed: tuple[Row, ...]
-    """Statements that cannot be taken as printed."""
+    """Rows on misprints and imprecise statements."""
 
     @property
     def rows(self) -> list[Row]:
@@ -37,7 +37,7 @@ class Reproduction:
         return [row for figure in self.figures for row in figure.rows] + list(self.printed)
 
     def files(self) -> dict[str, str]:
-        """Return every file by its name, as text."""
+        """Return the text of every file, by name."""
         plots = {figure.file_name: standalone(draw(figure.chart)) for figure in self.figures}
         return plots | {RESULTS: json.dumps(self.results(), indent=1) + "\n", TABLE: self._page()}
 
@@ -50,14 +50,14 @@ class Reproduction:
         }
 
     def summary(self) -> str:
-        """Return how many rows agree, in a line."""
+        """Return the number of rows per verdict, in one line."""
         verdicts = Counter(row.verdict for row in self.rows)
         return ", ".join(f"{verdicts[verdict]} {verdict}" for verdict in ("agrees", "differs", "not stated"))
 
     def _page(self) -> str:
         lines = ["# The paper's figures, reproduced", ""]
         lines += [f"Seed {self.seed}. Rows: {self.summary()}. All numbers are in `{RESULTS}`.", ""]
-        lines += ["| paper | it says | here | verdict |", "|---|---|---|---|"]
+        lines += ["| statement | paper | here | verdict |", "|---|---|---|---|"]
         lines += ["| " + " | ".join(map(_cell, _cells(row))) + " |" for row in self.rows]
         for figure in self.figures:
             lines += [
@@ -74,9 +74,9 @@ def reproduce(seed: int, progress: Progress, *, networks: int = NETWORKS, max_ep
 
     Parameters
     ----------
-    seed : of everything random; the same seed gives the same bytes
-    progress : called with what is being done and the fraction done
-    networks, max_epochs : how many of the paper's networks are trained for each layout, and for how long at most
+    seed : seed of everything random; the same seed gives the same bytes
+    progress : called with the current step and the fraction done
+    networks, max_epochs : number of networks trained for each layout, and the bound on their training
     """
     progress("figures 2 to 4", 0.0)
     first = (figure_2(), figure_3(), figure_4(seed))

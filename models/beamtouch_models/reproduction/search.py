@@ -1,7 +1,7 @@
-"""Figures 5 and 6: the paper's search, from eight sensors at equal pitch to the top four eigenvalues.
+"""Figures 5 and 6: the paper's search for eight sensors by their four leading eigenvalues, from equal pitch.
 
-The plain search of section 4, from one start: clone the best layout, vary it, shrink the increment when nothing is
-gained. What `placement` does for a scene is this with restarts and rules; here every generation is kept.
+This is the plain search of section 4, from one start: clone the best layout, vary the clones, shrink the increment when
+nothing gains. It keeps every generation. `placement.search_paper` adds restarts and the rules of a scene.
 """
 
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ FIRST_INCREMENT_MM = 20.0
 """Half the pitch of eight sensors; the paper says "a slight variation"."""
 SHRINK = 0.5
 SMALLEST_INCREMENT_MM = 0.5
-"""Half the grid of 1 mm: nothing moves any more."""
+"""Half the grid of 1 mm: at smaller increments nothing moves."""
 MAX_GENERATIONS = 200
 OTHER_SEEDS = 20
 EXPECTED_MM = (68, 69, 156, 157, 243, 244, 331, 332)
-"""Read off the paper's figure 5, see the project's notes on the paper."""
+"""Read from the paper's figure 5."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Search:
     """A run of the paper's search."""
 
     positions_mm: Array
-    """(generations + 1, sensors), each row the best layout of a generation, the first the start."""
+    """(generations + 1, sensors): the start, then the best layout of each generation."""
     log_product: Array
     """(generations + 1,) ln of the product of the leading eigenvalues; lengths in units of l, W/(EI) = 1."""
 
@@ -63,7 +63,7 @@ def paper_search(count: int, leading: int, seed: int) -> Search:
 
 
 def figures_5_and_6(seed: int) -> tuple[Figure, Figure]:
-    """The positions and the performance value m over the iterations."""
+    """Return figures 5 and 6: positions and performance value m over the iterations."""
     run = paper_search(SENSORS, LEADING, seed)
     others = [paper_search(SENSORS, LEADING, seed + shift).iterations for shift in range(OTHER_SEEDS)]
     return _figure_5(run, others), _figure_6(run)
@@ -86,28 +86,28 @@ def _figure_5(run: Search, iterations: list[int]) -> Figure:
         compared(
             "fig. 5: eight sensors merge into four",
             "four",
-            f"{int((np.diff(final) > 10).sum()) + 1}, the two of a pair at most {merged:g} mm apart",
+            f"{int((np.diff(final) > 10).sum()) + 1}; the sensors of a pair are at most {merged:g} mm apart",
             agrees=merged <= 1,
-            why="the pairs have not met",
+            why="the pairs did not merge",
         ),
         compared(
             "fig. 5: symmetric about the middle of the beam",
             "yes",
-            f"to {asymmetry:g} mm",
+            f"within {asymmetry:g} mm",
             agrees=asymmetry <= 2,
-            why="the search stopped beside the optimum",
+            why="the search stopped short of the optimum",
         ),
         compared(
             "fig. 6: iterations to convergence",
             "about 20",
             f"{run.iterations} ({min(iterations)} to {max(iterations)} over {len(iterations)} seeds)",
             agrees=15 <= run.iterations <= 25,
-            why="the paper gives neither its population nor its increment",
+            why="the paper states neither its population nor its increment",
         ),
     )
     steps = list(range(run.iterations + 1))
     tracks = [Series("", run.positions_mm[:, k].tolist(), steps, k) for k in range(SENSORS)]
-    says = "Positions of eight sensors over the iterations of the search: they merge in pairs into four"
+    says = "Positions of eight sensors over the iterations of the search: pairs merge, which leaves four places"
     results = {
         "positions_mm": run.positions_mm.tolist(),
         "iterations": run.iterations,
@@ -120,16 +120,16 @@ def _figure_5(run: Search, iterations: list[int]) -> Figure:
 
 
 def _figure_6(run: Search) -> Figure:
-    # m itself, eq. 4, would need the unit of the deflection; over its last value it needs none.
+    # m itself (eq. 4) depends on the unit of deflection; relative to its last value it does not.
     performance = np.exp(run.log_product[-1] - run.log_product)
     half = int(np.argmax(performance < (1 + performance[0]) / 2))
     rows = (
         compared(
             "fig. 6: course of the performance value m",
             "falls, asymptotically",
-            f"falls from {performance[0]:.2f} times its last value; half of the way by iteration {half}",
+            f"falls from {performance[0]:.2f} times its last value, half of the way by iteration {half}",
             agrees=bool((np.diff(performance) <= 0).all() and half <= run.iterations / 3),
-            why="it does not fall steadily, or late",
+            why="it does not fall steadily, or falls late",
         ),
         Row(
             "fig. 6: ln of the eigenvalue product, start and end",
@@ -138,7 +138,7 @@ def _figure_6(run: Search) -> Figure:
             "not stated",
         ),
     )
-    says = "The performance value m over the iterations of the search, over its last value"
+    says = "The performance value m over the iterations of the search, relative to its last value"
     steps = list(range(run.iterations + 1))
     chart = Chart(says, "iteration", "m over its last value", [Series("", steps, rounded(performance))], whole_x=True)
     results = {"m_over_last": rounded(performance), "log_eigenvalue_product": rounded(run.log_product)}
@@ -146,7 +146,7 @@ def _figure_6(run: Search) -> Figure:
 
 
 def _scores(matrix: Array, layouts: np.ndarray[tuple[int, ...], np.dtype[np.intp]], leading: int) -> Array:
-    """Score layouts (population, sensors) all at once; the leading four of eight are large enough for a plain SVD."""
+    """Score all layouts (population, sensors) at once; four of eight components are large enough for a plain SVD."""
     singular = np.linalg.svd(np.moveaxis(matrix[:, layouts - 1], 1, 0), compute_uv=False)[:, :leading]
     scores: Array = (2 * np.log(singular) - np.log(len(matrix))).sum(axis=1)
     return scores

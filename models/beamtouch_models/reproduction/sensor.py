@@ -10,7 +10,7 @@ from beamtouch_models.rig.surface import counts_of_gap
 
 
 def figure_2() -> Figure:
-    """The output of the rig's sensor over the gap, and how straight it is between 1 and 4 mm."""
+    """Return figure 2: the output of the rig's sensor over the gap, and its deviation from a line from 1 to 4 mm."""
     sensor = sensor_of(SCENE)
     full_scale = 2**sensor.adc_bits - 1
     gap = np.linspace(0.0, 5.0, 501)
@@ -22,13 +22,13 @@ def figure_2() -> Figure:
     row = compared(
         "fig. 2: linear range of the sensor",
         "1 to 4 mm",
-        f"{straight[0]:.3g} to {straight[-1]:.3g} mm (the rig's sensor is made so); off the line by "
+        f"{straight[0]:.3g} to {straight[-1]:.3g} mm (by construction of the rig's sensor); off the line by "
         f"{departure[stated].max():.1g} % of the scale",
         agrees=bool(abs(straight[0] - 1) < 0.1 and abs(straight[-1] - 4) < 0.1),
         why="the rig's sensor is not linear over that range",
     )
     chart = Chart(
-        "Output of the proximity sensor over its gap: a straight line from 1 to 4 mm that levels off beyond",
+        "Output of the proximity sensor over its gap: straight from 1 to 4 mm, levelling off beyond",
         "gap, mm",
         "output, % of the scale",
         [

@@ -1,1 +1,1 @@
-"""The rig: a virtual surface behind a real serial line or a real Modbus socket."""
+"""The rig: a virtual surface served over a real serial line or a real Modbus socket."""

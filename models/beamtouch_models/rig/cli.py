@@ -1,17 +1,35 @@
-"""The command `beamtouch-rig`: a virtual surface behind a real line."""
+"""The command `beamtouch-rig`: serves a virtual surface over a real line."""
 
 import argparse
 import asyncio
 import sys
 from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import NoReturn
+
+PROGRAM = "beamtouch-rig"
+DONE, WRONG_INPUT, INTERRUPTED = 0, 2, 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """Reports wrong arguments in one line, without the usage."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `beamtouch-rig`; returns the exit code: 0 done, 2 wrong input."""
-    options = _parser().parse_args(arguments)
+    """Run `beamtouch-rig`; returns the exit code: 0 stopped by SIGTERM, 2 wrong input, 130 interrupted by Ctrl-C."""
     try:
-        # Imported here so that a missing extra is one clear line.
+        return _run(_parser().parse_args(arguments))
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def _run(options: argparse.Namespace) -> int:
+    try:
+        # Imported here, so that a missing extra is reported in one line.
         from beamtouch_models import modelfile  # noqa: PLC0415
         from beamtouch_models.errors import InputError  # noqa: PLC0415
         from beamtouch_models.rig.firmware import ADC_BITS, Firmware  # noqa: PLC0415
@@ -30,51 +48,70 @@ def main(arguments: Sequence[str] | None = None) -> int:
         surface = VirtualSurface(scene, model.metadata, options.seed, imperfect)
         firmware = Firmware(*options.firmware) if options.firmware else None
         if firmware and options.serial is None:
-            return _fail("--firmware speaks on a serial line: give --serial as well")
+            return _fail("--firmware needs --serial")
         if firmware and surface.sensor.adc_bits != ADC_BITS:
-            return _fail(f"the firmware's ADC has {ADC_BITS} bits: give sensors.adc_bits = {ADC_BITS} in the scene")
+            return _fail(f"the firmware's ADC has {ADC_BITS} bits; set sensors.adc_bits = {ADC_BITS} in the scene")
         device = Device(options.modbus_tcp, options.modbus_rtu, options.serial, firmware)
-        asyncio.run(run(surface, script, device, options.truth))
+        interrupted = asyncio.run(run(surface, script, device, options.truth))
     except InputError as error:
         return _fail(str(error))
     except OSError as error:
         return _fail(f"{error.filename}: {error.strerror}")
-    return 0
+    return INTERRUPTED if interrupted else DONE
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="beamtouch-rig", description="A virtual surface: loads touch, move and lift on it, and a real line tells."
+    parser = _Parser(PROGRAM, description="Simulates a surface and serves its readings over Modbus or serial.")
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {_version()}")
+    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file of the simulated beam (TOML)")
+    parser.add_argument(
+        "--model", type=Path, required=True, metavar="MODEL", help="model file with the sensor positions (.onnx)"
     )
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML): the beam as it really is")
-    parser.add_argument("--model", type=Path, required=True, help="model file: its layout says where the sensors are")
     device = parser.add_mutually_exclusive_group(required=True)
     device.add_argument(
-        "--modbus-tcp", type=_address, metavar="HOST:PORT", help="be a Modbus TCP module, unit 1; port 0: any"
+        "--modbus-tcp",
+        type=_address,
+        metavar="HOST:PORT",
+        help="serve Modbus TCP, unit 1; port 0 picks a free one",
     )
     device.add_argument(
         "--modbus-rtu",
         type=Path,
         metavar="PATH",
-        help="be a Modbus RTU module; PATH is made unless it is a serial device",
+        help="serve Modbus RTU on a serial device, or on a pseudo-terminal created at PATH",
     )
-    device.add_argument("--serial", type=Path, metavar="PATH", help="be a device of the serial protocol; PATH is made")
+    device.add_argument(
+        "--serial", type=Path, metavar="PATH", help="serve the serial protocol on a pseudo-terminal created at PATH"
+    )
     parser.add_argument(
         "--firmware",
         type=Path,
         nargs=2,
         metavar=("BOARD", "ELF"),
-        help="with --serial: let this firmware speak there, on the simulated board",
+        help="with --serial: run this firmware on the simulated board",
     )
-    parser.add_argument("--script", type=Path, metavar="FILE", help="what touches when (TOML; a default is built in)")
+    parser.add_argument("--script", type=Path, metavar="FILE", help="loads over time (TOML); default: built in")
+    parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true position and force every 10 ms")
     parser.add_argument(
-        "--truth", type=Path, metavar="FILE.csv", help="write the true position and force, a row each 10 ms"
+        "--imperfections", type=Path, metavar="FILE", help="differences of the real surface from the scene (TOML)"
     )
-    parser.add_argument(
-        "--imperfections", type=Path, metavar="FILE", help="how the real surface differs from the scene (TOML)"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of the noise (default 0)")
+    parser.add_argument("--seed", type=_seed, default=0, metavar="S", help="seed of the noise (default 0)")
     return parser
+
+
+def _version() -> str:
+    """Return the installed version, or `0+source` in a source tree that is not installed."""
+    try:
+        return version("beamtouch")
+    except PackageNotFoundError:
+        return "0+source"
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        message = f"{text!r} is not a whole number from 0"
+        raise argparse.ArgumentTypeError(message)
+    return int(text)
 
 
 def _address(text: str) -> tuple[str, int]:
@@ -86,8 +123,8 @@ def _address(text: str) -> tuple[str, int]:
 
 
 def _fail(reason: str) -> int:
-    print(f"beamtouch-rig: {reason}", file=sys.stderr)
-    return 2
+    print(f"{PROGRAM}: {reason}", file=sys.stderr)
+    return WRONG_INPUT
 
 
 if __name__ == "__main__":

@@ -17,14 +17,14 @@ _UPDATE_S = 0.002
 
 @dataclass(frozen=True)
 class Firmware:
-    """The programs of a device."""
+    """The board program and the firmware image that it runs."""
 
     board: Path
     elf: Path
 
 
 class FirmwareDevice:
-    """A running board; the chip's own code speaks for the surface."""
+    """A running board, whose firmware serves the surface."""
 
     def __init__(self, process: Process) -> None:
         self._process = process
@@ -36,9 +36,9 @@ class FirmwareDevice:
         Raises
         ------
         SceneError
-            The board does not start; it has said why.
+            The board does not start; it has printed the reason.
         OSError
-            The board is not a program.
+            The board is not an executable file.
         """
         remove_left_behind(line)
         command = (str(firmware.board), str(firmware.elf), "--link", str(line))
@@ -46,13 +46,13 @@ class FirmwareDevice:
         if process.stdout is None or not await process.stdout.readline():
             if process.stdin is not None:
                 process.stdin.close()
-            await process.wait()  # it has closed its output, so it is about to end
-            message = f"{firmware.board} did not start"
+            await process.wait()  # the board has closed its output, so it is about to end
+            message = f"the simulated board {firmware.board} did not start"
             raise SceneError(message)
         return cls(process)
 
     async def serve(self, outputs: Callable[[], Sequence[float]]) -> None:
-        """Set the voltages to what the sensors put out, 0 to 1, until cancelled; SceneError if the board ends."""
+        """Set the voltages to the sensor outputs, 0 to 1, until cancelled; SceneError if the board ends."""
         voltages = self._process.stdin
         if voltages is None:
             message = "the board has no standard input"
@@ -66,13 +66,13 @@ class FirmwareDevice:
             pass
         finally:
             with suppress(BrokenPipeError, ConnectionResetError):
-                voltages.close()  # the board ends with it
+                voltages.close()  # this ends the board
             await self._process.wait()
-        message = "the simulated board has ended"
+        message = "the simulated board ended unexpectedly"
         raise SceneError(message)
 
 
 def _millivolts(output: float) -> str:
-    """Return a voltage half a count higher: the chip's converter rounds down, the rig's own to the nearest count."""
+    """Return the voltage of an output, half a count higher: the chip's ADC rounds down, the rig's to the nearest."""
     full_scale = 2**ADC_BITS - 1
     return str(round(min((output * full_scale + 0.5) / full_scale, 1.0) * SUPPLY_MV))

@@ -1,4 +1,4 @@
-"""How a real surface differs from its scene and its model: what calibration is for."""
+"""Imperfections: differences of a real surface from its scene and its model, which calibration removes."""
 
 import tomllib
 from pathlib import Path
@@ -17,28 +17,28 @@ DampingRatio = Annotated[float, Field(gt=0, lt=1)]
 
 
 class Imperfections(Strict):
-    """A TOML file; what it leaves out is as the scene and the model say."""
+    """The keys of the imperfections file; by default the surface is as the scene and the model state."""
 
     position_offset_mm: tuple[Finite, ...] = ()
-    """True position of each sensor less that of the layout."""
+    """True position of each sensor minus its position in the layout."""
     gain: tuple[PositiveFinite, ...] = ()
-    """How many times as large each channel sees a deflection."""
+    """Measured over true deflection, per channel."""
     offset_mm: tuple[Finite, ...] = ()
-    """Added to each gap; a tare takes it away."""
+    """Added to each gap; a tare removes it."""
     curve_per_mm: Finite = 0.0
-    """A deflection w is seen as gain (w + curve w^2): a characteristic that is not straight."""
+    """Curvature of the characteristic: a deflection w is measured as gain (w + curve w^2)."""
     fixity: tuple[Fixity, Fixity] = (0.0, 0.0)
-    """Of the leftmost and of the rightmost support."""
+    """Fixity of the leftmost and the rightmost support."""
     rigidity: PositiveFinite = 1.0
     """Factor on E I."""
     damping_ratio: DampingRatio | None = None
-    """With it the beam rings in its first mode, so damped, where the scene prices ringing as more than negligible.
+    """Damping ratio of the first mode, in which the beam then rings if ringing has more than a negligible price.
 
-    Without it deflections follow the load at once, as if every load came slowly beside the beam's first period.
+    Without it deflections follow the load at once, as if every load changed slowly compared to the first period.
     """
 
     def check_channels(self, channels: int) -> None:
-        """Raise SceneError unless every list has an entry per channel."""
+        """Raise SceneError unless every list is empty or has one entry per channel."""
         for name in ("position_offset_mm", "gain", "offset_mm"):
             given = len(getattr(self, name))
             if given not in (0, channels):
@@ -46,16 +46,16 @@ class Imperfections(Strict):
                 raise SceneError(message)
 
     def applied_to(self, scene: Scene) -> Scene:
-        """Return the scene of the real beam; raises SceneError where a wall is given a fixity."""
+        """Return the scene of the real beam; raises SceneError if a fixed support gets a fixity."""
         beam = changed_beam(scene.beam, self.rigidity, self.fixity)
         return scene.model_copy(update={"beam": beam})
 
     def sensors_mm(self, layout_mm: Array) -> Array:
-        """True positions of sensors that the layout has at `layout_mm` (channels,)."""
+        """Return the true positions of the sensors at `layout_mm` (channels,)."""
         return layout_mm + (np.array(self.position_offset_mm) if self.position_offset_mm else 0.0)
 
     def seen_mm(self, deflection_mm: Array) -> Array:
-        """What the sensors make of true deflections (channels,)."""
+        """Return the deflections that the sensors measure under true deflections (channels,)."""
         gain = np.array(self.gain) if self.gain else 1.0
         offset = np.array(self.offset_mm) if self.offset_mm else 0.0
         seen: Array = gain * (deflection_mm + self.curve_per_mm * deflection_mm**2) - offset
@@ -63,13 +63,13 @@ class Imperfections(Strict):
 
 
 def load_imperfections(path: Path) -> Imperfections:
-    """Read the file; raises SceneError that says what is wrong with it."""
+    """Read an imperfections file; raises SceneError with the reason if it is wrong."""
     try:
         return Imperfections.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except tomllib.TOMLDecodeError as error:
         message = f"{path}: {error}"
     except UnicodeDecodeError:
-        message = f"{path}: it is not text"
+        message = f"{path}: not a text file"
     except ValidationError as error:
         message = f"{path}: {first_error(error)}"
     raise SceneError(message)

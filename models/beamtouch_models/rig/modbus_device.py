@@ -1,4 +1,4 @@
-"""A Modbus module that measures the virtual surface: unit 1, one input register (function 4) per channel from 0."""
+"""A Modbus module that measures the virtual surface: unit 1, input registers (function 4) from 0, one per channel."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ UNIT = 1
 BAUD = 115_200
 
 Convert = Callable[[], list[int]]
-"""Convert all channels now; counts."""
+"""Converts all channels now and returns their counts."""
 
 
 def tcp_server(convert: Convert, channels: int, host: str, port: int) -> ModbusTcpServer:
@@ -32,7 +32,7 @@ def _device(convert: Convert, channels: int) -> SimDevice:
         current_registers: list[int],
         _set_values: list[int] | list[bool] | None,
     ) -> ExcCodes | None:
-        # Converting on request, as modules that sample on demand do, makes every reading independent of the last.
+        # Convert on request, as modules that sample on demand do, so that successive readings are independent.
         current_registers[:channels] = convert()
         return None
 

@@ -1,4 +1,4 @@
-"""Serial lines without hardware: pseudo-terminals with a name that stays."""
+"""Serial lines without hardware: pseudo-terminals with a fixed name."""
 
 import asyncio
 import os
@@ -15,8 +15,8 @@ _CHUNK = 4096
 
 @contextmanager
 def _raw_pty() -> Iterator[tuple[int, str]]:
-    """Open a pseudo-terminal that passes bytes as they are; yields the master and the path of the other end."""
-    # The slave stays open as long as the master: without it the master reports a hang-up between two clients.
+    """Open a raw pseudo-terminal; yields the master and the path of the other end."""
+    # Keep the slave open, or the master reports a hang-up between two clients.
     master, slave = os.openpty()
     try:
         tty.setraw(slave, termios.TCSANOW)
@@ -29,12 +29,12 @@ def _raw_pty() -> Iterator[tuple[int, str]]:
 
 @contextmanager
 def named_line(path: Path) -> Iterator[int]:
-    """Make a serial line that others open at `path`; yields the descriptor of this end, which does not block.
+    """Create a serial line that others open at `path`; yields a non-blocking descriptor of this end.
 
     Raises
     ------
     SceneError
-        Something else already has that name.
+        `path` exists already or cannot be created.
     """
     with _raw_pty() as (master, name):
         _link(path, name)
@@ -46,9 +46,9 @@ def named_line(path: Path) -> Iterator[int]:
 
 @contextmanager
 def joined_line(path: Path) -> Iterator[str]:
-    """Make a pair of pseudo-terminals joined to one line: others open `path`, this process opens the yielded path.
+    """Join two pseudo-terminals to one line: others open `path`, this process opens the yielded path.
 
-    For libraries that insist on opening a path themselves. Needs a running event loop.
+    For libraries that open a path themselves. Needs a running event loop.
     """
     with _raw_pty() as (near, near_name), named_line(path) as far:
         loop = asyncio.get_running_loop()
@@ -62,7 +62,7 @@ def joined_line(path: Path) -> Iterator[str]:
 
 
 def remove_left_behind(path: Path) -> None:
-    """Remove the name of a line that an earlier rig left when it was killed."""
+    """Remove a dangling link that a killed rig left at `path`."""
     if path.is_symlink() and not path.exists():
         path.unlink()
 
@@ -72,7 +72,7 @@ def _link(path: Path, target: str) -> None:
     try:
         path.symlink_to(target)
     except FileExistsError:
-        message = f"{path}: exists already; give a new name, or take the file away"
+        message = f"{path}: exists already; choose another path or remove the file"
         raise SceneError(message) from None
     except OSError as error:
         message = f"{path}: {error.strerror}"
@@ -83,4 +83,4 @@ def _copy(source: int, target: int) -> None:
     try:
         os.write(target, os.read(source, _CHUNK))
     except BlockingIOError:
-        return  # nobody reads the other end; a real line would lose the bytes as well
+        return  # the other end is full because nobody reads it; a real line would lose the bytes, too

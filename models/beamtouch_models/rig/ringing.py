@@ -1,4 +1,4 @@
-"""How the virtual surface rings after a change of load: all of the motion in the first mode, as it is priced."""
+"""Ringing of the virtual surface after a change of load, all in the first mode, as the price of dynamics assumes."""
 
 import math
 from dataclasses import dataclass
@@ -15,12 +15,12 @@ from beamtouch_models.scene import Scene
 Array = NDArray[np.float64]
 
 _GONE = 700.0
-"""After so many time constants nothing is left in float64."""
+"""Time constants after which nothing of the ringing is left in float64."""
 
 
 @dataclass(frozen=True)
 class Mode:
-    """y'' + 2 zeta w y' + w^2 y = w^2 s: a deflection y on its way to the static one, s."""
+    """A damped mode: y'' + 2 zeta w y' + w^2 y = w^2 s, for a deflection y that settles at the static one, s."""
 
     frequency_hz: float
     """w / (2 pi), without damping."""
@@ -28,10 +28,10 @@ class Mode:
     """zeta, between 0 and 1."""
 
     def after(self, seconds: float, static: Array, deflection: Array, velocity: Array) -> tuple[Array, Array]:
-        """Return deflections and their velocities after a time with a static deflection that does not change.
+        """Return deflections and velocities after a time with constant static deflection.
 
-        The exact solution, for any time; Blevins, Formulas for Natural Frequency and Mode Shape, 1979, ch. 2, or any
-        book on vibration. All arrays have the shape (channels,), in mm and mm/s.
+        The exact solution, for any time (Blevins, Formulas for Natural Frequency and Mode Shape, 1979, ch. 2). All
+        arrays have the shape (channels,), in mm and mm/s.
         """
         omega, zeta = 2 * math.pi * self.frequency_hz, self.damping_ratio
         if zeta * omega * seconds > _GONE:
@@ -46,7 +46,7 @@ class Mode:
 
 
 class Ringing:
-    """The motion from one conversion to the next."""
+    """The motion of a surface, computed from one conversion to the next."""
 
     def __init__(self, mode: Mode) -> None:
         self._mode = mode
@@ -55,8 +55,8 @@ class Ringing:
     def at(self, seconds: float, static: Array) -> Array:
         """Return the deflections (channels,) at a time [s] that is not before the last one.
 
-        The load that is there at a conversion is taken to have come right after the one before, so that a mode much
-        faster than the conversions follows at once. At the first conversion the beam is still.
+        The load at a conversion is assumed to act since the previous conversion, so that a mode much faster than the
+        conversions follows at once. At the first conversion the beam is at rest.
         """
         if self._last is None:
             self._last = (seconds, static, np.zeros_like(static))
@@ -67,16 +67,16 @@ class Ringing:
 
 
 def ringing_of(scene: Scene, damping_ratio: float) -> Ringing | None:
-    """Return how a scene rings; None where that is priced out, so that deflections follow the load at once.
+    """Return the ringing of a scene; None if its price is negligible, so that deflections follow the load at once.
 
     Raises
     ------
     SceneError
-        The scene does not state what its frequency depends on.
+        The scene does not state density, width and thickness, which set the frequency.
     """
     frequency = dynamics.first_frequency_hz(scene.beam)
     if frequency is None:
-        message = "damping_ratio: the scene cannot ring; give beam.density_kg_m3 with width_mm and thickness_mm"
+        message = "damping_ratio needs beam.density_kg_m3, beam.width_mm and beam.thickness_mm in the scene"
         raise SceneError(message)
     if sensor_noise_mm(scene) > 0:  # without noise nothing is negligible
         (priced,) = (effect for effect in effects_of(scene) if effect.name == "dynamics")

@@ -1,4 +1,4 @@
-"""Runs the rig: a script drives the virtual surface, a device speaks for it, the truth goes to a file."""
+"""Runs the rig: a script loads the virtual surface, a device serves its readings, and a file records the true loads."""
 
 import asyncio
 import signal
@@ -24,16 +24,16 @@ TRUTH_HEADER = "unix_time_s,position_mm,force_n"
 
 
 class Touching(NamedTuple):
-    """What touches the surface, and when."""
+    """The load on the surface at one instant."""
 
     load: Load
     seconds: float
-    """Since the start."""
+    """Time since the start."""
 
 
 @dataclass(frozen=True)
 class Device:
-    """How the surface is reached; exactly one is given, and with `serial` perhaps the firmware that speaks there."""
+    """The device that serves the surface: exactly one of the first three; `firmware` only with `serial`."""
 
     modbus_tcp: tuple[str, int] | None = None
     modbus_rtu: Path | None = None
@@ -41,13 +41,13 @@ class Device:
     firmware: Firmware | None = None
 
 
-async def run(surface: VirtualSurface, script: Script, device: Device, truth: Path | None) -> None:
-    """Serve until SIGINT or SIGTERM.
+async def run(surface: VirtualSurface, script: Script, device: Device, truth: Path | None) -> bool:
+    """Serve until SIGINT or SIGTERM; returns whether it was SIGINT.
 
     Raises
     ------
     SceneError
-        The port or the path cannot be had.
+        The port or the path is not available.
     OSError
         The truth file cannot be written.
     """
@@ -58,9 +58,15 @@ async def run(surface: VirtualSurface, script: Script, device: Device, truth: Pa
         return Touching(script.at(seconds), seconds)
 
     stop = asyncio.Event()
+    received: list[signal.Signals] = []
+
+    def stop_on(number: signal.Signals) -> None:
+        received.append(number)
+        stop.set()
+
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
+        loop.add_signal_handler(number, stop_on, number)
     with ExitStack() as resources:
         serve = await _device(device, surface, touching, resources)
         tasks: list[asyncio.Future[Any]] = [asyncio.ensure_future(serve)]
@@ -73,12 +79,13 @@ async def run(surface: VirtualSurface, script: Script, device: Device, truth: Pa
         await asyncio.gather(*pending, return_exceptions=True)
         for task in done:
             task.result()
+    return signal.SIGINT in received
 
 
 async def _device(
     device: Device, surface: VirtualSurface, touching: Callable[[], Touching], resources: ExitStack
 ) -> Awaitable[None]:
-    """Open the device, say where it is, and return what serves it."""
+    """Open the device, print its address, and return the awaitable that serves it."""
 
     def convert() -> list[int]:
         return surface.counts(*touching())
@@ -87,7 +94,7 @@ async def _device(
         host, port = device.modbus_tcp
         tcp = modbus_device.tcp_server(convert, surface.channels, host, port)
         await _listen(tcp, f"{host}:{port}")
-        if isinstance(tcp.transport, asyncio.Server):  # port 0 lets the system choose; say which it chose
+        if isinstance(tcp.transport, asyncio.Server):  # with port 0 the system chooses: print its choice
             port = tcp.transport.sockets[0].getsockname()[1]
         _announce(f"modbus-tcp {host}:{port}")
         return tcp.serving
@@ -111,13 +118,13 @@ async def _device(
 async def _listen(server: ModbusTcpServer | ModbusSerialServer, where: str) -> None:
     try:
         await server.serve_forever(background=True)
-    except RuntimeError:  # pymodbus's way of saying that it cannot listen
-        message = f"cannot listen on {where}; is it in use?"
+    except RuntimeError:  # pymodbus raises it when it cannot listen
+        message = f"cannot listen on {where}; it may be in use"
         raise SceneError(message) from None
 
 
 def _port(path: Path, resources: ExitStack) -> str:
-    """Return the path that the Modbus server opens: the serial device itself, or our end of a virtual line."""
+    """Return the path that the Modbus server opens: the serial device itself, or this end of a virtual line."""
     return str(path) if path.is_char_device() else resources.enter_context(joined_line(path))
 
 
@@ -126,7 +133,7 @@ def _announce(where: str) -> None:
 
 
 async def _write_truth(path: Path, touching: Callable[[], Touching]) -> None:
-    """Write what really touches, a row each 10 ms, each row at once so that it can be followed live."""
+    """Write the true load every 10 ms; each row is flushed at once, so that a reader can follow the file live."""
     with path.open("w", encoding="ascii", buffering=1) as file:
         file.write(TRUTH_HEADER + "\n")
         while True:

@@ -1,4 +1,4 @@
-"""What happens to the virtual surface: loads touch, move and lift, as a script says."""
+"""Scripts of loads that touch, move and lift on the virtual surface."""
 
 import tomllib
 from pathlib import Path
@@ -14,14 +14,14 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class Load(NamedTuple):
-    """What touches at one instant; no position where nothing does."""
+    """The load at one instant; its position is None if nothing touches."""
 
     position_mm: float | None
     force_n: float
 
 
 class Step(BaseModel):
-    """One stretch of time: at rest without a position, resting with one, moving with two."""
+    """One step of a script: no load without a position, a resting load with one position, a moving load with two."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -32,19 +32,19 @@ class Step(BaseModel):
     @model_validator(mode="after")
     def _both_or_neither(self) -> Self:
         if (self.position_mm is None) != (self.force_n is None):
-            message = "give position_mm and force_n together, or neither for a beam at rest"
+            message = "give position_mm and force_n together, or neither for no load"
             raise ValueError(message)
         return self
 
     def at(self, fraction: float) -> Load:
-        """Load at a fraction 0..1 of the step."""
+        """Return the load at a fraction 0..1 of the step."""
         if self.position_mm is None or self.force_n is None:
             return Load(None, 0.0)
         return Load(_between(self.position_mm, fraction), _between(self.force_n, fraction))
 
 
 class Script(BaseModel):
-    """Steps one after the other; from the start again after the last if `repeat`, else at rest for good."""
+    """A sequence of steps. After the last it starts again if `repeat`, else the load is gone for good."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -52,7 +52,7 @@ class Script(BaseModel):
     step: Annotated[list[Step], Field(min_length=1)]
 
     def at(self, seconds: float) -> Load:
-        """Load at a time since the start."""
+        """Return the load at a time [s] since the start."""
         total = sum(step.seconds for step in self.step)
         if seconds >= total and not self.repeat:
             return Load(None, 0.0)
@@ -65,7 +65,7 @@ class Script(BaseModel):
 
 
 def load_script(path: Path, length_mm: float) -> Script:
-    """Read a script file for a beam of `length_mm`; raises SceneError with the reason in one line."""
+    """Read a script file for a beam of `length_mm`; raises SceneError with the reason if it is wrong."""
     try:
         script = Script.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
@@ -81,13 +81,13 @@ def load_script(path: Path, length_mm: float) -> Script:
     for number, step in enumerate(script.step, start=1):
         ends = step.position_mm if isinstance(step.position_mm, tuple) else (step.position_mm,)
         if any(end is not None and not 0 <= end <= length_mm for end in ends):
-            message = f"{path}: step {number}: position_mm lies beyond the beam, 0..{length_mm:g} mm"
+            message = f"{path}: step {number}: position_mm must lie on the beam, 0..{length_mm:g} mm"
             raise SceneError(message)
     return script
 
 
 def default_script(scene: Scene) -> Script:
-    """Touch, rest, move and lift all over the range of a scene, in about 20 s."""
+    """Return a script of about 20 s that touches, rests, moves and lifts over the whole range of a scene."""
     low, high = scene.contact.position_mm
     weak, strong = scene.contact.force_range_n
     middle = (weak + strong) / 2

@@ -25,12 +25,12 @@ _CHUNK = 4096
 
 
 class SerialDevice:
-    """Answers a host on a file descriptor that does not block; sends readings at the rate it is told.
+    """A device of the serial protocol on a non-blocking file descriptor.
 
     Parameters
     ----------
     line : descriptor of the device's end of the line
-    convert : converts all channels now; counts
+    convert : converts all channels now and returns their counts
     channels, adc_bits : stated in the hello
     """
 
@@ -38,17 +38,17 @@ class SerialDevice:
         self._line = line
         self._convert = convert
         self._hello = Hello(PROTOCOL_VERSION, SCHEMA_HASH, secrets.randbits(32), channels, adc_bits, MAX_RATE_HZ)
-        self._most_oversampling = 65535 // (2**adc_bits - 1)
+        self._max_oversampling = 65535 // (2**adc_bits - 1)
         self._decoder = Decoder()
         self._stream: asyncio.Task[None] | None = None
         self._sequence = 0
         self._boot = time.monotonic()
 
     async def serve(self) -> None:
-        """Say hello, then serve until cancelled."""
+        """Send a hello, then serve until cancelled."""
         loop = asyncio.get_running_loop()
         loop.add_reader(self._line, self._receive)
-        os.write(self._line, DELIMITER)  # ends what noise may have begun
+        os.write(self._line, DELIMITER)  # ends a partial frame on the line
         self._send(self._hello)
         try:
             await asyncio.Event().wait()
@@ -70,13 +70,13 @@ class SerialDevice:
                 self._send(self._hello)
             case Ping(token):
                 self._send(Pong(token, self._device_us()))
-            case Start(rate, oversampling) if 1 <= rate <= MAX_RATE_HZ and 1 <= oversampling <= self._most_oversampling:
+            case Start(rate, oversampling) if 1 <= rate <= MAX_RATE_HZ and 1 <= oversampling <= self._max_oversampling:
                 self._stop()
                 self._stream = asyncio.get_running_loop().create_task(self._send_readings(rate, oversampling))
             case Stop():
                 self._stop()
             case _:
-                pass  # what a host must not send is ignored, as PROTOCOL.md says
+                pass  # a device ignores all other messages, as PROTOCOL.md says
 
     def _stop(self) -> None:
         if self._stream is not None:
@@ -87,7 +87,7 @@ class SerialDevice:
         return round((time.monotonic() - self._boot) * 1e6) % 2**32
 
     async def _send_readings(self, rate_hz: int, oversampling: int) -> None:
-        """Send readings on a schedule that does not drift; a slot that was missed is left out."""
+        """Send readings on a schedule without drift; missed slots are skipped."""
         start, slot = time.monotonic(), 0
         while True:
             device_us = self._device_us()
@@ -101,4 +101,4 @@ class SerialDevice:
         try:
             os.write(self._line, encode(message))
         except BlockingIOError:
-            return  # nobody reads: the frame is lost, as on a real line
+            return  # the line is full because nobody reads it: the frame is lost, as on a real line

@@ -1,4 +1,4 @@
-"""The virtual surface: from a load to the counts that the device would send. Pure; no I/O."""
+"""The virtual surface: turns a load into the counts that a device would send. Pure; no I/O."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ PERFECT = Imperfections()
 
 
 class VirtualSurface:
-    """A beam with its sensors, their characteristic, their noise and an ADC; SceneError where they do not fit."""
+    """A beam with its sensors, their characteristic and noise, and an ADC; SceneError if they do not fit together."""
 
     def __init__(self, scene: Scene, model: Metadata, seed: int, imperfections: Imperfections = PERFECT) -> None:
         self.sensor = model.sensor
@@ -28,7 +28,7 @@ class VirtualSurface:
         self._scene = imperfections.applied_to(scene)
         self._sensor_mm = imperfections.sensors_mm(np.array([channel.position_mm for channel in model.layout]))
         if not all(0 <= position <= scene.beam.length_mm for position in self._sensor_mm):
-            message = "position_offset_mm: a sensor is not under the beam"
+            message = "position_offset_mm moves a sensor off the beam"
             raise SceneError(message)
         self._noise_mm = sensor_noise_mm(scene)
         self._rng = np.random.default_rng(seed)
@@ -36,11 +36,14 @@ class VirtualSurface:
         self._ringing: Ringing | None = None if damping_ratio is None else ringing_of(self._scene, damping_ratio)
 
     def counts(self, load: Load, seconds: float) -> list[int]:
-        """Convert all channels once under a load, at a time [s] not before the last conversion; (channels,) counts."""
+        """Convert all channels once under a load and return their counts (channels,).
+
+        `seconds` must not lie before the previous conversion.
+        """
         return [int(count) for count in counts_of_gap(self.sensor, self._noisy_gap_mm(load, seconds))]
 
     def outputs(self, load: Load, seconds: float) -> list[float]:
-        """Return what the sensors put out, 0 to 1 of the scale that the ADC converts; (channels,), as `counts`."""
+        """Return the sensor outputs (channels,) under a load, 0 to 1 of the ADC's scale; arguments as `counts`."""
         return [float(output) for output in output_of_gap(self.sensor, self._noisy_gap_mm(load, seconds))]
 
     def _noisy_gap_mm(self, load: Load, seconds: float) -> Array:
@@ -50,7 +53,7 @@ class VirtualSurface:
         return gap + self._rng.normal(scale=self._noise_mm, size=gap.shape)
 
     def _static_mm(self, load: Load) -> Array:
-        """Deflections (channels,) once the beam is still under a load."""
+        """Return the deflections (channels,) of the beam at rest under a load."""
         if load.position_mm is None:
             return np.zeros(self.channels)
         deflection: Array = load.force_n * scene_influence(self._scene, self._sensor_mm, load.position_mm)[0]
@@ -58,14 +61,14 @@ class VirtualSurface:
 
 
 def counts_of_gap(sensor: Sensor, gap_mm: Array) -> NDArray[np.int64]:
-    """Counts of a proximity sensor with its ADC."""
+    """Return the counts of a proximity sensor with its ADC."""
     full_scale = 2**sensor.adc_bits - 1
     counts: NDArray[np.int64] = np.rint(output_of_gap(sensor, gap_mm) * full_scale).astype(np.int64)
     return counts
 
 
 def output_of_gap(sensor: Sensor, gap_mm: Array) -> Array:
-    """Characteristic of a proximity sensor, 0 to 1, as the paper's figure 2: linear, then levelling off.
+    """Return the output of a proximity sensor, 0 to 1, with the characteristic of the paper's figure 2.
 
     The linear range takes the middle 80 % of the scale; beyond it the output approaches the end of the scale.
     """

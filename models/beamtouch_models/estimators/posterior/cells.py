@@ -1,4 +1,4 @@
-"""Where the posterior is computed: cells of the position range, and how many of them."""
+"""The cells of the position range on which the posterior is computed."""
 
 from dataclasses import dataclass
 
@@ -10,26 +10,27 @@ from beamtouch_models.prior import Prior
 Array = NDArray[np.float64]
 
 FINE = 20_001
-"""Positions that the spacing of the cells is computed from."""
+"""Positions from which the spacing of the cells is computed."""
 RESOLVABLE = {True: (384.0, 0.36), False: (192.0, 0.28)}
-"""By whether the force is known: positions told apart that each get a cell; beyond it cells grow by a power of it."""
+"""For known and open force: up to this many distinguishable positions each gets a cell; beyond it, the number of cells
+grows by this power of their number."""
 LOUDNESS = (60.0, 600.0)
-"""Largest deflection over the noise from which the ends of the beam need more cells: LEAST of them."""
+"""Ratios of the largest deflection to the noise; above each, the ends of the beam need the next number in LEAST."""
 LEAST = (128, 192, 256)
 STEP, MOST = 64, 2048
-"""Cells come in such steps, and no more than that: more would be slower than they are worth."""
+"""The number of cells is a multiple of STEP and at most MOST; more cells would cost more time than they are worth."""
 PRECISE_FROM = 300.0
-"""Largest deflection over the noise from which float32 has too few digits for the misfit."""
+"""Ratio of the largest deflection to the noise above which float32 has too few digits for the misfit."""
 RESOLVED_STEP = {True: 1.2, False: 3.0}
-"""By whether the force is known: largest cell, in deviations of the posterior, up to which sums need no tempering."""
+"""For known and open force: largest cell, in deviations of the posterior, for which sums need no tempering."""
 UNTEMPERED = 512
-"""Most cells of a graph without tempering."""
+"""Largest number of cells in a graph without tempering."""
 POSITION_SHARE = {True: 0.5, False: 1.0}
-"""By whether the force is known: how much an even spacing weighs beside the change of the reading."""
+"""For known and open force: weight of an even spacing relative to the change of the reading."""
 SIZE_SHARE = 0.05
-"""How much a change of the logarithm of the deflection's size weighs where the force is not known."""
+"""Weight of a change in the logarithm of the deflection's size, for an open force."""
 FLOOR = 1e-4
-"""Smallest deflection, over the largest, whose direction counts."""
+"""Smallest deflection, relative to the largest, whose direction counts."""
 
 
 @dataclass(frozen=True)
@@ -39,18 +40,18 @@ class Cells:
     edges_mm: Array
     """(cells + 1,)"""
     influence: Array
-    """(cells, channels) mm/N, at their middles."""
+    """(cells, channels) mm/N, at the middles of the cells."""
     step: Array
-    """(cells,) how far the reading moves across a cell: in deviations of the noise; in radians if the force is open."""
+    """(cells,) change of the reading across a cell: in deviations of the noise, or in radians if the force is open."""
 
 
 @dataclass(frozen=True)
 class Design:
-    """Choices of a graph."""
+    """Design choices of a graph."""
 
     cells: int
     temper: bool
-    """Widen the likelihood to the cell where it is narrower than that."""
+    """Widen the likelihood to the cell where it is narrower than the cell."""
     precise: bool
     """Compute the misfit in double precision."""
 
@@ -58,8 +59,8 @@ class Design:
 def design_for(prior: Prior) -> Design:
     """Choose cells so that the error stays within 1.05 of the limit (measured: docs/decisions/005).
 
-    The reading runs along a curve as the contact moves. Its length in deviations of the noise is the number of
-    positions that can be told apart; each gets a cell, and beyond `RESOLVABLE` the cells grow.
+    The reading follows a curve as the contact moves. The length of this curve in deviations of the noise is the number
+    of distinguishable positions. Each gets a cell; beyond `RESOLVABLE` the cells grow.
     """
     known = prior.force_is_known
     fine, influence = _fine(prior)
@@ -72,7 +73,7 @@ def design_for(prior: Prior) -> Design:
     count = _in_steps(max(wanted, least))
     precise = loudest > PRECISE_FROM
     for more in range(count, min(2 * count, UNTEMPERED) + 1, STEP):
-        # Without tempering the graph has a fifth fewer operations, which is worth twice the cells.
+        # Without tempering the graph has a fifth fewer operations, which pays for twice the cells.
         if float(_spaced(prior, fine, influence, more).step.max()) * scale <= RESOLVED_STEP[known]:
             return Design(more, temper=False, precise=precise)
     return Design(count, temper=True, precise=precise)
@@ -83,7 +84,7 @@ def _in_steps(cells: float) -> int:
 
 
 def cells_of(prior: Prior, count: int) -> Cells:
-    """Place `count` cells."""
+    """Return `count` cells for a prior."""
     return _spaced(prior, *_fine(prior), count)
 
 

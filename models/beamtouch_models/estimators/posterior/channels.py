@@ -1,4 +1,4 @@
-"""With how few channels a position is still determined."""
+"""The smallest number of channels that determines a position."""
 
 from itertools import combinations
 
@@ -6,19 +6,20 @@ from beamtouch_models.limit import accuracy_limit
 from beamtouch_models.prior import Prior
 
 ENOUGH = 0.5
-"""A set of channels determines a position if it at least halves the error that a guess without any would make."""
+"""A set of channels determines a position if its error is at most this share of the error of a guess without any."""
 DRAWS = 512
 MOST_SETS = 70
-"""Sets of one size that are all looked at; of more, those of neighbouring channels, which know the least."""
+"""Up to this many sets of one size are all evaluated; of more, only sets of neighbours, which have the least
+information."""
 
 
 def fewest_channels(prior: Prior, seed: int) -> int:
-    """Return the smallest number of channels any so many of which determine a position.
+    """Return the smallest number such that any set of as many channels determines a position.
 
-    More channels never know less, so the first number that serves is the answer. All channels together count as
-    enough, however little they know: what they say comes with its interval.
+    More channels never have less information, so the first sufficient number is the answer. All channels together
+    always count as sufficient, because their answer comes with its interval.
     """
-    # The median of an even distribution is a quarter of its range away on average.
+    # The mean distance from the median of a uniform distribution is a quarter of its range.
     guess_percent = (prior.position_mm[1] - prior.position_mm[0]) / 4 / prior.length_mm * 100
     every = range(prior.channels)
     for size in range(1, prior.channels):

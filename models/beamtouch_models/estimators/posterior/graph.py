@@ -1,28 +1,28 @@
-"""The posterior of a contact as an ONNX graph: no training, a few dozen operations, at the accuracy limit.
+"""The posterior of a contact as an ONNX graph: no training, a few dozen operations, an error at the accuracy limit.
 
-z is the reading with invalid channels at 0, v the validity, both over the channels; s the noise; i = 1..N the cells
-of the position range, of width w_i, with influence g_i at their middles; the force F lies in [F1, F2].
+z is the sample with invalid channels at 0, and v the validity of the channels; s is the noise. The cells i = 1..N of
+the position range have width w_i and influence g_i at their middles. The force F lies in [F1, F2].
 
-    b_i = z . g_i      a_i = v . g_i^2      r = |z|^2                      products that carry the mask of channels
+    b_i = z . g_i      a_i = v . g_i^2      r = |z|^2                      products over the valid channels
     y_i = clip(b_i / a_i, F1 + d_i, F2 - d_i)     d_i = s / sqrt(a_i)      best force of a cell
     R_i = r - y_i (2 b_i - y_i a_i)                                        squared misfit
     S_i = -R_i / (2 s^2 t_i) + log(w_i h_i)       t_i = 1 + k_i r / s^2    log posterior mass of a cell
     p = softmax(S)     C_i = p_1 + .. + p_(i-1)
     x_q = x_0 + sum_i w_i clip((q - C_i) / p_i, 0, 1)                      quantiles, linear within a cell
 
-Three ideas carry it (docs/decisions/005 has the figures).
+It rests on three ideas (docs/decisions/005 has the measurements).
 
-*Force.* The integral over the uniform range of the force is a difference of two normal distribution functions. A half
-Gaussian in place of each of their steps, about bounds drawn in by d, needs a clip instead of two error functions and
-two logarithms, and cannot underflow. h_i is the width of the force's posterior over the range's.
+*Force.* The integral over the uniform range of the force is a difference of two normal distribution functions. Each of
+them is replaced by half a Gaussian about a bound that is moved inwards by d. This needs a clip instead of two error
+functions and two logarithms, and cannot underflow. h_i is the width of the force's posterior relative to its range.
 
-*Tempering.* Where noise is small a posterior is narrower than a cell. Its misfit is divided by t_i, which makes it
-about a cell wide: the sum of a Gaussian over equidistant points is right to 1e-8 once its deviation is their distance,
-so its centre stays right. The quantiles are then drawn in about the median by rho, rho^2 = sum_i p_i / t_i, which
-gives a narrow posterior its own width back. Where cells resolve the posterior, as at the ends of the beam, t is 1.
+*Tempering.* At small noise a posterior is narrower than a cell. Dividing its misfit by t_i widens it to about a cell.
+Its centre stays right, because the sum of a Gaussian over equidistant points is right to 1e-8 if its deviation is at
+least their distance. Then the quantiles are contracted about the median by rho, rho^2 = sum_i p_i / t_i, which restores
+the width. Where cells resolve the posterior, as at the ends of the beam, t is 1.
 
-*Rest.* Two more cells, without influence and of negligible weight, stand for a beam that nothing touches: they give the
-log odds of contact, and where no contact explains the reading they take the mass and the interval is the whole range.
+*Rest.* Two more cells, without influence and with negligible weight, represent a beam that nothing touches. They give
+the log odds of contact. If no contact explains the sample, they take the mass, and the interval is the whole range.
 """
 
 from dataclasses import dataclass
@@ -40,23 +40,24 @@ QUANTILES = (0.5, 0.025, 0.975)
 NORMAL = 1.959964
 """97.5 % quantile of the normal distribution."""
 BEND = -0.5
-"""The square of how many deviations hold 95 % of a force falls by this times its variance over that of an even
-distribution on the range: between what symmetric (beta) and one-sided distributions need; from measured coverage."""
+"""Change of the squared half width of the force's 95 % interval, in deviations, per ratio of its variance to that of a
+uniform distribution on the range. It lies between the values for symmetric (beta) and one-sided distributions, and
+comes from measured coverage."""
 CENTRE_ERROR = 0.026
-"""Of a tempered posterior, in units of its widened deviation, where the force is open; it widens the intervals."""
+"""Error of a tempered posterior's centre for an open force, in units of its widened deviation; widens the interval."""
 WIDER = 1.06
-"""The same for the square of the force's interval."""
+"""Factor that widens the square of the force's interval likewise."""
 EXACT_SUMS = 512
-"""Cells from which a sum of widths in float32 loses a digit of the interval."""
+"""Number of cells above which a sum of widths in float32 loses a digit of the interval."""
 WIDEST = 1e4
-"""Readings beyond this times the largest deflection are taken for it, so that nothing overflows."""
+"""Readings are clipped to this multiple of the largest deflection, so that nothing overflows."""
 SMALLEST_LOG_MASS = -60.0
-"""Keeps the place within a cell finite where nothing lies in it, and subnormal numbers, which are slow, away."""
+"""Keeps the place within an empty cell finite, and avoids subnormal numbers, which are slow."""
 
 
 @dataclass(frozen=True)
 class Making:
-    """A posterior graph under construction, with what it is made from."""
+    """A posterior graph under construction, with its inputs."""
 
     prior: Prior
     design: Design
@@ -65,11 +66,11 @@ class Making:
 
     @property
     def variance(self) -> float:
-        """Square of the noise."""
+        """The square of the noise."""
         return self.prior.noise_mm**2
 
     def single(self, value: str) -> str:
-        """Convert a result to float32 where it is double."""
+        """Convert a result to float32 if it is double."""
         return self.graph.cast(value, np.float32) if self.design.precise else value
 
 
@@ -79,13 +80,13 @@ class Scored:
 
     score: str
     force: str | None = None
-    """Best force of each cell; None where it is known."""
+    """Best force of each cell; None if the force is known."""
     widening: str | None = None
     """t."""
 
 
 def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = None) -> onnx.ModelProto:
-    """Return the ONNX graph of a prior, without metadata; `design` in place of the one for the prior."""
+    """Return the ONNX graph of a prior, without metadata; `design` replaces the default for the prior."""
     design = design or design_for(prior)
     graph = Graph(np.float64 if design.precise else np.float32)
     making = Making(prior, design, tables_of(prior, design), graph)
@@ -105,7 +106,7 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
 
 
 def _masked(making: Making) -> tuple[str, str]:
-    """Readings with invalid channels at 0, and the validity as numbers."""
+    """Return the readings with invalid channels at 0, and the validity as numbers."""
     graph, (deflection, valid) = making.graph, INPUTS
     bound = WIDEST * making.prior.force_n[1] * float(np.abs(making.tables.influence).max())
     ends = [graph.constant(end, np.float32) for end in (0.0, -bound, bound)]
@@ -114,11 +115,11 @@ def _masked(making: Making) -> tuple[str, str]:
 
 
 def _known(making: Making, reading: str, valid: str) -> Scored:
-    """Known force: the misfit r - 2 F b + F^2 a is linear in (z, v, r), so all scores are one product."""
+    """Score with a known force: the misfit r - 2 F b + F^2 a is linear in (z, v, r), so all scores are one product."""
     graph, tables, force = making.graph, making.tables, making.prior.force_n[1]
     weights = np.concatenate([force * tables.influence, -(force**2) / 2 * tables.squares]) / making.variance
     inputs = [reading, valid]
-    # Without r all scores of a reading are off by the same: it matters to the digits alone.
+    # r shifts all scores of a reading equally, so it matters only to tempering and to the digits.
     if making.design.temper or making.design.precise:
         weights = np.concatenate([weights, np.full((1, weights.shape[1]), -0.5 / making.variance)])
         inputs.append(graph.apply("ReduceSumSquare", reading, axes=[1], keepdims=1))
@@ -130,7 +131,7 @@ def _known(making: Making, reading: str, valid: str) -> Scored:
 
 
 def _open(making: Making, reading: str, valid: str) -> Scored:
-    """Open force; squares are in units of 2 s^2 from the first product on."""
+    """Score with an open force; squares are in units of 2 s^2 from the first product on."""
     graph, tables, design = making.graph, making.tables, making.design
     unit = 1 / (2 * making.variance)
     tiny = graph.constant(np.full(len(tables.width_mm), 2 * unit * tables.tiny))
@@ -147,7 +148,7 @@ def _open(making: Making, reading: str, valid: str) -> Scored:
         score, square = making.single(score), making.single(square) if design.temper else square
     graph.real = np.float32
     if design.temper:
-        # A trace more than t, so that rho^2 with the error of the centre is at most 1.
+        # Slightly more than t, so that rho^2 including the error of the centre is at most 1.
         unit = 1 / (1 - CENTRE_ERROR**2)
         weights, least = unit / making.variance * tables.temper[None], np.full(len(tables.width_mm), unit)
         widening = graph.apply("Gemm", square, graph.constant(weights), graph.constant(least))
@@ -156,7 +157,7 @@ def _open(making: Making, reading: str, valid: str) -> Scored:
 
 
 def _narrowing(making: Making, mass: str, scored: Scored) -> str:
-    """rho^2, (batch, 1)."""
+    """Return rho^2, (batch, 1)."""
     graph, axis = making.graph, making.graph.ints(1)
     if scored.widening is None:
         share = graph.apply("Mul", mass, graph.constant(1 / (1 + making.tables.temper)))
@@ -166,13 +167,13 @@ def _narrowing(making: Making, mass: str, scored: Scored) -> str:
 
 
 def _position(making: Making, mass: str, rho2: str | None) -> None:
-    """Median and interval from the masses, drawn in about the median where tempered."""
+    """Add median and interval from the masses, contracted about the median if tempered."""
     graph, fine = making.graph, making.design.cells > EXACT_SUMS
     before = graph.apply("CumSum", mass, graph.index(1), exclusive=1)
     part = graph.apply("Sub", graph.constant(np.array(QUANTILES).reshape(3, 1, 1)), before)
     part = graph.apply("Clip", graph.apply("Div", part, mass), graph.constant(0.0), graph.constant(1.0))
     along = graph.apply("Mul", part, graph.constant(making.tables.width_mm))
-    # Products of the built-in kernels with a vector are three times slower than this.
+    # A matrix-vector product of the built-in kernels would be three times slower.
     place = graph.apply("ReduceSum", graph.cast(along, np.float64) if fine else along, graph.ints(2), keepdims=0)
     if rho2 is not None:
         median = graph.apply("Gather", place, graph.index(0), axis=0)
@@ -185,7 +186,7 @@ def _position(making: Making, mass: str, rho2: str | None) -> None:
 
 
 def _known_force(making: Making, rest: str) -> None:
-    """The force that the scene states, for every sample."""
+    """Add the force that the scene states, for every sample."""
     graph = making.graph
     zero = graph.apply("Mul", rest, graph.constant(0.0))
     for name in FORCE_OUTPUTS:
@@ -193,7 +194,7 @@ def _known_force(making: Making, rest: str) -> None:
 
 
 def _force(making: Making, mass: str, force: str, rho2: str | None) -> None:
-    """Mean and interval of the force: its scatter over the cells, and its own width within one."""
+    """Add mean and interval of the force, from its scatter over the cells and its width within a cell."""
     graph, axis = making.graph, making.graph.ints(1)
     (low, high), (middle, lower, upper) = making.prior.force_n, FORCE_OUTPUTS
     mean = graph.apply("ReduceSum", graph.apply("Mul", mass, force), axis, keepdims=1)

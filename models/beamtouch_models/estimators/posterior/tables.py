@@ -11,18 +11,18 @@ from beamtouch_models.prior import Prior
 Array = NDArray[np.float64]
 
 REST_WEIGHT = 1000.0
-"""Log weight by which a beam at rest is disfavoured in the posterior, to take no part where something touches."""
+"""Negative log weight of rest in the posterior, so large that rest has no effect where something touches."""
 FIRST = 0.02
-"""Share of it that stands before the range: less than the lowest quantile, so that none of them falls before it."""
+"""Share of rest in the cell before the range: less than the lowest quantile, so that all quantiles lie in the range."""
 RESOLVED = 0.5
-"""Cell of a known force, in deviations of the noise, up to which nothing is tempered."""
+"""Largest cell, in deviations of the noise, that is not tempered, for a known force."""
 TINY = 1e-12
-"""Added to sums of squared influence, over the largest, so that no channel at all divides by something."""
+"""Added to sums of squared influence, relative to the largest, so that a sample without channels divides by no 0."""
 
 
 @dataclass(frozen=True)
 class Tables:
-    """One entry per cell, and one before and one after them for the beam at rest; N in all."""
+    """Constants per cell, with one rest cell before and one after the cells of the range; N in all."""
 
     influence: Array
     """(channels, N) mm/N."""
@@ -30,13 +30,13 @@ class Tables:
     high_n: Array
     """(N,) bounds of the best force."""
     log_weight: Array
-    """(N,) logarithm of a cell's share of the range and of the width of the force's posterior."""
+    """(N,) logarithm of a cell's share of the range times the width of the force's posterior."""
     temper: Array
-    """(N,) k: the likelihood is widened by t = 1 + k |z|^2 / s^2, where the force is known by 1 + k."""
+    """(N,) k: the likelihood is widened by t = 1 + k |z|^2 / s^2, or by 1 + k if the force is known."""
     width_mm: Array
-    """(N,) of the cells; the first entry is where the range starts."""
+    """(N,) widths of the cells; the first entry is the start of the range."""
     force_variance: Array
-    """(N,) N^2, of the force at a position."""
+    """(N,) variance of the force at a position, in N^2."""
 
     @property
     def squares(self) -> Array:
@@ -45,7 +45,7 @@ class Tables:
 
     @property
     def tiny(self) -> float:
-        """What keeps a division by no influence finite."""
+        """Addend that keeps a division by zero influence finite."""
         return TINY * float(self.squares.sum(axis=0).max())
 
 
@@ -63,7 +63,7 @@ def tables_of(prior: Prior, design: Design) -> Tables:
     if known:
         temper = np.maximum(temper - RESOLVED**2, 0.0)
     else:
-        # The width of a Gaussian cut off by the range: right where either is much the wider, within 1 % between.
+        # The width of a Gaussian cut off by the range: exact if either is much wider, within 1 % in between.
         share = share * np.sqrt(2 * np.pi / (precision + 2 * np.pi / span**2)) / span
         inset, variance = 1 / np.sqrt(precision + (2 / span) ** 2), 1 / (precision + 12 / span**2)
     log_weight = np.log(share)
