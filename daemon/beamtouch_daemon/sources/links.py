@@ -10,7 +10,8 @@ from pymodbus.exceptions import ModbusException
 from beamtouch_daemon.config_sources import ModbusTcp
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Block
-from beamtouch_daemon.sources.rtu_bus import Query, RtuBus, forgotten_s
+from beamtouch_daemon.sources.rtu_bus import RtuBus
+from beamtouch_daemon.sources.rtu_exchange import Query, forgotten_s
 from beamtouch_daemon.sources.rtu_frame import EXCEPTION, Answer
 from beamtouch_daemon.sources.rtu_unit import Unit
 from beamtouch_daemon.sources.tcp_frame import AnswerHeaders
