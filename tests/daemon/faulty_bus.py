@@ -41,6 +41,8 @@ class Pattern:
     """Sessions that the polls are spread over, each ended at a random moment."""
     is_killed: bool = False
     """Whether a new session knows nothing of the one before, as after kill -9."""
+    busy_s: float = 0.0
+    """How long the unit and the adapter take for an answer without a fault."""
     is_provable: bool = True
     """False: `check` says that this cannot be told from what is right."""
 
@@ -148,24 +150,28 @@ def patterns(seed: int) -> dict[str, Pattern]:
         "late by 1.5 s, 0.3 %, one register": Pattern(often(0.003, faults.very_late), registers=1),
         "late, 0.2 %, answers only values": Pattern(_values_only(often(0.002, faults.late)), registers=1),
         "lost, 3 %": Pattern(often(0.03, faults.lost)),
-        "in three parts, the last byte 16 ms late": Pattern(often(1.0, faults.split)),
+        "in three parts, the last byte 16 ms late": Pattern(often(1.0, faults.split), busy_s=LATENCY_S + 0.002),
         "doubled at once": Pattern(lambda _number, frame: [(0.0, frame + frame)]),
         "doubled, before the next request": Pattern(often(1.0, faults.doubled)),
         "answers of other units, 20 %": Pattern(often(0.2, faults.foreign)),
         "noise before and behind, 20 %": Pattern(often(0.2, faults.noisy)),
-        "noise, 20 ms before each answer": Pattern(often(1.0, faults.noise_long_before)),
+        "noise, 20 ms before each answer": Pattern(often(1.0, faults.noise_long_before), busy_s=0.02),
         "a flipped bit, 10 %": Pattern(often(0.1, faults.flipped)),
         "echo": Pattern(echo=faults.echo),
         "echo, one register": Pattern(echo=faults.echo, registers=1),
-        "echo, 20 ms, 1 % lost": Pattern(lossy, echo=faults.echo),
-        "echo, 20 ms, 1 % lost, one register": Pattern(lossy, echo=faults.echo, registers=1),
-        "echo in parts, 16 ms late, 20 ms, one register": Pattern(_busy(0.02), echo=faults.echo_in_parts, registers=1),
-        "echo, 2 % of it damaged, 20 ms": Pattern(_busy(0.02), echo=faults.damaged_echo),
+        "echo, 20 ms, 1 % lost": Pattern(lossy, echo=faults.echo, busy_s=0.02),
+        "echo, 20 ms, 1 % lost, one register": Pattern(lossy, echo=faults.echo, registers=1, busy_s=0.02),
+        "echo in parts, 16 ms late, 20 ms, one register": Pattern(
+            _busy(0.02), echo=faults.echo_in_parts, registers=1, busy_s=0.02
+        ),
+        "echo, 2 % of it damaged, 20 ms": Pattern(_busy(0.02), echo=faults.damaged_echo, busy_s=0.02),
         "one of these, 10 %, echo": Pattern(often(0.1, faults.any_of_them), echo=faults.echo),
-        "200 sessions anew, 30 ms": Pattern(_busy(0.03), sessions=200, timeout_s=0.1),
-        "200 killed and started anew, 30 ms": Pattern(_busy(0.03), sessions=200, timeout_s=0.1, is_killed=True),
+        "200 sessions anew, 30 ms": Pattern(_busy(0.03), sessions=200, timeout_s=0.1, busy_s=0.03),
+        "200 killed and started anew, 30 ms": Pattern(
+            _busy(0.03), sessions=200, timeout_s=0.1, busy_s=0.03, is_killed=True
+        ),
         "50 killed, late 10 %, one register": Pattern(
-            often(0.1, faults.late, _busy(0.01)), sessions=50, registers=1, is_killed=True
+            often(0.1, faults.late, _busy(0.01)), sessions=50, registers=1, is_killed=True, busy_s=0.01
         ),
         "a copy after the next request, 1 %": Pattern(often(0.01, faults.copied_late), is_provable=False),
         "another master asks the same, 1 %": Pattern(often(0.01, faults.asked_by_another_master), is_provable=False),

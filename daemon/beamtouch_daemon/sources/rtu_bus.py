@@ -20,8 +20,8 @@ from beamtouch_daemon.sources.rtu_frame import Answer
 from beamtouch_daemon.sources.rtu_proof import Proof
 from beamtouch_daemon.sources.rtu_unit import AFTER_A_FAILURE, AT_A_START, EXPLORE_S, READ_FUNCTIONS, Unit
 
-QUIET_S = 0.1
-"""At the beginning of a session a proof holds if nothing comes unasked for this long, or for a timeout if longer."""
+QUIET_S = (0.1, 0.5)
+"""At the beginning of a session a proof holds if nothing comes unasked for a timeout, within these bounds."""
 PROOFS = 3
 """Proofs of a unit that still sends something unasked. It is suspect afterwards: another master may be asking it."""
 SUSPECT_S = 10.0
@@ -102,7 +102,7 @@ class RtuBus:
 
     async def _is_quiet(self, query: Query) -> bool:
         """Listen for what an earlier program is owed; return whether nothing came."""
-        await self._exchange.listen(max(QUIET_S, query.timeout_s))
+        await self._exchange.listen(min(max(query.timeout_s, QUIET_S[0]), QUIET_S[1]))
         has_come = self._exchange.has_come_from(query.unit, READ_FUNCTIONS)
         self._exchange.discard()
         return not has_come
