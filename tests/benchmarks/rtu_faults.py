@@ -2,8 +2,8 @@
 
     python tests/benchmarks/rtu_faults.py --polls 20000
 
-The daemon's own source polls a unit on a pseudo-terminal as fast as it answers. The last column is the rate over that of
-a bus without faults whose unit takes as long for an answer.
+The daemon's own source polls a unit on a pseudo-terminal as fast as it answers. The last column is the rate over that
+of a bus without faults whose unit takes as long for an answer.
 """
 
 import argparse

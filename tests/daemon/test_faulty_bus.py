@@ -81,23 +81,24 @@ def test_a_session_that_begins_while_an_answer_is_owed_gives_no_old_value(*, is_
 
 
 def test_a_configuration_that_is_read_again_leaves_the_answers_in_step(tmp_path: Path) -> None:
+    busy_s, rate_hz = 0.15, 10.0  # each answer comes after the next slot has begun, so that a lag would stay
+
     async def story() -> list[float]:
         with terminal() as line:
-            unit = StampingUnit(lambda _number, frame: [(0.03, frame)])
+            unit = StampingUnit(lambda _number, frame: [(busy_s, frame)])
             offset_s = time.time() - time.monotonic()
             async with (
                 rtu_units(line, {1: unit}),
                 serving(Service()) as service,
-                running(tmp_path, configs.rtu(line.path), service.url) as daemon,
+                running(tmp_path, table(line.path, 1000.0), service.url) as daemon,
             ):
                 path = tmp_path / "daemon.toml"
-                await service.until(10, within_s=30)
+                await service.until(2, within_s=60)
                 for turn in range(4):
-                    text = path.read_text()
-                    begin = text.index("rate_hz = ")
-                    path.write_text(f"{text[:begin]}rate_hz = {50 - turn}.0{text[text.index(chr(10), begin) :]}")
+                    head, _, tail = path.read_text().partition("rate_hz = ")
+                    path.write_text(f"{head}rate_hz = {rate_hz + turn}\n{tail.partition(chr(10))[2]}")
                     daemon.tell(signal.SIGHUP)
-                    await service.until(len(service.samples()) + 25, within_s=30)
+                    await service.until(len(service.samples()) + 6, within_s=60)
                 assert (await daemon.stop()).code == 0
             return [
                 unit.age_s(-sample.deflection_mm[0], sample.acquired_unix_us / 1e6 - offset_s)
@@ -106,7 +107,7 @@ def test_a_configuration_that_is_read_again_leaves_the_answers_in_step(tmp_path:
             ]
 
     ages_s = asyncio.run(story())
-    assert sum(age_s > 0.06 for age_s in ages_s) < 0.1 * len(ages_s)
+    assert sum(age_s > busy_s for age_s in ages_s) < 0.3 * len(ages_s)  # the middle of its own request is half as old
 
 
 @pytest.mark.parametrize("kind", ["answers other requests", "answers only values"])
