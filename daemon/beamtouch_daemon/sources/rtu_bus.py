@@ -24,6 +24,8 @@ QUIET_S = (0.1, 0.5)
 """At the beginning of a session a proof holds if nothing comes unasked for a timeout, within these bounds."""
 PROOFS = 3
 """Proofs of a unit that still sends something unasked. It is suspect afterwards: another master may be asking it."""
+LEARNING_S = 5.0
+"""Trying the probes of an unknown unit ends after this long; a longer wait would look like a hanging daemon."""
 SUSPECT_S = 10.0
 """After an answer that came unasked, a probe comes before every value for this long."""
 
@@ -110,14 +112,15 @@ class RtuBus:
     async def _prove(self, query: Query) -> Answer | None:
         """Send probes until the unit owes no value, as far as this program knows."""
         unit, refusal = query.unit, None
-        proof = Proof(unit, monotonic(), forgotten_s(query.timeout_s))
-        while (probe := proof.next()) is not None:
+        begin_s = monotonic()
+        proof = Proof(unit, begin_s, forgotten_s(query.timeout_s))
+        while (unit.is_known or monotonic() - begin_s < LEARNING_S) and (probe := proof.next()) is not None:
             await self._pause()
             answer = await self._exchange.ask(query.of(probe), probe)
             is_refused = answer is not None and bool(answer.exception)
             refusal = answer if is_refused else refusal
             proof.take(probe, lives=answer is not None, answered=answer is not None and not is_refused)
-        if proof.explores and not proof.lives:
+        if proof.explores and not proof.lives and monotonic() - begin_s < LEARNING_S:
             await self._pause()
             proof.lives = await self._exchange.ask(query, None) is not None  # not believed: it may be late
         proof.end(monotonic())
@@ -137,7 +140,7 @@ class RtuBus:
         unit, has_waited, silence_s = query.unit, query.unit.has_waited, forgotten_s(query.timeout_s)
         unit.has_waited = True
         while unit.missing and (left_s := unit.asked_s + silence_s - monotonic()) > 0:
-            if has_waited:
+            if has_waited or silence_s > LEARNING_S:
                 message = f"unit {unit.address} is left alone for {silence_s:g} s, so that no late answer is believed"
                 raise NoAnswerError(message)
             await asyncio.sleep(left_s)

@@ -18,7 +18,7 @@ MIN_SILENCE_S = 0.00175
 DAMAGED_AFTER_S = 0.05
 """A damaged answer is given up when no more bytes come for this long: three latency timers (16 ms) of a USB adapter."""
 FORGOTTEN_S = 5.0
-FORGOTTEN_TIMEOUTS = 50
+FORGOTTEN_TIMEOUTS = 10
 """No answer comes after the longer of a time and a number of timeouts. Only what no probe proves rests on it."""
 
 
