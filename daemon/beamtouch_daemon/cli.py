@@ -122,12 +122,19 @@ def _check(arguments: argparse.Namespace) -> int:
     states = asyncio.run(once.check(settings))
     if arguments.json:
         surfaces = {
-            state.surface: {"error": state.error, "channels": [dataclasses.asdict(c) for c in state.channels]}
+            state.surface: {
+                "error": state.error,
+                "channels": [dataclasses.asdict(c) for c in state.channels],
+                "limits": state.limits,
+            }
             for state in states
         }
         print(json.dumps({"good": all(state.is_good for state in states), "surfaces": surfaces}))
     else:
         _print_table(states)
+        for state in states:
+            for limit in state.limits:
+                print(f"{state.surface}: {limit}")
     for state in states:
         if state.error:
             _complain(f"{state.surface}: {state.error}", FAILED)

@@ -9,7 +9,7 @@ from beamtouch_daemon.calibration import QUALITIES, Calibration
 from beamtouch_daemon.config import Config, Surface
 from beamtouch_daemon.pipeline import counts_of
 from beamtouch_daemon.sources import source_of
-from beamtouch_daemon.sources.reading import Reading, SourceError
+from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_service.samples import Quality
 
 
@@ -31,6 +31,8 @@ class SurfaceState:
     surface: str
     channels: tuple[ChannelState, ...] = ()
     error: str | None = None
+    limits: tuple[str, ...] = ()
+    """What cannot be proven of its readings, a sentence each."""
 
     @property
     def is_good(self) -> bool:
@@ -45,8 +47,9 @@ async def check(config: Config) -> list[SurfaceState]:
 
 
 async def _check(name: str, surface: Surface, rest_gap_mm: dict[str, float]) -> SurfaceState:
+    source = source_of(surface)
     try:
-        (reading,) = await _take(surface, 1)
+        (reading,) = await _take(source, 1)
     except SourceError as error:
         return SurfaceState(name, error=str(error))
     calibration = Calibration.of(surface.channels, rest_gap_mm)
@@ -68,21 +71,22 @@ async def _check(name: str, surface: Surface, rest_gap_mm: dict[str, float]) -> 
             else ChannelState(channel, count, gap_mm, deflection_mm, QUALITIES[code])
             for channel, count, gap_mm, deflection_mm, code in columns
         ),
+        limits=source.limits,
     )
 
 
 async def measure_rest(surface: Surface) -> tuple[dict[str, float], int]:
     """Return the rest gaps [mm] by channel name and the number of readings; SourceError or TareRefusedError."""
-    readings = await _take(surface, tare.readings_needed(surface.rate_hz))
+    readings = await _take(source_of(surface), tare.readings_needed(surface.rate_hz))
     calibration = Calibration.of(surface.channels)
     gaps = tare.rest_gaps(counts_of(readings), calibration, surface.channel_names, surface.noise_mm)
     return gaps, len(readings)
 
 
-async def _take(surface: Surface, number: int) -> list[Reading]:
+async def _take(source: Source, number: int) -> list[Reading]:
     """Return the first `number` readings of a session."""
     readings: list[Reading] = []
-    async with aclosing(source_of(surface).readings()) as stream:
+    async with aclosing(source.readings()) as stream:
         async for arrived in stream:
             readings += arrived
             if len(readings) >= number:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from beamtouch_daemon import tare
 from beamtouch_daemon.config import Config
+from beamtouch_daemon.config_sources import ModbusRtu
 from beamtouch_daemon.line import Line, Shared, Summary
 from beamtouch_daemon.publisher import Disk
 from beamtouch_daemon.service_client import ServiceClient
@@ -65,7 +66,7 @@ class Supervisor:
         if old is not None and shared is not old:
             await old.client.close()
         self._shared, self._secrets = shared, secrets
-        self._forget_buses(shared)
+        _forget_buses(shared, config)
         started = [name for name in config.surfaces if name not in kept]
         for name in started:
             self._lines[name] = Line(name, config.surfaces[name], rest[name], shared)
@@ -92,8 +93,13 @@ class Supervisor:
             counts.samples_spooled,
         )
 
-    def _forget_buses(self, shared: Shared) -> None:
-        """Forget the buses that nobody uses any more: the next user may state another line."""
-        used = {getattr(line.surface.source, "port", None) for line in self._lines.values()}
-        for port in set(shared.buses) - used:
-            del shared.buses[port]
+
+def _forget_buses(shared: Shared, config: Config) -> None:
+    """Forget the buses that are not used as they were. The others know what their units still owe."""
+    used = {
+        settings.port: settings.line
+        for settings in (surface.source for surface in config.surfaces.values())
+        if isinstance(settings, ModbusRtu)
+    }
+    for port in [port for port, bus in shared.buses.items() if used.get(port) != bus.line]:
+        del shared.buses[port]

@@ -39,6 +39,10 @@ def no_fault(_number: int, frame: bytes) -> Pieces:
     return [(0.0, frame)]
 
 
+def no_echo(_request: bytes) -> Pieces:
+    return []
+
+
 class StampingUnit:
     """A Modbus unit whose registers hold the time, in ms since it was made, at which the request came."""
 
@@ -85,13 +89,25 @@ def with_header(request_header: bytes, answer: bytes) -> bytes:
     return request_header[:4] + struct.pack(">H", len(answer)) + answer
 
 
+def write_in_time(line: Terminal, pieces: Pieces) -> None:
+    """Write what an adapter sends by itself, each piece so long after now."""
+    for after_s, piece in pieces:
+        if after_s:
+            asyncio.get_running_loop().call_later(after_s, line.write, piece)
+        else:
+            line.write(piece)
+
+
 @asynccontextmanager
 async def rtu_units(
-    line: Terminal, units: Mapping[int, StampingUnit], unanswered: list[int] | None = None
+    line: Terminal,
+    units: Mapping[int, StampingUnit],
+    unanswered: list[int] | None = None,
+    echo: Callable[[bytes], Pieces] = no_echo,
 ) -> AsyncIterator[None]:
     """Units by address on a serial line, each answering one request after the other, as real devices do.
 
-    The addresses of requests to others are put into `unanswered`.
+    The addresses of requests to others are put into `unanswered`. `echo` is what the adapter makes of a request.
     """
     answers: dict[int, asyncio.Queue[Pieces]] = {address: asyncio.Queue() for address in units}
     buffer = bytearray()
@@ -100,6 +116,7 @@ async def rtu_units(
         buffer.extend(data)
         while len(buffer) >= 8:
             request = bytes(buffer[:6])
+            write_in_time(line, echo(bytes(buffer[:8])))
             del buffer[:8]
             if request[0] in units:
                 answers[request[0]].put_nowait(units[request[0]].answer(request, with_crc))

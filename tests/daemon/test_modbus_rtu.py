@@ -13,7 +13,7 @@ from beamtouch_daemon.sources import Buses
 from beamtouch_daemon.sources.polled import PolledSource
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.registers import Block
-from beamtouch_daemon.sources.rtu_bus import probe_of
+from beamtouch_daemon.sources.rtu_unit import probes_of
 
 from .devices import Fault, NumberingUnit, StampingUnit, rtu_units, with_crc
 from .lines import joined_terminals, terminal
@@ -74,22 +74,20 @@ def test_registers_are_read_from_pymodbus_own_server() -> None:
     asyncio.run(story())
 
 
-def test_a_probe_has_a_length_that_no_reading_has() -> None:
-    assert probe_of([Block(4, 3)]) == Block(4, 1)
-    assert probe_of([Block(0, 1), Block(4, 3)]) == Block(4, 2)
-    assert probe_of([Block(4, 1)]) is None
-    assert probe_of([Block(0, 1), Block(4, 2)]) is None
+@pytest.mark.parametrize("blocks", [[Block(4, 3)], [Block(0, 1), Block(4, 3)], [Block(4, 1)], [Block(0, 125)]])
+def test_no_probe_is_answered_as_a_value_is_and_there_are_several(blocks: list[Block]) -> None:
+    probes = probes_of({(4, block) for block in blocks})
+    lengths = {block.count for block in blocks}
+    assert len(probes) >= 3
+    assert not [probe for probe in probes if probe.function == 4 and probe.block.count in lengths]
+    assert all(probe.by_length == (probe.function == 4) for probe in probes)
 
 
+@pytest.mark.parametrize("registers", [[0, 1, 2], [7]], ids=["a block", "one register"])
 @pytest.mark.parametrize("late_s", [0.08, 0.2, 0.5], ids=["just", "after several slots", "long"])
-def test_a_late_answer_is_never_taken_for_a_later_one(late_s: float) -> None:
-    readings, _ = run_with(lambda number, frame: [(late_s if number % 20 == 10 else 0.0, frame)], 40)
+def test_a_late_answer_is_never_taken_for_a_later_one(late_s: float, registers: list[int]) -> None:
+    readings, _ = run_with(lambda number, frame: [(late_s if number % 20 == 10 else 0.0, frame)], 40, registers)
     assert sum(gap_s > TIMEOUT_MS / 1e3 for gap_s in gaps_s(readings)) >= 2
-
-
-def test_a_unit_is_left_alone_where_nothing_tells_a_late_answer_from_a_later_one() -> None:
-    readings, _ = run_with(lambda number, frame: [(0.5 if number == 10 else 0.0, frame)], 20, [7])
-    assert max(gaps_s(readings)) > 0.6
 
 
 @pytest.mark.parametrize(

@@ -152,3 +152,50 @@ def test_a_device_that_is_away_costs_the_others_nothing_and_comes_back() -> None
                             pass
 
     asyncio.run(story())
+
+
+def with_head(frame: bytes, transaction: int | None = None, unit: int | None = None) -> bytes:
+    """Return an answer with another transaction number, or of another unit."""
+    number = frame[:2] if transaction is None else transaction.to_bytes(2, "big")
+    return number + frame[2:6] + (frame[6:7] if unit is None else bytes([unit])) + frame[7:]
+
+
+def test_an_answer_without_its_transaction_number_is_not_believed() -> None:
+    unit = StampingUnit(lambda number, frame: [(0.0, with_head(frame, transaction=0) if number in {3, 4} else frame)])
+
+    async def story() -> tuple[list[Reading], list[str]]:
+        async with tcp_unit(unit) as port:
+            return await take_across_sessions(make_source(port, [0, 1], timeout_ms=100.0), 10)
+
+    readings, errors = asyncio.run(story())
+    assert errors == []
+    assert sum(reading.lost for reading in readings) >= 2 * 10  # 100 ms at 200 Hz, each time
+
+
+def test_a_device_without_transaction_numbers_is_an_error_that_says_so() -> None:
+    async def story() -> None:
+        async with tcp_unit(StampingUnit(lambda _number, frame: [(0.0, with_head(frame, transaction=0))])) as port:
+            with pytest.raises(SourceError, match="unit 1 answers with transaction number 0"):
+                await take(make_source(port, [0], timeout_ms=100.0), 1)
+
+    asyncio.run(story())
+
+
+@pytest.mark.parametrize("answers_as", [0, 255])
+def test_a_device_that_always_answers_as_unit_0_or_255_is_read(answers_as: int) -> None:
+    async def story() -> list[Reading]:
+        async with tcp_unit(StampingUnit(lambda _number, frame: [(0.0, with_head(frame, unit=answers_as))])) as port:
+            return await take(make_source(port, [0, 1]), 5)
+
+    readings = asyncio.run(story())
+    assert len(readings) == 5
+    assert all(None not in reading.counts for reading in readings)
+
+
+def test_the_answer_of_another_unit_is_an_error_that_names_it() -> None:
+    async def story() -> None:
+        async with tcp_unit(StampingUnit(lambda _number, frame: [(0.0, with_head(frame, unit=7))])) as port:
+            with pytest.raises(SourceError, match="unit 1 answers as unit 7; state unit = 7"):
+                await take(make_source(port, [0], timeout_ms=100.0), 1)
+
+    asyncio.run(story())

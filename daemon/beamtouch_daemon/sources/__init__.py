@@ -55,4 +55,5 @@ def _link(settings: ModbusTcp | ModbusRtu, host: str, unit: int, blocks: Sequenc
     if isinstance(settings, ModbusTcp):
         return TcpLink(settings, host, unit)
     bus = buses.setdefault(settings.port, RtuBus(settings))
-    return RtuLink(bus, bus.unit(unit, settings.function_code, settings.timeout_ms / 1e3, blocks))
+    function = settings.function_code
+    return RtuLink(bus, bus.unit(unit, function, blocks), function, settings.timeout_ms / 1e3)

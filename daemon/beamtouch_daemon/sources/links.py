@@ -10,8 +10,11 @@ from pymodbus.exceptions import ModbusException
 from beamtouch_daemon.config_sources import ModbusTcp
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Block
-from beamtouch_daemon.sources.rtu_bus import RtuBus, Unit
+from beamtouch_daemon.sources.rtu_bus import RtuBus
+from beamtouch_daemon.sources.rtu_exchange import Query, forgotten_s
 from beamtouch_daemon.sources.rtu_frame import EXCEPTION, Answer
+from beamtouch_daemon.sources.rtu_unit import Unit
+from beamtouch_daemon.sources.tcp_frame import AnswerHeaders
 
 READ_HOLDING_REGISTERS = 3
 REST_S = 0.5
@@ -19,24 +22,34 @@ REST_S = 0.5
 REST_TIMEOUTS = 13.0
 """On a bus for so many timeouts, if that is longer: attempts then cost the other units one part in 14."""
 
+COPIES = (
+    "Modbus RTU numbers no answers: a copy of an answer that comes after the next request, or the answer to another "
+    "master that asks the same unit for as many registers, cannot be told from the answer itself."
+)
+
 
 class RtuLink:
     """A unit on a serial bus."""
 
-    def __init__(self, bus: RtuBus, unit: Unit) -> None:
+    def __init__(self, bus: RtuBus, unit: Unit, function: int, timeout_s: float) -> None:
         self.name = f"unit {unit.address}"
+        self.timeout_s = timeout_s
+        self.rest_s = max(REST_S, REST_TIMEOUTS * timeout_s)
         self._bus = bus
         self._unit = unit
+        self._function = function
 
     @property
-    def timeout_s(self) -> float:
-        """How long the unit may take to answer."""
-        return self._unit.timeout_s
-
-    @property
-    def rest_s(self) -> float:
-        """How long to leave the unit alone when it does not answer."""
-        return max(REST_S, REST_TIMEOUTS * self._unit.timeout_s)
+    def limits(self) -> tuple[str, ...]:
+        """What cannot be proven of its answers, a sentence each."""
+        if not self._unit.is_unprovable:
+            return (COPIES,)
+        silence_s = forgotten_s(self.timeout_s)
+        unprovable = (
+            f"{self.name} answers requests for its values only, so a late answer looks like a new one. After one "
+            f"that does not come, it is left alone for {silence_s:g} s; one later than that is taken for a new one."
+        )
+        return unprovable, COPIES
 
     def opened(self) -> AbstractAsyncContextManager[None]:
         """Return a context in which the port is open."""
@@ -44,7 +57,7 @@ class RtuLink:
 
     async def read(self, block: Block) -> tuple[Answer, float, float]:
         """Read registers, in turn with the other users of the bus."""
-        return await self._bus.read(self._unit, block)
+        return await self._bus.read(Query(self._unit, self._function, block, self.timeout_s))
 
 
 class TcpLink:
@@ -63,7 +76,13 @@ class TcpLink:
         self._unit = unit
         self._function = settings.function_code
         self._reads_holding = self._function == READ_HOLDING_REGISTERS
+        self._headers = AnswerHeaders(unit)
         self._client: AsyncModbusTcpClient | None = None
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """None: the transaction number tells answers apart."""
+        return ()
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[None]:
@@ -82,7 +101,8 @@ class TcpLink:
             answer = await ask(block.first, count=block.count, device_id=self._unit)
         except ModbusException as error:
             self._close()
-            message = f"{self.name} does not answer within {self.timeout_s * 1e3:.0f} ms"
+            complaint = self._headers.complaint or f"does not answer within {self.timeout_s * 1e3:.0f} ms"
+            message = f"{self.name} {complaint}"
             raise NoAnswerError(message) from error
         except BaseException:  # cancelled: the answer is still to come
             self._close()
@@ -97,7 +117,14 @@ class TcpLink:
         raise NoAnswerError(message)
 
     async def _connected(self) -> AsyncModbusTcpClient:
-        client = AsyncModbusTcpClient(self._host, port=self._port, timeout=self.timeout_s, retries=0, reconnect_delay=0)
+        client = AsyncModbusTcpClient(
+            self._host,
+            port=self._port,
+            timeout=self.timeout_s,
+            retries=0,
+            reconnect_delay=0,
+            trace_packet=self._headers.trace,
+        )
         try:
             connected = await client.connect()
         except BaseException:

@@ -52,6 +52,11 @@ class Link(Protocol):
         """How long to leave a unit alone that does not answer, for the sake of others."""
         ...
 
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """What cannot be proven of its answers, as far as is known by now; a sentence each."""
+        ...
+
     def opened(self) -> AbstractAsyncContextManager[None]:
         """Return a context in which the unit can be read; SourceError if there is no way to it."""
         ...
@@ -100,6 +105,11 @@ class PolledSource:
         self._channels = channels
         self._rate_hz = rate_hz
         self._faults = {part.link.name: Fault(_log, f"{name}: {part.link.name}") for part in parts}
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """What cannot be proven of the answers of the units, as far as is known by now; a sentence each."""
+        return tuple(dict.fromkeys(limit for part in self._parts for limit in part.link.limits))
 
     async def readings(self) -> AsyncGenerator[list[Reading], None]:
         """Open the ways to the units and yield a reading per slot, until none of them answers."""
@@ -165,6 +175,7 @@ class PolledSource:
                 refusal = answer.exception or refusal
                 contents.update(enumerate(answer.registers, block.first))
         except NoAnswerError as error:
+            part.failures = 0 if error.lives else part.failures
             self._failed(part, str(error))
             return None
         if not contents or begin_s is None:

@@ -12,7 +12,19 @@ class SourceError(Exception):
 
 
 class NoAnswerError(Exception):
-    """A unit did not answer, or not intact; the text is one line for the log."""
+    """A unit did not answer, or not intact; the text is one line for the log.
+
+    Parameters
+    ----------
+    message
+        The text.
+    lives
+        Whether the unit has just answered something else.
+    """
+
+    def __init__(self, message: str, *, lives: bool = False) -> None:
+        super().__init__(message)
+        self.lives = lives
 
 
 class Reading(NamedTuple):
@@ -28,6 +40,11 @@ class Reading(NamedTuple):
 
 class Source(Protocol):
     """Where the readings of one surface come from."""
+
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """What cannot be proven of the readings, as far as is known by now; a sentence each."""
+        ...
 
     def readings(self) -> AsyncGenerator[list[Reading], None]:
         """Open the device and yield readings, oldest first, never an empty list, until SourceError.

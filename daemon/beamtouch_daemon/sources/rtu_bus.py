@@ -1,101 +1,67 @@
 """A serial bus with any number of Modbus RTU units, shared by all surfaces that read from it.
 
-Answers carry no number, so that nothing but order, unit and length tells them apart. A client that goes on after a late
-answer takes every answer for the one before it, without an error. Here, at most one request is under way on the bus.
-A unit that did not answer in time may still owe an answer; before it is asked for values again it is brought in step:
-it is asked for a number of registers that no reading asks for, and believed only when an answer of that length (or a
-refusal) comes. A unit answers in order, so whatever it owed has then come before. Where no such number exists, as with
-a single register, the unit is left alone for long instead. What comes unasked is thrown away before each request, and
-puts the unit that seems to have sent it out of step.
+Answers carry no number, so that nothing but order, unit, function and length tells them apart. A client that goes on
+after a late answer takes every answer for the one before it, without an error. Here, at most one request is under way
+on the bus, and a unit that may owe an answer is asked for values only after it has answered probes (`rtu_unit`): at the
+beginning of a session, after an answer that did not come, and after one that came unasked. A unit that answers no probe
+is left alone for long instead.
 """
 
 import asyncio
-import contextlib
-import termios
 from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, field
 from time import monotonic
 
-import serial
-
 from beamtouch_daemon.config_sources import ModbusRtu
-from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
+from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Block
-from beamtouch_daemon.sources.rtu_frame import Answer, answer_bytes, find_answer, request
+from beamtouch_daemon.sources.rtu_exchange import Query, RtuExchange, forgotten_s
+from beamtouch_daemon.sources.rtu_frame import Answer
+from beamtouch_daemon.sources.rtu_proof import Proof
+from beamtouch_daemon.sources.rtu_unit import AFTER_A_FAILURE, AT_A_START, EXPLORE_S, READ_FUNCTIONS, Unit
 
-BITS_PER_CHARACTER = 11
-MIN_SILENCE_S = 0.00175
-"""Between frames the line is silent for 3.5 characters, and for this long above 19200 baud."""
-DAMAGED_AFTER_S = 0.01
-"""An answer is damaged when as many bytes as it should have are there, it is not among them, and no more come."""
-QUARANTINE_S = 1.0
-QUARANTINE_TIMEOUTS = 5
-"""How long a unit without a probe is left alone: the longer of a time and a number of timeouts."""
-_READ_BYTES = 4096
-_PARITIES = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
-
-
-@dataclass(slots=True)
-class Unit:
-    """A unit on a bus, whoever reads it: what it is asked for, and whether it may owe an answer."""
-
-    address: int
-    function: int
-    timeout_s: float
-    blocks: set[Block] = field(default_factory=set)
-    """All that anyone asks it for."""
-    in_step: bool = True
-    alone_until_s: float = 0.0
-
-    @property
-    def probe(self) -> Block | None:
-        """A request that it can answer, of a length that none of its blocks has, if there is one."""
-        return probe_of(self.blocks)
-
-
-def probe_of(blocks: Collection[Block]) -> Block | None:
-    """Return a request that a unit with these blocks can answer, of a length that none of them has, if there is one."""
-    lengths = {block.count for block in blocks}
-    longest = max(blocks, key=lambda block: block.count)
-    return next((Block(longest.first, count) for count in range(1, longest.count) if count not in lengths), None)
+QUIET_S = (0.1, 0.5)
+"""At the beginning of a session a proof holds if nothing comes unasked for a timeout, within these bounds."""
+PROOFS = 3
+"""Proofs of a unit that still sends something unasked. It is suspect afterwards: another master may be asking it."""
+LEARNING_S = 5.0
+"""Trying the probes of an unknown unit ends after this long; a longer wait would look like a hanging daemon."""
+SUSPECT_S = 10.0
+"""After an answer that came unasked, a probe comes before every value for this long."""
 
 
 class RtuBus:
     """One serial port; opened by its first user and closed by its last."""
 
     def __init__(self, settings: ModbusRtu) -> None:
-        self._settings = settings
-        silence_s = max(MIN_SILENCE_S if settings.baud > 19_200 else 0.0, 3.5 * BITS_PER_CHARACTER / settings.baud)
-        self._silence_s = silence_s if settings.silence_ms is None else settings.silence_ms / 1e3
+        self.line = settings.line
+        """The settings that all its users agree on."""
+        self._exchange = RtuExchange(settings)
         self._lock = asyncio.Lock()
         self._users = 0
-        self._port: serial.Serial | None = None
-        self._received = bytearray()
-        self._arrived = asyncio.Event()
-        self._free_s = 0.0
-        self._units: dict[tuple[int, int], Unit] = {}
+        self._units: dict[int, Unit] = {}
 
-    def unit(self, address: int, function: int, timeout_s: float, blocks: Collection[Block]) -> Unit:
+    def unit(self, address: int, function: int, blocks: Collection[Block]) -> Unit:
         """Return a unit that is to be asked for `blocks`; all who read from it share one."""
-        unit = self._units.setdefault((address, function), Unit(address, function, timeout_s))
-        unit.timeout_s = max(unit.timeout_s, timeout_s)
-        unit.blocks.update(blocks)
+        unit = self._units.setdefault(address, Unit(address))
+        unit.will_be_asked(function, blocks)
         return unit
 
     @asynccontextmanager
     async def used(self) -> AsyncIterator[None]:
         """Keep the port open during the block; SourceError if it cannot be opened."""
-        self._open()
+        if self._exchange.port.open():
+            for unit in self._units.values():
+                unit.doubt(AT_A_START)  # nobody knows what was asked before
         self._users += 1
         try:
             yield
         finally:
             self._users -= 1
             if not self._users:
-                self._close()
+                self._exchange.port.close()
 
-    async def read(self, unit: Unit, block: Block) -> tuple[Answer, float, float]:
+    async def read(self, query: Query) -> tuple[Answer, float, float]:
         """Read registers; return the answer, and when it was asked and answered on the monotonic clock [s].
 
         Raises
@@ -105,115 +71,105 @@ class RtuBus:
         SourceError
             The port is gone.
         """
-        if monotonic() < unit.alone_until_s:
-            message = f"unit {unit.address} is left alone until no late answer can come any more"
-            raise NoAnswerError(message)
+        unit = query.unit
         async with self._lock:
-            if not unit.in_step and unit.probe is not None:
-                await self._exchange(unit, unit.probe)
-            unit.in_step = True
-            return await self._exchange(unit, block)
+            begin_s = monotonic()
+            if begin_s < unit.suspect_until_s and not unit.is_unprovable:
+                unit.doubt(AFTER_A_FAILURE)
+            was_missing = unit.missing
+            if was_missing and not (unit.is_unprovable and begin_s - unit.explored_s < EXPLORE_S):
+                refusal = await self._bring_in_step(query)
+                if refusal is not None:
+                    return refusal, begin_s, monotonic()
+            if not unit.missing:
+                return await self._read(query, lives=bool(was_missing))
+        await self._leave_alone(query)
+        return await self.read(query)
 
-    async def _exchange(self, unit: Unit, block: Block) -> tuple[Answer, float, float]:
-        await asyncio.sleep(max(0.0, self._free_s - monotonic()))
-        self._discard()
+    async def _bring_in_step(self, query: Query) -> Answer | None:
+        """Prove that a unit owes no value; return its refusal if that is all that it gives.
+
+        Nothing is proven of a unit that turns out to answer values only. NoAnswerError if a unit does not answer.
+        """
+        unit = query.unit
+        is_start = unit.missing >= AT_A_START or not unit.is_known
+        refusal = await self._prove(query)
+        for _ in range(PROOFS - 1):
+            if not is_start or unit.missing or await self._is_quiet(query):
+                return refusal
+            unit.doubt(AT_A_START)
+            refusal = await self._prove(query)
+        unit.suspect_until_s = monotonic() + SUSPECT_S
+        return refusal
+
+    async def _is_quiet(self, query: Query) -> bool:
+        """Listen for what an earlier program is owed; return whether nothing came."""
+        await self._exchange.listen(min(max(query.timeout_s, QUIET_S[0]), QUIET_S[1]))
+        has_come = self._exchange.has_come_from(query.unit, READ_FUNCTIONS)
+        self._exchange.discard()
+        return not has_come
+
+    async def _prove(self, query: Query) -> Answer | None:
+        """Send probes until the unit owes no value, as far as this program knows."""
+        unit, refusal = query.unit, None
         begin_s = monotonic()
-        self._send(request(unit.address, unit.function, block.first, block.count))
-        unit.in_step = False  # until it has answered, whatever happens
-        answer = await self._answer(unit, block, begin_s + unit.timeout_s)
-        self._free_s = monotonic() + self._silence_s
-        if answer is None:
-            unit.alone_until_s = 0.0 if unit.probe else monotonic() + self._quarantine_s(unit)
-            damaged = " intact" if self._received else ""
-            message = f"unit {unit.address} does not answer{damaged} within {unit.timeout_s * 1e3:.0f} ms"
+        proof = Proof(unit, begin_s, forgotten_s(query.timeout_s))
+        while (unit.is_known or monotonic() - begin_s < LEARNING_S) and (probe := proof.next()) is not None:
+            await self._pause()
+            answer = await self._exchange.ask(query.of(probe), probe)
+            is_refused = answer is not None and bool(answer.exception)
+            refusal = answer if is_refused else refusal
+            proof.take(probe, lives=answer is not None, answered=answer is not None and not is_refused)
+        if proof.explores and not proof.lives and monotonic() - begin_s < LEARNING_S:
+            await self._pause()
+            proof.lives = await self._exchange.ask(query, None) is not None  # not believed: it may be late
+        proof.end(monotonic())
+        if not unit.missing or unit.is_unprovable:
+            return None
+        if refusal is not None:
+            return refusal
+        if proof.lives:
+            message = (
+                f"unit {unit.address} answers too late; it is asked for values again once it owes nothing any more"
+            )
             raise NoAnswerError(message)
-        unit.in_step = True
+        raise self._no_answer(query)
+
+    async def _leave_alone(self, query: Query) -> None:
+        """Wait for the first time until an unprovable unit owes nothing any more; NoAnswerError later, for so long."""
+        unit, has_waited, silence_s = query.unit, query.unit.has_waited, forgotten_s(query.timeout_s)
+        unit.has_waited = True
+        while unit.missing and (left_s := unit.asked_s + silence_s - monotonic()) > 0:
+            if has_waited or silence_s > LEARNING_S:
+                message = f"unit {unit.address} is left alone for {silence_s:g} s, so that no late answer is believed"
+                raise NoAnswerError(message)
+            await asyncio.sleep(left_s)
+        unit.is_in_step(monotonic())
+
+    async def _read(self, query: Query, *, lives: bool) -> tuple[Answer, float, float]:
+        """Ask a unit that owes nothing for values."""
+        await self._pause()
+        begin_s = monotonic()
+        answer = await self._exchange.ask(query, None)
+        if answer is None:
+            raise self._no_answer(query, lives=lives)
+        query.unit.is_in_step(monotonic())
         return answer, begin_s, monotonic()
 
-    async def _answer(self, unit: Unit, block: Block, deadline_s: float) -> Answer | None:
-        """Wait for the answer; None if it does not come, or damaged."""
-        expected = answer_bytes(block.count)
-        while True:
-            self._arrived.clear()
-            answer = find_answer(bytes(self._received), unit.address, unit.function, block.count)
-            if answer is not None:
-                self._received.clear()
-                return answer
-            left_s = deadline_s - monotonic()
-            if len(self._received) >= expected:
-                left_s = min(left_s, DAMAGED_AFTER_S)
-            if left_s <= 0 or not await self._more(left_s):
-                return None
+    def _no_answer(self, query: Query, *, lives: bool = False) -> NoAnswerError:
+        damaged = " intact" if self._exchange.received else ""
+        message = f"unit {query.unit.address} does not answer{damaged} within {query.timeout_s * 1e3:.0f} ms"
+        return NoAnswerError(message, lives=lives)
 
-    async def _more(self, within_s: float) -> bool:
-        """Wait for more bytes; False if none came."""
-        try:
-            async with asyncio.timeout(within_s):
-                await self._arrived.wait()
-        except TimeoutError:
-            return False
-        if self._port is None:
-            message = f"{self._settings.port} is gone"
-            raise SourceError(message)
-        return True
-
-    def _quarantine_s(self, unit: Unit) -> float:
-        return max(QUARANTINE_S, QUARANTINE_TIMEOUTS * unit.timeout_s)
-
-    def _discard(self) -> None:
-        """Throw away what came unasked; whoever may have sent it is out of step."""
-        self._read()
+    async def _pause(self) -> None:
+        """Wait until a request may be sent. What came unasked is thrown away; a unit that owed nothing is suspect."""
+        exchange = self._exchange
+        await exchange.pause()
+        if not exchange.received:
+            return
         for unit in self._units.values():
-            if bytes([unit.address, unit.function]) in self._received:
-                unit.in_step = False
-        self._received.clear()
-
-    def _open(self) -> None:
-        if self._port is not None:
-            return
-        settings = self._settings
-        try:
-            self._port = serial.Serial(
-                settings.port,
-                settings.baud,
-                parity=_PARITIES[settings.parity],
-                stopbits=settings.stop_bits,
-                timeout=0,
-                write_timeout=0,
-                exclusive=True,
-            )
-        except (OSError, ValueError, termios.error) as error:
-            message = f"{settings.port} cannot be opened; is it there, and does no other program use it? ({error})"
-            raise SourceError(message) from error
-        asyncio.get_running_loop().add_reader(self._port.fileno(), self._read)
-
-    def _close(self) -> None:
-        if self._port is not None:
-            asyncio.get_running_loop().remove_reader(self._port.fileno())
-            with contextlib.suppress(OSError):  # an unplugged device may complain
-                self._port.close()
-            self._port = None
-            self._arrived.set()
-
-    def _read(self) -> None:
-        if self._port is None:
-            return
-        try:
-            data = self._port.read(_READ_BYTES)
-        except (OSError, termios.error):
-            self._close()  # its users notice, and open it anew
-            return
-        if data:
-            self._received += data
-            del self._received[:-_READ_BYTES]
-            self._arrived.set()
-
-    def _send(self, frame: bytes) -> None:
-        try:
-            sent = self._port.write(frame) if self._port is not None else 0
-        except (OSError, termios.error):
-            self._close()
-            sent = 0
-        if sent != len(frame):
-            message = f"{self._settings.port} is gone, or takes no data"
-            raise SourceError(message)
+            if not unit.missing and exchange.has_come_from(unit, {function for function, _ in unit.asked}):
+                unit.suspect_until_s = monotonic() + SUSPECT_S
+            found = {probe: exchange.find_probe(unit, probe) for probe in unit.unsure}
+            unit.learn(probe for probe, answer in found.items() if answer is not None and not answer.exception)
+        exchange.discard()

@@ -41,6 +41,29 @@ def answer_bytes(count: int) -> int:
     return ENVELOPE_BYTES + 2 * count
 
 
+def find_frame(buffer: bytes, unit: int, function: int) -> bool:
+    """Return whether an answer of a unit to a function, of any length, or its refusal is anywhere in a buffer."""
+    refusal = bytes([unit, function | EXCEPTION])
+    answer = bytes([unit, function])
+    for begin in range(len(buffer) - EXCEPTION_BYTES + 1):
+        if buffer.startswith(refusal, begin):
+            length = EXCEPTION_BYTES
+        elif buffer.startswith(answer, begin):
+            length = ENVELOPE_BYTES + buffer[begin + 2]
+        else:
+            continue
+        frame = buffer[begin : begin + length]
+        if len(frame) == length and with_checksum(frame[:-2]) == frame:
+            return True
+    return False
+
+
+def is_damaged(buffer: bytes, unit: int, function: int, count: int) -> bool:
+    """Return whether a buffer without the answer holds the beginning of one and as many bytes as it should have."""
+    begin = buffer.find(bytes([unit, function, 2 * count]))
+    return begin >= 0 and len(buffer) - begin >= answer_bytes(count)
+
+
 def find_answer(buffer: bytes, unit: int, function: int, count: int) -> Answer | None:
     """Return the first answer of a unit with so many registers, or its refusal, anywhere in a buffer; None if none."""
     whole = bytes([unit, function, 2 * count])

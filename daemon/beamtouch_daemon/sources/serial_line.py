@@ -45,6 +45,11 @@ class SerialSource:
         self._adc_bits = tuple(adc_bits)
         self._silence_s = max(SILENCE_S, SILENCE_PERIODS / rate_hz)
 
+    @property
+    def limits(self) -> tuple[str, ...]:
+        """None: each reading has a number and the device's time."""
+        return ()
+
     async def readings(self) -> AsyncGenerator[list[Reading], None]:
         """Open the port, introduce, start the device and yield what it sends."""
         port = SerialPort(self._path, self._baud)
