@@ -1,0 +1,102 @@
+"""Readings that arrive in bursts, over a pseudo-terminal: none is stamped as newer than it is."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from time import monotonic
+
+import pytest
+
+from beamtouch_daemon.config_sources import SerialLine
+from beamtouch_daemon.sources.reading import Reading
+from beamtouch_daemon.sources.serial_line import SerialSource
+
+from .devices import SerialDevice
+from .lines import Terminal, terminal
+from .sessions import take
+
+PIECE_BYTES = 62
+"""A USB packet holds so many bytes of a serial line: a burst comes in pieces."""
+
+
+class Adapter(Terminal):
+    """A serial adapter that holds back what the device sends, and delivers it all at once."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._held = bytearray()
+
+    def write(self, data: bytes) -> None:
+        self._held += data
+
+    async def deliver_every(self, held_s: float) -> None:
+        while True:
+            await asyncio.sleep(held_s)
+            held, self._held = bytes(self._held), bytearray()
+            for start in range(0, len(held), PIECE_BYTES):
+                super().write(held[start : start + PIECE_BYTES])
+                await asyncio.sleep(0)
+
+
+class DatedDevice(SerialDevice):
+    """A device that notes when it took each reading."""
+
+    def __init__(self, line: Terminal) -> None:
+        self.taken_s: dict[int, float] = {}
+        super().__init__(line)
+
+    def counts(self, sequence: int) -> tuple[int, ...]:
+        self.taken_s.setdefault(sequence, monotonic())
+        return super().counts(sequence)
+
+
+@asynccontextmanager
+async def device_behind(held_s: float) -> AsyncIterator[tuple[DatedDevice, str]]:
+    """A device behind an adapter that holds back for so long, and the path of the adapter."""
+    adapter = Adapter()
+    device = DatedDevice(adapter)
+    delivering = asyncio.create_task(adapter.deliver_every(held_s))
+    try:
+        yield device, adapter.path
+    finally:
+        delivering.cancel()
+        device.stop()
+        adapter.unplug()
+
+
+def source(path: str, rate_hz: float = 200.0) -> SerialSource:
+    return SerialSource(SerialLine(kind="serial", port=path), [0, 1], rate_hz, adc_bits=[16, 16])
+
+
+def lateness(device: DatedDevice, readings: list[Reading]) -> list[float]:
+    """Return by how much the stamp of each reading is later than the truth [s]; negative: earlier."""
+    return [reading.monotonic_s - device.taken_s[int(reading.counts[0] or 0) - 20_000] for reading in readings]
+
+
+@pytest.mark.parametrize(("held_s", "rate_hz"), [(0.1, 200.0), (0.4, 200.0), (0.7, 10.0)])
+@pytest.mark.parametrize("was_running", [False, True], ids=["a fresh device", "a device that still sends"])
+def test_no_reading_of_a_bursting_line_is_stamped_newer_than_it_is(
+    held_s: float, rate_hz: float, was_running: bool
+) -> None:
+    async def story() -> tuple[list[float], int]:
+        async with device_behind(held_s) as (device, path):
+            if was_running:
+                device.restart(round(rate_hz))
+                await asyncio.sleep(0.2)
+            readings = await take(source(path, rate_hz), round(2.2 * rate_hz))
+            return lateness(device, readings), sum(reading.lost for reading in readings)
+
+    late, lost = asyncio.run(story())
+    assert max(late) < 0.002, (late[0], max(late))
+    assert lost == 0
+
+
+def test_readings_of_a_plain_line_are_stamped_as_old_as_they_are() -> None:
+    async def story() -> list[float]:
+        with terminal() as line:
+            device = DatedDevice(line)
+            return lateness(device, await take(source(line.path), 200))
+
+    late = sorted(asyncio.run(story()))
+    assert late[-1] < 0.002
+    assert late[len(late) // 2] > -0.05  # the adapter holds nothing back: only a busy machine makes it earlier
