@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from time import monotonic
 
 import pytest
@@ -11,9 +11,10 @@ from beamtouch_daemon.config_sources import SerialLine
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.sources.serial_line import SerialSource
 
-from .devices import SerialDevice
+from . import configs
+from .devices import Pieces, SerialDevice, StampingUnit, rtu_units, tcp_unit
 from .lines import Terminal, terminal
-from .sessions import take
+from .sessions import polled, take
 
 PIECE_BYTES = 62
 """A USB packet holds so many bytes of a serial line: a burst comes in pieces."""
@@ -89,6 +90,28 @@ def test_no_reading_of_a_bursting_line_is_stamped_newer_than_it_is(
     late, lost = asyncio.run(story())
     assert max(late) < 0.002, (late[0], max(late))
     assert lost == 0
+
+
+def held(_number: int, frame: bytes) -> Pieces:
+    """What an adapter makes of an answer that it holds back."""
+    return [(0.08, frame)]
+
+
+@pytest.mark.parametrize("kind", ["rtu", "tcp"])
+def test_no_reading_of_a_bus_that_answers_late_is_stamped_newer_than_it_is(kind: str) -> None:
+    async def story() -> list[float]:
+        unit = StampingUnit(held)
+        async with AsyncExitStack() as stack:
+            if kind == "tcp":
+                table = configs.tcp(await stack.enter_async_context(tcp_unit(unit))).replace("300", "5000")
+            else:
+                bus = stack.enter_context(terminal())
+                await stack.enter_async_context(rtu_units(bus, {1: unit}))
+                table = f"{configs.rtu(bus.path)}\ntimeout_ms = 5000"
+            readings = await take(polled(table, [0, 1], 10.0), 12)
+        return [unit.age_s(counts, reading.monotonic_s) for reading in readings for counts in reading.counts if counts]
+
+    assert max(asyncio.run(story())) < 0.002
 
 
 def test_readings_of_a_plain_line_are_stamped_as_old_as_they_are() -> None:
