@@ -10,6 +10,8 @@ import pytest
 from beamtouch_daemon.config_sources import SerialLine
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.sources.serial_line import SerialSource
+from beamtouch_protocol import messages
+from beamtouch_protocol.messages import Message
 
 from . import configs
 from .devices import Pieces, SerialDevice, StampingUnit, rtu_units, tcp_unit
@@ -40,15 +42,22 @@ class Adapter(Terminal):
 
 
 class DatedDevice(SerialDevice):
-    """A device that notes when it took each reading."""
+    """A device that notes when it took each reading: when it looked at its clock."""
 
     def __init__(self, line: Terminal) -> None:
         self.taken_s: dict[int, float] = {}
+        self._looked_s = 0.0
         super().__init__(line)
 
-    def counts(self, sequence: int) -> tuple[int, ...]:
-        self.taken_s.setdefault(sequence, monotonic())
-        return super().counts(sequence)
+    def device_us(self) -> int:
+        device_us = super().device_us()
+        self._looked_s = monotonic()
+        return device_us
+
+    def send(self, message: Message) -> None:
+        if isinstance(message, messages.Reading):
+            self.taken_s[message.sequence] = self._looked_s
+        super().send(message)
 
 
 @asynccontextmanager

@@ -245,7 +245,8 @@ def test_a_wall_has_no_fixity() -> None:
 
 
 def test_loads_are_put_on_by_hand(bench_model: Path) -> None:
-    command = [Path(sys.executable).parent / "beamtouch-rig", SCENES / "bench.toml", "--model", bench_model]
+    program = Path(sys.executable).parent / "beamtouch-rig"
+    command: list[str | Path] = [program, SCENES / "bench.toml", "--model", bench_model]
     with subprocess.Popen(
         [*command, "--by-hand", "--modbus-tcp", "127.0.0.1:0"],
         stdin=subprocess.PIPE,

@@ -25,7 +25,14 @@ SCENE = SCENES / "bench.toml"
 def rig(folder: Path, model: Path, script: str) -> Iterator[Path]:
     """A rig with a script; yields the config of a daemon that reads it."""
     (folder / "script.toml").write_text(script)
-    command = [PROGRAMS / "beamtouch-rig", SCENE, "--model", model, "--script", folder / "script.toml"]
+    command: list[str | Path] = [
+        PROGRAMS / "beamtouch-rig",
+        SCENE,
+        "--model",
+        model,
+        "--script",
+        folder / "script.toml",
+    ]
     process = subprocess.Popen([*command, "--modbus-tcp", "127.0.0.1:0"], stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
