@@ -5,12 +5,15 @@ import logging
 import time
 from contextlib import aclosing
 
+from beamtouch_daemon import rate
 from beamtouch_daemon.config import Surface
+from beamtouch_daemon.config_sources import SerialLine
 from beamtouch_daemon.faults import Backoff, Fault, Tally
 from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Pipeline
 from beamtouch_daemon.sources import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
+from beamtouch_service.samples import Note
 
 REOPEN_S = 0.5
 """The longest wait before a source is opened again; opening disturbs nobody."""
@@ -33,6 +36,9 @@ class Acquisition:
         """When there was progress last: a reading, or a session that failed as it should."""
         self._name = name
         self._rate_hz = surface.rate_hz
+        self._polled = not isinstance(surface.source, SerialLine)
+        self.meter = rate.RateMeter(surface.rate_hz, counts_lost=not self._polled)
+        """The rate of the readings."""
         self._source: Source = source_of(surface, name, buses)
         self._outbox = outbox
         self._pipeline = Pipeline(surface, rest_gap_mm)
@@ -52,6 +58,7 @@ class Acquisition:
 
     async def _session(self) -> None:
         self._pipeline.restart()
+        self.meter.restart()
         is_first = True
         async with aclosing(self._source.readings()) as stream:
             async for readings in stream:
@@ -74,7 +81,18 @@ class Acquisition:
         self._count_lost(sum(reading.lost for reading in readings))
         self.last_s = readings[-1].monotonic_s
         self.turned_s = time.monotonic()
-        self._outbox.put(self._pipeline.process(readings, time.time() - time.monotonic()))
+        self._watch_rate(readings)
+        notes = () if self.meter.fits else (Note.RATE,)
+        self._outbox.put(self._pipeline.process(readings, time.time() - time.monotonic(), notes))
+
+    def _watch_rate(self, readings: list[Reading]) -> None:
+        verdict = self.meter.add(readings)
+        if verdict is None:
+            return
+        if verdict.fits:
+            _log.info("%s: %.4g readings per second, as declared", self._name, verdict.measured_hz)
+        else:
+            _log.warning("%s: %s", self._name, rate.complaint(verdict, self._rate_hz, polled=self._polled))
 
     def _count_lost(self, number: int) -> None:
         self.lost += number

@@ -62,6 +62,13 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument("--json", action="store_true", help="print one JSON object")
         else:
             command.add_argument("--surface", metavar="NAME", help="this surface only")
+        if name == "tare":
+            command.add_argument(
+                "--accept-change",
+                action="store_true",
+                help="take rest gaps also where they contradict the last tare or the configuration: "
+                "after sensors were moved",
+            )
         if name == "record":
             _add_record(command)
     return parser
@@ -76,6 +83,11 @@ def _add_record(command: argparse.ArgumentParser) -> None:
         action="append",
         metavar=("MM", "N"),
         help="a load: position and force; may be given several times, instead of typing them when asked",
+    )
+    command.add_argument(
+        "--accept",
+        action="store_true",
+        help="record the loads of --at whatever speaks against them: off the beam, too heavy, not seen, not still",
     )
     command.add_argument(
         "--seconds", type=float, default=2.0, metavar="S", help="how long each load is recorded (default 2)"
@@ -163,6 +175,7 @@ def _print_table(states: Sequence["SurfaceState"]) -> None:
 
 def _tare(arguments: argparse.Namespace) -> int:
     from beamtouch_daemon import config_file, once, tare  # noqa: PLC0415
+    from beamtouch_daemon.config import ConfigError  # noqa: PLC0415
     from beamtouch_daemon.sources.reading import SourceError  # noqa: PLC0415
 
     settings = config_file.load(arguments.config)
@@ -173,9 +186,14 @@ def _tare(arguments: argparse.Namespace) -> int:
     config_file.require_ports(settings)
     code = DONE
     for name in [chosen] if chosen else list(settings.surfaces):
-        path = settings.tare_file(name)
+        path, surface = settings.tare_file(name), settings.surfaces[name]
         try:
-            gaps, readings = asyncio.run(once.measure_rest(settings.surfaces[name]))
+            last_mm = tare.load(path, surface.channel_names)
+        except ConfigError:
+            last_mm = {}  # it is replaced
+        accept: bool = arguments.accept_change
+        try:
+            gaps, readings = asyncio.run(once.measure_rest(surface, last_mm, accept_change=accept))
             tare.save(path, name, readings, gaps)
         except (SourceError, tare.TareRefusedError) as error:
             code = _complain(f"{name}: not tared: {error}", FAILED)
@@ -188,8 +206,8 @@ def _tare(arguments: argparse.Namespace) -> int:
 
 
 def _record(arguments: argparse.Namespace) -> int:
-    from beamtouch_daemon import config_file, record, tare  # noqa: PLC0415
-    from beamtouch_daemon.record_dialogue import Dialogue, load_of, say  # noqa: PLC0415
+    from beamtouch_daemon import config_file, record, record_table, tare  # noqa: PLC0415
+    from beamtouch_daemon.record_dialogue import HELP, Dialogue, load_of  # noqa: PLC0415
     from beamtouch_daemon.sources.reading import SourceError  # noqa: PLC0415
 
     settings = config_file.load(arguments.config)
@@ -199,24 +217,35 @@ def _record(arguments: argparse.Namespace) -> int:
         return _complain(f"--surface: name one of {names}", WRONG_INPUT)
     if not 0 < arguments.seconds <= LONGEST_RECORDING_S:
         return _complain(f"--seconds: give more than 0 and at most {LONGEST_RECORDING_S:g}", WRONG_INPUT)
+    surface = settings.surfaces[name]
     try:
-        given = None if arguments.at is None else [load_of(words) for words in arguments.at]
-    except ValueError as error:
+        at: list[list[str]] | None = arguments.at
+        given = None if at is None else [load_of([*words, *(["accept"] * arguments.accept)]) for words in at]
+        for load in given or []:
+            record.require_stated(load, surface.loads)
+    except (ValueError, record.LoadRefusedError) as error:
         return _complain(f"--at: {error}", WRONG_INPUT)
     config_file.require_ports(settings)
-    surface = settings.surfaces[name]
     rest_gap_mm = tare.load(settings.tare_file(name), surface.channel_names)
 
-    async def recorded(to: record.Table) -> None:
+    async def recorded(to: record_table.Table) -> list[record_table.Load]:
         recorder = record.Recorder(surface, rest_gap_mm)
-        await record.record_loads(recorder, to, Dialogue(given).next_load, arguments.seconds, say)
+        person = Dialogue(given, surface.loads)
+        await record.record_loads(recorder, to, person, arguments.seconds)
+        return sorted(person.missing, key=str)
 
-    with record.table(arguments.output, surface.channel_names, append=arguments.append) as to:
+    with record_table.table(arguments.output, surface.channel_names, append=arguments.append) as to:
+        if surface.loads is None:
+            print(f"without [surfaces.{name}.loads], positions and forces are not checked", file=sys.stderr)
+        if sys.stdin.isatty():
+            print(HELP, file=sys.stderr)
         try:
-            asyncio.run(recorded(to))
+            missing = asyncio.run(recorded(to))
         except SourceError as error:
             return _complain(f"{name}: {error}; {to.loads} loads are in {arguments.output}", FAILED)
     print(f"{to.loads} loads in {arguments.output}; next: design-sensors calibrate MODEL {arguments.output} -o MODEL")
+    if missing:
+        return _complain(f"{name}: not recorded: {', '.join(map(str, missing))}; put them on again", FAILED)
     return DONE if to.loads else FAILED
 
 

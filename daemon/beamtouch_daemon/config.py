@@ -18,7 +18,7 @@ from pydantic import (
     model_validator,
 )
 
-from beamtouch_daemon.config_signal import Channel, Filter, LowPass, NoFilter, Positive, ZeroTracking
+from beamtouch_daemon.config_signal import Channel, Filter, LowPass, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
 from beamtouch_daemon.modules import module_of
 from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
@@ -91,6 +91,15 @@ def place_of(source: Source, channel: Channel) -> tuple[str, int, int]:
     return channel.host or host, unit if channel.unit is None else channel.unit, register or 0
 
 
+class Loads(Strict):
+    """Which known loads `record` takes; it refuses others."""
+
+    position_mm: Pair
+    """From the left end: where the model knows loads."""
+    most_force_n: Positive
+    """The largest force that the model knows."""
+
+
 class Surface(Strict):
     """One beam with its sensors."""
 
@@ -106,6 +115,8 @@ class Surface(Strict):
     source: Source
     filter: Filter = NoFilter()
     zero_tracking: ZeroTracking | None = None
+    loads: Loads | None = None
+    """Unset: `record` knows neither the beam nor the forces."""
     channels: Annotated[tuple[Channel, ...], Field(strict=False, min_length=1, max_length=MAX_CHANNELS)]
 
     @model_validator(mode="after")

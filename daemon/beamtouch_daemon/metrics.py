@@ -30,6 +30,12 @@ class LineCollector(Collector):
             "beamtouch_samples_waiting", "Samples not yet delivered.", labels=["surface", "where"]
         )
         age = GaugeMetricFamily("beamtouch_reading_age_seconds", "Age of the newest reading.", labels=["surface"])
+        measured = GaugeMetricFamily(
+            "beamtouch_readings_per_second", "Measured rate of the readings.", labels=["surface"]
+        )
+        wrong = GaugeMetricFamily(
+            "beamtouch_rate_wrong", "1 while the measured rate is not the declared one.", labels=["surface"]
+        )
         for line in list(self._lines()):
             surface, counts = [line.name], line.summary()
             readings.add_metric(surface, counts.readings)
@@ -42,7 +48,11 @@ class LineCollector(Collector):
             age_s = line.age_s()
             if age_s is not None:
                 age.add_metric(surface, age_s)
-        yield from (readings, lost, published, dropped, waiting, age)
+            meter = line.acquisition.meter
+            if (measured_hz := meter.measured_hz) is not None:
+                measured.add_metric(surface, measured_hz)
+            wrong.add_metric(surface, 0 if meter.fits else 1)
+        yield from (readings, lost, published, dropped, waiting, age, measured, wrong)
 
 
 @contextmanager

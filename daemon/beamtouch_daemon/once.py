@@ -1,10 +1,13 @@
 """Reading every surface for a moment: what `check` and `tare` do."""
 
 import asyncio
+from collections.abc import Mapping
 from contextlib import aclosing
 from dataclasses import dataclass
 
-from beamtouch_daemon import tare
+import numpy as np
+
+from beamtouch_daemon import stuck, tare
 from beamtouch_daemon.calibration import QUALITIES, Calibration
 from beamtouch_daemon.config import Config, Surface
 from beamtouch_daemon.pipeline import counts_of
@@ -75,11 +78,35 @@ async def _check(name: str, surface: Surface, rest_gap_mm: dict[str, float]) -> 
     )
 
 
-async def measure_rest(surface: Surface) -> tuple[dict[str, float], int]:
-    """Return the rest gaps [mm] by channel name and the number of readings; SourceError or TareRefusedError."""
+async def measure_rest(
+    surface: Surface, last_mm: Mapping[str, float], *, accept_change: bool
+) -> tuple[dict[str, float], int]:
+    """Return the rest gaps [mm] by channel name and the number of readings; SourceError or TareRefusedError.
+
+    Parameters
+    ----------
+    surface
+        The configuration.
+    last_mm
+        The rest gaps of the last tare by channel name, empty without one.
+    accept_change
+        Whether rest gaps that contradict the last tare or the configuration are taken all the same.
+    """
     readings = await _take(source_of(surface), tare.readings_needed(surface.rate_hz))
     calibration = Calibration.of(surface.channels)
-    gaps = tare.rest_gaps(counts_of(readings), calibration, surface.channel_names, surface.noise_mm)
+    counts = counts_of(readings)
+    lengths, _ = stuck.runs(counts, stuck.fresh(len(surface.channels)))
+    most = stuck.longest_runs(surface.channels, calibration.steepest, surface.noise_mm, surface.rate_hz)
+    for index in np.flatnonzero((lengths > most).any(axis=0)).tolist():
+        message = f"{surface.channel_names[index]} is stuck: its counts do not change; check the sensor"
+        raise tare.TareRefusedError(message)
+    gaps = tare.rest_gaps(counts, calibration, surface.channel_names, surface.noise_mm)
+    if (found := tare.contradictions(gaps, last_mm, surface)) and not accept_change:
+        message = (
+            f"{', '.join(found)}; take everything off the beam and tare again, "
+            "or add --accept-change if the sensors were moved or the beam was changed"
+        )
+        raise tare.TareRefusedError(message)
     return gaps, len(readings)
 
 

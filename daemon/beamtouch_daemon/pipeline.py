@@ -12,7 +12,7 @@ from beamtouch_daemon.calibration import QUALITIES, Calibration
 from beamtouch_daemon.config import Surface
 from beamtouch_daemon.filters import Chain, stages
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_service.samples import Quality, Sample
+from beamtouch_service.samples import Note, Quality, Sample
 
 FloatArray = NDArray[np.float64]
 
@@ -30,6 +30,8 @@ class Taken:
 
     reading: Reading
     sample: Sample
+    notes: tuple[Note, ...] = ()
+    """What was known of the surface then."""
 
     @property
     def monotonic_s(self) -> float:
@@ -77,7 +79,9 @@ class Pipeline:
         self._zero = self._zero.disturbed()
         self._last_s = None
 
-    def process(self, readings: Sequence[Reading], unix_minus_monotonic_s: float) -> list[Taken]:
+    def process(
+        self, readings: Sequence[Reading], unix_minus_monotonic_s: float, notes: tuple[Note, ...] = ()
+    ) -> list[Taken]:
         """Return one sample per reading, but none as long as the filter has too few readings of every channel.
 
         Parameters
@@ -86,6 +90,8 @@ class Pipeline:
             At least one, oldest first.
         unix_minus_monotonic_s
             Wall clock less monotonic clock now [s]; it dates the samples for the record.
+        notes
+            What is known of the surface; the samples carry it.
         """
         times = np.array([reading.monotonic_s for reading in readings])
         counts = counts_of(readings)
@@ -98,7 +104,7 @@ class Pipeline:
         codes[unsettled] = _MISSING
         waits = unsettled.any(axis=1) & ~(codes == _GOOD).any(axis=1)
         return [
-            Taken(reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code))
+            Taken(reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code), notes)
             for reading, value, code, wait in zip(readings, values, codes, waits, strict=True)
             if not wait
         ]

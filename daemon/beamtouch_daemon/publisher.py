@@ -182,7 +182,8 @@ class Publisher:
 
     async def _send(self, batch: Batch, fault: Fault) -> bool | None:
         """Send a batch; return whether the service took it, None if it never will."""
-        content = batch.model_dump_json().encode()
+        # A service of before knows no notes, and needs to know none as long as there are none.
+        content = batch.model_dump_json(exclude_defaults=True).encode()
         try:
             answer = await self._client.post_samples(self._sender.surface, content)
         except UnreachableError as error:
@@ -203,4 +204,5 @@ class Publisher:
             channels=self._sender.channels,
             newest_age_ms=max(0.0, (now_s - samples[-1].monotonic_s) * 1e3),
             samples=[taken.sample for taken in samples],
+            notes=sorted({note for taken in samples for note in taken.notes}),
         )

@@ -1,41 +1,75 @@
-"""Recording known loads for a calibration: `beamtouch-daemon record`."""
+"""Recording known loads for a calibration: `beamtouch-daemon record`.
+
+What is recorded is believed by `calibrate`. So a load has to be one that the surface may carry, to be seen, and to be
+still for as long as it is recorded. A person who knows better may have it recorded all the same.
+"""
 
 import asyncio
-import csv
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import aclosing, contextmanager
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TextIO
+from collections.abc import Sequence
+from contextlib import aclosing
+from typing import Protocol
 
-from beamtouch_daemon import tare
-from beamtouch_daemon.calibration import Calibration
-from beamtouch_daemon.config import ConfigError, Surface
+import numpy as np
+
+from beamtouch_daemon import config, tare
+from beamtouch_daemon.calibration import QUALITIES, Calibration
+from beamtouch_daemon.config import Surface
 from beamtouch_daemon.pipeline import Pipeline, Taken, counts_of
+from beamtouch_daemon.record_table import Load, Table
 from beamtouch_daemon.sources import source_of
 from beamtouch_daemon.sources.reading import Reading, Source
 from beamtouch_daemon.tasks import cancel
+from beamtouch_service.samples import Quality
 
 SETTLED_S = 0.5
 """So long no channel may have moved before a load is recorded."""
 MIN_READINGS = 20
 GIVE_UP_S = 30.0
-LOAD_COLUMNS = ("unix_time_s", "load", "position_mm", "force_n")
-CHANNEL_COLUMNS = ("counts", "deflection_mm", "quality")
+SEEN = 3.0
+"""A load is seen where it deflects a channel by more than this, over the noise of one reading."""
 
 
-@dataclass(frozen=True)
-class Load:
-    """A known load, as the person at the beam says."""
-
-    position_mm: float
-    force_n: float
+class LoadRefusedError(Exception):
+    """The load is not recorded; the text is one line that says why."""
 
 
-class NotSettledError(Exception):
-    """The surface moved, or a channel was not good, all the time; the text says which."""
+class TakeBack:
+    """What a person gives in place of a load to have the last one removed."""
+
+
+class Person(Protocol):
+    """Who puts loads on the beam."""
+
+    async def next_load(self, number: int) -> Load | TakeBack | None:
+        """Return the next load once it is on the beam; None at the end."""
+        ...
+
+    def recorded(self, load: Load, text: str) -> None:
+        """Hear that a load was recorded."""
+        ...
+
+    def refused(self, load: Load, reason: str) -> None:
+        """Hear that a load was not recorded."""
+        ...
+
+    def say(self, text: str) -> None:
+        """Hear something else."""
+        ...
+
+
+def require_stated(load: Load, known: config.Loads | None) -> None:
+    """Raise LoadRefusedError if the surface cannot have such a load by its configuration."""
+    if known is None or load.is_accepted:
+        return
+    low, high = known.position_mm
+    if not low <= load.position_mm <= high:
+        message = f"{load.position_mm:g} mm is not within {low:g} to {high:g} mm, where the model knows loads"
+        raise LoadRefusedError(message)
+    if load.force_n > known.most_force_n:
+        message = f"{load.force_n:g} N is more than {known.most_force_n:g} N, the most that the model knows"
+        raise LoadRefusedError(message)
 
 
 class Recorder:
@@ -64,31 +98,52 @@ class Recorder:
                     self._arrived += taken
                 self._changed.set()
 
-    async def record(self, seconds: float, keep: Callable[[Taken], None]) -> int:
-        """Wait until the surface has settled, then pass on the samples of so long; returns how many.
+    async def record(self, load: Load, seconds: float) -> list[Taken]:
+        """Wait until the surface has settled, then return the samples of so long.
 
         Where readings are late or missing it takes longer, `GIVE_UP_S` at most.
 
         Raises
         ------
-        NotSettledError
-            It did not settle within `GIVE_UP_S`.
+        LoadRefusedError
+            It did not settle within `GIVE_UP_S`, moved while it was recorded, or no load is seen.
         """
         self._recent.clear()
-        await self._settled()
-        self._arrived, self._keeps, number = [], True, 0
+        if not load.is_accepted:
+            await self._settled()
+        self._arrived, self._keeps = [], True
         enough = round(seconds * self._rate_hz)
         deadline_s = time.monotonic() + seconds + GIVE_UP_S
         try:
-            while number < enough and (left_s := deadline_s - time.monotonic()) > 0:
+            while len(self._arrived) < enough and (left_s := deadline_s - time.monotonic()) > 0:
                 await self._wait(left_s)
-                for taken in self._arrived:
-                    keep(taken)
-                    number += 1
-                self._arrived = []
         finally:
             self._keeps = False
-        return number
+        if not load.is_accepted:
+            self._require_still_and_seen([taken.reading for taken in self._arrived])
+        return self._arrived
+
+    def _require_still_and_seen(self, readings: Sequence[Reading]) -> None:
+        counts = counts_of(readings) if readings else np.empty((0, len(self._channels)))
+        gaps, good = self._calibration.gap(counts), self._calibration.quality(counts) == QUALITIES.index(Quality.GOOD)
+        seen, largest = False, (0.0, "", 0.0)
+        for index, (name, step) in enumerate(zip(self._channels, self._calibration.steepest.tolist(), strict=True)):
+            gap = gaps[good[:, index], index]
+            if len(gap) < 2:
+                continue
+            if moved := tare.motion(gap, step, self._noise_mm):
+                message = f"it moved while it was recorded: {name}, {moved}"
+                raise LoadRefusedError(message)
+            deflection, noise = (
+                abs(self._calibration.rest_gap[index] - np.mean(gap)),
+                tare.noise_of(gap, self._noise_mm),
+            )
+            seen = seen or deflection > SEEN * noise + step
+            largest = max(largest, (float(deflection), name, noise))
+        if not seen:
+            deflection, name, noise = largest
+            message = f"no load is seen: the largest deflection is {deflection:.2g} mm ({name}), noise {noise:.2g} mm"
+            raise LoadRefusedError(message)
 
     async def _settled(self) -> None:
         deadline_s, refusal = time.monotonic() + GIVE_UP_S, "no readings came"
@@ -103,7 +158,7 @@ class Recorder:
             else:
                 return
         message = f"not settled within {GIVE_UP_S:g} s: {refusal}"
-        raise NotSettledError(message)
+        raise LoadRefusedError(message)
 
     async def _wait(self, seconds: float) -> None:
         self._changed.clear()
@@ -113,92 +168,10 @@ class Recorder:
             return
 
 
-class Table:
-    """The CSV file: a row per sample, complete in the file as soon as it is written."""
-
-    def __init__(self, file: TextIO, channels: Sequence[str], loads: int) -> None:
-        self._writer = csv.writer(file, lineterminator="\n")
-        self._file = file
-        self._channels = channels
-        self.loads = loads
-        """How many are in the file."""
-        self.rows = 0
-
-    def header(self) -> list[str]:
-        """Return the column names."""
-        return [*LOAD_COLUMNS, *(f"{name}_{column}" for name in self._channels for column in CHANNEL_COLUMNS)]
-
-    def write_header(self) -> None:
-        """Begin the file."""
-        self._writer.writerow(self.header())
-        self._file.flush()
-
-    def write(self, load: Load, taken: Taken) -> None:
-        """Add a sample of a load that is not counted yet."""
-        sample = taken.sample
-        cells: list[object] = [f"{sample.acquired_unix_us / 1e6:.6f}", self.loads + 1, load.position_mm, load.force_n]
-        for count, value, quality in zip(taken.reading.counts, sample.deflection_mm, sample.quality, strict=True):
-            cells += ["" if count is None else f"{count:.10g}", "" if value is None else f"{value:.7g}", quality.value]
-        self._writer.writerow(cells)
-        self._file.flush()
-        self.rows += 1
-
-
-@contextmanager
-def table(path: Path, channels: Sequence[str], *, append: bool) -> Iterator[Table]:
-    """Open a CSV file to record to.
-
-    Raises
-    ------
-    ConfigError
-        It is there already and is not to be appended to, has other columns, or cannot be written.
-    """
-    try:
-        if append and path.exists():
-            with path.open("r+", newline="", encoding="utf-8") as file:
-                rows = list(csv.reader(file))
-                made = Table(file, channels, max((int(row[1]) for row in rows[1:] if len(row) > 1), default=0))
-                if not rows or rows[0] != made.header():
-                    message = f"{path}: has other columns than this surface; write to another file"
-                    raise ConfigError(message)
-                yield made
-            return
-        with path.open("x", newline="", encoding="utf-8") as file:
-            made = Table(file, channels, 0)
-            made.write_header()
-            yield made
-    except FileExistsError:
-        message = f"{path}: is there already; add --append, or name another file"
-        raise ConfigError(message) from None
-    except (ValueError, UnicodeDecodeError):
-        message = f"{path}: is not a recording; write to another file"
-        raise ConfigError(message) from None
-    except OSError as error:
-        message = f"{path}: {error.strerror}"
-        raise ConfigError(message) from None
-
-
-async def record_loads(
-    recorder: Recorder,
-    to: Table,
-    next_load: Callable[[int], Awaitable[Load | None]],
-    seconds: float,
-    say: Callable[[str], None],
-) -> None:
-    """Record the loads that `next_load` gives, until it gives None; SourceError where the source fails."""
+async def record_loads(recorder: Recorder, to: Table, person: Person, seconds: float) -> None:
+    """Record the loads that a person gives, until there are no more; SourceError where the source fails."""
     following = asyncio.ensure_future(recorder.follow())
-
-    async def loads() -> None:
-        while (load := await next_load(to.loads + 1)) is not None:
-            try:
-                samples = await recorder.record(seconds, lambda taken: to.write(load, taken))
-            except NotSettledError as error:
-                say(f"{load.force_n:g} N at {load.position_mm:g} mm left out: {error}")
-                continue
-            to.loads += 1
-            say(f"load {to.loads}: {load.force_n:g} N at {load.position_mm:g} mm, {samples} samples")
-
-    recording = asyncio.ensure_future(loads())
+    recording = asyncio.ensure_future(_record_loads(recorder, to, person, seconds))
     try:
         await asyncio.wait({following, recording}, return_when=asyncio.FIRST_COMPLETED)
         if following.done() and not recording.done():
@@ -206,3 +179,18 @@ async def record_loads(
         await recording
     finally:
         await cancel((recording, following))
+
+
+async def _record_loads(recorder: Recorder, to: Table, person: Person, seconds: float) -> None:
+    while (load := await person.next_load(to.loads + 1)) is not None:
+        if isinstance(load, TakeBack):
+            number, gone = to.loads, to.take_back()
+            person.say("there is no load to take back" if gone is None else f"load {number}, {gone}, is taken back")
+            continue
+        try:
+            samples = await recorder.record(load, seconds)
+        except LoadRefusedError as error:
+            person.refused(load, str(error))
+        else:
+            to.write(load, samples)
+            person.recorded(load, f"load {to.loads}: {load}, {len(samples)} samples")

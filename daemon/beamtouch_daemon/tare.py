@@ -3,7 +3,7 @@
 import math
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
 
 from beamtouch_daemon.calibration import QUALITIES, Calibration
-from beamtouch_daemon.config import ConfigError
+from beamtouch_daemon.config import ConfigError, Surface
 from beamtouch_service.samples import ChannelName, Quality, SurfaceName
 
 DURATION_S = 1.0
@@ -22,10 +22,16 @@ MAX_SPREAD = 2.0
 """The standard deviation of a surface at rest, over the noise of one reading."""
 MAX_DRIFT = 1.0
 """The difference between the means of both halves, over the noise of one reading."""
+DRIFT_DEVIATIONS = 5.0
+"""The same, over its own standard deviation: with many readings much less than `MAX_DRIFT` is motion."""
+MOUNTED_WITHIN = 0.1
+"""Part of a sensor's linear range by which its rest gap may differ from the configured one, which may be nominal."""
+DRIFTS_WITHIN = 0.02
+"""Part of a sensor's linear range by which warmth and settling move a rest gap between two tares."""
 
 
 class TareRefusedError(Exception):
-    """The surface was not at rest; the text is one line for the user."""
+    """The surface was not at rest, or does not look so; the text is one line for the user."""
 
 
 class TareFile(BaseModel):
@@ -71,21 +77,63 @@ def rest_gaps(
     """
     codes = calibration.quality(counts)
     gaps = calibration.gap(counts)
-    for name, code, gap, step in zip(channels, codes.T, gaps.T, calibration.steepest, strict=True):
+    for name, code, gap, step in zip(channels, codes.T, gaps.T, calibration.steepest.tolist(), strict=True):
         if bad := code[code != QUALITIES.index(Quality.GOOD)].tolist():
             message = f"{name} is {QUALITIES[bad[0]]} in {len(bad)} of {len(gap)} readings; check the sensor"
             raise TareRefusedError(message)
-        noise = float(np.std(np.diff(gap))) / math.sqrt(2.0) if noise_mm is None else noise_mm
-        spread = float(np.std(gap))
-        first, second = np.array_split(gap, 2)
-        drift = abs(float(np.mean(second) - np.mean(first)))
-        if spread > MAX_SPREAD * noise + step or drift > MAX_DRIFT * noise + step:
-            message = (
-                f"{name} moved: standard deviation {spread:.2g} mm, drift {drift:.2g} mm, noise {noise:.2g} mm; "
-                "take everything off the beam and try again"
-            )
+        if moved := motion(gap, step, noise_mm):
+            message = f"{name} moved: {moved}; take everything off the beam and try again"
             raise TareRefusedError(message)
     return dict(zip(channels, np.mean(gaps, axis=0).tolist(), strict=True))
+
+
+def noise_of(gap_mm: NDArray[np.float64], noise_mm: float | None) -> float:
+    """Return the noise of a reading [mm]: as stated, or judged from the differences between successive readings."""
+    return float(np.std(np.diff(gap_mm))) / math.sqrt(2.0) if noise_mm is None else noise_mm
+
+
+def motion(gap_mm: NDArray[np.float64], step_mm: float, noise_mm: float | None) -> str:
+    """Say how far the gaps of a channel, shape (readings,), moved; empty if noise and one ADC step explain them."""
+    noise = noise_of(gap_mm, noise_mm)
+    spread = float(np.std(gap_mm))
+    first, second = np.array_split(gap_mm, 2)
+    drift = abs(float(np.mean(second) - np.mean(first)))
+    # The difference of two means of n / 2 readings has a standard deviation of 2 / sqrt(n) of that of a reading.
+    most_drift = min(MAX_DRIFT, DRIFT_DEVIATIONS * 2 / math.sqrt(len(gap_mm))) * noise
+    if spread <= MAX_SPREAD * noise + step_mm and drift <= most_drift + step_mm:
+        return ""
+    return f"standard deviation {spread:.2g} mm, drift {drift:.2g} mm, noise {noise:.2g} mm"
+
+
+def contradictions(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface) -> list[str]:
+    """Say of each channel whose rest gap cannot be right by what is known of it, by how much it differs, and from what.
+
+    A channel without a last tare is compared with the configuration, which may be nominal. With one it is compared with
+    both, but with the configuration only if the last tare agreed with it.
+
+    Parameters
+    ----------
+    rest_gap_mm
+        As measured, by channel name.
+    last_mm
+        Of the last tare, by channel name; empty without one.
+    surface
+        The configuration.
+    """
+    noise = surface.noise_mm or 0.0
+    followed = surface.zero_tracking.most_mm if surface.zero_tracking else 0.0
+    found = []
+    for channel in surface.channels:
+        gap, width = rest_gap_mm[channel.name], channel.range_mm[1] - channel.range_mm[0]
+        last = last_mm.get(channel.name)
+        mounted, drifted = MOUNTED_WITHIN * width + noise, max(DRIFTS_WITHIN * width, followed) + noise
+        if last is not None and abs(gap - last) > drifted:
+            found.append(f"{channel.name} {gap - last:+.3f} mm from the last tare")
+            continue
+        agreed = last is None or abs(last - channel.rest_gap_mm) <= mounted
+        if agreed and abs(gap - channel.rest_gap_mm) > mounted:
+            found.append(f"{channel.name} {gap - channel.rest_gap_mm:+.3f} mm from its rest_gap_mm")
+    return found
 
 
 def save(path: Path, surface: str, readings: int, rest_gap_mm: dict[str, float]) -> None:

@@ -43,3 +43,9 @@ class DeviceClock:
         if self._us is None:
             return device_us
         return self._us + (device_us - self._us + (1 << 31)) % (1 << 32) - (1 << 31)
+
+    def follow(self, device_us: int) -> int:
+        """Return the device time in microseconds of a value near the last, and move on to it if it is later."""
+        near = self.extend_near(device_us)
+        self._us = near if self._us is None else max(self._us, near)
+        return near

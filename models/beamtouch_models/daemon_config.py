@@ -14,7 +14,12 @@ SERVICE_URL = "http://127.0.0.1:8420"
 def daemon_config(metadata: Metadata) -> str:
     """Return the TOML text of a config with one surface, with the name and the characteristic that the model states."""
     return "\n".join(
-        [_head(metadata), _filter(metadata), *(_channel(metadata, i) for i in range(len(metadata.layout)))]
+        [
+            _head(metadata),
+            _filter(metadata),
+            _loads(metadata),
+            *(_channel(metadata, i) for i in range(len(metadata.layout))),
+        ]
     )
 
 
@@ -75,6 +80,15 @@ def _filter(metadata: Metadata) -> str:
     if chosen.spike_mm is not None:
         lines.append(f"spike_mm = {chosen.spike_mm!r}")
     return "\n".join(lines) + "\n"
+
+
+def _loads(metadata: Metadata) -> str:
+    """Return what `record` checks known loads against."""
+    return f"""\
+[surfaces.{json.dumps(metadata.name)}.loads]     # those that `record` takes: what the model was made for
+position_mm = [{metadata.ranges.position_mm[0]!r}, {metadata.ranges.position_mm[1]!r}]
+most_force_n = {metadata.ranges.force_n[1]!r}
+"""
 
 
 def _channel(metadata: Metadata, index: int) -> str:

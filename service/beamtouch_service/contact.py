@@ -68,6 +68,8 @@ class Contact(BaseModel):
     quality: ContactQuality
     degraded_channels: list[str]
     """The channels that were left out; empty when the quality is good."""
+    notes: list[str]
+    """What limits the answer: `rate`, the device does not keep its rate; empty when nothing does."""
     model: str
     """Name and fingerprint of the model that answered."""
 

@@ -32,6 +32,7 @@ _CONTACT = {
     "sequence": 4711,
     "quality": "good",
     "degraded_channels": [],
+    "notes": [],
     "model": "paper@4f2c91",
 }
 _FIGURES = [name for name in _CONTACT if name.startswith(("position_", "force_"))]

@@ -33,6 +33,13 @@ class Quality(StrEnum):
     """No reading of this channel, or too few yet for the filter."""
 
 
+class Note(StrEnum):
+    """What the sender has found of the surface, besides its samples."""
+
+    RATE = "rate"
+    """The device does not keep its rate: filter windows are longer or shorter than configured."""
+
+
 class Sample(BaseModel):
     """One filtered deflection per channel, with its quality and its time."""
 
@@ -71,6 +78,8 @@ class Batch(BaseModel):
     newest_age_ms: FiniteFloat = Field(ge=0, le=1e12)
     """Age of the last sample at sending, by the sender's monotonic clock; freshness depends on nothing else."""
     samples: list[Sample] = Field(min_length=1, max_length=MAX_SAMPLES)
+    notes: list[Annotated[Note, Field(strict=False)]] = Field(default=[], max_length=len(Note))
+    """What the sender has found of the surface while it took these samples; senders of before have none."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

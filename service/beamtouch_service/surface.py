@@ -14,7 +14,7 @@ from beamtouch_service.defaults import STALE_MS
 from beamtouch_service.estimates import estimate
 from beamtouch_service.inference import Inference
 from beamtouch_service.problems import Kind, Problem, ProblemError
-from beamtouch_service.samples import Batch, Receipt, Sample
+from beamtouch_service.samples import Batch, Note, Receipt, Sample
 from beamtouch_service.senders import Senders
 from beamtouch_service.sequences import SequenceLog
 from beamtouch_service.surface_summary import SampleCounts, SurfaceSummary
@@ -32,6 +32,8 @@ class Newest:
     """The names of the values in the sample."""
     sample: Sample
     acquired_s: float
+    notes: list[Note]
+    """What its sender has found of the surface."""
     seen: Seen | None = None
     """None without a model."""
     model: str = ""
@@ -116,6 +118,7 @@ class Surface:
             sequence=present.sample.sequence,
             quality=ContactQuality.DEGRADED if degraded else ContactQuality.GOOD,
             degraded_channels=degraded,
+            notes=[note.value for note in present.notes],
             model=present.model,
         )
 
@@ -219,11 +222,13 @@ class Surface:
     def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> None:
         model = self.model
         if model is None:
-            self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s)
+            self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, batch.notes)
             return
         follower = self._following(model, batch.boot_id)
         seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch.channels, fresh, self._ask)]
-        self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, seen[-1], model.identity)
+        self._present = Newest(
+            batch.boot_id, batch.channels, fresh[-1], acquired_s, batch.notes, seen[-1], model.identity
+        )
         if self.witness:
             self.witness.present(self, model, batch.boot_id, seen)
 

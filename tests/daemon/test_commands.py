@@ -4,6 +4,7 @@ import asyncio
 import json
 import socket
 from pathlib import Path
+from random import randrange
 
 import pytest
 
@@ -97,6 +98,57 @@ def test_tare_writes_the_rest_gaps_and_check_uses_them(tmp_path: Path) -> None:
         assert [channel["deflection_mm"] for channel in channels] == pytest.approx([0, 0])
 
     asyncio.run(story())
+
+
+def test_tare_refuses_what_contradicts_the_configuration_and_the_last_tare(tmp_path: Path) -> None:
+    async def tare(registers: list[int], *options: str) -> Outcome:
+        async with pymodbus_server(registers) as port:
+            return await command("tare", configs.write(tmp_path, configs.surface(source=configs.tcp(port))), *options)
+
+    async def story() -> list[Outcome]:
+        return [
+            await tare([30_000, 20_000]),  # s1 is 1 mm down, as under a load
+            await tare([20_500, 21_000]),  # mounted 0.05 and 0.1 mm closer than stated
+            await tare([20_700, 20_900]),  # 0.02 mm of drift
+            await tare([20_700, 22_900]),  # a light load, or one more
+            await tare([20_700, 22_900], "--accept-change"),
+            await tare([20_700, 22_900]),
+        ]
+
+    loaded, first, drifted, light, accepted, again = asyncio.run(story())
+    assert loaded.code == 1
+    assert loaded.complaint() == (
+        "bench: not tared: s1 -1.000 mm from its rest_gap_mm; take everything off the beam and tare again, "
+        "or add --accept-change if the sensors were moved or the beam was changed"
+    )
+    assert [outcome.code for outcome in (first, drifted, accepted, again)] == [0, 0, 0, 0]
+    assert light.code == 1
+    assert light.complaint().startswith("bench: not tared: s2 -0.200 mm from the last tare; take everything off")
+    content = json.loads((tmp_path / "bench.tare.json").read_text())
+    assert content["rest_gap_mm"] == pytest.approx({"s1": 2.43, "s2": 2.21})
+
+
+def test_tare_takes_a_channel_whose_last_tare_was_accepted_beyond_the_configuration(tmp_path: Path) -> None:
+    async def story() -> list[int]:
+        async with pymodbus_server([30_000, 20_000]) as port:
+            config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)))
+            return [(await command("tare", config, *options)).code for options in ((), ("--accept-change",), ())]
+
+    assert asyncio.run(story()) == [1, 0, 0]
+
+
+def test_tare_refuses_a_channel_whose_counts_stand_still(tmp_path: Path) -> None:
+    async def noise(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
+        now[1] = 20_000 + randrange(-30, 31)  # noqa: S311
+
+    async def story() -> Outcome:
+        async with pymodbus_server([20_000, 20_000], noise) as port:
+            surface = configs.surface(source=configs.tcp(port)).replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1)
+            return await command("tare", configs.write(tmp_path, surface))
+
+    outcome = asyncio.run(story())
+    assert outcome.code == 1
+    assert outcome.complaint() == "bench: not tared: s1 is stuck: its counts do not change; check the sensor"
 
 
 def test_tare_refuses_a_surface_that_moves_and_writes_nothing_for_it(tmp_path: Path) -> None:

@@ -2,11 +2,14 @@
 
 import asyncio
 import csv
+import os
+import random
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from pymodbus.simulator.simdevice import SimAction
 
 from beamtouch_daemon.record_dialogue import load_of
 
@@ -27,37 +30,157 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 
 def record(config: Path, path: Path, typed: str, *options: object) -> subprocess.CompletedProcess[str]:
+    """Record with answers from a pipe."""
     program = [sys.executable, "-m", "beamtouch_daemon", "record", str(config), "-o", str(path)]
     return subprocess.run(
-        [*program, *map(str, options)], input=typed, capture_output=True, text=True, timeout=60, check=False
+        [*program, *map(str, options)], input=typed, capture_output=True, text=True, timeout=120, check=False
     )
 
 
-def test_loads_that_are_typed_are_recorded(tmp_path: Path) -> None:
-    path = tmp_path / "loads.csv"
+def record_at_terminal(config: Path, path: Path, typed: str, *options: object) -> subprocess.CompletedProcess[str]:
+    """Record with answers from a terminal."""
+    program = [sys.executable, "-m", "beamtouch_daemon", "record", str(config), "-o", str(path)]
+    near, far = os.openpty()
+    try:
+        os.write(near, typed.encode())
+        return subprocess.run(
+            [*program, *map(str, options)], stdin=far, capture_output=True, text=True, timeout=120, check=False
+        )
+    finally:
+        os.close(near)
+        os.close(far)
+
+
+LIMITS = "\n[surfaces.bench.loads]\nposition_mm = [0.0, 400.0]\nmost_force_n = 20.0\n"
+
+
+def on_beam(
+    typed: str, folder: Path, *options: object, at_terminal: bool = False, action: SimAction | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Record to loads.csv from a device whose second channel is 0.1 mm down, or one that does as it is told."""
 
     async def story() -> subprocess.CompletedProcess[str]:
-        async with pymodbus_server([20_000, 21_000]) as port:
-            config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)))
-            typed = "150 10\nabc\n-3 5\n60 0\n250,5 5\n\n"
-            return await asyncio.to_thread(record, config, path, typed, "--seconds", 0.3)
+        async with pymodbus_server([20_000, 21_000], action) as port:
+            config = configs.write(folder, configs.surface(source=configs.tcp(port)) + LIMITS)
+            run = record_at_terminal if at_terminal else record
+            return await asyncio.to_thread(run, config, folder / "loads.csv", typed, *options)
 
-    done = asyncio.run(story())
+    return asyncio.run(story())
+
+
+def stated(path: Path) -> list[tuple[str, str, str]]:
+    """Return the loads in a file: number, position and force."""
+    return sorted({(row["load"], row["position_mm"], row["force_n"]) for row in rows_of(path)})
+
+
+def noisy(moves_after: int, counts_per_reading: float, loaded: float = 1000.0) -> SimAction:
+    """Return what makes a device noisy, and lets its load move after so many readings."""
+    chance, readings = random.Random(7), 0  # noqa: S311
+
+    async def action(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
+        nonlocal readings
+        readings += 1
+        moved = counts_per_reading * max(0, readings - moves_after)
+        now[0] = round(20_000 + chance.gauss(0, 20))
+        now[1] = round(20_000 + loaded + moved + chance.gauss(0, 20))
+
+    return action
+
+
+def test_loads_that_are_typed_at_a_terminal_are_recorded_and_wrong_answers_asked_again(tmp_path: Path) -> None:
+    path = tmp_path / "loads.csv"
+    typed = "150 10\nabc\n-3 5\n60 0\n9999 10\n150 10000\n250,5 5\n\n"
+    done = on_beam(typed, tmp_path, "--seconds", 0.3, at_terminal=True)
     assert done.returncode == 0
     assert done.stdout == f"2 loads in {path}; next: design-sensors calibrate MODEL {path} -o MODEL\n"
-    for said in ("give two numbers", "is not on the beam", "is no load", "load 2: 5 N at 250.5 mm"):
+    for said in (
+        "give two numbers",
+        "a position of -3 mm is not on the beam",
+        "is no load",
+        "9999 mm is not within 0 to 400 mm",
+        "10000 N is more than 20 N",
+        "load 2: 5 N at 250.5 mm",
+    ):
         assert said in done.stderr
     assert path.read_text().splitlines()[0] == ",".join(HEADER)
     rows = rows_of(path)
-    assert {(row["load"], row["position_mm"], row["force_n"]) for row in rows} == {
-        ("1", "150.0", "10.0"),
-        ("2", "250.5", "5.0"),
-    }
+    assert stated(path) == [("1", "150.0", "10.0"), ("2", "250.5", "5.0")]
     assert len(rows) > 60  # 200 Hz, twice 0.3 s
     for row in rows:
         assert (row["s1_counts"], row["s2_counts"], row["s1_quality"]) == ("20000", "21000", "good")
         assert float(row["s1_deflection_mm"]) == pytest.approx(0, abs=1e-9)
         assert float(row["s2_deflection_mm"]) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ("abc", "give two numbers"),
+        ("150 nan", "is no load"),
+        ("9999 10", "is not within 0 to 400 mm"),
+        ("150 10000", "is more than 20 N"),
+    ],
+)
+def test_a_wrong_answer_from_a_pipe_ends_it_and_keeps_what_was_recorded(tmp_path: Path, wrong: str, said: str) -> None:
+    done = on_beam(f"150 10\n{wrong}\n250 5\n\n", tmp_path, "--seconds", 0.2)
+    (complaint,) = [line for line in done.stderr.splitlines() if line.startswith("beamtouch-daemon: ")]
+    assert done.returncode == 2
+    assert said in complaint
+    assert complaint.endswith("; 1 loads are recorded")
+    assert stated(tmp_path / "loads.csv") == [("1", "150.0", "10.0")]
+
+
+@pytest.mark.parametrize("words", [("9999", "10"), ("150", "10000")])
+def test_a_given_load_that_the_surface_cannot_have_is_wrong_input(tmp_path: Path, words: tuple[str, str]) -> None:
+    done = on_beam("\n", tmp_path, "--at", *words)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert done.stderr.startswith("beamtouch-daemon: --at: ")
+    assert not (tmp_path / "loads.csv").exists()
+    taken = on_beam("\n", tmp_path, "--at", *words, "--accept", "--seconds", 0.2)
+    assert taken.returncode == 0
+    assert len(stated(tmp_path / "loads.csv")) == 1
+
+
+def test_a_load_that_deflects_nothing_is_refused_and_can_be_accepted(tmp_path: Path) -> None:
+    nothing = noisy(0, 0.0, loaded=0.0)
+    done = on_beam("150 10\n\n", tmp_path, "--seconds", 0.5, action=nothing)
+    assert done.returncode == 1
+    assert "10 N at 150 mm left out: no load is seen: the largest deflection is " in done.stderr
+    assert done.stderr.splitlines()[-1] == "beamtouch-daemon: bench: not recorded: 10 N at 150 mm; put them on again"
+    assert rows_of(tmp_path / "loads.csv") == []
+    taken = on_beam("150 10 accept\n\n", tmp_path, "--seconds", 0.5, "--append", action=nothing)
+    assert taken.returncode == 0
+    assert stated(tmp_path / "loads.csv") == [("1", "150.0", "10.0")]
+
+
+def test_a_load_that_moves_while_it_is_recorded_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+    slow = noisy(moves_after=150, counts_per_reading=1.7)  # 33 um in a second, after it has settled
+    done = on_beam("150 10\n\n", tmp_path, action=slow)
+    assert done.returncode == 1
+    assert "10 N at 150 mm left out: it moved while it was recorded: s2, standard deviation" in done.stderr
+    assert rows_of(tmp_path / "loads.csv") == []
+
+
+def test_a_load_that_rests_is_not_taken_for_one_that_moves(tmp_path: Path) -> None:
+    done = on_beam("150 10\n" * 4 + "\n", tmp_path, "--seconds", 0.5, action=noisy(0, 0.0))
+    assert done.returncode == 0
+    assert len(stated(tmp_path / "loads.csv")) == 4
+
+
+def test_the_last_load_can_be_taken_back_also_one_of_before(tmp_path: Path) -> None:
+    path = tmp_path / "loads.csv"
+    first = on_beam("150 10\n250 5\nundo\n100 5\n\n", tmp_path, "--seconds", 0.2)
+    assert first.returncode == 0
+    assert "load 2, 5 N at 250 mm, is taken back" in first.stderr
+    assert stated(path) == [("1", "150.0", "10.0"), ("2", "100.0", "5.0")]
+    before = path.read_text()
+    second = on_beam("undo\nundo\nundo\n70 5\n\n", tmp_path, "--seconds", 0.2, "--append")
+    assert "there is no load to take back" in second.stderr
+    assert stated(path) == [("1", "70.0", "5.0")]
+    assert path.read_text().splitlines()[0] == before.splitlines()[0]
+    given = on_beam("\nundo\n\n\n", tmp_path, "--at", 80, 5, "--at", 90, 5, "--seconds", 0.2, "--append")
+    assert given.returncode == 0
+    assert [load[1] for load in stated(path)] == ["70.0", "80.0", "90.0"]
 
 
 def test_loads_that_are_given_wait_for_a_sign_and_are_appended(tmp_path: Path) -> None:

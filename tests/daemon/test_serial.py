@@ -42,8 +42,8 @@ def test_a_session_is_stop_hello_start_readings_stop() -> None:
             session = [message for message in device.received if not isinstance(message, messages.Ping)]
             assert session == [messages.Stop(), messages.HelloRequest(), messages.Start(200, 1), messages.Stop()]
             pings = [message for message in device.received if isinstance(message, messages.Ping)]
-            assert [ping.token for ping in pings] == list(range(len(pings)))
-            assert pings
+            assert [ping.token for ping in pings] == [(pings[0].token + i) % 2**16 for i in range(len(pings))]
+            assert device.received.index(pings[0]) < device.received.index(messages.Start(200, 1))
             assert [reading.counts for reading in readings] == [(21_000 + i, 20_000 + i) for i in range(20)]
             assert sum(reading.lost for reading in readings) == 0
 

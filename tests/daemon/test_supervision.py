@@ -146,7 +146,7 @@ def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Pat
             config = configs.write(tmp_path, configs.surface(source=configs.tcp(device)), url=service.url)
             config.write_text(config.read_text() + f"\n[metrics]\nport = {port}\n")
             async with started("run", config) as daemon, httpx2.AsyncClient(trust_env=False) as client:
-                await service.until(100)
+                await service.until(400)
                 answer = await client.get(f"http://127.0.0.1:{port}/metrics")
                 with pytest.raises(httpx2.ConnectError):
                     await client.get(f"http://127.0.0.2:{port}/metrics")
@@ -163,6 +163,8 @@ def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Pat
     assert found["beamtouch_samples_dropped_total", "bench"] == found["beamtouch_samples_waiting", "disk"] == 0
     assert 0 <= found["beamtouch_reading_age_seconds", "bench"] < 5
     assert ("beamtouch_samples_waiting", "memory") in found
+    assert 0 < found["beamtouch_readings_per_second", "bench"] < 210
+    assert found["beamtouch_rate_wrong", "bench"] in {0, 1}
 
 
 def test_a_port_for_metrics_that_is_taken_is_said_in_one_line(tmp_path: Path) -> None:

@@ -242,3 +242,28 @@ def test_a_fixed_support_takes_no_fixity() -> None:
     cantilever, _ = load_scene(SCENES / "cantilever.toml")
     with pytest.raises(SceneError, match="fixed already"):
         Imperfections(fixity=(0.1, 0.0)).applied_to(cantilever)
+
+
+def test_loads_are_put_on_by_hand(bench_model: Path) -> None:
+    program = Path(sys.executable).parent / "beamtouch-rig"
+    command: list[str | Path] = [program, SCENES / "bench.toml", "--model", bench_model]
+    with subprocess.Popen(
+        [*command, "--by-hand", "--modbus-tcp", "127.0.0.1:0"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdin is not None
+            assert process.stdout is not None
+            assert process.stderr is not None
+            assert process.stdout.readline().startswith("listening on modbus-tcp ")
+            process.stdin.write("150 10\nabc\n9999 10\n\n")
+            process.stdin.flush()
+            assert process.stdout.readline() == "10 N at 150 mm is on\n"
+            assert process.stderr.readline().startswith("beamtouch-rig: give a position in mm and a force in N")
+            assert process.stderr.readline() == "beamtouch-rig: 10 N at 9999 mm is no load on a beam of 400 mm\n"
+            assert process.stdout.readline() == "nothing is on\n"
+        finally:
+            process.terminate()

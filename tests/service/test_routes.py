@@ -49,9 +49,19 @@ def test_the_contact_is_the_one_of_the_design(bench: Bench, make_batch: MakeBatc
         "sequence": 4711,
         "quality": "good",
         "degraded_channels": [],
+        "notes": [],
     }
     assert bench.get("/surfaces/press-7/contact").json() == response.json()
     assert bench.get("/contact?surface=press-7").json() == response.json()
+
+
+def test_a_note_of_the_sender_stands_with_the_contact_until_it_is_gone(bench: Bench, make_batch: MakeBatch) -> None:
+    bench.post(make_batch() | {"notes": ["rate"]})
+    assert bench.get("/contact").json()["notes"] == ["rate"]
+    bench.post(make_batch(sequence=2))
+    assert bench.get("/contact").json()["notes"] == []
+    refused = bench.post(make_batch(sequence=3) | {"notes": ["loud"]})
+    assert (refused.status_code, kind(refused)) == (422, "invalid-request")
 
 
 def test_a_beam_at_rest_is_clear_and_has_no_position(bench: Bench, make_batch: MakeBatch) -> None:

@@ -3,7 +3,6 @@
 import json
 import subprocess
 import sys
-import time
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +15,6 @@ import tomli_w
 from beamtouch_models import modelfile
 from beamtouch_models.daemon_config import daemon_config
 from example_scenes import SCENES
-from line import Truth
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(300)]
 
@@ -24,8 +22,7 @@ PROGRAMS = Path(sys.executable).parent
 SCENE = SCENES / "bench.toml"
 POSITIONS = np.linspace(20, 380, 10)
 FORCE_N = 12.0
-AT_REST_S, ON_S, OFF_S, RECORDED_S, RATE_HZ = 12.0, 7.0, 0.2, 2.0, 50.0
-"""Long enough for a machine with much else to do."""
+RECORDED_S, RATE_HZ = 2.0, 50.0
 IMPERFECT = """
 position_offset_mm = [1.0, -1.0, 1.0, -1.0]
 gain = [1.03, 0.97, 0.97, 1.03]
@@ -35,69 +32,59 @@ fixity = [0.05, 0.0]
 """
 
 
-def script() -> str:
-    """Nothing for a while, to tare; then one load after the other."""
-    steps = "".join(
-        f"[[step]]\nseconds = {ON_S}\nposition_mm = {position}\nforce_n = {FORCE_N}\n[[step]]\nseconds = {OFF_S}\n"
-        for position in POSITIONS
-    )
-    return f"repeat = false\n[[step]]\nseconds = {AT_REST_S}\n{steps}"
+class Beam:
+    """An imperfect surface on Modbus TCP, and a hand that puts loads on it."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self._process = process
+        port = int(self._said().rpartition(":")[2])
+        self.source = {"kind": "modbus-tcp", "host": "127.0.0.1", "port": port, "timeout_ms": 5000.0}
+        """The daemon's table."""
+
+    def put(self, position_mm: float, force_n: float) -> None:
+        """Put a load on in place of the last one; it is on when this returns."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{position_mm} {force_n}\n")
+        self._process.stdin.flush()
+        assert self._said() == f"{force_n:g} N at {position_mm:g} mm is on"
+
+    def _said(self) -> str:
+        assert self._process.stdout is not None
+        return self._process.stdout.readline().strip()
 
 
 @contextmanager
-def rig(folder: Path, model: Path) -> Iterator[tuple[dict[str, object], Path]]:
-    """An imperfect surface on Modbus TCP; yields the daemon's source table and the file of what touches."""
-    (folder / "script.toml").write_text(script())
+def imperfect_beam(folder: Path, model: Path) -> Iterator[Beam]:
+    """The surface, at rest at first."""
     (folder / "imperfections.toml").write_text(IMPERFECT)
-    truth = folder / "truth.csv"
-    command: list[str | Path] = [
-        PROGRAMS / "beamtouch-rig",
-        SCENE,
-        "--model",
-        model,
-        "--modbus-tcp",
-        "127.0.0.1:0",
-        "--truth",
-        truth,
-    ]
-    files: list[str | Path] = ["--script", folder / "script.toml", "--imperfections", folder / "imperfections.toml"]
-    process = subprocess.Popen([*command, *files], stdout=subprocess.PIPE, text=True)
+    command: list[str | Path] = [PROGRAMS / "beamtouch-rig", SCENE, "--model", model, "--by-hand"]
+    command += ["--modbus-tcp", "127.0.0.1:0", "--imperfections", folder / "imperfections.toml"]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
-        assert process.stdout is not None
-        port = int(process.stdout.readline().rpartition(":")[2])
-        yield {"kind": "modbus-tcp", "host": "127.0.0.1", "port": port, "timeout_ms": 5000.0}, truth
+        yield Beam(process)
     finally:
         process.terminate()
-        process.communicate(timeout=10)
+        process.communicate(timeout=30)
 
 
-def record(config: Path, path: Path, truth: Truth) -> None:
-    """Play the person: press Enter once each load is on."""
+def record(config: Path, path: Path, beam: Beam) -> None:
+    """Play the person: put each load on, press Enter, and leave it on until it is recorded."""
     given = [option for position in POSITIONS for option in ("--at", str(position), str(FORCE_N))]
-    command: list[str | Path] = [
-        PROGRAMS / "beamtouch-daemon",
-        "record",
-        config,
-        "-o",
-        path,
-        "--seconds",
-        str(RECORDED_S),
-        *given,
-    ]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    command: list[str | Path] = [PROGRAMS / "beamtouch-daemon", "record", config, "-o", path]
+    command += ["--seconds", str(RECORDED_S), *given]
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     assert process.stdin is not None
-    deadline = time.monotonic() + 200
-    for position in POSITIONS:
-        while True:
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-            truth.read()
-            load = truth.at(time.time() - 0.02)
-            if load is not None and load[0] is not None and abs(load[0] - position) < 1e-3:
-                break
+    assert process.stderr is not None
+    for number, position in enumerate(POSITIONS, start=1):
+        beam.put(position, FORCE_N)
         process.stdin.write("\n")
         process.stdin.flush()
-    out, _ = process.communicate(timeout=30)
+        recorded = f"load {number}: {FORCE_N:g} N at {position:g} mm, 100 samples"
+        while (said := process.stderr.readline().strip()) != recorded:
+            assert said.startswith(f"load {number}: put "), said
+    out, _ = process.communicate(timeout=60)
     assert process.returncode == 0
     assert out.startswith("10 loads in ")
 
@@ -105,17 +92,15 @@ def record(config: Path, path: Path, truth: Truth) -> None:
 def test_ten_recorded_loads_make_a_model_of_the_real_surface(bench_model: Path, tmp_path: Path) -> None:
     token = tmp_path / "beamtouch.token"
     token.write_text("a-token-that-nobody-asks-for")
-    with rig(tmp_path, bench_model) as (source, truth_path):
+    with imperfect_beam(tmp_path, bench_model) as beam:
         config = tomllib.loads(daemon_config(modelfile.load(bench_model).metadata))
         (surface,) = config["surfaces"].values()
-        surface["source"], surface["rate_hz"] = source, RATE_HZ
+        surface["source"], surface["rate_hz"] = beam.source, RATE_HZ
         path = tmp_path / "daemon.toml"
         path.write_text(tomli_w.dumps(config))
         tare: list[str | Path] = [PROGRAMS / "beamtouch-daemon", "tare", path]
-        subprocess.run(tare, check=True, capture_output=True, timeout=30)
-        truth = Truth(truth_path)
-        record(path, tmp_path / "loads.csv", truth)
-        truth.close()
+        subprocess.run(tare, check=True, capture_output=True, timeout=60)
+        record(path, tmp_path / "loads.csv", beam)
     calibrate: list[str | Path] = [PROGRAMS / "design-sensors", "calibrate", bench_model, tmp_path / "loads.csv"]
     done = subprocess.run(
         [*calibrate, "-o", tmp_path / "real.onnx", "--json"], check=True, capture_output=True, text=True, timeout=120

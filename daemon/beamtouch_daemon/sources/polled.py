@@ -165,12 +165,15 @@ class PolledSource:
         return None
 
     async def _read(self, part: Part) -> tuple[Mapping[int, int], float] | None:
-        """Return what the registers of a unit hold, and when: the midpoint of its own requests. None if it failed."""
+        """Return what the registers of a unit held, and since when: it was asked then. None if it failed.
+
+        An answer that waits on its way tells nothing of how long, so the time of asking is the latest that is safe.
+        """
         contents: dict[int, int] = {}
-        refusal, begin_s, end_s = 0, None, 0.0
+        refusal, begin_s = 0, None
         try:
             for block in part.blocks:
-                answer, asked_s, end_s = await part.link.read(block)
+                answer, asked_s, _ = await part.link.read(block)
                 begin_s = asked_s if begin_s is None else begin_s
                 refusal = answer.exception or refusal
                 contents.update(enumerate(answer.registers, block.first))
@@ -185,7 +188,7 @@ class PolledSource:
         if part.failures:
             part.failures = 0
             self._faults[part.link.name].recovered()
-        return contents, (begin_s + end_s) / 2
+        return contents, begin_s
 
     def _failed(self, part: Part, complaint: str) -> None:
         part.failed(complaint)

@@ -1,11 +1,12 @@
 """A device that speaks the protocol of `PROTOCOL.md` on a serial line.
 
-A session: stop, hello, check who it is, start, take readings, with a ping now and then for the clocks. It ends in
-SourceError when the port goes away, the device falls silent or was reset, or is not the device that the configuration
-describes.
+A session: stop, hello, check who it is, ping until the clocks are known, start, take readings, with a ping now and
+then for the clocks. It ends in SourceError when the port goes away, the device falls silent or was reset, or is not the
+device that the configuration describes.
 """
 
 import contextlib
+import random
 from collections.abc import AsyncGenerator, Sequence
 from time import monotonic
 
@@ -14,7 +15,7 @@ from beamtouch_daemon.sources.clock import HostClock
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.serial_port import Arrival, SerialPort
 from beamtouch_protocol import messages
-from beamtouch_protocol.messages import Hello, HelloRequest, Ping, Pong, Start, Stop
+from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong, Start, Stop
 from beamtouch_protocol.sequence import DeviceClock, missing_between
 
 HELLO_TIMEOUT_S = 3.0
@@ -26,9 +27,10 @@ SILENCE_PERIODS = 10.0
 PING_S = 0.5
 FIRST_PINGS = 10
 FIRST_PING_S = 0.05
-"""A ping every so often, the first ones sooner, so that the clocks are known at once."""
-LATEST_PONG_S = 1.0
+"""A ping every so often, the first ones sooner, so that the drift of the clocks is known soon."""
+LATEST_PONG_S = 3.0
 MAX_COUNT = 65_535
+_TOKENS = 1 << 16
 _REPEATED = 1 << 15
 """So many readings cannot be lost without a silence; a sequence number that says so was there before."""
 
@@ -57,14 +59,14 @@ class SerialSource:
             hello = await self._introduce(port)
             self._require(hello)
             session = Session(hello, self._indices)
+            await self._meet(port, session)
             port.send(Start(self._rate_hz, self._oversampling))
             heard_s = monotonic()
             while True:
-                if (ping := session.ping(monotonic())) is not None:
+                if (ping := session.ping_if_due(monotonic())) is not None:
                     port.send(ping)
                 arrivals = await port.receive(self._silence_s)
-                readings = [reading for arrival in arrivals if (reading := session.take(arrival))]
-                if readings:
+                if readings := session.take(arrivals):
                     heard_s = monotonic()
                     yield readings
                 elif monotonic() - heard_s >= self._silence_s:
@@ -90,6 +92,21 @@ class SerialSource:
         message = (
             f"{self._path}: no hello within {HELLO_TIMEOUT_S:g} s{_damage(port)}; "
             f"is it a beamtouch device, and is {self._baud} its baud rate?"
+        )
+        raise SourceError(message)
+
+    async def _meet(self, port: SerialPort, session: "Session") -> None:
+        """Ping until the clocks are known, so that the first reading can be dated: it may be an old one."""
+        deadline_s = monotonic() + HELLO_TIMEOUT_S
+        while (now_s := monotonic()) < deadline_s:
+            port.send(session.ping(now_s))
+            repeat_s = now_s + HELLO_REPEAT_S
+            while (left_s := repeat_s - monotonic()) > 0:
+                session.take_answers(await port.receive(left_s))
+                if session.knows_the_clocks:
+                    return
+        message = (
+            f"{self._path}: no answer to a ping within {HELLO_TIMEOUT_S:g} s, so the age of its readings is not known"
         )
         raise SourceError(message)
 
@@ -122,6 +139,8 @@ class Session:
     """What is known of one run of the device: its boot, its sequence and its clock. No I/O."""
 
     def __init__(self, hello: Hello, indices: tuple[int, ...]) -> None:
+        self.knows_the_clocks = False
+        """Whether there was a round trip."""
         self._hello = hello
         self._indices = indices
         self._sequence: int | None = None
@@ -130,37 +149,57 @@ class Session:
         self._pinged_s: dict[int, float] = {}
         self._pings = 0
         self._next_ping_s = 0.0
+        # An answer to a ping of an earlier session, held back by an adapter, must not be taken for one of this.
+        self._first_token = random.randrange(_TOKENS)  # noqa: S311 - nobody has to be kept from guessing it
 
-    def ping(self, now_s: float) -> Ping | None:
-        """Return the ping to send now, if it is time for one."""
-        if self._sequence is None or now_s < self._next_ping_s:  # the first reading sets the device's clock
-            return None
+    def ping(self, now_s: float) -> Ping:
+        """Return the next ping, which is sent now."""
         self._next_ping_s = now_s + (FIRST_PING_S if self._pings < FIRST_PINGS else PING_S)
-        token = self._pings % (1 << 16)
+        token = (self._first_token + self._pings) % _TOKENS
         self._pings += 1
         self._pinged_s = {old: at_s for old, at_s in self._pinged_s.items() if now_s - at_s < LATEST_PONG_S}
         self._pinged_s[token] = now_s
         return Ping(token)
 
-    def take(self, arrival: Arrival) -> Reading | None:
-        """Return the reading that arrived, None for anything else; SourceError if the device was reset."""
-        message = arrival.message
-        if isinstance(message, Hello) and message.boot_id != self._hello.boot_id:
-            text = "the device was reset"
-            raise SourceError(text)
-        if isinstance(message, Pong) and (sent_s := self._pinged_s.pop(message.token, None)) is not None:
-            device_s = self._device_clock.extend_near(message.device_us) / 1e6
-            self._host_clock.round_trip(sent_s, device_s, arrival.monotonic_s)
-        if not isinstance(message, messages.Reading) or not self._fits(message):
-            return None
-        lost = 0 if self._sequence is None else missing_between(self._sequence, message.sequence)
-        if lost >= _REPEATED:
-            return None
-        self._sequence = message.sequence
-        device_s = self._device_clock.extend(message.device_us) / 1e6
-        taken_s = self._host_clock.to_host(device_s, arrival.monotonic_s)
-        counts = tuple(message.counts[index] / message.oversampling for index in self._indices)
-        return Reading(taken_s, counts, lost)
+    def ping_if_due(self, now_s: float) -> Ping | None:
+        """Return the ping to send now, if it is time for one."""
+        return None if now_s < self._next_ping_s else self.ping(now_s)
+
+    def take(self, arrivals: Sequence[Arrival]) -> list[Reading]:
+        """Return the readings among what arrived; SourceError if the device was reset.
+
+        All that arrived together is heard before the first reading is dated: in a burst only the newest is fresh.
+        """
+        self.take_answers(arrivals)
+        fitting = [(at_s, reading) for at_s, message in arrivals if (reading := self._fitting(message)) is not None]
+        dated = [(at_s, self._device_clock.follow(reading.device_us) / 1e6, reading) for at_s, reading in fitting]
+        dated = [row for row in dated if not self._host_clock.is_beyond(row[1], row[0])]
+        for arrival_s, device_s, _ in dated:
+            self._host_clock.heard(device_s, arrival_s)
+        readings = []
+        for arrival_s, device_s, reading in dated:
+            lost = 0 if self._sequence is None else missing_between(self._sequence, reading.sequence)
+            if lost >= _REPEATED:
+                continue
+            self._sequence = reading.sequence
+            counts = tuple(reading.counts[index] / reading.oversampling for index in self._indices)
+            readings.append(Reading(self._host_clock.to_host(device_s, arrival_s), counts, lost))
+        return readings
+
+    def take_answers(self, arrivals: Sequence[Arrival]) -> None:
+        """Take in the pongs among what arrived; SourceError if the device was reset."""
+        for arrival_s, message in arrivals:
+            if isinstance(message, Hello) and message.boot_id != self._hello.boot_id:
+                text = "the device was reset"
+                raise SourceError(text)
+            if isinstance(message, Pong) and (sent_s := self._pinged_s.pop(message.token, None)) is not None:
+                device_s = self._device_clock.follow(message.device_us) / 1e6
+                self._host_clock.round_trip(sent_s, device_s, arrival_s)
+                self.knows_the_clocks = True
+
+    def _fitting(self, message: Message) -> messages.Reading | None:
+        """Return a message if it is a reading that can be one of this device."""
+        return message if isinstance(message, messages.Reading) and self._fits(message) else None
 
     def _fits(self, message: messages.Reading) -> bool:
         """Whether a reading can be one of this device."""

@@ -13,6 +13,8 @@ from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Message
 
 _READ_BYTES = 4096
+_MOST_READS = 64
+"""At a time: what the drivers of serial lines hold, several times over."""
 
 
 class Arrival(NamedTuple):
@@ -75,8 +77,13 @@ class SerialPort:
 
     def _read(self) -> None:
         now_s = monotonic()
+        data = b""
         try:
-            data = self._serial.read(_READ_BYTES)
+            # All that is there: the newest frame tells how old the others are.
+            for _ in range(_MOST_READS):
+                data += (chunk := self._serial.read(_READ_BYTES))
+                if len(chunk) < _READ_BYTES // 2:
+                    break
         except (OSError, termios.error) as error:
             self._failure = f"{self._path} is gone: {error}"
             # A hung-up port is readable for ever: without this the loop would spin.

@@ -32,10 +32,11 @@ def _run(options: argparse.Namespace) -> int:
         # Imported here, so that a missing extra is reported in one line.
         from beamtouch_models import modelfile  # noqa: PLC0415
         from beamtouch_models.errors import InputError  # noqa: PLC0415
+        from beamtouch_models.rig.by_hand import ByHand  # noqa: PLC0415
         from beamtouch_models.rig.firmware import ADC_BITS, Firmware  # noqa: PLC0415
         from beamtouch_models.rig.imperfections import Imperfections, load_imperfections  # noqa: PLC0415
         from beamtouch_models.rig.run import Device, run  # noqa: PLC0415
-        from beamtouch_models.rig.script import default_script, load_script  # noqa: PLC0415
+        from beamtouch_models.rig.script import Script, default_script, load_script  # noqa: PLC0415
         from beamtouch_models.rig.surface import VirtualSurface  # noqa: PLC0415
         from beamtouch_models.scene import load_scene  # noqa: PLC0415
     except ModuleNotFoundError as error:
@@ -43,7 +44,11 @@ def _run(options: argparse.Namespace) -> int:
     try:
         scene, _ = load_scene(options.scene)
         model = modelfile.load(options.model)
-        script = load_script(options.script, scene.beam.length_mm) if options.script else default_script(scene)
+        length_mm = scene.beam.length_mm
+        if options.by_hand:
+            script: Script | ByHand = ByHand(length_mm)
+        else:
+            script = load_script(options.script, length_mm) if options.script else default_script(scene)
         imperfect = load_imperfections(options.imperfections) if options.imperfections else Imperfections()
         surface = VirtualSurface(scene, model.metadata, options.seed, imperfect)
         firmware = Firmware(*options.firmware) if options.firmware else None
@@ -90,7 +95,13 @@ def _parser() -> argparse.ArgumentParser:
         metavar=("BOARD", "ELF"),
         help="with --serial: run this firmware on the simulated board",
     )
-    parser.add_argument("--script", type=Path, metavar="FILE", help="loads over time (TOML); default: built in")
+    touching = parser.add_mutually_exclusive_group()
+    touching.add_argument("--script", type=Path, metavar="FILE", help="loads over time (TOML); default: built in")
+    touching.add_argument(
+        "--by-hand",
+        action="store_true",
+        help="take loads from standard input: a position in mm and a force in N per line; an empty line lifts",
+    )
     parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true position and force every 10 ms")
     parser.add_argument(
         "--imperfections", type=Path, metavar="FILE", help="differences of the real surface from the scene (TOML)"

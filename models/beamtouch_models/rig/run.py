@@ -13,6 +13,7 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.rig import modbus_device
+from beamtouch_models.rig.by_hand import ByHand
 from beamtouch_models.rig.firmware import Firmware, FirmwareDevice
 from beamtouch_models.rig.pty_line import joined_line, named_line
 from beamtouch_models.rig.script import Load, Script
@@ -41,7 +42,7 @@ class Device:
     firmware: Firmware | None = None
 
 
-async def run(surface: VirtualSurface, script: Script, device: Device, truth: Path | None) -> bool:
+async def run(surface: VirtualSurface, script: Script | ByHand, device: Device, truth: Path | None) -> bool:
     """Serve until SIGINT or SIGTERM; returns whether it was SIGINT.
 
     Raises
@@ -69,6 +70,8 @@ async def run(surface: VirtualSurface, script: Script, device: Device, truth: Pa
         loop.add_signal_handler(number, stop_on, number)
     with ExitStack() as resources:
         serve = await _device(device, surface, touching, resources)
+        if isinstance(script, ByHand):
+            script.follow()
         tasks: list[asyncio.Future[Any]] = [asyncio.ensure_future(serve)]
         if truth is not None:
             tasks.append(asyncio.ensure_future(_write_truth(truth, touching)))

@@ -40,8 +40,10 @@ function problem(message) {
 }
 
 function contact(message) {
-  const { state, quality, degraded_channels: left } = message.contact;
-  const detail = quality === "degraded" ? `Degraded: without ${left.join(", ")}` : "";
+  const { state, quality, degraded_channels: left, notes } = message.contact;
+  const degraded = quality === "degraded" ? [`Degraded: without ${left.join(", ")}`] : [];
+  const rate = notes?.includes("rate") ? ["The device does not keep its rate"] : [];
+  const detail = [...degraded, ...rate].join(". ");
   return { kind: state, title: state === "contact" ? "Contact" : "Clear", detail, contact: message.contact };
 }
 

@@ -1,0 +1,134 @@
+"""The rate of readings beside the declared one, from the device over a real line to what the service gets."""
+
+import asyncio
+import re
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from time import monotonic
+
+import pytest
+
+from beamtouch_protocol.messages import Reading
+from beamtouch_service.samples import Batch, Note
+
+from . import configs
+from .devices import Pieces, SerialDevice, StampingUnit, rtu_units
+from .lines import Terminal, terminal
+from .process import Daemon, Outcome, started
+from .service import Service, serving
+
+DECLARED_HZ = 200.0
+
+
+class KeepingDevice(SerialDevice):
+    """A device with a schedule of its own: a multiple of the rate that it is told.
+
+    What a busy machine makes late is sent later, with the time at which it was due, as a real device's would be.
+    """
+
+    def __init__(self, line: Terminal, factor: float, lose_every: int = 0, burst_s: float = 0.0) -> None:
+        super().__init__(line)
+        self.factor = factor
+        self._lose_every = lose_every
+        self._burst_s = burst_s
+
+    async def _run(self, rate_hz: int, oversampling: int) -> None:
+        due_s = monotonic()
+        while True:
+            while due_s <= monotonic():
+                device_us = self.device_us() - round((monotonic() - due_s) * 1e6)
+                if not (self._lose_every and self.sequence % self._lose_every == 0):
+                    counts = self.counts(self.sequence % 500)
+                    self.send(Reading(self.sequence % 2**16, device_us % 2**32, oversampling, counts))
+                self.sequence += 1
+                due_s += 1 / (self.factor * rate_hz)
+            await asyncio.sleep(self._burst_s or max(0.0, due_s - monotonic()))
+
+
+@asynccontextmanager
+async def running(folder: Path, surface: str) -> AsyncIterator[tuple[Service, Daemon]]:
+    async with serving(Service()) as service:
+        config = configs.write(folder, surface, url=service.url)
+        async with started("run", config) as daemon:
+            yield service, daemon
+
+
+async def until(service: Service, holds: Callable[[Batch], bool], within_s: float = 60.0) -> None:
+    """Wait for a batch from now on for which something holds."""
+    seen = len(service.batches)
+    async with asyncio.timeout(within_s):
+        while not any(holds(batch) for _, batch, _ in service.batches[seen:]):
+            await service.until(len(service.samples()) + 1, within_s=within_s)
+
+
+def is_marked(batch: Batch) -> bool:
+    return batch.notes == [Note.RATE]
+
+
+def is_plain(batch: Batch) -> bool:
+    return batch.notes == []
+
+
+def complaints(outcome: Outcome) -> list[str]:
+    return [line for line in outcome.err.splitlines() if "rate_hz" in line]
+
+
+@pytest.mark.parametrize(("factor", "windows"), [(2.0, "shorter"), (0.5, "longer")])
+def test_a_device_at_another_rate_is_marked_until_it_keeps_its_rate(
+    tmp_path: Path, factor: float, windows: str
+) -> None:
+    async def story() -> Outcome:
+        with terminal() as line:
+            device = KeepingDevice(line, factor)
+            surface = configs.surface(source=configs.serial(line.path), rate_hz=DECLARED_HZ)
+            async with running(tmp_path, surface) as (service, daemon):
+                await until(service, is_marked)
+                device.factor = 1.0
+                device.restart(round(DECLARED_HZ))
+                await until(service, is_plain)
+                return await daemon.stop()
+
+    outcome = asyncio.run(story())
+    (line,) = complaints(outcome)
+    said = re.search(r"sends ([\d.]+) readings per second, rate_hz is 200: filter windows .* set rate_hz = (\d+)", line)
+    assert said is not None, line
+    assert [float(number) for number in said.groups()] == pytest.approx([factor * DECLARED_HZ] * 2, rel=0.03)
+    assert f"times {windows} than configured" in line
+    assert "readings per second, as declared" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("lose_every", "burst_s"), [(3, 0.0), (0, 0.3)], ids=["a third of the frames lost", "bursts of 300 ms"]
+)
+def test_neither_lost_readings_nor_bursts_are_taken_for_another_rate(
+    tmp_path: Path, lose_every: int, burst_s: float
+) -> None:
+    async def story() -> tuple[Outcome, list[Batch]]:
+        with terminal() as line:
+            KeepingDevice(line, 1.0, lose_every, burst_s)
+            surface = configs.surface(source=configs.serial(line.path), rate_hz=DECLARED_HZ)
+            async with running(tmp_path, surface) as (service, daemon):
+                await service.until(round(4.5 * DECLARED_HZ * (2 / 3 if lose_every else 1)), within_s=60)
+                return await daemon.stop(), [batch for _, batch, _ in service.batches]
+
+    outcome, batches = asyncio.run(story())
+    assert complaints(outcome) == []
+    assert all(map(is_plain, batches))
+
+
+def test_a_bus_that_cannot_be_polled_so_often_is_marked(tmp_path: Path) -> None:
+    def slow(_number: int, frame: bytes) -> Pieces:
+        return [(0.02, frame)]
+
+    async def story() -> Outcome:
+        with terminal() as bus:
+            async with rtu_units(bus, {1: StampingUnit(slow)}):
+                source = f"{configs.rtu(bus.path)}\ntimeout_ms = 5000"
+                async with running(tmp_path, configs.surface(source=source, rate_hz=100.0)) as (service, daemon):
+                    await until(service, is_marked)
+                    return await daemon.stop()
+
+    (line,) = complaints(asyncio.run(story()))
+    assert "of 100 readings per second could be polled: filter windows last" in line
+    assert line.endswith("or less")
