@@ -43,7 +43,7 @@ def mean_of(values: Array, weight: Array | None = None) -> Figure:
 def share_of(happened: NDArray[np.bool_], weight: Array | None = None) -> Figure:
     """Share of cases, with a standard error that is not zero where none or all of them happened."""
     found = mean_of(happened.astype(np.float64), weight)
-    return Figure(found.value, max(found.standard_error, 1 / len(happened)))
+    return Figure(found.value, 1 / len(happened)) if found.value in (0.0, 1.0) else found
 
 
 def quantile_of(values: Array, level: float, weight: Array | None = None) -> Figure:

@@ -130,14 +130,23 @@ def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple
     -------
     positions in mm (draws,), forces in N (draws,), and noise of variance 1 (draws, channels).
     """
-    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # takes long to import, and many commands need none
-
-    points = Sobol(prior.channels + 2, rng=rng).random(draws)
+    points = _spread(prior.channels + 2, draws, rng)
     low, high = prior.position_mm
     weak, strong = prior.force_n
+    return low + (high - low) * points[:, 0], weak + (strong - weak) * points[:, 1], ndtri(points[:, 2:])
+
+
+def spread_noise(channels: int, draws: int, rng: np.random.Generator) -> Array:
+    """Noise of variance 1 (draws, channels) that fills its distribution evenly; `draws` is a power of two."""
+    return ndtri(_spread(channels, draws, rng))
+
+
+def _spread(dimensions: int, draws: int, rng: np.random.Generator) -> Array:
+    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # takes long to import, and many commands need none
+
     # The middle of a point's last digit, so that no noise is infinite.
-    noise = ndtri(np.clip(points[:, 2:], 2.0**-32, 1 - 2.0**-32))
-    return low + (high - low) * points[:, 0], weak + (strong - weak) * points[:, 1], noise
+    points: Array = np.clip(Sobol(dimensions, rng=rng).random(draws), 2.0**-32, 1 - 2.0**-32)
+    return points
 
 
 def posterior_median_mm(prior: Prior, deflection_mm: Array) -> Array:

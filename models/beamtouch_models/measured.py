@@ -19,7 +19,7 @@ from beamtouch_models.prior import Prior
 
 Array = NDArray[np.float64]
 ACCURACY_DRAWS = 4_096
-REST_DRAWS = 400_000
+REST_DRAWS = 2**18
 GOLDEN_DRAWS = 8
 ODDS = "contact_log_odds"
 FALSE_ALARM_RATE = 1e-6
@@ -69,8 +69,8 @@ def rest_exceeding(prior: Prior, run: Run, seed: int, threshold: float) -> tuple
     if odds is None:
         message = "the estimator gives no log odds of contact"
         raise ValueError(message)
-    exceeding = np.where(odds > threshold, weight, 0.0)
-    return float(exceeding.mean()), float(exceeding.std(ddof=1) / len(odds) ** 0.5)
+    found = mean_of(np.where(odds > threshold, weight, 0.0))
+    return found.value, found.standard_error
 
 
 def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None, Array]:
@@ -79,10 +79,11 @@ def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None,
     By importance sampling: rest is drawn with more noise than it has, so that rare samples are common, and each is
     weighed by how likely it really is (Kahn & Marshall 1953, doi 10.1287/opre.1.5.263).
     """
-    rng = np.random.default_rng(seed)
+    rngs = np.random.default_rng(seed).spawn(limit.SCRAMBLINGS)
     # Noise of so many channels that is this large in all is as rare as `rate`.
     widening = np.sqrt(max(1.0, chdtri(prior.channels, rate) / prior.channels))
-    noise = rng.normal(scale=widening, size=(REST_DRAWS, prior.channels))
+    each = REST_DRAWS // limit.SCRAMBLINGS
+    noise = widening * np.concatenate([limit.spread_noise(prior.channels, each, rng) for rng in rngs])
     weight: Array = np.exp(-(noise**2).sum(axis=1) / 2 * (1 - widening**-2) + prior.channels * np.log(widening))
     deflection = prior.stated(noise * prior.noise_mm).astype(np.float32)
     odds = []

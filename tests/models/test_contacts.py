@@ -70,7 +70,8 @@ def test_the_figures_are_those_of_plain_draws(case: tuple[str, int, float, bool]
     for figure, expected in plain.items():
         off = abs(found[figure].value - expected.value)
         assert off < 5 * np.hypot(found[figure].standard_error, expected.standard_error), figure
-    assert found["limit"].standard_error < plain["limit"].standard_error * 0.9
+    # Of as many contacts, with a bound that also a case of rare and large errors keeps.
+    assert found["limit"].standard_error < plain["limit"].standard_error * (20_000 / 2048) ** 0.5 * 0.7
 
 
 def test_the_same_seed_draws_the_same() -> None:

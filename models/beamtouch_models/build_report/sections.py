@@ -120,8 +120,8 @@ def _interval(facts: Facts) -> Iterable[str]:
     yield paragraph(
         f"The interval of 95 % held {whole} of the contacts; in the outer stretches {first} and {last}. "
         "It is a promise over all contacts and not at each position: where sensors tell little, the interval leans to "
-        f"where contacts are likelier, and is held by the ends of the contact range. It is {ends_mm:.3g} mm wide in the outer stretches and "
-        f"{middle_mm:.3g} mm in the middle third."
+        f"where contacts are likelier, and is held by the ends of the contact range. It is {ends_mm:.3g} mm wide in "
+        f"the outer stretches and {middle_mm:.3g} mm in the middle third."
     )
     x = profile.position_mm.tolist()
     says = "Contacts that the stated interval holds, over the position of the contact"
