@@ -135,7 +135,8 @@ def test_physics_that_is_dear_cannot_be_left_out() -> None:
 @pytest.mark.long
 def test_the_command_writes_the_folder_and_builds_the_choice(tmp_path: Path) -> None:
     scene = tmp_path / "plate.toml"
-    scene.write_text(PAPER.replace("count = 2", "count = [2, 3]").replace("[sensors]", "[sensors]\nrate_hz = 50"))
+    text = PAPER.replace("count = 2", "count = [2, 3]").replace("[sensors]", "[sensors]\nrate_hz = 50")
+    scene.write_text(text + "\n[requirements]\nlatency_ms = 40\n")
     common = [COMMAND, "trade", str(scene), "-o", str(tmp_path / "out"), "--draws", "300", "--estimators", "posterior"]
     done = subprocess.run([*common, "--latency-ms", "60", "--json"], capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
