@@ -138,7 +138,8 @@ def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple
 
 def spread_noise(channels: int, draws: int, rng: np.random.Generator) -> Array:
     """Noise of variance 1 (draws, channels) that fills its distribution evenly; `draws` is a power of two."""
-    return ndtri(_spread(channels, draws, rng))
+    noise: Array = ndtri(_spread(channels, draws, rng))
+    return noise
 
 
 def _spread(dimensions: int, draws: int, rng: np.random.Generator) -> Array:
