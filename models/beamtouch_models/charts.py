@@ -43,6 +43,8 @@ class Series:
     colour: int = 0
     """0 .. 7."""
     style: Literal["line", "dashed", "points"] = "line"
+    notes: Sequence[str] = ()
+    """A few characters beside each point; only for points."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +164,11 @@ def _grid(x: Axis, y: Axis, height: int) -> Iterable[str]:
 def _series(series: Series, x: Axis, y: Axis) -> str:
     points = [(x.px(a), y.px(b)) for a, b in zip(series.x, series.y, strict=True)]
     if series.style == "points":
-        return "".join(f'<circle class="p{series.colour}" cx="{a:.1f}" cy="{b:.1f}" r="3.5"/>' for a, b in points)
+        circles = [f'<circle class="p{series.colour}" cx="{a:.1f}" cy="{b:.1f}" r="3.5"/>' for a, b in points]
+        notes = zip(points, series.notes, strict=False)
+        return "".join(
+            circles + [f'<text x="{a + 5:.1f}" y="{b - 3:.1f}">{escape(note)}</text>' for (a, b), note in notes]
+        )
     dashed = " dashed" if series.style == "dashed" else ""
     path = " ".join(f"{a:.1f},{b:.1f}" for a, b in points)
     return f'<polyline class="line{dashed} s{series.colour}" points="{path}"/>'

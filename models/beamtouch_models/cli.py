@@ -8,13 +8,13 @@ from pathlib import Path
 
 from beamtouch_models.errors import InputError
 
-DONE, FAILED, WRONG_INPUT = 0, 1, 2
+DONE, WRONG_INPUT, INTERRUPTED = 0, 2, 130
 ESTIMATORS = ("posterior", "small-network", "paper-network")
 """The names of `estimators.estimator`, which takes too long to import for --help."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `design-sensors`; returns the exit code: 0 done, 1 failed, 2 wrong input."""
+    """Run `design-sensors`; returns the exit code: 0 done, 2 wrong input, 130 interrupted."""
     options = _parser().parse_args(arguments)
     try:
         # Imported only now, so that --help is quick and a missing extra is one clear line.
@@ -25,8 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(error, WRONG_INPUT)
     except OSError as error:
         return _fail(f"{error.filename}: {error.strerror}", WRONG_INPUT)
-    except KeyboardInterrupt:
-        return _fail("interrupted; nothing was written", FAILED)
+    except KeyboardInterrupt as stop:
+        return _fail(stop.args[0] if stop.args else "interrupted; nothing was written", INTERRUPTED)
     return DONE
 
 
@@ -74,7 +74,13 @@ def _add_evaluate(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="standard deviation of a sample, instead of the model's; may be given several times",
     )
-    parser.add_argument("--draws", type=_draws, default=20_000, metavar="N", help="simulated contacts (20000)")
+    parser.add_argument(
+        "--draws",
+        type=_draws,
+        default=16_384,
+        metavar="N",
+        help="simulated contacts, rounded up to a power of two (16384)",
+    )
     _add_seed(parser)
     _add_json(parser)
 
@@ -116,7 +122,13 @@ def _add_trade(parser: argparse.ArgumentParser) -> None:
     wish.add_argument("--latency-ms", type=float, metavar="L", help="build the most accurate that answers within L")
     wish.add_argument("--error-mm", type=float, metavar="E", help="build the quickest with a mean error of at most E")
     parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, help="some only, of all")
-    parser.add_argument("--draws", type=_draws, default=4000, metavar="N", help="simulated contacts a point (4000)")
+    parser.add_argument(
+        "--draws",
+        type=_draws,
+        default=4096,
+        metavar="N",
+        help="simulated contacts a point, rounded up to a power of two (4096)",
+    )
     _add_seed(parser)
     _add_json(parser)
 

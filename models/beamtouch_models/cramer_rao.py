@@ -40,6 +40,11 @@ def mean_error_mm(prior: Prior) -> float:
 
     It approaches the accuracy limit as the noise goes to zero. At high noise it is a rough value and not a bound.
     """
+    return float(mean_errors_mm(prior).mean())
+
+
+def mean_errors_mm(prior: Prior) -> Array:
+    """The same over the forces alone, in the middle of POSITIONS equal parts of the range of positions."""
     low, high = prior.position_mm
     # Integrate over both ranges with the midpoint rule.
     positions = low + (high - low) * (np.arange(POSITIONS) + 0.5) / POSITIONS
@@ -48,4 +53,5 @@ def mean_error_mm(prior: Prior) -> float:
     unit = position_deviation_mm(prior, positions, 1.0)
     gaussian = np.sqrt(2 / np.pi) * unit[:, None] / forces
     guess = ((positions - low) ** 2 + (high - positions) ** 2) / (2 * (high - low))
-    return float(np.minimum(gaussian, guess[:, None]).mean())
+    errors: Array = np.minimum(gaussian, guess[:, None]).mean(axis=1)
+    return errors

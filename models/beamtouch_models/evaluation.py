@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models import cramer_rao, limit
+from beamtouch_models import cramer_rao
+from beamtouch_models.contacts import Contacts, simulated
+from beamtouch_models.figures import Figure, mean_of, quantile_of, ratio_of, share_of
 from beamtouch_models.measured import rest_exceeding
 from beamtouch_models.modelfile import Answers, ModelFile
 from beamtouch_models.prior import Prior
@@ -15,20 +17,8 @@ Array = NDArray[np.float64]
 
 MIDDLE = (0.2, 0.8)
 """The part of the length that counts as its middle."""
-BLOCKS = 20
-"""Parts of the draws whose quantiles scatter: the standard error of a quantile."""
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A measured value and its standard error."""
-
-    value: float
-    standard_error: float
-
-    def scaled(self, factor: float) -> "Figure":
-        """Return the same in another unit."""
-        return Figure(self.value * factor, self.standard_error * factor)
+LEAST_SHARE = 1e-3
+"""A stretch that holds fewer of the contacts has no figures of its own."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +28,7 @@ class Errors:
     mean_mm: Figure
     p95_mm: Figure
     worst_mm: float
+    """Of the contacts that were drawn; more draws find worse ones."""
     limit_mean_mm: Figure | None
     """None where the noise is 0, in which there is no limit."""
     limit_p95_mm: Figure | None
@@ -71,33 +62,32 @@ class Evaluation:
 def evaluate(
     model: ModelFile, prior: Prior, *, draws: int, seed: int, progress: Callable[[float], None] = lambda _done: None
 ) -> Evaluation:
-    """Measure a model on simulated contacts of a prior, whose noise may be another than the model was made for."""
-    drawn = limit.draw(prior, draws, seed)
+    """Measure a model on at least `draws` simulated contacts of a prior; its noise need not be that of the model."""
+    contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done))
+    drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.weight
+    weight = np.broadcast_to(counts[:, None], likely.shape)
     answers = _answers(model, prior.stated(drawn.deflection_mm))
-    progress(0.1)
-    error = np.abs(answers["position_mm"] - drawn.position_mm)
-    best = None
-    if prior.noise_mm > 0:
-        parts = np.array_split(drawn.deflection_mm, BLOCKS)
-        medians = []
-        for number, part in enumerate(parts):
-            medians.append(limit.posterior_median_mm(prior, part))
-            progress(0.1 + 0.8 * (number + 1) / BLOCKS)
-        best = np.abs(np.concatenate(medians) - drawn.position_mm)
+    progress(0.9)
+    worst = np.abs(answers["position_mm"] - drawn.position_mm)
+    error, best = contacts.error_mm(answers["position_mm"]), contacts.least_error_mm()
     low, high = (end * prior.length_mm for end in MIDDLE)
-    inside = (drawn.position_mm >= low) & (drawn.position_mm <= high)
+    inside, drawn_inside = ((low <= position) & (position <= high) for position in (likely, drawn.position_mm))
     return Evaluation(
         noise_mm=prior.noise_mm,
-        draws=draws,
+        draws=len(worst),
         length_mm=prior.length_mm,
-        span=_errors(error, best),
-        middle=_errors(error[inside], None if best is None else best[inside]) if inside.sum() >= BLOCKS else None,
+        span=_over_all(contacts, answers["position_mm"], _errors(error, best, weight, worst)),
+        middle=_errors(error, best, weight * inside, worst[drawn_inside])
+        if drawn_inside.mean() > LEAST_SHARE
+        else None,
         cramer_rao_mean_mm=cramer_rao.mean_error_mm(prior) if prior.noise_mm > 0 else None,
-        position_coverage=_coverage(answers, "position", "mm", drawn.position_mm),
-        position_width_mm=_width(answers),
-        force_coverage=None if prior.force_is_known else _coverage(answers, "force", "n", drawn.force_n),
-        force_error_n=mean_of(np.abs(answers["force_n"] - drawn.force_n)) if "force_n" in answers else None,
-        missed=_share(answers["contact_log_odds"] <= model.metadata.contact_threshold)
+        position_coverage=_coverage(answers, "position", "mm", likely, weight),
+        position_width_mm=_width(answers, counts),
+        force_coverage=None
+        if prior.force_is_known
+        else _coverage(answers, "force", "n", drawn.force_n[:, None], weight[:, :1]),
+        force_error_n=mean_of(np.abs(answers["force_n"] - drawn.force_n), counts) if "force_n" in answers else None,
+        missed=share_of(answers["contact_log_odds"] <= model.metadata.contact_threshold, counts)
         if "contact_log_odds" in answers
         else None,
         false_alarms=_false_alarms(model, prior, seed + 1),
@@ -107,24 +97,6 @@ def evaluate(
 def at_noise(prior: Prior, noise_mm: float) -> Prior:
     """Return the prior of the same surface with another noise per sample."""
     return replace(prior, noise_mm=noise_mm)
-
-
-def mean_of(values: Array) -> Figure:
-    """Mean and its standard error, of independent values."""
-    return Figure(float(values.mean()), float(values.std(ddof=1) / len(values) ** 0.5))
-
-
-def quantile_of(values: Array, level: float) -> Figure:
-    """Quantile of independent values, with the standard error that the quantiles of parts of them scatter by."""
-    parts = [np.quantile(part, level) for part in np.array_split(values, BLOCKS)]
-    return Figure(float(np.quantile(values, level)), float(np.std(parts, ddof=1) / BLOCKS**0.5))
-
-
-def ratio_of(error: Array, best: Array) -> Figure:
-    """Ratio of two means over the same contacts, with the standard error of a ratio of paired values."""
-    ratio = error.mean() / best.mean()
-    scatter = (error - ratio * best).std(ddof=1) / len(error) ** 0.5
-    return Figure(float(ratio), float(scatter / best.mean()))
 
 
 def _answers(model: ModelFile, deflection_mm: Array) -> dict[str, Array]:
@@ -137,34 +109,41 @@ def estimates(model: ModelFile, deflection_mm: Array) -> Answers:
     return model.estimate(reading, np.ones(reading.shape, np.bool_))
 
 
-def _errors(error: Array, best: Array | None) -> Errors:
+def _errors(error: Array, best: Array | None, weight: Array, worst: Array) -> Errors:
     return Errors(
-        mean_mm=mean_of(error),
-        p95_mm=quantile_of(error, 0.95),
-        worst_mm=float(error.max()),
-        limit_mean_mm=None if best is None else mean_of(best),
-        limit_p95_mm=None if best is None else quantile_of(best, 0.95),
-        ratio=None if best is None else ratio_of(error, best),
+        mean_mm=mean_of(error, weight),
+        p95_mm=quantile_of(error, 0.95, weight),
+        worst_mm=float(worst.max()),
+        limit_mean_mm=None if best is None else mean_of(best, weight),
+        limit_p95_mm=None if best is None else quantile_of(best, 0.95, weight),
+        ratio=None if best is None else ratio_of(error * weight, best * weight),
     )
 
 
-def _coverage(answers: dict[str, Array], quantity: str, unit: str, truth: Array) -> Figure | None:
+def _over_all(contacts: Contacts, estimate_mm: Array, errors: Errors) -> Errors:
+    """Return errors over all contacts with means that use all that is known of each posterior."""
+    weight, mean = contacts.weight, contacts.mean_error_mm(estimate_mm)
+    if contacts.deviation_mm is None:
+        return errors
+    return replace(
+        errors,
+        mean_mm=mean_of(mean, weight),
+        limit_mean_mm=mean_of(contacts.deviation_mm, weight),
+        ratio=ratio_of(mean * weight, contacts.deviation_mm * weight),
+    )
+
+
+def _coverage(answers: dict[str, Array], quantity: str, unit: str, truth: Array, weight: Array) -> Figure | None:
     low, high = (answers.get(f"{quantity}_{end}_{unit}") for end in ("low", "high"))
-    return None if low is None or high is None else _share((low <= truth) & (truth <= high))
+    if low is None or high is None:
+        return None
+    return share_of((low[:, None] <= truth) & (truth <= high[:, None]), weight)
 
 
-def _width(answers: dict[str, Array]) -> Figure | None:
+def _width(answers: dict[str, Array], weight: Array) -> Figure | None:
     if "position_low_mm" not in answers:
         return None
-    return mean_of(answers["position_high_mm"] - answers["position_low_mm"])
-
-
-def _share(happened: NDArray[np.bool_]) -> Figure:
-    """Share of cases, with a standard error that is not zero where none or all of them happened."""
-    count, cases = int(happened.sum()), len(happened)
-    # One case more either way (Agresti & Coull 1998, doi 10.1080/00031305.1998.10480550, has two).
-    spread = ((count + 1) * (cases - count + 1)) ** 0.5 / (cases + 2) ** 1.5
-    return Figure(count / cases, spread)
+    return mean_of(answers["position_high_mm"] - answers["position_low_mm"], weight)
 
 
 def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Figure | None:

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri
 
+from beamtouch_models import cramer_rao
+from beamtouch_models.densities import densities
 from beamtouch_models.errors import SceneError
 from beamtouch_models.prior import Prior
 
@@ -25,6 +27,8 @@ NEGLIGIBLE = 40.0
 """What is this much less likely, in log units, than the most likely position is no part of a posterior."""
 CHUNK = 200
 SCRAMBLINGS = 16
+UNIFORM = 0.5
+"""Share of evenly spread contacts that are drawn as they occur; a weight is at most one over it."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,8 @@ class Draws:
     force_n: Array
     deflection_mm: Array
     """(draws, sensors), with noise."""
+    weight: Array | float = 1.0
+    """(draws,), how much each counts in an average; 1 on average."""
 
 
 @dataclass(frozen=True)
@@ -81,15 +87,40 @@ def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
             f"sensors: with a noise of {prior.noise_mm:g} mm there is no accuracy limit; state the noise of a reading"
         )
         raise SceneError(message)
+    drawn = draw_evenly(prior, draws, seed)
+    deviation = posterior_quantiles(prior, drawn.deflection_mm)[1] * drawn.weight
+    return _mean_of(deviation.reshape(SCRAMBLINGS, -1).mean(axis=1) / prior.length_mm * 100)
+
+
+def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
+    """Draw at least that many contacts as `draw` does, but spread evenly over their distribution.
+
+    They come in SCRAMBLINGS parts of equal length, one after another, each spread by itself and independent of the
+    others: from the scatter of their means comes a standard error. Half of the contacts are drawn where errors are
+    large by the Cramer-Rao bound, as beside a support, and count less each: else a few of them would decide a mean.
+    """
     rngs = np.random.default_rng(seed).spawn(SCRAMBLINGS)
-    each = 2 ** max(0, int(np.ceil(np.log2(draws / SCRAMBLINGS))))
+    each = 2 ** max(0, int(np.ceil(np.log2(count / SCRAMBLINGS))))
     contacts = [spread_contacts(prior, each, rng) for rng in rngs]
     position, force = (np.concatenate([contact[part] for contact in contacts]) for part in (0, 1))
     noise = np.concatenate([contact[2] for contact in contacts])
-    reading = force[:, None] * prior.influence_at(position) + prior.noise_mm * noise
-    deviation = posterior_median(prior, reading)[1]
-    means = deviation.reshape(SCRAMBLINGS, each).mean(axis=1) / prior.length_mm * 100
-    return _mean_of(means)
+    position, weight = _where_it_errs(prior, position)
+    clean = force[:, None] * prior.influence_at(position)
+    return Draws(position, force, clean + prior.noise_mm * noise, weight)
+
+
+def _where_it_errs(prior: Prior, position_mm: Array) -> tuple[Array, Array]:
+    """Move evenly spread positions to where errors are large; with their weights, both (draws,)."""
+    if prior.noise_mm == 0:
+        return position_mm, np.ones(len(position_mm))
+    error_mm = cramer_rao.mean_errors_mm(prior)
+    often = UNIFORM + (1 - UNIFORM) * error_mm / error_mm.mean()
+    low, high = prior.position_mm
+    before = np.concatenate([[0.0], np.cumsum(often)]) / len(often)
+    edges = np.linspace(low, high, len(before))
+    moved = np.interp((position_mm - low) / (high - low) * before[-1], before, edges)
+    cell = np.clip(np.searchsorted(edges, moved, side="right") - 1, 0, len(often) - 1)
+    return moved, 1 / often[cell]
 
 
 def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -99,14 +130,24 @@ def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple
     -------
     positions in mm (draws,), forces in N (draws,), and noise of variance 1 (draws, channels).
     """
-    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # takes long to import, and many commands need none
-
-    points = Sobol(prior.channels + 2, rng=rng).random(draws)
+    points = _spread(prior.channels + 2, draws, rng)
     low, high = prior.position_mm
     weak, strong = prior.force_n
+    return low + (high - low) * points[:, 0], weak + (strong - weak) * points[:, 1], ndtri(points[:, 2:])
+
+
+def spread_noise(channels: int, draws: int, rng: np.random.Generator) -> Array:
+    """Noise of variance 1 (draws, channels) that fills its distribution evenly; `draws` is a power of two."""
+    noise: Array = ndtri(_spread(channels, draws, rng))
+    return noise
+
+
+def _spread(dimensions: int, draws: int, rng: np.random.Generator) -> Array:
+    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # takes long to import, and many commands need none
+
     # The middle of a point's last digit, so that no noise is infinite.
-    noise = ndtri(np.clip(points[:, 2:], 2.0**-32, 1 - 2.0**-32))
-    return low + (high - low) * points[:, 0], weak + (strong - weak) * points[:, 1], noise
+    points: Array = np.clip(Sobol(dimensions, rng=rng).random(draws), 2.0**-32, 1 - 2.0**-32)
+    return points
 
 
 def posterior_median_mm(prior: Prior, deflection_mm: Array) -> Array:
@@ -114,15 +155,19 @@ def posterior_median_mm(prior: Prior, deflection_mm: Array) -> Array:
 
     The noise must be positive.
     """
-    return posterior_median(prior, deflection_mm)[0]
+    return posterior_quantiles(prior, deflection_mm)[0][:, 0]
 
 
-def posterior_median(prior: Prior, deflection_mm: Array) -> tuple[Array, Array]:
-    """Posterior median and the posterior's mean distance from it, both (draws,) in mm; as `posterior_median_mm`.
+def posterior_quantiles(prior: Prior, deflection_mm: Array, levels: Array | None = None) -> tuple[Array, Array]:
+    """Quantiles of the position and the posterior's mean distance from its median, for readings (draws, channels).
+
+    `levels` are (draws, levels) between 0 and 1, the median alone where they are left out. Returns quantiles (draws,
+    levels) and distances (draws,), in mm.
 
     One grid over the range serves all draws; where a posterior is narrow it is computed again on a grid of its own,
     until the grid resolves it.
     """
+    levels = np.full((len(deflection_mm), 1), 0.5) if levels is None else levels
     grid = np.linspace(*prior.position_mm, GRID)
     shapes = prior.influence_at(grid) / prior.noise_mm
     size = np.linalg.norm(shapes, axis=1)
@@ -133,20 +178,23 @@ def posterior_median(prior: Prior, deflection_mm: Array) -> tuple[Array, Array]:
         projection = reading @ direction.T
         density = log_likelihood(prior.force_n, size, projection, projection**2 / 2)
         grids = np.broadcast_to(grid, density.shape)
-        found.append(_resolved(prior, reading, grids, density))
-    median, deviation = np.concatenate(found, axis=1)
-    return median, deviation
+        found.append(_resolved(prior, reading, grids, density, levels[start : start + CHUNK]))
+    whole = np.concatenate(found)
+    return whole[:, :-1], whole[:, -1]
 
 
-def _resolved(prior: Prior, reading: Array, grids: Array, density: Array) -> Array:
-    """Medians and deviations (2, draws) of log densities (draws, grid), on finer grids where theirs are too coarse."""
-    found = np.stack(median_and_deviation(grids, density))
+def _resolved(prior: Prior, reading: Array, grids: Array, density: Array, levels: Array) -> Array:
+    """Quantiles and last the mean distance (draws, levels + 1) of log densities, on finer grids where needed."""
+    found = np.empty((len(reading), levels.shape[1] + 1))
     todo = np.arange(len(reading))
     for _ in range(ROUNDS):
-        grids, narrow = _finer(grids, density)
-        todo = todo[narrow]
+        finer, narrow = _finer(grids, density)
+        done = densities(grids[~narrow], density[~narrow])
+        found[todo[~narrow], :-1] = done.quantiles(levels[todo[~narrow]])
+        found[todo[~narrow], -1] = done.mean_distance()
+        grids, todo = finer, todo[narrow]
         if not len(todo):
-            break
+            return found
         shapes = prior.influence_at(grids.ravel()).reshape(*grids.shape, -1) / prior.noise_mm
         size = np.linalg.norm(shapes, axis=2)
         direction = shapes / np.where(size > 0, size, 1.0)[:, :, None]
@@ -154,7 +202,8 @@ def _resolved(prior: Prior, reading: Array, grids: Array, density: Array) -> Arr
         # The misfit itself, not a difference of squares: with little noise those are large and nearly equal.
         misfit = reading[todo, None, :] - projection[:, :, None] * direction
         density = log_likelihood(prior.force_n, size, projection, -np.einsum("dgs,dgs->dg", misfit, misfit) / 2)
-        found[:, todo] = median_and_deviation(grids, density)
+    last = densities(grids, density)
+    found[todo] = np.column_stack([last.quantiles(levels[todo]), last.mean_distance()])
     return found
 
 
@@ -205,27 +254,3 @@ def _log_normal_interval(low: Array, high: Array) -> Array:
     log_upper = log_ndtr(upper)
     difference: Array = log_upper + np.log(-np.expm1(np.minimum(log_ndtr(lower) - log_upper, -1e-300)))
     return difference
-
-
-def median_and_deviation(grids: Array, log_density: Array) -> tuple[Array, Array]:
-    """Median of each density (draws, grid) on its grid and the mean distance from it; both (draws,).
-
-    By the trapezoidal rule, the distribution function linear within a cell. The mean distance from the median is the
-    integral of the smaller of F and 1 - F.
-    """
-    density = np.exp(log_density - log_density.max(axis=1, keepdims=True))
-    widths = np.diff(grids, axis=1)
-    below = np.zeros_like(density)
-    np.cumsum(
-        (density[:, 1:] + density[:, :-1]) / 2 * (widths / (grids[:, -1:] - grids[:, :1])), axis=1, out=below[:, 1:]
-    )
-    below /= below[:, -1:]
-    cell = np.clip((below < 0.5).sum(axis=1) - 1, 0, density.shape[1] - 2)
-    rows = np.arange(len(cell))
-    before, after, width = below[rows, cell], below[rows, cell + 1], widths[rows, cell]
-    fraction = (0.5 - before) / np.maximum(after - before, np.finfo(np.float64).tiny)
-    nearer = np.minimum(below, 1 - below)
-    areas = (nearer[:, 1:] + nearer[:, :-1]) / 2 * widths
-    # In the cell of the median the smaller of the two has its peak, 1/2.
-    areas[rows, cell] = width * (fraction * (before + 0.5) + (1 - fraction) * (1.5 - after)) / 2
-    return grids[rows, cell] + fraction * width, areas.sum(axis=1)

@@ -9,15 +9,17 @@ from onnx.utils import Extractor
 from scipy.special import chdtri
 
 from beamtouch_models import limit
+from beamtouch_models.contacts import simulated_enough
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.estimators.running import CHUNK, Run, runner
 from beamtouch_models.export import to_bytes
+from beamtouch_models.figures import mean_of, ratio_of
 from beamtouch_models.modelfile import Accuracy, Golden
 from beamtouch_models.prior import Prior
 
 Array = NDArray[np.float64]
-ACCURACY_DRAWS = 4_000
-REST_DRAWS = 400_000
+ACCURACY_DRAWS = 4_096
+REST_DRAWS = 2**18
 GOLDEN_DRAWS = 8
 ODDS = "contact_log_odds"
 FALSE_ALARM_RATE = 1e-6
@@ -67,8 +69,8 @@ def rest_exceeding(prior: Prior, run: Run, seed: int, threshold: float) -> tuple
     if odds is None:
         message = "the estimator gives no log odds of contact"
         raise ValueError(message)
-    exceeding = np.where(odds > threshold, weight, 0.0)
-    return float(exceeding.mean()), float(exceeding.std(ddof=1) / len(odds) ** 0.5)
+    found = mean_of(np.where(odds > threshold, weight, 0.0))
+    return found.value, found.standard_error
 
 
 def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None, Array]:
@@ -77,10 +79,11 @@ def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None,
     By importance sampling: rest is drawn with more noise than it has, so that rare samples are common, and each is
     weighed by how likely it really is (Kahn & Marshall 1953, doi 10.1287/opre.1.5.263).
     """
-    rng = np.random.default_rng(seed)
+    rngs = np.random.default_rng(seed).spawn(limit.SCRAMBLINGS)
     # Noise of so many channels that is this large in all is as rare as `rate`.
     widening = np.sqrt(max(1.0, chdtri(prior.channels, rate) / prior.channels))
-    noise = rng.normal(scale=widening, size=(REST_DRAWS, prior.channels))
+    each = REST_DRAWS // limit.SCRAMBLINGS
+    noise = widening * np.concatenate([limit.spread_noise(prior.channels, each, rng) for rng in rngs])
     weight: Array = np.exp(-(noise**2).sum(axis=1) / 2 * (1 - widening**-2) + prior.channels * np.log(widening))
     deflection = prior.stated(noise * prior.noise_mm).astype(np.float32)
     odds = []
@@ -94,17 +97,21 @@ def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None,
 
 
 def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
-    """Error of the exported graph and the accuracy limit, on the same draws."""
-    drawn = limit.draw(prior, ACCURACY_DRAWS, seed)
-    deflection = prior.stated(drawn.deflection_mm).astype(np.float32)
-    answers = run(deflection, np.ones(deflection.shape, np.bool_))
-    reached = limit.mean_error(prior, drawn, answers["position_mm"].astype(np.float64))
-    best = limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
+    """Error of the exported graph and the accuracy limit, on the same contacts."""
+    contacts = simulated_enough(prior, ACCURACY_DRAWS, seed)
+    best, weight = contacts.deviation_mm, contacts.weight
+    if best is None:
+        message = "without noise there is no accuracy limit"
+        raise ValueError(message)
+    deflection = prior.stated(contacts.drawn.deflection_mm).astype(np.float32)
+    error = contacts.mean_error_mm(run(deflection, np.ones(deflection.shape, np.bool_))["position_mm"])
+    reached, least = (mean_of(values, weight).scaled(100 / prior.length_mm) for values in (error, best))
     return Accuracy(
-        error_percent=reached.percent,
+        error_percent=reached.value,
         error_standard_error=reached.standard_error,
-        limit_percent=best.percent,
-        limit_standard_error=best.standard_error,
+        limit_percent=least.value,
+        limit_standard_error=least.standard_error,
+        ratio_standard_error=ratio_of(error * weight, best * weight).standard_error,
     )
 
 

@@ -94,6 +94,8 @@ class Accuracy(_Strict):
     error_standard_error: float
     limit_percent: float
     limit_standard_error: float
+    ratio_standard_error: float | None = None
+    """Of the ratio, both on the same contacts; None in a file that does not state it."""
 
     @property
     def ratio(self) -> float:

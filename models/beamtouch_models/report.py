@@ -33,6 +33,8 @@ def summary(model: ModelFile) -> str:
     smoothing = f"{chosen.kind} of {chosen.window} readings, settled after {chosen.settling_ms:g} ms"
     error = f"{accuracy.error_percent:.3f} % +- {accuracy.error_standard_error:.3f}"
     best = f"{accuracy.limit_percent:.3f} % +- {accuracy.limit_standard_error:.3f}"
+    spread = accuracy.ratio_standard_error
+    ratio = f"{accuracy.ratio:.3f}" + ("" if spread is None else f" +- {spread:.3f}")
     rows = [
         ("model", f"{model.identity} ({metadata.estimator}, seed {metadata.seed})"),
         ("beam", f"{metadata.length_mm:g} mm, largest deflection {metadata.max_deflection_mm:.4g} mm"),
@@ -42,7 +44,7 @@ def summary(model: ModelFile) -> str:
         ("filter", "none" if chosen.kind == "none" else smoothing),
         ("noise", f"{noise.reading_mm:.3g} mm a reading, {noise.sample_mm:.3g} mm a sample"),
         ("error", f"{error} of the length, mean"),
-        ("limit", f"{best}; error over limit {accuracy.ratio:.2f}"),
+        ("limit", f"{best}; error over limit {ratio}"),
         ("outputs", ", ".join(model.outputs)),
         *_calibration(metadata),
     ]

@@ -15,8 +15,8 @@ from beamtouch_models.estimators.estimator import NAMES, estimator_of
 from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.estimators.running import runner
-from beamtouch_models.evaluation import ratio_of
 from beamtouch_models.export import to_bytes
+from beamtouch_models.figures import ratio_of
 from beamtouch_models.modelfile import session_options
 from beamtouch_models.noise import choose_filter, noise_of
 from beamtouch_models.placement import place

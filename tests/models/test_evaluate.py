@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import limit
-from beamtouch_models.evaluation import BLOCKS, _share, at_noise, evaluate, mean_of, quantile_of, ratio_of
+from beamtouch_models.evaluation import at_noise, evaluate
 from beamtouch_models.model_prior import prior_of_model
 from beamtouch_models.modelfile import ModelFile
 
@@ -18,26 +18,6 @@ COMMAND = str(Path(sys.executable).parent / "design-sensors")
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run([COMMAND, "evaluate", *map(str, arguments)], capture_output=True, text=True, check=False)
-
-
-def test_figures_scatter_as_their_standard_errors_say() -> None:
-    rng = np.random.default_rng(1)
-    samples = [rng.exponential(size=(2, 2000)) for _ in range(200)]
-    for figures, truth in (
-        ([mean_of(sample[0]) for sample in samples], 1.0),
-        ([quantile_of(sample[0], 0.95) for sample in samples], -np.log(0.05)),
-        ([ratio_of(sample[0] + sample[1], sample[1]) for sample in samples], 2.0),
-        ([_share(sample[0] < 0.1) for sample in samples], 1 - np.exp(-0.1)),
-    ):
-        values = np.array([figure.value for figure in figures])
-        stated = np.array([figure.standard_error for figure in figures])
-        assert values.mean() == pytest.approx(truth, abs=5 * values.std() / 200**0.5 + 0.01 * truth)
-        assert stated.mean() == pytest.approx(values.std(), rel=0.2)
-    assert BLOCKS > 5
-
-
-def test_a_share_of_none_has_a_standard_error() -> None:
-    assert _share(np.zeros(999, np.bool_)).standard_error == pytest.approx(1e-3, rel=0.02)
 
 
 @pytest.mark.long
@@ -54,15 +34,16 @@ def test_the_model_of_the_bench_is_at_its_limit(bench: ModelFile) -> None:
     assert abs(found.force_coverage.value - 0.95) < 0.01 + 4 * found.force_coverage.standard_error
     assert found.false_alarms is not None
     assert found.false_alarms.value == pytest.approx(1e-6, rel=0.3)
-    # The same draws, by hand.
-    drawn = limit.draw(prior, 8000, 5)
-    answer = bench.estimate(drawn.deflection_mm.astype(np.float32), np.ones((8000, 4), np.bool_))
+    # Plain draws, by hand.
+    drawn = limit.draw(prior, 40_000, 5)
+    answer = bench.estimate(drawn.deflection_mm.astype(np.float32), np.ones((40_000, 4), np.bool_))
     error = np.abs(answer["position_mm"] - drawn.position_mm)
-    assert found.span.mean_mm.value == pytest.approx(error.mean(), rel=1e-6)
-    assert found.span.worst_mm == pytest.approx(error.max(), rel=1e-6)
-    assert found.missed is not None
+    mean = found.span.mean_mm
+    assert abs(mean.value - error.mean()) < 4 * np.hypot(mean.standard_error, error.std() / 200)
+    assert mean.standard_error < 0.01 * mean.value < error.std() / 40_000**0.5
     calls = answer["contact_log_odds"] > bench.metadata.contact_threshold
-    assert found.missed.value == pytest.approx(1 - calls.mean())
+    assert found.missed is not None
+    assert found.missed.value == pytest.approx(1 - calls.mean(), abs=4 * found.missed.standard_error + 4 * (1e-3 / 200))
 
 
 def test_more_noise_than_the_model_was_made_for(bench: ModelFile) -> None:

@@ -38,7 +38,8 @@ def test_the_limit_of_spread_contacts_is_that_of_random_ones() -> None:
     median = limit.posterior_median_mm(prior, drawn.deflection_mm)
     plain, spread = limit.mean_error(prior, drawn, median), limit_of(paper_scene(), (107.0, 293.0))
     assert abs(plain.percent - spread.percent) < 4 * np.hypot(plain.standard_error, spread.standard_error)
-    assert spread.standard_error < plain.standard_error / 4
+    # Known to a fifth only, and with less than half the contacts.
+    assert spread.standard_error < plain.standard_error / 2.5
 
 
 def test_at_little_noise_the_layout_is_no_worse_than_equal_pitch_or_the_product() -> None:

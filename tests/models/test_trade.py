@@ -1,8 +1,11 @@
 """`design-sensors trade`: the front, the choice, and the command."""
 
 import json
+import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +16,13 @@ from hypothesis import strategies as st
 
 from beamtouch_models import limit, modelfile
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.evaluation import Figure
+from beamtouch_models.figures import Figure
 from beamtouch_models.modelfile import FilterChoice
 from beamtouch_models.noise import choose_filter
 from beamtouch_models.scene import load_scene, parse_scene
 from beamtouch_models.trade.front import NotToBeHadError, most_accurate, pareto_front, quickest
 from beamtouch_models.trade.physics import physics_trade
-from beamtouch_models.trade.points import Point, counts_of, measured_points, windows_of
+from beamtouch_models.trade.points import Point, Trade, counts_of, measured_points, windows_of
 from beamtouch_models.trade.quantised import quantised
 from beamtouch_models.trade.timing import Times
 from example_scenes import PAPER, SCENES
@@ -87,7 +90,12 @@ def test_what_is_considered() -> None:
 @pytest.mark.long
 def test_a_point_states_what_its_model_does() -> None:
     scene = parse_scene(PAPER, "paper")
-    every = measured_points(scene, ("posterior",), draws=1500, seed=0, progress=lambda _doing, _done: None)
+    kept: list[Trade] = []
+    trade = measured_points(scene, ("posterior",), draws=1024, seed=0, progress=lambda *_: None, keep=kept.append)
+    every = trade.points
+    assert [len(one.points) for one in kept] == list(range(2, 17, 2))
+    assert {one.planned for one in kept} == {trade.planned} == {16}
+    assert trade.failures == ()
     assert {one.sensors for one in every} == {2, 3}
     points = [one for one in every if one.sensors == 2]
     assert [(one.filter.window, one.quantised) for one in points] == [
@@ -95,6 +103,7 @@ def test_a_point_states_what_its_model_does() -> None:
     ]
     for one in points[::2]:
         assert one.ratio.value == pytest.approx(1, abs=0.02)
+        assert one.ratio.standard_error < one.error_percent.standard_error / one.error_percent.value
         assert one.error_percent.value == pytest.approx(one.error_mm / 4)
         assert one.latency_ms == pytest.approx(5 + 0.17 + one.filter.settling_ms + one.times.p50_us / 1e3)
         assert 0 < one.times.p50_us <= one.times.p99_us
@@ -126,7 +135,8 @@ def test_physics_that_is_dear_cannot_be_left_out() -> None:
 @pytest.mark.long
 def test_the_command_writes_the_folder_and_builds_the_choice(tmp_path: Path) -> None:
     scene = tmp_path / "plate.toml"
-    scene.write_text(PAPER.replace("count = 2", "count = [2, 3]").replace("[sensors]", "[sensors]\nrate_hz = 50"))
+    text = PAPER.replace("count = 2", "count = [2, 3]").replace("[sensors]", "[sensors]\nrate_hz = 50")
+    scene.write_text(text + "\n[requirements]\nlatency_ms = 40\n")
     common = [COMMAND, "trade", str(scene), "-o", str(tmp_path / "out"), "--draws", "300", "--estimators", "posterior"]
     done = subprocess.run([*common, "--latency-ms", "60", "--json"], capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
@@ -137,9 +147,56 @@ def test_the_command_writes_the_folder_and_builds_the_choice(tmp_path: Path) -> 
     assert len(built.metadata.layout) == chosen["sensors"]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"trade.json", "trade.md", "trade.svg", "plate.onnx"}
     assert (tmp_path / "out" / "trade.md").read_text().count("\n| ") > len(found["points"])
+    assert found["planned_points"] == len(found["points"])
+    # Every point is in the picture, with its number of sensors.
+    picture = (tmp_path / "out" / "trade.svg").read_text()
+    shown = re.findall(r'<text x="[\d.]+" y="[\d.]+">(\d)(\*?)</text>', picture)
+    expected = [(str(one["sensors"]), "*" * one["on_front"]) for one in found["points"]]
+    assert sorted(shown) == sorted(expected)
+    assert picture.count("<circle") == len(expected) + 2  # two in the legend
     none = subprocess.run([*common, "--error-mm", "1e-6"], capture_output=True, text=True, check=False)
     assert (none.returncode, none.stdout, none.stderr.count("\n")) == (2, "", 1)
     assert "nothing has a mean error of 1e-06 mm" in none.stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Signals) -> None:
+    out = tmp_path / "out"
+    command = [COMMAND, "trade", str(SCENES / "bench.toml"), "-o", str(out), "--draws", "512", "--json"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen([*command, "--estimators", "posterior"], stdout=pipe, stderr=pipe, text=True) as process:
+        deadline = time.monotonic() + 120
+        while not (out / "trade.svg").exists():
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.send_signal(stop)
+        stdout, stderr = process.communicate(timeout=60)
+    found = json.loads((out / "trade.json").read_text())
+    done = len(found["points"])
+    assert (process.returncode, stdout) == (130, "")
+    assert stderr == f"design-sensors: interrupted; {done} of 24 points are done, in {out}\n"
+    assert 0 < done < found["planned_points"] == 24
+    assert all(one["latency_ms"] > 0 and one["error_percent"]["value"] > 0 for one in found["points"])
+    assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg"}
+    assert f"{done} of 24 points" in (out / "trade.md").read_text()
+
+
+def test_points_that_cannot_be_had_are_named_and_the_others_are_there(tmp_path: Path) -> None:
+    scene = tmp_path / "narrow.toml"
+    # Three sensors with 150 mm between them go on 400 mm, four do not.
+    text = PAPER.replace("count = 2", "count = [3, 4]\nmin_distance_mm = 150")
+    scene.write_text(text + "\n[requirements]\nlatency_ms = 10\n")
+    command = [COMMAND, "trade", str(scene), "-o", str(tmp_path / "out"), "--draws", "128", "--estimators", "posterior"]
+    done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True)
+    found = json.loads(done.stdout)
+    assert {one["sensors"] for one in found["points"]} == {3}
+    (failure,) = found["failures"]
+    assert (failure["sensors"], failure["estimator"]) == (4, None)
+    assert "min_distance_mm" in failure["reason"]
+    assert failure["reason"] in (tmp_path / "out" / "trade.md").read_text()
+    assert failure["reason"] in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -1,27 +1,26 @@
 """What the report says beyond the model's own words: error along the beam, components, other layouts. No text here."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models import limit
 from beamtouch_models.beam import load_positions_mm, scene_influence
 from beamtouch_models.build import Built, Progress
 from beamtouch_models.components import Components, principal_components
+from beamtouch_models.contacts import simulated
 from beamtouch_models.effects import effects_of, required
+from beamtouch_models.figures import Figure, mean_of
 from beamtouch_models.layout import equal_pitch_mm
-from beamtouch_models.limit import Array, MeanError
+from beamtouch_models.limit import Array, MeanError, accuracy_limit
 from beamtouch_models.modelfile import ModelFile, load_bytes
 from beamtouch_models.placement import Placement, place, place_by_position_error, score_positions
 from beamtouch_models.pricing import Effect
 from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 
-PROFILE_DRAWS = 12_000
+PROFILE_DRAWS = 8_192
 PROFILE_BINS = 24
-LAYOUT_DRAWS = 4_000
+LAYOUT_DRAWS = 4_096
 SEED_SHIFT = 5
 """The build draws with the seed and the four after it; the report measures on draws of its own."""
 
@@ -38,6 +37,8 @@ class Profile:
     """Mean |error| of the posterior median."""
     held: Array | None
     """Part of the contacts that the stated interval holds; None where the model states none."""
+    held_in: tuple[Figure, ...] | None
+    """The same over the whole range, in the first stretch and in the last."""
     width_mm: Array | None
     """Mean width of the stated interval."""
 
@@ -99,24 +100,28 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
 
 def _profile(scene: Scene, model: ModelFile, positions: Array, seed: int) -> Profile:
     prior = Prior.of(scene, positions, model.metadata.noise.sample_mm)
-    drawn = limit.draw(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
-    deflection = drawn.deflection_mm.astype(np.float32)
+    contacts = simulated(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
+    best = contacts.least_error_mm()
+    weight = np.broadcast_to(contacts.weight[:, None], contacts.likely_mm.shape)
+    deflection = contacts.drawn.deflection_mm.astype(np.float32)
     answers = model.estimate(deflection, np.ones(deflection.shape, np.bool_))
-    best = limit.posterior_median_mm(prior, drawn.deflection_mm)
     edges = np.linspace(*scene.contact.position_mm, PROFILE_BINS + 1)
-    stretch = np.clip(np.searchsorted(edges, drawn.position_mm, side="right") - 1, 0, PROFILE_BINS - 1)
+    stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
 
-    def mean(values: NDArray[Any]) -> Array:
-        return np.bincount(stretch, values.astype(np.float64), PROFILE_BINS) / np.bincount(
-            stretch, minlength=PROFILE_BINS
-        )
+    def means(values: Array) -> Array:
+        whole = np.bincount(stretch.ravel(), (weight * values).ravel(), PROFILE_BINS)
+        return whole / np.bincount(stretch.ravel(), weight.ravel(), PROFILE_BINS)
 
-    model_mm, limit_mm = (mean(np.abs(middle - drawn.position_mm)) for middle in (answers["position_mm"], best))
-    held = width_mm = None
+    held = held_in = width_mm = None
     if "position_low_mm" in answers:
-        low, high = answers["position_low_mm"], answers["position_high_mm"]
-        held, width_mm = mean((low <= drawn.position_mm) & (drawn.position_mm <= high)), mean(high - low)
-    return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held, width_mm)
+        low, high = answers["position_low_mm"][:, None], answers["position_high_mm"][:, None]
+        inside = (low <= contacts.likely_mm) & (contacts.likely_mm <= high)
+        held, width_mm = means(inside.astype(np.float64)), means(np.broadcast_to(high - low, inside.shape))
+        ends = (np.True_, stretch == 0, stretch == PROFILE_BINS - 1)
+        held_in = tuple(mean_of(inside.astype(np.float64), weight * end) for end in ends)
+    model_mm = means(contacts.error_mm(answers["position_mm"]))
+    limit_mm = np.zeros(PROFILE_BINS) if best is None else means(best)
+    return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held, held_in, width_mm)
 
 
 def _layouts(scene: Scene, taken: Array, noise_mm: float, seed: int) -> tuple[OtherLayout, ...]:
@@ -130,9 +135,7 @@ def _layouts(scene: Scene, taken: Array, noise_mm: float, seed: int) -> tuple[Ot
     found = []
     for name, positions in named.items():
         prior = Prior.of(scene, positions, noise_mm)
-        drawn = limit.draw(prior, LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
-        median = limit.posterior_median_mm(prior, drawn.deflection_mm)
-        reached = limit.mean_error(prior, drawn, median)
+        reached = accuracy_limit(prior, LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
         score = score_positions(scene, positions)
         found.append(OtherLayout(name, positions, score, reached, bool(np.allclose(taken, positions))))
     return tuple(found)

@@ -8,6 +8,7 @@ from beamtouch_models.build_report.beam_drawing import beam_drawing
 from beamtouch_models.build_report.facts import PROFILE_BINS, Facts
 from beamtouch_models.build_report.markup import chart_figure, details, figure, heading, paragraph, table, tiles
 from beamtouch_models.charts import Chart, Series
+from beamtouch_models.modelfile import Accuracy
 from beamtouch_models.pricing import NEGLIGIBLE
 
 CHARTED = 8
@@ -43,10 +44,15 @@ def _summary(facts: Facts) -> Iterable[str]:
             ("sensors", str(len(metadata.layout)), f"works with {metadata.min_channels} or more"),
             ("mean error", f"{error_mm:.3g} mm", f"{accuracy.error_percent:.2f} % of the length{verdict}"),
             ("accuracy limit", f"{limit_mm:.3g} mm", f"{accuracy.limit_percent:.2f} %; no estimator does better"),
-            ("error over limit", f"{accuracy.ratio:.2f}", "1 is the best there is"),
+            ("error over limit", f"{accuracy.ratio:.2f}", f"{_spread(accuracy)}1 is the best there is"),
             ("settled after", f"{latency:g} ms", "a sample is a reading" if latency == 0 else "of filtering"),
         ]
     )
+
+
+def _spread(accuracy: Accuracy) -> str:
+    spread = accuracy.ratio_standard_error
+    return "" if spread is None else f"± {spread:.1g}; "
 
 
 def _layout(facts: Facts) -> Iterable[str]:
@@ -105,17 +111,17 @@ def _accuracy(facts: Facts) -> Iterable[str]:
 def _interval(facts: Facts) -> Iterable[str]:
     """Where the stated interval holds the truth; nothing for a model that states none."""
     profile = facts.profile
-    if profile.held is None or profile.width_mm is None:
+    if profile.held is None or profile.held_in is None or profile.width_mm is None:
         return
     yield heading("Interval along the beam")
     third = slice(PROFILE_BINS // 3, 2 * PROFILE_BINS // 3)
     ends_mm, middle_mm = profile.width_mm[[0, -1]].mean(), profile.width_mm[third].mean()
+    whole, first, last = (f"{part.value * 100:.1f} ± {part.standard_error * 100:.1f} %" for part in profile.held_in)
     yield paragraph(
-        f"The interval of 95 % held {profile.held.mean() * 100:.1f} % of the contacts; in the outer stretches "
-        f"{profile.held[0] * 100:.1f} % and {profile.held[-1] * 100:.1f} %. It is a promise over all contacts and not "
-        "at each position: where sensors tell little, the interval leans to where contacts are likelier, and is held "
-        f"by the ends of the contact range. It is {ends_mm:.3g} mm wide in the outer stretches and "
-        f"{middle_mm:.3g} mm in the middle third."
+        f"The interval of 95 % held {whole} of the contacts; in the outer stretches {first} and {last}. "
+        "It is a promise over all contacts and not at each position: where sensors tell little, the interval leans to "
+        f"where contacts are likelier, and is held by the ends of the contact range. It is {ends_mm:.3g} mm wide in "
+        f"the outer stretches and {middle_mm:.3g} mm in the middle third."
     )
     x = profile.position_mm.tolist()
     says = "Contacts that the stated interval holds, over the position of the contact"

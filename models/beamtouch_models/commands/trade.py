@@ -3,7 +3,13 @@
 import argparse
 import json
 import math
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -16,12 +22,12 @@ from beamtouch_models.commands.reproduce import folder_of
 from beamtouch_models.errors import InputError
 from beamtouch_models.estimators.estimator import NAMES
 from beamtouch_models.export import write_whole
-from beamtouch_models.scene import load_scene
+from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.trade.front import most_accurate, named, pareto_front, quickest
-from beamtouch_models.trade.physics import physics_trade
-from beamtouch_models.trade.points import Point, measured_points
+from beamtouch_models.trade.physics import LeftOut, physics_trade
+from beamtouch_models.trade.points import Point, Trade, measured_points
 from beamtouch_models.trade.quantised import quantised
-from beamtouch_models.trade.results import HEADINGS, json_of, markdown, plot, row
+from beamtouch_models.trade.results import HEADINGS, json_of, markdown, plot, row, said
 
 WIDTH_WITHOUT_TERMINAL = 180
 
@@ -34,16 +40,11 @@ def run(options: argparse.Namespace) -> None:
             raise InputError(message)
     scene, text = load_scene(options.scene)
     folder, name = folder_of(options.output), surface_name(options.scene)
-    estimators = tuple(options.estimators or NAMES)
-    with shown_progress() as progress:
-        points = measured_points(scene, estimators, draws=options.draws, seed=options.seed, progress=progress)
-        progress("leaving out physics", 1.0)
-        physics = physics_trade(scene, draws=options.draws, seed=options.seed)
-    front = pareto_front(points)
-    results = json_of(points, front, physics)
-    write_whole(folder / "trade.json", (json.dumps(results, indent=1) + "\n").encode())
-    write_whole(folder / "trade.md", markdown(name, points, front, physics).encode())
-    write_whole(folder / "trade.svg", plot(points, front).encode())
+    trade, physics = _measured(scene, name, folder, options)
+    points, front = trade.points, pareto_front(trade.points)
+    results = _write(folder, name, trade, physics)
+    for failure in trade.failures:
+        print(f"note: {said(failure)}", file=sys.stderr)
     picked = None
     if options.latency_ms is not None:
         picked = most_accurate(points, options.latency_ms)
@@ -64,6 +65,58 @@ def run(options: argparse.Namespace) -> None:
     print(f"all of {len(points)} points in {folder}: trade.md, trade.svg, trade.json", file=sys.stderr)
     if picked is not None:
         print(f"built {folder / f'{name}.onnx'}: {named(picked)}; {picked.error_mm:.3g} mm, {picked.latency_ms:.3g} ms")
+
+
+def _measured(scene: Scene, name: str, folder: Path, options: argparse.Namespace) -> tuple[Trade, list[LeftOut]]:
+    """Measure everything; what is done is in the folder at any time."""
+    estimators = tuple(options.estimators or NAMES)
+    kept: list[Trade] = []
+
+    def keep(trade: Trade) -> None:
+        _write(folder, name, trade, [])
+        kept[:] = [trade]
+
+    try:
+        with _termination_interrupts(), shown_progress() as progress:
+            trade = measured_points(
+                scene, estimators, draws=options.draws, seed=options.seed, progress=progress, keep=keep
+            )
+            keep(trade)
+            progress("leaving out physics", 1.0)
+            return trade, physics_trade(scene, draws=options.draws, seed=options.seed)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(_interrupted(kept, folder)) from None
+
+
+def _write(folder: Path, name: str, trade: Trade, physics: list[LeftOut]) -> dict[str, Any]:
+    """Write what there is; each file is replaced as a whole. Returns what is in trade.json."""
+    front = pareto_front(trade.points)
+    results = json_of(trade, front, physics)
+    write_whole(folder / "trade.json", (json.dumps(results, indent=1) + "\n").encode())
+    write_whole(folder / "trade.md", markdown(name, trade, front, physics).encode())
+    write_whole(folder / "trade.svg", plot(trade.points, front).encode())
+    return results
+
+
+def _interrupted(kept: list[Trade], folder: Path) -> str:
+    if not kept:
+        return "interrupted; no point is done, and nothing was written"
+    (trade,) = kept
+    return f"interrupted; {len(trade.points)} of {trade.planned} points are done, in {folder}"
+
+
+@contextmanager
+def _termination_interrupts() -> Iterator[None]:
+    """Take SIGTERM for Ctrl-C, so that both end with a word on what was kept."""
+
+    def interrupt(_signal: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _show(front: list[Point], points: int) -> None:

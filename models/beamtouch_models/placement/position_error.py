@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.beam import scene_influence
+from beamtouch_models.densities import densities
 from beamtouch_models.layout import Candidates, Indices
-from beamtouch_models.limit import accuracy_limit, log_likelihood, median_and_deviation, spread_contacts
+from beamtouch_models.limit import accuracy_limit, log_likelihood, spread_contacts
 from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 
@@ -54,7 +55,7 @@ class Surrogate:
         size = np.linalg.norm(shapes, axis=1)
         projection = (self.clean[:, layout] + self.noise) @ (shapes / np.where(size > 0, size, 1.0)[:, None]).T
         density = log_likelihood(self.scene.contact.force_range_n, size, projection, projection**2 / 2)
-        return float(median_and_deviation(np.broadcast_to(self.position_mm, density.shape), density)[1].mean())
+        return float(densities(np.broadcast_to(self.position_mm, density.shape), density).mean_distance().mean())
 
     def cramer_rao_mm(self, sums: Array) -> Array:
         """Return the mean Cramer-Rao bound on the error (...), limited by the range, from `sums` (3, grid, ...)."""

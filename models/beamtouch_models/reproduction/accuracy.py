@@ -28,8 +28,8 @@ COUNTS = (2, 3, 4, 5)
 NETWORKS = 3
 """Networks trained for each layout, from different initial weights, because a single one is a matter of luck."""
 DRAWS = 40_000
-LIMIT_DRAWS = 10_000
-"""The limit uses fewer of the same draws, because a posterior costs a hundred times as much as a network's answer."""
+LIMIT_DRAWS = 8_192
+"""The limit uses fewer contacts, evenly spread: a posterior costs a hundred times as much as a network's answer."""
 NOISES_PERCENT = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.25, 1.5, 1.75, 2.0)
 RIG_NOISE_PERCENT = NOISES_PERCENT[-1]
 """Standard deviation of a reading, in percent of the largest deflection."""
@@ -127,8 +127,5 @@ def _measured(layout: Layout, positions: Array, networks: tuple[PaperNetwork, ..
         ]
     )
     noise_mm = RIG_NOISE_PERCENT * unit_mm
-    noisy = (clean.deflection_mm + RIG_NOISE_PERCENT * noise)[:LIMIT_DRAWS]
-    drawn = limit.Draws(clean.position_mm[:LIMIT_DRAWS], clean.force_n[:LIMIT_DRAWS], noisy)
-    prior = Prior.of(SCENE, positions, noise_mm)
-    best = limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
+    best = limit.accuracy_limit(Prior.of(SCENE, positions, noise_mm), LIMIT_DRAWS, seed)
     return Performance(layout, positions, networks, errors / LENGTH_MM * 100, best)

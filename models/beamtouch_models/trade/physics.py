@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models import limit
+from beamtouch_models.contacts import simulated_enough
 from beamtouch_models.effects import effects_of, required
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.estimators.running import runner
-from beamtouch_models.evaluation import Figure, ratio_of
+from beamtouch_models.figures import Figure, ratio_of
 from beamtouch_models.noise import choose_filter, noise_of
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.prior import TABLE, Prior
@@ -39,9 +39,11 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
     count = scene.sensors.count_range[0]
     layout = np.array(fewest_sensors(required(scene), noise_mm, count, seed).positions_mm)
     whole = Prior.of(scene, layout, noise_mm)
-    drawn = limit.draw(whole, draws, seed + 1)
-    best = np.abs(limit.posterior_median_mm(whole, drawn.deflection_mm) - drawn.position_mm)
-    reading = drawn.deflection_mm.astype(np.float32)
+    contacts = simulated_enough(whole, draws, seed + 1)
+    best = contacts.deviation_mm
+    if best is None:
+        return []
+    reading = contacts.drawn.deflection_mm.astype(np.float32)
     with_ms = _table_ms(whole)
     found = []
     for effect in effects_of(scene):
@@ -49,8 +51,8 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
             continue
         without = Prior.of(effect.leave_out(scene), layout, noise_mm)
         run = runner(posterior_graph(without, with_force=False).SerializeToString())
-        position = run(reading, np.ones(reading.shape, np.bool_))["position_mm"].astype(np.float64)
-        ratio = ratio_of(np.abs(position - drawn.position_mm), best)
+        error = contacts.mean_error_mm(run(reading, np.ones(reading.shape, np.bool_))["position_mm"])
+        ratio = ratio_of(error * contacts.weight, best * contacts.weight)
         found.append(LeftOut(effect.name, effect.price, effect.verdict, ratio, _table_ms(without), with_ms))
     return found
 

@@ -4,24 +4,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import onnx
 from numpy.typing import NDArray
 
-from beamtouch_models import limit
 from beamtouch_models.beam import check_small_angles
+from beamtouch_models.contacts import Contacts, simulated_enough
 from beamtouch_models.effects import required
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.estimators.running import runner
-from beamtouch_models.evaluation import Figure, mean_of, ratio_of
 from beamtouch_models.export import to_bytes
+from beamtouch_models.figures import Figure, mean_of, ratio_of
 from beamtouch_models.modelfile import FilterChoice
 from beamtouch_models.noise import noise_of, reading_noise_mm, window_filter
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.prior import Prior
 from beamtouch_models.scene import MIN_SENSORS, Scene
 from beamtouch_models.trade.quantised import quantised
-from beamtouch_models.trade.timing import Times, inference_times
+from beamtouch_models.trade.timing import ROUNDS, Times, inference_times
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
@@ -31,6 +30,8 @@ LONGEST_MS = 100.0
 """Of a filter, where the scene states no latency."""
 AROUND = 2
 """How many sensors fewer, and one less how many more, than the scene states."""
+FIRST_ROUNDS = 5
+"""Rounds of timing when a point is made, for results that are kept so far; at the end all are timed again, in turns."""
 SERIAL_BAUD, FRAME_BYTES, BYTE_BITS = 1_000_000, 13, 10
 """A reading on the serial line of PROTOCOL.md: so many bytes and two per channel, of ten bits each."""
 
@@ -58,13 +59,35 @@ class Point:
 
 
 @dataclass(frozen=True)
+class Failure:
+    """Points that could not be had."""
+
+    estimator: Name | None
+    """None: the layout could not be had, with any estimator."""
+    sensors: int
+    filter: FilterChoice
+    reason: str
+
+
+@dataclass(frozen=True)
+class Trade:
+    """The points so far."""
+
+    points: tuple[Point, ...]
+    failures: tuple[Failure, ...]
+    planned: int
+    """Points that there are in the end, if none fails."""
+
+
+@dataclass(frozen=True)
 class _Made:
     estimator: Estimator
     filter: FilterChoice
     prior: Prior
     quantised: bool
-    error_mm: Array
-    best_mm: Array
+    error_mm: Figure
+    best_mm: Figure
+    ratio: Figure
 
     @property
     def content(self) -> bytes:
@@ -86,39 +109,89 @@ def counts_of(scene: Scene) -> list[int]:
 
 
 def measured_points(
-    scene: Scene, estimators: Sequence[Name], *, draws: int, seed: int, progress: Progress
-) -> list[Point]:
-    """Make and measure every point; raises SceneError where the scene cannot be built."""
+    scene: Scene,
+    estimators: Sequence[Name],
+    *,
+    draws: int,
+    seed: int,
+    progress: Progress,
+    keep: Callable[[Trade], None] = lambda _trade: None,
+) -> Trade:
+    """Make and measure every point.
+
+    Parameters
+    ----------
+    scene, estimators : what to build, and how positions are found
+    draws, seed : contacts per point, and of everything random
+    progress : told what is being done
+    keep : given what there is, after each estimator of a layout
+
+    Raises
+    ------
+    SceneError
+        The scene cannot be built, with no number of sensors. A point that fails alone is among the failures.
+    """
     check_small_angles(scene)
     if reading_noise_mm(scene) == 0:
         message = "sensors: a noise of 0 leaves nothing to trade; state the noise of a reading"
         raise SceneError(message)
-    physics = required(scene)
-    made: list[_Made] = []
     layouts = [(count, chosen) for count in counts_of(scene) for chosen in windows_of(scene)]
     total = len(layouts) * len(estimators)
-    for count, chosen in layouts:
-        noise_mm = noise_of(physics, chosen).sample_mm
-        layout = np.array(fewest_sensors(physics, noise_mm, count, seed).positions_mm)
-        prior = Prior.of(physics, layout, noise_mm)
-        drawn = limit.draw(prior, draws, seed + 1)
-        best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
-        for name in estimators:
-            progress(f"{name}, {count} sensors, mean of {chosen.window} readings", 0.4 * len(made) / total)
-            one = estimator_of(name, prior, with_force=scene.wants_force, seed=seed, progress=lambda _done: None)
-            for graph in (one.graph, quantised(one.graph)):
-                error, is_quantised = _errors(graph, drawn), graph is not one.graph
-                made.append(_Made(replace(one, graph=graph), chosen, prior, is_quantised, error, best))
-    progress("timing", 0.8)
+    made: list[_Made] = []
+    points: list[Point] = []
+    failures: list[Failure] = []
+    for number, (count, chosen) in enumerate(layouts):
+        try:
+            contacts, prior = _contacts(scene, count, chosen, draws, seed)
+        except SceneError as error:
+            failures.append(Failure(None, count, chosen, str(error)))
+            continue
+        for index, name in enumerate(estimators):
+            doing = f"{name}, {count} sensors, mean of {chosen.window} readings"
+            progress(doing, 0.8 * (number * len(estimators) + index) / total)
+            try:
+                found = _made(scene, name, chosen, prior, contacts, seed)
+            except SceneError as error:
+                failures.append(Failure(name, count, chosen, str(error)))
+                continue
+            made += found
+            points += _timed(scene, found, FIRST_ROUNDS, lambda _done: None)
+            keep(Trade(tuple(points), tuple(failures), 2 * total))
+    if not made:
+        raise SceneError(failures[0].reason)
+    points = _timed(scene, made, ROUNDS, lambda done: progress("timing", 0.8 + 0.2 * done))
+    return Trade(tuple(points), tuple(failures), 2 * total)
+
+
+def _contacts(scene: Scene, count: int, chosen: FilterChoice, draws: int, seed: int) -> tuple[Contacts, Prior]:
+    physics = required(scene)
+    noise_mm = noise_of(physics, chosen).sample_mm
+    layout = np.array(fewest_sensors(physics, noise_mm, count, seed).positions_mm)
+    prior = Prior.of(physics, layout, noise_mm)
+    return simulated_enough(prior, draws, seed + 1), prior
+
+
+def _made(scene: Scene, name: Name, chosen: FilterChoice, prior: Prior, contacts: Contacts, seed: int) -> list[_Made]:
+    """An estimator as it is and with 8-bit weights; raises SceneError where it does not answer in numbers."""
+    best, weight = contacts.deviation_mm, contacts.weight
+    one = estimator_of(name, prior, with_force=scene.wants_force, seed=seed, progress=lambda _done: None)
+    reading = contacts.drawn.deflection_mm.astype(np.float32)
+    found = []
+    for graph in (one.graph, quantised(one.graph)):
+        answers = runner(to_bytes(graph))(reading, np.ones(reading.shape, np.bool_))
+        error = contacts.mean_error_mm(answers["position_mm"])
+        if best is None or not np.isfinite(error).all():
+            message = "it answers some readings with no number"
+            raise SceneError(message)
+        figures = mean_of(error, weight), mean_of(best, weight), ratio_of(error * weight, best * weight)
+        found.append(_Made(replace(one, graph=graph), chosen, prior, graph is not one.graph, *figures))
+    return found
+
+
+def _timed(scene: Scene, made: Sequence[_Made], rounds: int, progress: Callable[[float], None]) -> list[Point]:
     readings = [(one.content, _reading(one.prior)) for one in made]
-    times = inference_times(readings, lambda done: progress("timing", 0.8 + 0.2 * done))
+    times = inference_times(readings, progress, rounds)
     return [_point(scene, one, time) for one, time in zip(made, times, strict=True)]
-
-
-def _errors(graph: onnx.ModelProto, drawn: limit.Draws) -> Array:
-    reading = drawn.deflection_mm.astype(np.float32)
-    answers = runner(to_bytes(graph))(reading, np.ones(reading.shape, np.bool_))
-    return np.abs(answers["position_mm"].astype(np.float64) - drawn.position_mm)
 
 
 def _reading(prior: Prior) -> NDArray[np.float32]:
@@ -131,16 +204,15 @@ def _reading(prior: Prior) -> NDArray[np.float32]:
 def _point(scene: Scene, made: _Made, times: Times) -> Point:
     length, channels = made.prior.length_mm, made.prior.channels
     poll_ms = (FRAME_BYTES + 2 * channels) * BYTE_BITS / SERIAL_BAUD * 1e3
-    error = mean_of(made.error_mm)
     return Point(
         made.estimator.name,
         channels,
         made.filter,
         made.quantised,
-        error.scaled(100 / length),
-        error.value,
-        mean_of(made.best_mm).scaled(100 / length),
-        ratio_of(made.error_mm, made.best_mm),
+        made.error_mm.scaled(100 / length),
+        made.error_mm.value,
+        made.best_mm.scaled(100 / length),
+        made.ratio,
         times,
         poll_ms,
         len(made.content),

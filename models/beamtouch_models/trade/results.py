@@ -6,7 +6,7 @@ from typing import Any
 
 from beamtouch_models.charts import Chart, Series, draw, standalone
 from beamtouch_models.trade.physics import LeftOut
-from beamtouch_models.trade.points import Point
+from beamtouch_models.trade.points import Failure, Point, Trade
 
 HEADINGS = (
     "front",
@@ -24,13 +24,17 @@ HEADINGS = (
     "known after, ms",
     "kB",
 )
+FRONT_COLOUR = 7
+"""The colours before it are those of three estimators, each in two precisions."""
 PHYSICS_HEADINGS = ("effect", "price", "verdict", "error over limit without it", "influence table, ms", "with it, ms")
 
 
-def json_of(points: Sequence[Point], front: Sequence[Point], physics: Sequence[LeftOut]) -> dict[str, Any]:
+def json_of(trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut]) -> dict[str, Any]:
     """Everything, for JSON."""
     return {
-        "points": [{**_fields(point), "on_front": point in front} for point in points],
+        "planned_points": trade.planned,
+        "points": [{**_fields(point), "on_front": point in front} for point in trade.points],
+        "failures": [{**asdict(failure), "filter": failure.filter.model_dump()} for failure in trade.failures],
         "physics": [asdict(effect) for effect in physics],
     }
 
@@ -47,8 +51,8 @@ def row(point: Point, *, on_front: bool) -> tuple[str, ...]:
         str(point.sensors),
         "none" if point.filter.window == 1 else f"mean of {point.filter.window}",
         f"{point.error_percent.value:.3f} ± {point.error_percent.standard_error:.3f}",
-        f"{point.error_mm:.3g}",
-        f"{point.ratio.value:.3f}",
+        f"{point.error_mm:.3g} ± {point.error_percent.standard_error / point.error_percent.value * point.error_mm:.1g}",
+        f"{point.ratio.value:.4f} ± {point.ratio.standard_error:.4f}",
         f"{point.times.p50_us:.1f}",
         f"{point.times.p99_us:.1f}",
         f"{point.times.batch_us:.2f}",
@@ -72,17 +76,19 @@ def physics_row(effect: LeftOut) -> tuple[str, ...]:
     )
 
 
-def markdown(name: str, points: Sequence[Point], front: Sequence[Point], physics: Sequence[LeftOut]) -> str:
+def markdown(name: str, trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut]) -> str:
     """The tables as Markdown."""
     lines = [
         f"# What speed buys in accuracy: {name}",
         "",
-        "Measured in one run on one machine. A point on the front (*) is beaten by no other in time, error and sensors",
-        "at once. A contact is known after half a reading period, the transfer of a reading on a serial line of",
-        "1 Mbaud, the filter's settling and an inference.",
+        f"{len(trade.points)} of {trade.planned} points, measured in one run on one machine. A point on the front (*)",
+        "is beaten by no other in time, error and sensors at once. A contact is known after half a reading period, the",
+        "transfer of a reading on a serial line of 1 Mbaud, the filter's settling and an inference.",
         "",
-        *_table(HEADINGS, [row(point, on_front=point in front) for point in _sorted(points)]),
+        *_table(HEADINGS, [row(point, on_front=point in front) for point in _sorted(trade.points)]),
         "",
+        *(f"- Failed: {said(failure)}" for failure in trade.failures),
+        *[""] * bool(trade.failures),
         "## Physics",
         "",
         "Each effect left out by itself: what an estimator that knows nothing of it loses, and what the time of its",
@@ -94,23 +100,29 @@ def markdown(name: str, points: Sequence[Point], front: Sequence[Point], physics
     return "\n".join(lines)
 
 
+def said(failure: Failure) -> str:
+    """Say what failed, and why."""
+    window = failure.filter.window
+    smoothing = "no filter" if window == 1 else f"mean of {window} readings"
+    return f"{failure.estimator or 'every estimator'}, {failure.sensors} sensors, {smoothing}: {failure.reason}"
+
+
 def plot(points: Sequence[Point], front: Sequence[Point]) -> str:
-    """Error over the time after which a contact is known, as SVG."""
-    names = list(dict.fromkeys(point.estimator for point in points))
-    series = [
-        Series(
-            name,
-            [point.latency_ms for point in points if point.estimator == name and not point.quantised],
-            [point.error_mm for point in points if point.estimator == name and not point.quantised],
-            colour,
-            "points",
-        )
-        for colour, name in enumerate(names)
-    ]
+    """Error over the time after which a contact is known, as SVG; each point bears its number of sensors."""
+    kinds = list(dict.fromkeys((point.estimator, point.quantised) for point in points))
+    series = []
+    for colour, (name, is_quantised) in enumerate(kinds):
+        some = [point for point in points if (point.estimator, point.quantised) == (name, is_quantised)]
+        x, y = [point.latency_ms for point in some], [point.error_mm for point in some]
+        notes = [f"{point.sensors}{'*' if point in front else ''}" for point in some]
+        series.append(Series(f"{name}{', int8' if is_quantised else ''}", x, y, colour, "points", notes))
     best = sorted({(point.latency_ms, point.error_mm) for point in front})
     hull = [(x, y) for index, (x, y) in enumerate(best) if all(y < before for _, before in best[:index])]
-    series.append(Series("front, any number of sensors", [x for x, _ in hull], [y for _, y in hull], 5))
-    says = "Mean error over the time after which a contact is known, a point per way to build the model"
+    series.append(Series("front, any number of sensors", [x for x, _ in hull], [y for _, y in hull], FRONT_COLOUR))
+    says = (
+        "Mean error over the time after which a contact is known, a point per way to build the model, each with its "
+        "number of sensors and * on the front"
+    )
     return standalone(draw(Chart(says, "known after, ms", "mean |error|, mm", series, log_x=True, log_y=True)))
 
 

@@ -26,14 +26,16 @@ class Times:
 
 
 def inference_times(
-    graphs: Sequence[tuple[bytes, NDArray[np.float32]]], progress: Callable[[float], None]
+    graphs: Sequence[tuple[bytes, NDArray[np.float32]]],
+    progress: Callable[[float], None] = lambda _done: None,
+    rounds: int = ROUNDS,
 ) -> list[Times]:
     """Time graphs, each with a reading (channels,) of a contact."""
     runs = [_session(content, reading) for content, reading in graphs]
     single: list[list[int]] = [[] for _ in runs]
     many: list[list[int]] = [[] for _ in runs]
-    for turn in range(ROUNDS):
-        progress(turn / ROUNDS)
+    for turn in range(rounds):
+        progress(turn / rounds)
         for (one, batch), times, batch_times in zip(runs, single, many, strict=True):
             _time(one, CALLS, times)
             _time(batch, BATCH_CALLS, batch_times)

@@ -1,0 +1,94 @@
+"""Probability densities on grids: their quantiles, and the mean distance from their median. Pure.
+
+Between nodes a distribution function is integrated with the derivatives at both ends (the corrected trapezoidal rule),
+which is exact for cubics: with four nodes in a standard deviation the mean distance is off by 2e-4 of itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LEAST_LOG = -700.0
+"""Log density, from its maximum, below which a density counts as equally small: its exponential is still a number."""
+
+SHARP = 1.0
+"""Change of a log density's slope from cell to cell, times their length, of what the grid does not resolve."""
+
+
+@dataclass(frozen=True)
+class Densities:
+    """Densities of which each has a grid of its own; all arrays are (densities, grid)."""
+
+    grids: Array
+    density: Array
+    """At the nodes, in units of one over the length of the grid."""
+    below: Array
+    """Distribution function at the nodes."""
+
+    def quantiles(self, levels: Array) -> Array:
+        """Quantiles (densities, levels) at levels (densities, levels) between 0 and 1."""
+        cell, part = self._found(levels)
+        low, high = (np.take_along_axis(self.grids, at, axis=1) for at in (cell, cell + 1))
+        return low + part * (high - low)
+
+    def mean_distance(self) -> Array:
+        """Mean distance from the median, (densities,)."""
+        cell, part = self._found(np.full((len(self.grids), 1), 0.5))
+        length = self.grids[:, -1:] - self.grids[:, :1]
+        step = np.diff(self.grids, axis=1) / length
+        areas = step * (self.below[:, 1:] + self.below[:, :-1]) / 2 - step**2 / 12 * np.diff(self.density, axis=1)
+        whole = np.zeros_like(self.below)
+        np.cumsum(areas, axis=1, out=whole[:, 1:])
+        before, after, start, at, width = (
+            np.take_along_axis(values, index, axis=1)
+            for values, index in (
+                (self.density, cell),
+                (self.density, cell + 1),
+                (self.below, cell),
+                (whole, cell),
+                (step, cell),
+            )
+        )
+        # Within the cell the density is a straight line.
+        to_median = at + width * part * (start + width * part * (before / 2 + (after - before) * part / 6))
+        beyond = 1 - (np.take_along_axis(self.grids, cell, axis=1) - self.grids[:, :1]) / length - width * part
+        distance: Array = (length * (2 * to_median - whole[:, -1:] + beyond))[:, 0]
+        return distance
+
+    def _found(self, levels: Array) -> tuple[NDArray[np.intp], Array]:
+        """Cell that each level lies in, and the part of the cell before its quantile."""
+        rows, nodes = self.below.shape
+        # One search for all: the functions one above the other rise from 0 to the number of rows.
+        stacked = self.below + np.arange(rows)[:, None]
+        above = np.searchsorted(stacked.ravel(), (levels + np.arange(rows)[:, None]).ravel()).reshape(levels.shape)
+        cell = np.clip(above - 1 - nodes * np.arange(rows)[:, None], 0, nodes - 2)
+        low, high = (np.take_along_axis(self.below, at, axis=1) for at in (cell, cell + 1))
+        before, after = (np.take_along_axis(self.density, at, axis=1) for at in (cell, cell + 1))
+        share = np.clip((levels - low) / np.maximum(high - low, np.finfo(np.float64).tiny), 0.0, 1.0)
+        # The root of b t + (a - b) t^2 / 2 = share (b + a) / 2, before and after, in the form that does not cancel.
+        root = before + np.sqrt(before**2 + (after**2 - before**2) * share)
+        part = np.divide(share * (before + after), root, out=share.copy(), where=root > 0)
+        return cell, part
+
+
+def densities(grids: Array, log_density: Array) -> Densities:
+    """Densities from their logarithms at the nodes of increasing grids, both (densities, grid), up to a constant."""
+    logs = np.maximum(log_density - log_density.max(axis=1, keepdims=True), LEAST_LOG)
+    density = np.exp(logs)
+    step = np.diff(grids, axis=1) / (grids[:, -1:] - grids[:, :1])
+    slope = np.divide(np.diff(logs, axis=1), step, out=np.zeros_like(step), where=step > 0)
+    # The logarithm of a posterior is nearly a parabola, whose derivative the mean slope is.
+    gradient = np.pad((slope[:, :-1] + slope[:, 1:]) / 2, ((0, 0), (1, 1)))
+    gradient[:, 0], gradient[:, -1] = slope[:, 0], slope[:, -1]
+    # It is not at a cliff, as where the end of the force range cuts a posterior off: the plain trapezoid stays there.
+    bends = np.abs(np.diff(slope, axis=1)) * np.maximum(step[:, 1:], step[:, :-1]) > SHARP
+    sharp = np.pad(bends, ((0, 0), (1, 1)), mode="edge")
+    bend = np.where(sharp[:, 1:] | sharp[:, :-1], 0.0, np.diff(gradient * density, axis=1))
+    mass = step * (density[:, 1:] + density[:, :-1]) / 2 - step**2 / 12 * bend
+    below = np.zeros_like(density)
+    np.cumsum(np.maximum(mass, 0.0), axis=1, out=below[:, 1:])
+    total = below[:, -1:].copy()
+    return Densities(grids, density / total, below / total)

@@ -1,0 +1,100 @@
+"""Simulated contacts: figures from them scatter as they say, and have the mean of plain draws."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from beamtouch_models import limit
+from beamtouch_models.contacts import LIKELY, simulated, simulated_enough
+from beamtouch_models.figures import Figure, mean_of, quantile_of, ratio_of, share_of
+from posterior_cases import prior_of
+
+SEEDS = 50
+CASES = [
+    ("cantilever", 2, 1.0, False),
+    ("bench", 2, 1e-3, False),
+    ("paper", 2, 2.0, True),
+    ("two-spans", 3, 10.0, False),
+]
+
+
+def figures_of(case: tuple[str, int, float, bool], count: int, seed: int) -> dict[str, Figure]:
+    """Figures of an estimator that is a little off, and states an interval that is a little short."""
+    name, sensors, noise, known = case
+    prior = prior_of(name, sensors, noise, known=known)
+    contacts = simulated(prior, count, seed)
+    assert contacts.deviation_mm is not None
+    assert contacts.median_mm is not None
+    weight, median = contacts.weight, contacts.median_mm
+    many = np.broadcast_to(weight[:, None], contacts.likely_mm.shape)
+    off = median + contacts.deviation_mm
+    mean = contacts.mean_error_mm(off)
+    held = np.abs(contacts.likely_mm - median[:, None]) < 2 * contacts.deviation_mm[:, None]
+    return {
+        "limit": mean_of(contacts.deviation_mm, weight),
+        "error": mean_of(mean, weight),
+        "ratio": ratio_of(mean * weight, contacts.deviation_mm * weight),
+        "95th percentile": quantile_of(contacts.error_mm(off), 0.95, many),
+        "held": share_of(held, many),
+    }
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", CASES)
+def test_the_stated_standard_errors_are_those_over_seeds(case: tuple[str, int, float, bool]) -> None:
+    every = [figures_of(case, 256, seed) for seed in range(SEEDS)]
+    for name in every[0]:
+        values = np.array([one[name].value for one in every])
+        stated = np.array([one[name].standard_error for one in every])
+        # The stated variance has 15 degrees of freedom each time, the spread 49; a part in a million on either side.
+        spread = (SEEDS - 1) * values.var(ddof=1) / (stated**2).mean()
+        low, high = chi2.ppf([1e-6, 1 - 1e-6], SEEDS - 1)
+        assert low < spread < high * (2 if name == "95th percentile" else 1), name
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", CASES)
+def test_the_figures_are_those_of_plain_draws(case: tuple[str, int, float, bool]) -> None:
+    name, sensors, noise, known = case
+    prior = prior_of(name, sensors, noise, known=known)
+    drawn = limit.draw(prior, 20_000, 7)
+    quantiles, deviation = limit.posterior_quantiles(prior, drawn.deflection_mm)
+    median = quantiles[:, 0]
+    plain = {
+        "limit": mean_of(np.abs(median - drawn.position_mm)),
+        "error": mean_of(np.abs(median + deviation - drawn.position_mm)),
+        "95th percentile": quantile_of(np.abs(median + deviation - drawn.position_mm), 0.95),
+        "held": share_of(np.abs(median - drawn.position_mm) < 2 * deviation),
+    }
+    found = figures_of(case, 2048, 8)
+    for figure, expected in plain.items():
+        off = abs(found[figure].value - expected.value)
+        assert off < 5 * np.hypot(found[figure].standard_error, expected.standard_error), figure
+    # Of as many contacts, with a bound that also a case of rare and large errors keeps.
+    assert found["limit"].standard_error < plain["limit"].standard_error * (20_000 / 2048) ** 0.5 * 0.7
+
+
+def test_the_same_seed_draws_the_same() -> None:
+    prior = prior_of("bench", 2, 1.0, known=False)
+    first, second = (simulated(prior, 200, 3) for _ in range(2))
+    assert np.array_equal(first.likely_mm, second.likely_mm)
+    assert first.likely_mm.shape == (256, LIKELY)
+    assert not np.array_equal(first.likely_mm, simulated(prior, 200, 4).likely_mm)
+
+
+def test_weights_are_one_on_average_and_bounded() -> None:
+    weight = simulated(prior_of("bench", 4, 1.0, known=False), 1024, 3).weight
+    assert weight.mean() == pytest.approx(1, abs=0.01)
+    assert weight.max() <= 1 / limit.UNIFORM
+
+
+def test_more_contacts_where_few_leave_the_limit_uncertain() -> None:
+    assert len(simulated_enough(prior_of("paper", 2, 2.0, known=True), 256, 0).weight) == 1024
+    assert len(simulated_enough(prior_of("cantilever", 2, 1.0, known=False), 1024, 0).weight) == 1024
+
+
+def test_without_noise_a_contact_is_its_own_only_cause() -> None:
+    prior = prior_of("bench", 2, 0.0, known=False)
+    contacts = simulated(prior, 128, 0)
+    assert contacts.deviation_mm is contacts.least_error_mm() is None
+    assert contacts.mean_error_mm(contacts.drawn.position_mm + 2.0) == pytest.approx(np.full(128, 2.0))
