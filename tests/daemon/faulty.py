@@ -117,5 +117,6 @@ def names(batches: list[Batch]) -> list[tuple[str, int]]:
 
 def batches_in(spool: Spool) -> list[Batch]:
     """Return all batches without taking them out."""
-    rows = spool._database.execute("SELECT content FROM batch ORDER BY id").fetchall()
+    with spool._file.access("read") as database:
+        rows = database.execute("SELECT content FROM batch ORDER BY id").fetchall()
     return [Batch.model_validate_json(content) for (content,) in rows]

@@ -10,10 +10,11 @@ import pytest
 
 from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Taken
-from beamtouch_daemon.publisher import Disk, Publisher, Sender
+from beamtouch_daemon.publisher import Publisher, Sender
 from beamtouch_daemon.service_client import ServiceClient
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.spooler import Disk
 from beamtouch_service.samples import Batch, Quality, Sample
 
 from .service import TOKEN, Service, serving
@@ -51,11 +52,13 @@ class Bench:
 
     async def __aenter__(self) -> "Bench":
         self._task = asyncio.create_task(self.publisher.run())
+        self._helpers = [asyncio.ensure_future(helper()) for helper in self.publisher.helpers]
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
+        for task in (self._task, *self._helpers):
+            task.cancel()
+        await asyncio.gather(self._task, *self._helpers, return_exceptions=True)
         await self._client.close()
         if self._disk:
             self._disk.close()
@@ -227,5 +230,5 @@ def test_what_waits_on_the_disk_does_not_hold_up_the_present_while_it_is_refused
             spool.put("bench", batch, monotonic() - 60)
         run(story(spool))
     refusal = "the service takes no samples (status 503: Busy; send the batch again.); trying again"
-    said = [record.getMessage() for record in caplog.records if record.name == "beamtouch_daemon.publisher"]
+    said = [record.getMessage() for record in caplog.records if record.name == "beamtouch_daemon.late_delivery"]
     assert said == [f"bench: publishing what waits on the disk: {refusal}"]
