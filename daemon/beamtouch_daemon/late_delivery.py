@@ -23,6 +23,8 @@ DISK_REST_S = 1.0
 """A disk that failed is left alone for so long."""
 IDLE_S = 0.1
 """How often to look whether there is something to deliver, at least."""
+SWEEP_S = 0.2
+"""What was delivered is deleted from the disk this often, all at once: each time takes three waits for the disk."""
 PASSED_REST_S = 5.0
 """How long a batch rests that was passed over."""
 MAX_PASSED = 20
@@ -151,7 +153,6 @@ class LateDelivery:
         await self._disk.call(lambda: spool.remove(surface, oldest))
         for part, reason in parcel.refused:
             await self._disk.call(lambda: spool.put_refused(surface, part, reason))  # noqa: B023 - awaited at once
-        await self._sweep()
         return Verdict.TAKEN
 
     async def _oldest(self, after: int) -> Spooled | None:
@@ -167,6 +168,7 @@ class LateDelivery:
             self._disk_fault.failed(str(error))
             self._sweep_s = monotonic() + DISK_REST_S
         else:
+            self._sweep_s = monotonic() + SWEEP_S
             self._disk_fault.recovered()
 
 

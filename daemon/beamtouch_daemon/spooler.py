@@ -118,10 +118,11 @@ class Spooler:
                     raise
 
     async def write_all(self, *, is_last: bool = False) -> bool:
-        """Put all that waits in memory on the disk; return False if some goes on waiting because that failed."""
+        """Put all that waits in memory now on the disk; return False if that failed, and some goes on waiting."""
         async with self._writes:
-            most = self._most
-            while self._disk is not None and (samples := self._outbox.take(most)):
+            most, left = self._most, len(self._outbox)
+            while self._disk is not None and (samples := self._outbox.take(min(most, left))):
+                left -= len(samples)
                 batch, newest_s = self._batch_of(samples, monotonic()), samples[-1].monotonic_s
                 spool = self._disk.spool
                 try:
@@ -131,6 +132,7 @@ class Spooler:
                         self._outbox.drop(1)
                         continue
                     self._outbox.put_back(samples)
+                    left += len(samples)
                     most = max(1, len(samples) // 2)
                     continue
                 except SpoolError as error:

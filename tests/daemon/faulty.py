@@ -75,9 +75,12 @@ async def everything(service: Service) -> None:
 
 
 @asynccontextmanager
-async def running(folder: Path, source: str, url: str, code: str = "") -> AsyncIterator[Daemon]:
+async def running(
+    folder: Path, source: str, url: str, code: str = "", *, publish: str = "", prefix: tuple[str, ...] = ()
+) -> AsyncIterator[Daemon]:
     config = configs.write(folder, plain(source), url=url)
-    async with started("run", config, "--summary", folder / "summary.json", code=code) as daemon:
+    config.write_text(config.read_text().replace("batch_ms", f"{publish}\nbatch_ms"))
+    async with started("run", config, "--summary", folder / "summary.json", code=code, prefix=prefix) as daemon:
         yield daemon
 
 
