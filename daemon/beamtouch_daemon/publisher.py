@@ -89,7 +89,7 @@ class Publisher:
                 continue
             self._spooler.want()
             await self._outbox.pause(backoff.next())
-            if not len(self._outbox):  # there is nothing new to ask the service with
+            if not len(self._outbox):
                 self._is_refused = False
         await self._finish()
 
@@ -113,6 +113,7 @@ class Publisher:
         """Send what waits in memory; return False if it has to be sent again."""
         samples = self._outbox.take(self._most)
         if not samples:
+            self._is_refused = False  # there is nothing new to ask the service with
             return True
         parcel = Parcel(samples, lambda part: self._batch(part, monotonic()))
         verdict = Verdict.LATER

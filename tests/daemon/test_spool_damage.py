@@ -8,12 +8,24 @@ from pathlib import Path
 
 import pytest
 
+from beamtouch_daemon import spool as spool_module
 from beamtouch_daemon.spool import Spool
 from beamtouch_daemon.spool_connection import SpoolError
+from beamtouch_daemon.spool_row import row_of
 
 from .test_spool import ROOM, batch_of, drained
 
 PAGE = 4096
+
+
+def fill(path: Path, rows: int, samples: int) -> None:
+    """Make a spool with many batches, in one transaction: the disk is waited for once."""
+    with Spool(path, ROOM):
+        boot = spool_module.BOOT_ID.read_text().strip()
+    with closing(sqlite3.connect(path)) as database, database:
+        for number in range(rows):
+            row = row_of("bench", batch_of(number * samples, samples), boot, time.monotonic())
+            database.execute("INSERT INTO batch VALUES (?, ?, ?, ?, ?, ?, ?)", (number + 1, *row))
 
 
 def flipped(content: str, place: int) -> bytes:
@@ -87,9 +99,7 @@ def test_samples_that_are_set_aside_are_counted_and_bounded(tmp_path: Path) -> N
 
 def test_pages_that_are_damaged_cost_the_rows_in_them_and_no_others(tmp_path: Path) -> None:
     rows = 300
-    with Spool(tmp_path / "spool", ROOM) as spool:
-        for first in range(0, 10 * rows, 10):
-            spool.put("bench", batch_of(first), time.monotonic())
+    fill(tmp_path / "spool", rows, 10)
     content = bytearray((tmp_path / "spool").read_bytes())
     place = len(content) // PAGE // 2 * PAGE
     content[place : place + 2 * PAGE] = bytes(2 * PAGE)
@@ -106,9 +116,8 @@ def test_pages_that_are_damaged_cost_the_rows_in_them_and_no_others(tmp_path: Pa
 
 def test_damage_that_is_met_in_use_stops_nothing_for_long(tmp_path: Path) -> None:
     rows = 900  # several MB: more than the cache of the database
+    fill(tmp_path / "spool", rows, 50)
     with Spool(tmp_path / "spool", ROOM) as spool:
-        for first in range(0, 50 * rows, 50):
-            spool.put("bench", batch_of(first, 50), time.monotonic())
         with (tmp_path / "spool").open("r+b") as file:
             size = file.seek(0, 2)
             file.seek(size // PAGE // 2 * PAGE)
@@ -117,7 +126,7 @@ def test_damage_that_is_met_in_use_stops_nothing_for_long(tmp_path: Path) -> Non
         while errors < 5:
             try:
                 for batch in drained(spool):
-                    found.append(batch.samples[0].sequence)  # noqa: PERF401 - kept when it ends in an error
+                    found.append(batch.samples[0].sequence)
             except SpoolError:
                 errors += 1
             else:
