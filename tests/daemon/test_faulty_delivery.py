@@ -146,6 +146,7 @@ def test_a_disk_that_is_full_is_emptied_when_the_service_is_back_and_keeps_what_
                 disk.fill()
                 await more_readings(device, 400)
                 async with serving(Service(("127.0.0.1", port))) as service:
+                    await service.until(1)
                     await everything(service)
                     assert len(service.samples()) > 1000
                 disk.fill()
@@ -175,7 +176,7 @@ def test_a_disk_that_is_full_is_emptied_when_the_service_is_back_and_keeps_what_
 async def more_readings(device: SerialDevice, number: int) -> None:
     begun = device.sequence
     async with asyncio.timeout(60):
-        while device.sequence < begun + number:
+        while device.sequence < begun + number:  # noqa: ASYNC110 - the device is outside
             await asyncio.sleep(0.02)
 
 
@@ -208,7 +209,7 @@ def test_one_bad_row_costs_its_own_samples_and_live_delivery_nothing(tmp_path: P
             for first in range(0, 252, 7):
                 spool.put("bench", batch_of(first, 7), monotonic())
         with closing(sqlite3.connect(path)) as database, database:
-            database.execute("UPDATE batch SET content = replace(content, ':0.25', ':8.25') WHERE id = ?", (bad,))
+            database.execute("UPDATE batch SET content = replace(content, '[0.25', '[8.25') WHERE id = ?", (bad,))
         with cable(tmp_path) as usb:
             SerialDevice(usb.plug())
             async with (
