@@ -12,11 +12,12 @@ import uuid
 from collections import Counter
 from contextlib import suppress
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
+from beamtouch_daemon import spool_entries
 from beamtouch_daemon.faults import Fault
 from beamtouch_daemon.spool_connection import SpoolConnection, SpoolError
-from beamtouch_daemon.spool_row import NAME, BadRowError, Spooled, batch_of, row_of
+from beamtouch_daemon.spool_row import BadRowError, Spooled, batch_of, row_of
 from beamtouch_service.samples import Batch
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
@@ -136,13 +137,10 @@ class Spool:
         """
         while True:
             with self._file.access("read") as database:
-                found = database.execute(
-                    "SELECT id FROM entry WHERE surface = ? AND id > ? AND waits ORDER BY id LIMIT 1",
-                    (surface, after),
-                ).fetchone()
-            if found is None:
+                number = spool_entries.next_number(database, surface, after)
+            if number is None:
                 return None
-            (after,) = found
+            after = number
             if after in self._done or after in self._skipped:
                 continue
             try:
@@ -161,7 +159,7 @@ class Spool:
         if not numbers:
             return 0
         with self._file.access("write to") as database:
-            freed = [_delete(database, number) for number in numbers]
+            freed = [spool_entries.delete(database, number) for number in numbers]
         self._bytes -= sum(freed)
         self._done.difference_update(numbers)
         if not any(self.waiting.values()):
@@ -175,29 +173,23 @@ class Spool:
         self._skipped.add(number)
         samples = 0
         with suppress(SpoolError), self._file.access("read") as database:
-            found = database.execute("SELECT samples FROM entry WHERE id = ?", (number,)).fetchone()
-            samples = found[0] if found else 0
+            samples = spool_entries.samples_of(database, number)
         self.waiting[surface] -= samples
         self.set_aside[surface] += samples
         self._aside_fault.failed(f"{surface}: a batch of {samples} samples is set aside: {reason}")
         with suppress(SpoolError):
-            self._note_aside(number, reason)
-            self._trim_aside()
+            with self._file.access("write to") as database:
+                spool_entries.set_aside(database, number, reason)
+            with self._file.access("write to") as database:
+                freed = spool_entries.trim_aside(database, ASIDE_SHARE * self._most_bytes)
+            self._bytes -= freed
 
-    def _insert(self, row: tuple[object, ...], length: int) -> None:
-        dropped: list[tuple[int, bytes, int, int, bool]] = []
+    def _insert(self, row: tuple[Any, ...], length: int) -> None:
         with self._file.access("write to") as database:
-            room = self._most_bytes - length
-            while self._bytes - sum(entry[3] for entry in dropped) > room:
-                query = "SELECT id, name, samples, length, waits FROM entry ORDER BY id LIMIT 1"
-                oldest = database.execute(query).fetchone()
-                if oldest is None:
-                    break
-                _delete(database, oldest[0])
-                dropped.append(oldest)
-            database.execute("INSERT INTO batch VALUES (?, ?, ?, ?, ?, ?, ?)", (self._next, *row))
+            deleted = spool_entries.delete_oldest(database, self._bytes + length - self._most_bytes)
+            spool_entries.insert(database, self._next, row)
         self._bytes += length
-        for number, name, samples, freed, waits in dropped:
+        for number, name, samples, freed, waits in deleted:
             self._bytes -= freed
             if waits and number not in self._done | self._skipped:
                 self.waiting[name.decode()] -= samples
@@ -207,65 +199,31 @@ class Spool:
         """Return a batch; raises BadRowError, and SpoolError if the whole file cannot be read."""
         try:
             with self._file.access("read") as database:
-                row = database.execute(
-                    "SELECT surface, samples, machine_boot, newest_monotonic_s, content, checksum"
-                    " FROM batch WHERE id = ?",
-                    (number,),
-                ).fetchone()
+                row = spool_entries.row(database, number)
         except SpoolError as error:
             if not self._file.is_open:  # damaged
                 raise
             # One bad place on the disk is one bad row. A disk that is gone cannot be written either, and comes again.
             reason = f"it cannot be read ({error.__cause__})"
-            self._note_aside(number, reason)
+            with self._file.access("write to") as database:
+                spool_entries.set_aside(database, number, reason)
             raise BadRowError(reason) from error
         if row is None:
             message = "the row is gone"
             raise BadRowError(message)
         return batch_of(row, number, self._machine_boot)
 
-    def _note_aside(self, number: int, reason: str) -> None:
-        with self._file.access("write to") as database:
-            database.execute("INSERT OR REPLACE INTO aside VALUES (?, ?)", (number, reason))
-
-    def _trim_aside(self) -> None:
-        """Delete the oldest of those set aside where they are too large together; the newest stays."""
-        total = 0
-        with self._file.access("write to") as database:
-            found = database.execute("SELECT id, length FROM entry WHERE NOT waits ORDER BY id DESC").fetchall()
-            for place, (number, length) in enumerate(found):
-                total += length
-                if place and total > ASIDE_SHARE * self._most_bytes:
-                    self._bytes -= _delete(database, number)
-
     def _take_stock(self, database: sqlite3.Connection, lost: Counter[str]) -> None:
         """Count what is in the file, and what it has lost."""
-        before = Counter(self.waiting)
+        before, reason = Counter(self.waiting), "its surface has no valid name"
         with database:
-            for (name,) in database.execute("SELECT DISTINCT name FROM entry").fetchall():
-                if name is None or not NAME.fullmatch(name.decode(errors="replace")):
-                    self._skip_surface(database, name)
-        (self._bytes, last) = database.execute("SELECT coalesce(sum(length), 0), max(id) FROM entry").fetchone()
-        self._next = max(self._next, (last or 0) + 1)
-        counts = database.execute("SELECT name, sum(samples) FROM entry WHERE waits GROUP BY name")
+            nameless = spool_entries.set_nameless_aside(database, reason)
+        if nameless:
+            self.set_aside[""] += nameless
+            self._aside_fault.failed(f"{nameless} samples are set aside: {reason}")
+        self._bytes, last, waiting = spool_entries.totals(database)
+        self._next = max(self._next, last + 1)
         self.waiting.clear()
-        self.waiting.update({name.decode(): samples for name, samples in counts})
+        self.waiting.update(waiting)
         for surface in before | lost:
             self.set_aside[surface] += max(lost[surface], before[surface] - self.waiting[surface])
-
-    def _skip_surface(self, database: sqlite3.Connection, name: bytes | None) -> None:
-        """Set aside all rows of what is no name of a surface: nobody will ever ask for them."""
-        (samples,) = database.execute("SELECT sum(samples) FROM entry WHERE name IS ? AND waits", (name,)).fetchone()
-        if samples:
-            reason = "its surface has no valid name"
-            database.execute("INSERT INTO aside SELECT id, ? FROM entry WHERE name IS ? AND waits", (reason, name))
-            self.set_aside[""] += samples
-            self._aside_fault.failed(f"{samples} samples are set aside: {reason}")
-
-
-def _delete(database: sqlite3.Connection, number: int) -> int:
-    """Delete a batch; return its length."""
-    found = database.execute("SELECT length FROM entry WHERE id = ?", (number,)).fetchone()
-    database.execute("DELETE FROM batch WHERE id = ?", (number,))
-    database.execute("DELETE FROM aside WHERE id = ?", (number,))
-    return found[0] if found else 0
