@@ -171,8 +171,6 @@ def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Pat
     assert 0 < found["beamtouch_samples_published_total", "bench"] <= found["beamtouch_readings_total", "bench"]
     assert found["beamtouch_samples_dropped_total", "bench"] == found["beamtouch_samples_waiting", "disk"] == 0
     assert found["beamtouch_samples_set_aside_total", "bench"] == 7
-    assert found["beamtouch_samples_waiting", "press"] == 7
-    assert found["beamtouch_samples_set_aside_total", "bench"] == 7
     assert 0 <= found["beamtouch_reading_age_seconds", "bench"] < 5
     assert ("beamtouch_samples_waiting", "memory") in found
 
