@@ -110,6 +110,7 @@ def _print_summary(name: str, summary: "Summary") -> None:
     print(
         f"{name}: {summary.readings} readings taken, {summary.readings_lost} lost; "
         f"{summary.samples_published} samples published, {summary.samples_dropped} dropped"
+        + (f", {summary.samples_set_aside} set aside in the spool" if summary.samples_set_aside else "")
         + (f", {summary.samples_spooled} kept on disk for the next start" if summary.samples_spooled else ""),
         file=sys.stderr,
     )

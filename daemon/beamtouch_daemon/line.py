@@ -3,21 +3,20 @@
 import asyncio
 import logging
 import uuid
-from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from time import monotonic
 
 from beamtouch_daemon.acquisition import Acquisition
 from beamtouch_daemon.config import Publish, Surface
-from beamtouch_daemon.faults import BACKOFF_MAX_S
 from beamtouch_daemon.outbox import Outbox
-from beamtouch_daemon.publisher import Disk, Publisher, Sender
+from beamtouch_daemon.publisher import Publisher, Sender
 from beamtouch_daemon.service_client import ServiceClient
 from beamtouch_daemon.sources import Buses
-from beamtouch_daemon.tasks import cancel
+from beamtouch_daemon.spooler import Disk
+from beamtouch_daemon.tasks import cancel, keep_going
 
-DRAIN_S = 2.0
-"""How long a stop may take to publish what was taken."""
+DRAIN_S = 4.0
+"""How long a stop may take to publish what was taken, or to put it on the disk."""
 PATIENCE_S = 15.0
 PATIENCE_PERIODS = 20.0
 """Without progress for so long, the longer of a time and a number of reading periods, a line hangs."""
@@ -36,7 +35,9 @@ class Summary:
     samples_published: int = 0
     """Acknowledged by the service."""
     samples_dropped: int = 0
-    """Taken, but pushed out of a full queue or spool, refused for good, or left over at the end without a spool."""
+    """Taken, but pushed out of a full queue or spool, or neither delivered nor on disk at the end."""
+    samples_set_aside: int = 0
+    """Refused for good or damaged on disk, and kept there for a person to look at."""
     samples_spooled: int = 0
     """On disk, to be delivered after the next start."""
 
@@ -63,21 +64,26 @@ class Line:
         # A line that is started anew counts its samples anew, so it is another sender.
         sender = Sender(name, surface.channel_names, str(uuid.uuid4()))
         self.publisher = Publisher(shared.client, sender, self.outbox, shared.publish.batch_ms / 1e3, shared.disk)
-        self._disk = shared.disk
+        self._spool = shared.disk and shared.disk.spool
+        # The spool goes on counting when a line is started anew.
+        self._before = (self._spool.dropped[name], self._spool.set_aside[name]) if self._spool else (0, 0)
         self._tasks: list[asyncio.Task[None]] = []
 
     def start(self, group: asyncio.TaskGroup) -> None:
         """Begin to read and to publish."""
-        for work in (self.acquisition.run, self.publisher.run):
-            self._tasks.append(group.create_task(_keep_going(self.name, work)))
+        for work in (self.acquisition.run, self.publisher.run, *self.publisher.helpers):
+            self._tasks.append(group.create_task(keep_going(self.name, work)))
 
     async def stop(self) -> None:
         """Stop reading and deliver what was taken, for `DRAIN_S` at most."""
-        acquisition, publisher = self._tasks
+        acquisition, publisher, *helpers = self._tasks
         await cancel({acquisition})
         self.outbox.close()
-        _, unfinished = await asyncio.wait({publisher}, timeout=DRAIN_S)
-        await cancel(unfinished)
+        await asyncio.wait({publisher}, timeout=DRAIN_S)
+        await cancel({publisher, *helpers})
+        self.publisher.give_up()
+        if lost := len(self.outbox):
+            _log.warning("%s: %d samples are lost: neither the service nor the disk took them", self.name, lost)
 
     def hangs(self, now_s: float) -> bool:
         """Whether reading or publishing has made no progress for too long, at `now_s` on the monotonic clock."""
@@ -91,22 +97,15 @@ class Line:
 
     def summary(self) -> Summary:
         """Return the counts so far; what waits in memory counts as dropped."""
+        dropped, set_aside = (0, 0)
+        if self._spool:
+            dropped = self._spool.dropped[self.name] - self._before[0]
+            set_aside = self._spool.set_aside[self.name] - self._before[1]
         return Summary(
             self.acquisition.readings,
             self.acquisition.lost,
             self.publisher.published,
-            self.outbox.dropped + len(self.outbox) + (self._disk.spool.dropped[self.name] if self._disk else 0),
+            self.outbox.dropped + len(self.outbox) + dropped,
+            set_aside,
             self.publisher.spooled,
         )
-
-
-async def _keep_going(name: str, work: Callable[[], Awaitable[None]]) -> None:
-    """Run `work` to its end; an error that nobody foresaw ends here, in the log, and `work` begins again."""
-    while True:
-        try:
-            await work()
-        except Exception:  # noqa: BLE001 - logged whole; one surface's fault must not stop the others
-            _log.exception("%s: unexpected error; starting anew", name)
-            await asyncio.sleep(BACKOFF_MAX_S)
-        else:
-            return

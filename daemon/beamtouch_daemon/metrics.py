@@ -1,6 +1,6 @@
 """Counts and ages of every line for Prometheus, on a loopback port, in the exposition format of its own library."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 from prometheus_client import CollectorRegistry, start_http_server
@@ -17,8 +17,9 @@ LOOPBACK = "127.0.0.1"
 class LineCollector(Collector):
     """Reads the lines when it is asked, in the thread of the metrics server: plain numbers, each read at once."""
 
-    def __init__(self, lines: Callable[[], Iterable[Line]]) -> None:
+    def __init__(self, lines: Callable[[], Iterable[Line]], elsewhere: Callable[[], Mapping[str, int]]) -> None:
         self._lines = lines
+        self._elsewhere = elsewhere
 
     def collect(self) -> Iterator[Metric]:
         """Return all metrics of all lines."""
@@ -26,6 +27,9 @@ class LineCollector(Collector):
         lost = CounterMetricFamily("beamtouch_readings_lost", "Readings due but not taken.", labels=["surface"])
         published = CounterMetricFamily("beamtouch_samples_published", "Samples acknowledged.", labels=["surface"])
         dropped = CounterMetricFamily("beamtouch_samples_dropped", "Samples that never arrive.", labels=["surface"])
+        aside = CounterMetricFamily(
+            "beamtouch_samples_set_aside", "Samples kept on disk that cannot be delivered.", labels=["surface"]
+        )
         waiting = GaugeMetricFamily(
             "beamtouch_samples_waiting", "Samples not yet delivered.", labels=["surface", "where"]
         )
@@ -43,6 +47,7 @@ class LineCollector(Collector):
             published.add_metric(surface, counts.samples_published)
             in_memory = len(line.outbox)
             dropped.add_metric(surface, max(0, counts.samples_dropped - in_memory))
+            aside.add_metric(surface, counts.samples_set_aside)
             waiting.add_metric([line.name, "memory"], in_memory)
             waiting.add_metric([line.name, "disk"], counts.samples_spooled)
             age_s = line.age_s()
@@ -52,17 +57,31 @@ class LineCollector(Collector):
             if (measured_hz := meter.measured_hz) is not None:
                 measured.add_metric(surface, measured_hz)
             wrong.add_metric(surface, 0 if meter.fits else 1)
-        yield from (readings, lost, published, dropped, waiting, age, measured, wrong)
+        for name, samples in self._elsewhere().items():
+            waiting.add_metric([name, "disk"], samples)
+        yield from (readings, lost, published, dropped, aside, waiting, age, measured, wrong)
 
 
 @contextmanager
-def served(port: int | None, lines: Callable[[], Iterable[Line]]) -> Iterator[None]:
-    """Answer GET /metrics during the block; nothing without a port. ConfigError if the port cannot be had."""
+def served(
+    port: int | None, lines: Callable[[], Iterable[Line]], elsewhere: Callable[[], Mapping[str, int]]
+) -> Iterator[None]:
+    """Answer GET /metrics during the block; nothing without a port. ConfigError if the port cannot be had.
+
+    Parameters
+    ----------
+    port
+        On this machine.
+    lines
+        Gives the lines at work.
+    elsewhere
+        Gives the samples on disk of surfaces without a line.
+    """
     if port is None:
         yield
         return
     registry = CollectorRegistry()
-    registry.register(LineCollector(lines))
+    registry.register(LineCollector(lines, elsewhere))
     try:
         server, thread = start_http_server(port, LOOPBACK, registry)
     except OSError as error:

@@ -16,8 +16,9 @@ from beamtouch_daemon import config_file, metrics
 from beamtouch_daemon.config import Config, ConfigError
 from beamtouch_daemon.line import Summary
 from beamtouch_daemon.notify import ServiceManager
-from beamtouch_daemon.publisher import Disk
-from beamtouch_daemon.spool import Spool, SpoolError
+from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.spool_connection import SpoolError, SpoolFullError
+from beamtouch_daemon.spooler import Disk
 from beamtouch_daemon.supervisor import Supervisor
 from beamtouch_daemon.tasks import cancel
 
@@ -52,7 +53,7 @@ async def run(path: Path) -> dict[str, Summary]:
         async with asyncio.TaskGroup() as group:
             supervisor = Supervisor(group, disk)
             try:
-                with metrics.served(config.metrics.port, lambda: supervisor.lines):
+                with metrics.served(config.metrics.port, lambda: supervisor.lines, supervisor.spooled_elsewhere):
                     await supervisor.apply(config)
                     return await _serve(path, config, supervisor, group, (stop, reload))
             except ConfigError as error:
@@ -138,11 +139,13 @@ def _disk(config: Config) -> Iterator[Disk | None]:
         return
     try:
         spool = Spool(config.spool_file, round(config.publish.spool_mb * 1e6))
-    except (SpoolError, OSError) as error:
+    except SpoolFullError as error:  # what is new is delivered all the same
+        _log.error("%s; without a spool until the next start, samples wait in memory only", error)
+        yield None
+        return
+    except SpoolError as error:
         message = f"publish.spool_file: {error}"
         raise ConfigError(message) from error
-    if spool.put_aside:
-        _log.error("the spool was damaged; it is kept as %s, and a new one is begun", spool.put_aside)
     with spool, contextlib.closing(Disk(spool)) as disk:
         yield disk
 

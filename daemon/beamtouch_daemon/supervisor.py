@@ -2,14 +2,16 @@
 
 import asyncio
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from beamtouch_daemon import tare
 from beamtouch_daemon.config import Config
 from beamtouch_daemon.config_sources import ModbusRtu
+from beamtouch_daemon.late_delivery import LateDelivery
 from beamtouch_daemon.line import Line, Shared, Summary
-from beamtouch_daemon.publisher import Disk
 from beamtouch_daemon.service_client import ServiceClient
+from beamtouch_daemon.spooler import Disk
+from beamtouch_daemon.tasks import cancel, keep_going
 
 _log = logging.getLogger(__name__)
 
@@ -32,6 +34,8 @@ class Supervisor:
         self._ended: dict[str, Summary] = {}
         self._shared: Shared | None = None
         self._secrets: tuple[str, str | None] = "", None
+        self._leftovers: set[asyncio.Task[None]] = set()
+        """Deliver what waits on the disk for surfaces that are not configured any more."""
 
     @property
     def lines(self) -> Iterable[Line]:
@@ -62,6 +66,7 @@ class Supervisor:
             for name, line in self._lines.items()
             if shared is old and config.surfaces.get(name) == line.surface and rest[name] == line.rest_gap_mm
         }
+        await cancel(self._leftovers)
         await asyncio.gather(*(self._end(name) for name in set(self._lines) - kept))
         if old is not None and shared is not old:
             await old.client.close()
@@ -71,14 +76,28 @@ class Supervisor:
         for name in started:
             self._lines[name] = Line(name, config.surfaces[name], rest[name], shared)
             self._lines[name].start(self._group)
+        self._leftovers = set(self._deliver_leftovers(shared))
         return started
 
     async def stop(self) -> dict[str, Summary]:
         """Stop all lines; return what became of the readings since the start, by surface."""
+        await cancel(self._leftovers)
         await asyncio.gather(*(self._end(name) for name in list(self._lines)))
         if self._shared is not None:
             await self._shared.client.close()
         return self._ended
+
+    def spooled_elsewhere(self) -> dict[str, int]:
+        """Return the samples on disk of surfaces that are not configured."""
+        waiting = dict(self._disk.spool.waiting) if self._disk else {}
+        return {name: samples for name, samples in waiting.items() if samples > 0 and name not in self._lines}
+
+    def _deliver_leftovers(self, shared: Shared) -> Iterator[asyncio.Task[None]]:
+        for name, samples in self.spooled_elsewhere().items():
+            assert shared.disk is not None  # noqa: S101 - narrows the type; without a disk nothing is on it
+            _log.info("%s: not configured any more; %d samples on disk are delivered all the same", name, samples)
+            late = LateDelivery(shared.client, name, shared.disk, shared.publish.batch_ms / 1e3, lambda: False)
+            yield self._group.create_task(keep_going(name, late.run))
 
     async def _end(self, name: str) -> None:
         line = self._lines[name]
@@ -90,6 +109,7 @@ class Supervisor:
             before.readings_lost + counts.readings_lost,
             before.samples_published + counts.samples_published,
             before.samples_dropped + counts.samples_dropped,
+            before.samples_set_aside + counts.samples_set_aside,
             counts.samples_spooled,
         )
 

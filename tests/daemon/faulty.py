@@ -75,9 +75,12 @@ async def everything(service: Service) -> None:
 
 
 @asynccontextmanager
-async def running(folder: Path, source: str, url: str, code: str = "") -> AsyncIterator[Daemon]:
+async def running(
+    folder: Path, source: str, url: str, code: str = "", *, publish: str = "", prefix: tuple[str, ...] = ()
+) -> AsyncIterator[Daemon]:
     config = configs.write(folder, plain(source), url=url)
-    async with started("run", config, "--summary", folder / "summary.json", code=code) as daemon:
+    config.write_text(config.read_text().replace("batch_ms", f"{publish}\nbatch_ms"))
+    async with started("run", config, "--summary", folder / "summary.json", code=code, prefix=prefix) as daemon:
         yield daemon
 
 
@@ -117,5 +120,6 @@ def names(batches: list[Batch]) -> list[tuple[str, int]]:
 
 def batches_in(spool: Spool) -> list[Batch]:
     """Return all batches without taking them out."""
-    rows = spool._database.execute("SELECT content FROM batch ORDER BY id").fetchall()
+    with spool._file.access("read") as database:
+        rows = database.execute("SELECT content FROM batch ORDER BY id").fetchall()
     return [Batch.model_validate_json(content) for (content,) in rows]

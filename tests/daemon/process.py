@@ -54,11 +54,12 @@ class Daemon:
 
 @asynccontextmanager
 async def started(
-    *arguments: str | Path, code: str = "", environment: dict[str, str] | None = None
+    *arguments: str | Path, code: str = "", environment: dict[str, str] | None = None, prefix: tuple[str, ...] = ()
 ) -> AsyncIterator[Daemon]:
-    """Start the daemon, with Python `code` run before it; it is gone at the end of the block."""
+    """Start the daemon, with Python `code` run before it, by `prefix`; it is gone at the end of the block."""
     program = ("-c", f"{code}; from beamtouch_daemon.cli import main; sys.exit(main())") if code else None
     process = await asyncio.create_subprocess_exec(
+        *prefix,
         sys.executable,
         *(program or ("-m", "beamtouch_daemon")),
         *map(str, arguments),

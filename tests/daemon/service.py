@@ -29,6 +29,8 @@ class Service:
         """Answers to come, one per request; 200 when there are no more."""
         self.is_busy_for: Callable[[Batch], bool] = lambda _: False
         """Which batches are refused for now."""
+        self.problem_of: Callable[[Batch, int], tuple[int, str] | None] = lambda _batch, _length: None
+        """The status and the type of the problem that a batch of this length in bytes is answered with, if any."""
         # With the protocol named, asyncio turns off the delay of small writes.
         self.listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -51,10 +53,16 @@ class Service:
         self.attempts += 1
         if request.headers.get("authorization") != f"Bearer {TOKEN}":
             return Response(status_code=401)
-        batch = Batch.model_validate_json(await request.body())
+        body = await request.body()
+        batch = Batch.model_validate_json(body)
         status = self.statuses.pop(0) if self.statuses else 200
         if status != 200:
             return Response(status_code=status)
+        if problem := self.problem_of(batch, len(body)):
+            status, kind = problem
+            if not kind:  # a proxy's
+                return Response("<html>no</html>", status, media_type="text/html")
+            return JSONResponse({"type": f"urn:beamtouch:problem:{kind}", "detail": "No."}, status)
         if self.is_busy_for(batch):
             return JSONResponse({"detail": "Busy; send the batch again."}, 503, {"Retry-After": "1"})
         self.batches.append((request.path_params["name"], batch, monotonic()))

@@ -2,7 +2,8 @@
 
 import asyncio
 import signal
-from contextlib import suppress
+import sqlite3
+from contextlib import closing, suppress
 from itertools import pairwise
 from pathlib import Path
 from time import monotonic
@@ -10,13 +11,15 @@ from time import monotonic
 import pytest
 
 from beamtouch_daemon.spool import Spool
-from beamtouch_service.samples import Quality, Sample
+from beamtouch_service.samples import Batch, Quality, Sample
 
 from . import configs
 from .devices import SerialDevice, pymodbus_server
 from .faulty import BACK_S, SLACK_S, batches_in, cable, counts_of, everything, names, running
 from .service import Service, serving
+from .small_disks import SmallDisk, small_disk
 from .test_run import free_port, summary_of
+from .test_spool import batch_of
 
 pytestmark = pytest.mark.long
 
@@ -127,6 +130,126 @@ def test_on_a_full_disk_memory_keeps_what_the_spool_cannot(tmp_path: Path) -> No
             arrived = names([batch for _, batch, _ in service.batches])
             assert len(set(arrived)) == len(arrived) == counts["samples_published"]
             assert len(set(arrived) | set(kept)) == counts["readings"]
+
+    asyncio.run(story())
+
+
+def test_a_disk_that_is_full_is_emptied_when_the_service_is_back_and_keeps_what_a_stop_leaves(tmp_path: Path) -> None:
+    async def story(disk: SmallDisk) -> None:
+        with cable(tmp_path) as usb:
+            device = SerialDevice(usb.plug())
+            port = free_port()
+            url, source = f"http://127.0.0.1:{port}", configs.serial(str(usb.path))
+            publish = f'spool_file = "{disk.path}/spool"'
+            async with running(tmp_path, source, url, publish=publish, prefix=disk.prefix) as daemon:
+                await more_readings(device, 600)
+                disk.fill()
+                await more_readings(device, 400)
+                async with serving(Service(("127.0.0.1", port))) as service:
+                    await service.until(1)
+                    await everything(service)
+                    assert len(service.samples()) > 1000
+                disk.fill()
+                await more_readings(device, 1200)
+                outcome = await daemon.stop()
+            assert outcome.code == 0
+            assert "cannot write to the spool" in outcome.err
+            before = summary_of(tmp_path)["bench"]
+            assert before["samples_dropped"] == before["samples_set_aside"] == 0
+            assert before["samples_spooled"] >= 1000
+            assert before["samples_published"] + before["samples_spooled"] == before["readings"]
+            # A start on a disk that is still full delivers them.
+            async with (
+                serving(Service(("127.0.0.1", port))) as service,
+                running(tmp_path, source, url, publish=publish, prefix=disk.prefix) as daemon,
+            ):
+                await service.until(before["samples_spooled"] + 200)
+                assert (await daemon.stop()).code == 0
+            after = summary_of(tmp_path)["bench"]
+            assert after["samples_spooled"] == after["samples_dropped"] == 0
+            assert after["samples_published"] == after["readings"] + before["samples_spooled"]
+
+    with small_disk(tmp_path, size_kib=2048) as disk:
+        asyncio.run(story(disk))
+
+
+async def more_readings(device: SerialDevice, number: int) -> None:
+    begun = device.sequence
+    async with asyncio.timeout(60):
+        while device.sequence < begun + number:  # noqa: ASYNC110 - the device is outside
+            await asyncio.sleep(0.02)
+
+
+def test_on_a_disk_that_is_full_from_the_start_and_without_a_service_the_loss_is_said(tmp_path: Path) -> None:
+    async def story(disk: SmallDisk) -> None:
+        with cable(tmp_path) as usb:
+            device = SerialDevice(usb.plug())
+            url, source = f"http://127.0.0.1:{free_port()}", configs.serial(str(usb.path))
+            publish = f'spool_file = "{disk.path}/spool"'
+            async with running(tmp_path, source, url, publish=publish, prefix=disk.prefix) as daemon:
+                await more_readings(device, 200)
+                outcome = await daemon.stop()
+            assert outcome.code == 0
+            assert "the disk is full; without a spool until the next start" in outcome.err
+            counts = summary_of(tmp_path)["bench"]
+            assert counts["samples_dropped"] == counts["readings"] > 100
+            assert f"{counts['readings']} samples are lost" in outcome.err
+
+    with small_disk(tmp_path, size_kib=64) as disk:
+        disk.fill()
+        asyncio.run(story(disk))
+
+
+def test_one_bad_row_costs_its_own_samples_and_live_delivery_nothing(tmp_path: Path) -> None:
+    bad = 17
+
+    async def story() -> None:
+        path = tmp_path / "beamtouch-daemon.spool"
+        with Spool(path, 10**9) as spool:
+            for first in range(0, 252, 7):
+                spool.put("bench", batch_of(first, 7), monotonic())
+        with closing(sqlite3.connect(path)) as database, database:
+            database.execute("UPDATE batch SET content = replace(content, '[0.25', '[8.25') WHERE id = ?", (bad,))
+        with cable(tmp_path) as usb:
+            SerialDevice(usb.plug())
+            async with (
+                serving(Service()) as service,
+                running(tmp_path, configs.serial(str(usb.path)), service.url) as daemon,
+            ):
+                async with asyncio.timeout(60):
+                    while sum(len(batch.samples) for batch in late(service)) < 245:
+                        await service.until(len(service.samples()) + 1)
+                await service.until(len(service.samples()) + 200)
+                outcome = await daemon.stop()
+            assert outcome.err.count("set aside: the checksum does not hold") == 1
+            counts = summary_of(tmp_path)["bench"]
+            assert counts["samples_set_aside"] == 7
+            assert counts["samples_spooled"] == counts["samples_dropped"] == 0
+            assert counts["samples_published"] == counts["readings"] + 245
+            missing = range((bad - 1) * 7, bad * 7)
+            assert [number for _, number in names(late(service))] == [n for n in range(252) if n not in missing]
+
+    def late(service: Service) -> list[Batch]:
+        return [batch for _, batch, _ in service.batches if batch.boot_id == "boot-0001"]
+
+    asyncio.run(story())
+
+
+def test_what_waits_for_a_surface_that_is_not_configured_any_more_is_delivered(tmp_path: Path) -> None:
+    async def story() -> None:
+        with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
+            spool.put("press", batch_of(0, 7), monotonic())
+        with cable(tmp_path) as usb:
+            SerialDevice(usb.plug())
+            async with (
+                serving(Service()) as service,
+                running(tmp_path, configs.serial(str(usb.path)), service.url) as daemon,
+            ):
+                await service.until(7, "press", within_s=60)
+                await service.until(20)
+                assert (await daemon.stop()).code == 0
+        with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
+            assert not any(spool.waiting.values())
 
     asyncio.run(story())
 

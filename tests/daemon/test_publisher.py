@@ -1,7 +1,9 @@
 """Delivery to a real HTTP server that is there, away, failing, or not on our side."""
 
 import asyncio
-from collections.abc import Coroutine
+import contextlib
+import threading
+from collections.abc import Callable, Coroutine
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -10,10 +12,11 @@ import pytest
 
 from beamtouch_daemon.outbox import Outbox
 from beamtouch_daemon.pipeline import Taken
-from beamtouch_daemon.publisher import Disk, Publisher, Sender
+from beamtouch_daemon.publisher import Publisher, Sender
 from beamtouch_daemon.service_client import ServiceClient
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.spooler import Disk
 from beamtouch_service.samples import Batch, Quality, Sample
 
 from .service import TOKEN, Service, serving
@@ -46,19 +49,21 @@ class Bench:
     ) -> None:
         self.outbox = Outbox(most, "bench")
         self._client = ServiceClient(service.url, token)
-        self._disk = Disk(spool) if spool else None
-        self.publisher = Publisher(self._client, SENDER, self.outbox, batch_s, self._disk)
+        self.disk = Disk(spool) if spool else None
+        self.publisher = Publisher(self._client, SENDER, self.outbox, batch_s, self.disk)
 
     async def __aenter__(self) -> "Bench":
         self._task = asyncio.create_task(self.publisher.run())
+        self._helpers = [asyncio.ensure_future(helper()) for helper in self.publisher.helpers]
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
+        for task in (self._task, *self._helpers):
+            task.cancel()
+        await asyncio.gather(self._task, *self._helpers, return_exceptions=True)
         await self._client.close()
-        if self._disk:
-            self._disk.close()
+        if self.disk:
+            self.disk.close()
 
     async def finish(self) -> None:
         """Close the outbox and wait for the delivery of what is in it."""
@@ -68,6 +73,19 @@ class Bench:
 
 def run(story: Coroutine[Any, Any, None]) -> None:
     asyncio.run(asyncio.wait_for(story, 15))
+
+
+async def until(holds: Callable[[], bool]) -> None:
+    async with asyncio.timeout(10):
+        while not holds():  # noqa: ASYNC110 - what it asks for is elsewhere
+            await asyncio.sleep(0.01)
+
+
+def put(spool: Spool, first: int, number: int, channels: list[str] = SENDER.channels) -> None:
+    """Put samples of an earlier sender on the disk, a minute old."""
+    samples = [one.sample for one in taken(first, number)]
+    batch = Batch(boot_id="boot-0000", channels=channels, newest_age_ms=0, samples=samples)
+    spool.put("bench", batch, monotonic() - 60)
 
 
 def sequences(service: Service) -> list[int]:
@@ -118,19 +136,60 @@ def test_what_the_service_does_not_take_now_is_sent_again_with_its_new_age(statu
     run(story())
 
 
-def test_a_batch_that_will_never_be_taken_is_dropped_and_counted_and_does_not_stand_in_the_way() -> None:
-    async def story() -> None:
-        service = Service()
-        service.statuses = [422]
-        async with serving(service), Bench(service) as bench:
-            bench.outbox.put(taken(0, 3))
-            await asyncio.sleep(0.1)
-            bench.outbox.put(taken(3, 2))
-            await service.until(2)
-        assert sequences(service) == [3, 4]
-        assert bench.outbox.dropped == 3
+def test_a_disk_that_hangs_does_not_hold_up_the_present(tmp_path: Path) -> None:
+    async def story(spool: Spool) -> None:
+        service, hangs = Service(), threading.Event()
+        async with serving(service), Bench(service, spool=spool) as bench:
+            assert bench.disk is not None
+            stuck = asyncio.ensure_future(bench.disk.call(lambda: hangs.wait(60)))
+            try:
+                service.statuses = [503]
+                for number in range(30):
+                    bench.outbox.put(taken(number, 1))
+                    await asyncio.sleep(0.02)
+                await service.until(25)  # of the others, the disk has hold
+                assert bench.publisher.spooled == 10
+            finally:
+                hangs.set()
+                await stuck
+            await service.until(40)
+            assert bench.outbox.dropped == 0
 
-    run(story())
+    with Spool(tmp_path / "spool", 10**6) as spool:
+        put(spool, 100, 10)
+        run(story(spool))
+
+
+def test_a_batch_larger_than_the_spool_is_split_and_drops_nothing_else(tmp_path: Path) -> None:
+    async def story(spool: Spool) -> None:
+        service = Service()
+        service.problem_of = lambda *_: (503, "busy")
+        async with serving(service), Bench(service, spool=spool) as bench:
+            bench.outbox.put(taken(0, 200))
+            await until(lambda: bench.publisher.spooled + spool.dropped["bench"] == 200)
+            assert bench.publisher.spooled > 0
+            assert len(bench.outbox) == bench.outbox.dropped == 0
+
+    with Spool(tmp_path / "spool", 10_000) as spool:
+        run(story(spool))
+        while (one := spool.oldest("bench")) is not None:
+            newest = one.batch.samples[-1].sequence
+            spool.remove("bench", one)
+    assert newest == 199
+
+
+def test_a_stop_with_a_service_that_hangs_keeps_the_samples_on_disk(tmp_path: Path) -> None:
+    async def story(spool: Spool) -> None:
+        service = Service()  # it listens, and never answers
+        with contextlib.closing(service.listener):
+            async with Bench(service, spool=spool) as bench:
+                bench.outbox.put(taken(0, 50))
+                await asyncio.sleep(0.1)
+                await bench.finish()
+                assert bench.publisher.spooled == 50
+
+    with Spool(tmp_path / "spool", 10**6) as spool:
+        run(story(spool))
 
 
 def test_a_wrong_token_delivers_nothing_and_loses_nothing(caplog: pytest.LogCaptureFixture) -> None:
@@ -227,5 +286,5 @@ def test_what_waits_on_the_disk_does_not_hold_up_the_present_while_it_is_refused
             spool.put("bench", batch, monotonic() - 60)
         run(story(spool))
     refusal = "the service takes no samples (status 503: Busy; send the batch again.); trying again"
-    said = [record.getMessage() for record in caplog.records if record.name == "beamtouch_daemon.publisher"]
+    said = [record.getMessage() for record in caplog.records if record.name == "beamtouch_daemon.late_delivery"]
     assert said == [f"bench: publishing what waits on the disk: {refusal}"]

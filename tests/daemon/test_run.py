@@ -1,7 +1,9 @@
 """`run` as a process between real devices and a real service."""
 
 import asyncio
+import contextlib
 import json
+import random
 import signal
 import socket
 from collections import Counter
@@ -24,9 +26,11 @@ from .service import Service, serving
 
 
 def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        port: int = listener.getsockname()[1]
-        return port
+    """Return a port that stays free for a while: below those that outgoing connections of this machine get."""
+    while True:
+        port = random.randrange(20_000, 32_000)  # noqa: S311 - no secret
+        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            return port
 
 
 def summary_of(folder: Path) -> dict[str, Any]:

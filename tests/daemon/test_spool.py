@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 
 from beamtouch_daemon import spool as spool_module
-from beamtouch_daemon.spool import Spool, SpoolError
+from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.spool_connection import SpoolError
+from beamtouch_daemon.spool_row import MARGIN_S
 from beamtouch_service.samples import Batch, Quality, Sample
 
 ROOM = 10_000_000
@@ -64,9 +66,7 @@ def test_a_batch_has_the_age_that_it_has_when_it_comes_back(tmp_path: Path, monk
     with Spool(tmp_path / "spool", ROOM) as spool:
         oldest = spool.oldest("bench")
         assert oldest is not None
-        assert (
-            oldest.batch.newest_age_ms > 1e3 * spool_module.MARGIN_S
-        )  # whatever the clocks say, it is not the present
+        assert oldest.batch.newest_age_ms > 1e3 * MARGIN_S  # whatever the clocks say, it is not the present
 
 
 def test_beyond_its_size_the_oldest_are_dropped_and_counted(tmp_path: Path) -> None:
@@ -107,7 +107,9 @@ def test_a_folder_that_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:
 FULL_DISK = """
 import resource, sys, time
 from pathlib import Path
-from beamtouch_daemon.spool import Spool, SpoolError
+from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.spool_connection import SpoolError
+from beamtouch_daemon.spool_row import MARGIN_S
 sys.path.insert(0, {tests!r})
 from daemon.test_spool import batch_of
 with Spool(Path({path!r}), 10**9) as spool:

@@ -17,6 +17,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from beamtouch_daemon.line import PATIENCE_S, Line
+from beamtouch_daemon.spool import Spool
 from parts import require
 
 from . import configs
@@ -25,6 +26,7 @@ from .lines import terminal
 from .process import Outcome, started
 from .service import Service, serving
 from .test_run import free_port, summary_of
+from .test_spool import batch_of
 
 UNIT = Path(__file__).parents[2] / "daemon" / "beamtouch-daemon.service"
 
@@ -145,9 +147,16 @@ def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Pat
         async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as device:
             config = configs.write(tmp_path, configs.surface(source=configs.tcp(device)), url=service.url)
             config.write_text(config.read_text() + f"\n[metrics]\nport = {port}\n")
+            with Spool(tmp_path / "beamtouch-daemon.spool", 10**6) as spool:
+                spool.put("bench", batch_of(0, 7), 0.0)
+            service.problem_of = lambda batch, _: (422, "invalid-request") if batch.boot_id == "boot-0001" else None
             async with started("run", config) as daemon, httpx2.AsyncClient(trust_env=False) as client:
                 await service.until(400)
-                answer = await client.get(f"http://127.0.0.1:{port}/metrics")
+                async with asyncio.timeout(20):
+                    answer = await client.get(f"http://127.0.0.1:{port}/metrics")
+                    while 'set_aside_total{surface="bench"} 7.0' not in answer.text:
+                        await asyncio.sleep(0.05)
+                        answer = await client.get(f"http://127.0.0.1:{port}/metrics")
                 with pytest.raises(httpx2.ConnectError):
                     await client.get(f"http://127.0.0.2:{port}/metrics")
                 assert (await daemon.stop()).code == 0
@@ -161,6 +170,7 @@ def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Pat
     assert found["beamtouch_readings_total", "bench"] >= 100
     assert 0 < found["beamtouch_samples_published_total", "bench"] <= found["beamtouch_readings_total", "bench"]
     assert found["beamtouch_samples_dropped_total", "bench"] == found["beamtouch_samples_waiting", "disk"] == 0
+    assert found["beamtouch_samples_set_aside_total", "bench"] == 7
     assert 0 <= found["beamtouch_reading_age_seconds", "bench"] < 5
     assert ("beamtouch_samples_waiting", "memory") in found
     assert 0 < found["beamtouch_readings_per_second", "bench"] < 210

@@ -1,0 +1,117 @@
+"""The SQLite file of the spool: opened for one process, and usable on a full disk.
+
+A delete must need no new room, or a full disk could never be emptied. So the file has a rollback journal that keeps its
+length (a write-ahead log would have to grow), and the journal is long enough for a delete from the start.
+"""
+
+import os
+import sqlite3
+from contextlib import suppress
+from pathlib import Path
+
+JOURNAL_BYTES = 65_536
+"""Room in the journal from the start: several times what the removal of one batch takes."""
+RESERVE_BYTES = 4_000_000
+RESERVE_SHARE = 0.1
+MIN_RESERVE_BYTES = 32_000
+"""Room on the disk for what waits in memory when the daemon stops on a full one: at most, of what is free, at least."""
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS batch (
+    id INTEGER PRIMARY KEY,
+    surface TEXT NOT NULL,
+    samples INTEGER NOT NULL,
+    machine_boot TEXT NOT NULL,
+    newest_monotonic_s REAL NOT NULL,
+    content TEXT NOT NULL,
+    checksum INTEGER
+);
+CREATE INDEX IF NOT EXISTS by_surface ON batch (surface, id);
+CREATE TABLE IF NOT EXISTS aside (id INTEGER PRIMARY KEY, reason TEXT NOT NULL);
+CREATE VIEW IF NOT EXISTS entry AS SELECT
+    id, CAST(surface AS BLOB) AS name, surface,
+    CASE WHEN typeof(samples) = 'integer' AND samples BETWEEN 1 AND 2000 THEN samples ELSE 1 END AS samples,
+    coalesce(length(CAST(content AS BLOB)), 0) AS length,
+    id NOT IN (SELECT id FROM aside) AS waits
+FROM batch;
+"""
+"""Batches, the numbers of those that are set aside, and the batches as they are counted."""
+_DAMAGE = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
+
+
+class DamagedError(sqlite3.DatabaseError):
+    """The structure of the file is damaged."""
+
+
+def opened(path: Path) -> sqlite3.Connection:
+    """Open the file, or make it; texts come out as bytes, as a damaged one may be no text.
+
+    Raises
+    ------
+    DamagedError
+        The file is no database, or its structure is damaged.
+    sqlite3.DatabaseError
+        It cannot be opened or made.
+    """
+    database = sqlite3.connect(path, timeout=1.0, check_same_thread=False)
+    try:
+        database.text_factory = bytes
+        for setting in (
+            "locking_mode = EXCLUSIVE",
+            "auto_vacuum = INCREMENTAL",
+            "journal_mode = PERSIST",
+            "synchronous = FULL",
+            "secure_delete = OFF",
+        ):
+            database.execute(f"PRAGMA {setting}")
+        database.execute("BEGIN EXCLUSIVE")  # takes the lock, which is kept
+        database.commit()
+        columns = {name for _, name, *_ in database.execute("PRAGMA table_info(batch)")}
+        if columns and b"checksum" not in columns:  # made by an older version
+            database.execute("ALTER TABLE batch ADD COLUMN checksum INTEGER")
+        database.executescript(_SCHEMA)
+        found = database.execute("PRAGMA quick_check").fetchone()
+        if found != (b"ok",):
+            raise DamagedError(found[0].decode(errors="replace"))
+    except sqlite3.DatabaseError as error:
+        database.close()
+        if is_damage(error) and not isinstance(error, DamagedError):
+            raise DamagedError(*error.args) from error
+        raise
+    with suppress(OSError):  # without that room, deletes wait for a disk that has some
+        _lengthen(path.with_name(f"{path.name}-journal"), JOURNAL_BYTES)
+    return database
+
+
+def reserve(path: Path, most_bytes: int) -> None:
+    """Take room on the disk beside the file, up to `most_bytes` and a tenth of what is free; less, if that fails."""
+    ballast = _ballast(path)
+    with suppress(OSError):
+        disk = os.statvfs(path)
+        size = min(RESERVE_BYTES, most_bytes, round(disk.f_bavail * disk.f_frsize * RESERVE_SHARE))
+        if size >= MIN_RESERVE_BYTES and not ballast.exists():
+            ballast.write_bytes(os.urandom(size))  # zeros would take no room on some disks
+
+
+def release(path: Path) -> bool:
+    """Release that room; return whether there was any."""
+    try:
+        _ballast(path).unlink()
+    except OSError:
+        return False
+    return True
+
+
+def _ballast(path: Path) -> Path:
+    return path.with_name(f"{path.name}-reserve")
+
+
+def is_damage(error: sqlite3.Error) -> bool:
+    """Whether an error says that the structure of the file is damaged."""
+    return isinstance(error, DamagedError) or getattr(error, "sqlite_errorcode", 0) & 0xFF in _DAMAGE
+
+
+def _lengthen(path: Path, size: int) -> None:
+    """Make a file at least `size` bytes long, in room that it really has."""
+    with path.open("ab") as file:
+        file.write(bytes(max(0, size - file.tell())))
