@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
+from beamtouch_service.event_lock import EventFileInUseError, EventLock
 from beamtouch_service.events import Begin, End, Piece, joined
 from beamtouch_service.folding import Command, Finish, Loss, TouchSeen
 
@@ -38,11 +39,11 @@ PRAGMA user_version = 2;
 COMMIT;
 """
 """From version 1, which knew no `stale`."""
-_END_OPEN = f"""UPDATE events SET "end" = '{End.UNSEEN}' WHERE "end" = '{End.OPEN}' AND surface = ?"""
+_END_OPEN = """UPDATE events SET "end" = 'unseen' WHERE "end" = 'open' AND surface = ?"""
 
 
 class EventStoreError(Exception):
-    """The file cannot be used; the message says why, in one line."""
+    """The file cannot be used; the message says why and what to do, in one line."""
 
 
 @dataclass(frozen=True)
@@ -64,19 +65,33 @@ class Selection:
 class EventStore:
     """The events of all surfaces."""
 
-    def __init__(self, path: Path | None, keep_s: float, most_bytes: int) -> None:
+    def __init__(self, path: Path | None, keep_s: float, most_bytes: int, wait_s: float = 0.0) -> None:
+        """Open the file, for `wait_s` [s] while another service has it; raises EventStoreError."""
         self._keep_s, self._most_bytes = keep_s, most_bytes
+        self._lock: EventLock | None = None
         try:
+            # Makes the file where there is none, and reads nothing of it yet.
             self._database = sqlite3.connect(path or ":memory:", isolation_level=None, check_same_thread=False)
         except sqlite3.Error as error:
-            message = f"{path}: {error}"
-            raise EventStoreError(message) from None
+            raise _unusable(path, str(error)) from None
         try:
+            self._lock = EventLock(path, wait_s) if path else None
             self._prepare()
-        except sqlite3.Error as error:
-            self._database.close()
-            message = f"{path}: {error}"
+        except EventFileInUseError:
+            self._release()
+            message = f"{path}: another running service writes to it; stop that service, or give each a file of its own"
             raise EventStoreError(message) from None
+        except OSError as error:
+            self._release()
+            raise _unusable(path, error.strerror or str(error)) from None
+        except sqlite3.Error as error:
+            self._release()
+            raise _unusable(path, str(error)) from None
+
+    def _release(self) -> None:
+        self._database.close()
+        if self._lock:
+            self._lock.close()
 
     def _prepare(self) -> None:
         for pragma in ("journal_mode=WAL", "synchronous=NORMAL", "journal_size_limit=4194304", "busy_timeout=2000"):
@@ -231,7 +246,11 @@ class EventStore:
             self._database.execute("PRAGMA busy_timeout=200")
             self._database.execute('UPDATE events SET "end" = ? WHERE "end" = ?', (End.UNFINISHED, End.OPEN))
         finally:
-            self._database.close()
+            self._release()
+
+
+def _unusable(path: Path | None, reason: str) -> EventStoreError:
+    return EventStoreError(f"{path}: {reason}; set events.file to one that the service can write")
 
 
 def _piece(row: tuple[object, ...]) -> Piece:

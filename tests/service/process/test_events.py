@@ -178,3 +178,41 @@ def test_a_file_of_the_older_format_is_upgraded_in_place(
     assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 3), ("unfinished", 1)]
     with closing(sqlite3.connect(config.parent / "events.db")) as other:
         assert other.execute("PRAGMA user_version").fetchone() == (2,)
+
+
+@pytest.mark.parametrize("other_path", ["events.db", "link.db", "folder/../events.db", "hard.db"])
+def test_a_second_service_on_the_same_file_is_refused(
+    start_service: StartService, command: Command, make_batch: MakeBatch, config: Path, other_path: str
+) -> None:
+    service = start_service("--config", config)
+    service.post(make_batch(RESTING, TOUCHING, TOUCHING))
+    assert [event["end"] for event in events(service)] == ["open"]
+    (config.parent / "folder").mkdir()
+    (config.parent / "link.db").symlink_to("events.db")
+    (config.parent / "hard.db").hardlink_to(config.parent / "events.db")
+    second = config.with_name("second.toml")
+    second.write_text(config.read_text().replace("events.db", other_path))
+
+    process = command("run", "--port", "0", "--config", second)
+    output, errors = process.communicate(timeout=60)
+    assert (process.returncode, output) == (2, "")
+    (line,) = errors.splitlines()
+    assert f"{other_path}: another running service writes to it" in line
+    # It changed nothing, and whoever only reads is not in the way.
+    assert on_record(config) == [("open", 2)]
+    service.post(make_batch(RESTING, sequence=4))
+    assert [event["end"] for event in events(service)] == ["lift"]
+
+    service.stop(signal.SIGKILL)
+    assert [event["end"] for event in events(start_service("--config", config))] == ["lift"]
+
+
+def test_a_service_waits_for_the_former_one_to_stop(
+    start_service: StartService, command: Command, config: Path
+) -> None:
+    service = start_service("--config", config)
+    other = command("run", "--port", "0", "--config", config)
+    code, _ = service.stop(signal.SIGTERM)
+    assert code == 0
+    assert other.stdout is not None
+    assert other.stdout.readline().startswith("listening on ")
