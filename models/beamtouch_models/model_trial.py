@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from threading import Timer
+from threading import Lock, Timer
 from typing import Any
 
 import onnxruntime as ort
@@ -13,10 +13,14 @@ MOST_MEMORY_BYTES = 64 * 1024 * 1024
 LIMIT_S = 10.0
 """For all golden answers of a model; those of a real one take milliseconds."""
 
+_lock = Lock()
+
 
 def make_session(content: bytes, options: ort.SessionOptions) -> Any:  # noqa: ANN401  # onnxruntime ships no types
     """Return a session whose memory is bounded; for a trial only, as it shares its memory with other trials."""
-    _bound_memory()
+    # onnxruntime refuses a second one, and models are loaded in threads.
+    with _lock:
+        _bound_memory()
     options.add_session_config_entry("session.use_env_allocators", "1")
     return ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 

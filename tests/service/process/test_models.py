@@ -170,7 +170,11 @@ def test_check_says_in_one_line_what_is_wrong(
     build_model: BuildModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "text.onnx").write_text("hello")
+    with (tmp_path / "large.onnx").open("wb") as file:
+        file.truncate(2_000_000_000)
     for path, complaint in (
+        (tmp_path / "large.onnx", "it is larger than 4 MiB"),
+        (Path("/dev/zero"), "it is no file but something else"),
         (tmp_path / "nowhere.onnx", "No such file or directory"),
         (tmp_path / "text.onnx", "damaged or not an ONNX file"),
         (build_model(outputs=("position_mm",)), "it has no output contact_log_odds"),
