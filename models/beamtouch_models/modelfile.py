@@ -6,7 +6,10 @@ Writing a model file is in `export`.
 
 import hashlib
 import json
-from dataclasses import dataclass
+import os
+import stat
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -15,6 +18,7 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError, model_validator
 
+from beamtouch_models import model_trial
 from beamtouch_models.errors import InputError
 
 SCHEMA_VERSION: Literal[1] = 1
@@ -25,6 +29,11 @@ FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
 
 GOLDEN_TOLERANCE = 1e-3
 """How far a golden answer may come out from what the file states, in mm, N and nats; float32 needs a tenth of it."""
+
+MAX_BYTES = 4 * 1024 * 1024
+"""Of a model file: a hundred times the largest that `design-sensors build` makes."""
+_FOLDED_BYTES = MAX_BYTES
+"""A constant that onnxruntime computes when it loads a graph may be as large as the file, not larger."""
 
 _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 
@@ -207,7 +216,8 @@ class Metadata(_Strict):
             reason = first["msg"].removeprefix("Value error, ")
             message = f"metadata entry {METADATA_PREFIX}{where}: {reason}" if where else f"metadata: {reason}"
             raise ModelFileError(message) from None
-        except json.JSONDecodeError:
+        except (ValueError, RecursionError):
+            # Also numbers and nesting beyond what the parser takes.
             message = "its metadata is not JSON"
             raise ModelFileError(message) from None
 
@@ -250,38 +260,77 @@ def load(path: Path) -> ModelFile:
     Raises
     ------
     ModelFileError
-        The file cannot be read, is damaged, is no Beamtouch model, or gives other answers than it states.
+        The file cannot be read, is too large, is damaged, is no Beamtouch model, needs too much memory or time, or
+        gives other answers than it states.
+    """
+    return load_bytes(read(path), str(path))
+
+
+def read(path: Path) -> bytes:
+    """Read a model file of at most `MAX_BYTES`; one that is larger, or no regular file, is refused unread.
+
+    Raises
+    ------
+    ModelFileError
+        It cannot be read, is something else, or is too large.
     """
     try:
-        content = path.read_bytes()
+        # Before it is opened: opening alone does something to a device, and waits at a pipe.
+        _require_readable(path.stat(), path)
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:  # noqa: PTH123  # by number
+            _require_readable(os.fstat(file.fileno()), path)
+            content = file.read(MAX_BYTES + 1)
     except OSError as error:
         message = f"{path}: {error.strerror}"
         raise ModelFileError(message) from None
-    return load_bytes(content, str(path))
+    _require_size(len(content), str(path))
+    return content
+
+
+def _require_readable(status: os.stat_result, path: Path) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        message = f"{path}: it is no file but something else; put the model file there"
+        raise ModelFileError(message)
+    _require_size(status.st_size, str(path))
+
+
+def _require_size(size_bytes: int, origin: str) -> None:
+    if size_bytes > MAX_BYTES:
+        message = f"{origin}: it is larger than {MAX_BYTES >> 20} MiB, so it is no model of `design-sensors build`"
+        raise ModelFileError(message)
 
 
 def load_bytes(content: bytes, origin: str) -> ModelFile:
     """Load a model from memory; `origin` is named in errors. Raises ModelFileError as `load` does."""
+    _require_size(len(content), origin)
     try:
-        session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
-    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
-        first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
-        message = f"{origin}: damaged or not an ONNX file; build it again with `design-sensors build` ({first_line})"
-        raise ModelFileError(message) from None
-    try:
-        metadata = Metadata.from_entries(session.get_modelmeta().custom_metadata_map)
+        trial = _open(lambda: model_trial.make_session(content, session_options()))
+        metadata = Metadata.from_entries(trial.get_modelmeta().custom_metadata_map)
         model = ModelFile(
             metadata=metadata,
             identity=f"{metadata.name}@{hashlib.sha256(content).hexdigest()[:6]}",
-            outputs=tuple(output.name for output in session.get_outputs()),
-            session=session,
+            outputs=tuple(output.name for output in trial.get_outputs()),
+            session=trial,
         )
         _check_signature(model)
         _check_golden(model)
+        session = _open(lambda: ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"]))
     except ModelFileError as error:
         message = f"{origin}: {error}"
         raise ModelFileError(message) from None
-    return model
+    return replace(model, session=session)
+
+
+def _open(make: Callable[[], Any]) -> Any:  # noqa: ANN401  # onnxruntime ships no types
+    try:
+        return make()
+    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
+        if "xternal" in first_line and " data" in first_line:
+            message = "its weights are in another file; a model is one file: build it again with `design-sensors build`"
+        else:
+            message = f"damaged or not an ONNX file; build it again with `design-sensors build` ({first_line})"
+        raise ModelFileError(message) from None
 
 
 def session_options() -> ort.SessionOptions:
@@ -291,6 +340,9 @@ def session_options() -> ort.SessionOptions:
     options.inter_op_num_threads = 1
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     options.log_severity_level = 4
+    # No folder: weights in other files are refused, wherever they are said to be.
+    options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
+    options.add_session_config_entry("optimization.constant_folding_max_output_size_in_bytes", str(_FOLDED_BYTES))
     return options
 
 
@@ -306,7 +358,8 @@ def _check_signature(model: ModelFile) -> None:
 
 def _check_golden(model: ModelFile) -> None:
     golden = model.metadata.golden
-    rows = [_one_row(model, *row) for row in zip(golden.deflection_mm, golden.valid, strict=True)]
+    with model_trial.limited() as options:
+        rows = [_one_row(model, options, *row) for row in zip(golden.deflection_mm, golden.valid, strict=True)]
     for name in model.outputs:
         found = np.array([row[name] for row in rows], np.float32)
         expected = np.array(golden.answers.get(name, []), np.float32)
@@ -317,11 +370,17 @@ def _check_golden(model: ModelFile) -> None:
             raise ModelFileError(message)
 
 
-def _one_row(model: ModelFile, deflection_mm: list[float], valid: list[bool]) -> dict[str, float]:
+def _one_row(
+    model: ModelFile, options: ort.RunOptions, deflection_mm: list[float], valid: list[bool]
+) -> dict[str, float]:
     """Answer one sample as a service does; a graph that cannot is refused."""
+    inputs = {"deflection_mm": np.array([deflection_mm], np.float32), "valid": np.array([valid], np.bool_)}
     try:
-        answers = model.estimate(np.array([deflection_mm], np.float32), np.array([valid], np.bool_))
-        return {name: float(values.reshape(())) for name, values in answers.items()}
+        values = model.session.run(None, inputs, options)
+        return {name: float(value.reshape(())) for name, value in zip(model.outputs, values, strict=True)}
     except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        if options.terminate:
+            message = f"its golden answers take longer than {model_trial.LIMIT_S:g} s"
+            raise ModelFileError(message) from None
         message = f"its graph cannot be run on one sample ({(str(error).splitlines() or [''])[0]})"
         raise ModelFileError(message) from None

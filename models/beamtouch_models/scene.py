@@ -8,6 +8,7 @@ from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, model_v
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.structure import Beam, Finite, PositiveFinite, Strict
+from beamtouch_models.text_file import read_text
 
 __all__ = ["Beam", "Contact", "Descriptor", "Requirements", "Scene", "Sensors", "load_scene", "parse_scene"]
 
@@ -144,24 +145,18 @@ def parse_scene(text: str, origin: str) -> Scene:
     """
     try:
         return Scene.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        message = f"{origin}: not valid TOML: {error}"
-        raise SceneError(message) from None
     except ValidationError as error:
         message = f"{origin}: {first_error(error)}"
+        raise SceneError(message) from None
+    except (ValueError, RecursionError) as error:
+        # Also numbers and nesting beyond what the parser takes.
+        message = f"{origin}: not valid TOML: {error}"
         raise SceneError(message) from None
 
 
 def load_scene(path: Path) -> tuple[Scene, str]:
     """Read a scene file; returns the scene and its text. Raises SceneError as `parse_scene` does."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        message = f"{path}: {error.strerror}"
-        raise SceneError(message) from None
-    except UnicodeDecodeError:
-        message = f"{path}: not a text file in UTF-8"
-        raise SceneError(message) from None
+    text = read_text(path)
     return parse_scene(text, str(path)), text
 
 

@@ -194,6 +194,6 @@ def create_app(
     stream_router = stream_routes.make_router(registry, clock, streams or Streams())
     for part in (router, model_routes.router, metrics.router, stream_router):
         app.include_router(part)
-    app.include_router(event_routes.make_router(registry, recorder))
+    app.include_router(event_routes.make_router(registry, recorder, clock))
     app.router.routes.extend(page_files.routes())
     return Front(app, access if isinstance(access, Access) else Access(write=access), context)

@@ -33,11 +33,17 @@ class Background:
         self.work: tuple[Work, ...] = (self._report_progress, self._watch_models, self._reload_when_told)
 
     async def _report_progress(self) -> None:
-        """Tell the manager of progress: the loop turns, and every surface can be asked. If that raises, it ends."""
+        """Tell the manager of progress: the loop turns, and every surface can be asked. If that raises, it ends.
+
+        The same look ends the events of surfaces that became stale.
+        """
         pause_s = min(TICK_S, (self._manager.watchdog_s or TICK_S) / 4)
         while True:
             for surface in self._context.registry:
                 surface.summary(self._context.clock())
+                surface.tell_if_stale(self._context.clock())
+            if self._context.recorder:
+                self._context.recorder.settle()
             self._manager.alive()
             await asyncio.sleep(pause_s)
 

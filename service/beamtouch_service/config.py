@@ -13,6 +13,7 @@ from beamtouch_service.config_sections import ConfigFile, Overrides, SurfaceSect
 
 MIN_TOKEN_CHARACTERS = 16
 _MAX_TOKEN_BYTES = 4096
+_MAX_CONFIG_BYTES = 1024 * 1024
 _TOKEN_FILES = {"write": "token_file", "read": "read_token_file", "admin": "admin_token_file"}
 _FILES = (*_TOKEN_FILES.values(), "certificate_file", "key_file")
 _Model = TypeVar("_Model", bound=BaseModel)
@@ -165,11 +166,18 @@ def load_token(path: Path) -> str:
 
 def _read(path: Path) -> ConfigFile:
     try:
-        content = tomllib.loads(path.read_bytes().decode())
+        with path.open("rb") as file:
+            text = file.read(_MAX_CONFIG_BYTES + 1)
     except OSError as error:
         message = f"config {path}: {error.strerror}"
         raise ConfigError(message) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    if len(text) > _MAX_CONFIG_BYTES:
+        message = f"config {path}: larger than {_MAX_CONFIG_BYTES >> 20} MiB; give a file that was written by hand"
+        raise ConfigError(message)
+    try:
+        content = tomllib.loads(text.decode())
+    except (ValueError, RecursionError) as error:
+        # Also numbers and nesting beyond what the parser takes.
         message = f"config {path} is not TOML: {error}"
         raise ConfigError(message) from None
     return _validate(ConfigFile, content, "", f"config {path}")

@@ -33,7 +33,8 @@ class Event(BaseModel):
     begin: Begin
     """`touch`: the sample before was clear; `unseen`: it is not known."""
     end: End
-    """`lift`; `open`: it goes on; `unseen`: what follows is not known; `unfinished`: the service stopped during it."""
+    """How it ended. `lift`: the sample after it was clear; `open`: it goes on; `stale`: samples stopped coming during
+    it; `unseen`: what follows is not known; `unfinished`: the service stopped during it."""
     dwell_ms: float
     """From the touch to the lift, or to the last sample in contact where the lift was not seen."""
     peak_force_n: float | None

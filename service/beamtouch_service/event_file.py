@@ -5,6 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from sqlite3 import Error as SqliteError
 
+from beamtouch_service.event_lock import WAIT_S
 from beamtouch_service.event_store import EventStore, EventStoreError
 
 _MOST_CARRIED = 1000
@@ -19,7 +20,8 @@ class EventFile:
     def __init__(self, path: Path | None, keep_s: float, most_bytes: int, now_s: float) -> None:
         """Open it at `now_s` [s since 1970]; raises EventStoreError if the file cannot be used."""
         self._path, self._bounds = path, (keep_s, most_bytes)
-        self.store = EventStore(path, *self._bounds)
+        # Where the service is restarted, the former one may still be stopping.
+        self.store = EventStore(path, *self._bounds, wait_s=WAIT_S)
         self._identity = self._found()
         """Of the file that is open; None for the memory."""
         self._seen_s = now_s

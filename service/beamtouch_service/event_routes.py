@@ -11,6 +11,7 @@ from fastapi import Path as PathParameter
 from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
 from beamtouch_service import documentation, event_answers
+from beamtouch_service.context import Clock
 from beamtouch_service.event_answers import EventList, EventWithPath
 from beamtouch_service.event_store import EventStore, Selection
 from beamtouch_service.handlers import NO_STORE
@@ -108,8 +109,14 @@ def _one(store: EventStore, number: int) -> bytes | None:
     return None if piece is None else event_answers.event_with_path(number, piece).model_dump_json().encode()
 
 
-def make_router(registry: Registry, recorder: Recorder) -> APIRouter:
+def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRouter:
     """Return the routes of the events of these surfaces."""
+
+    def tell_if_stale() -> None:
+        # Before a question is answered: an event of a stale surface is not open.
+        for surface in registry:
+            surface.tell_if_stale(clock())
+
     router = APIRouter(tags=["events"])
     problems = documentation.problems(Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.NO_SURFACE)
 
@@ -117,6 +124,7 @@ def make_router(registry: Registry, recorder: Recorder) -> APIRouter:
     async def get_events(request: Request, query: Annotated[EventQuery, Query()]) -> Response:
         """Return contacts from touch to lift, the newest touch first; as CSV a row each."""
         as_csv = _wants_csv(query, request)
+        tell_if_stale()
         page = await wrap_future(recorder.ask(lambda store: _page(store, query, as_csv=as_csv)))
         if query.surface and page.is_empty:
             # Of a surface that is no longer configured there may still be events; without any the name is wrong.
@@ -132,6 +140,7 @@ def make_router(registry: Registry, recorder: Recorder) -> APIRouter:
     @router.get("/events/{id}", responses=one, response_model=EventWithPath)
     async def get_event(number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]) -> Response:
         """Return one contact, with its path."""
+        tell_if_stale()
         content = await wrap_future(recorder.ask(lambda store: _one(store, number)))
         if content is None:
             detail = f"There is no event {number}: it was dropped, or has become part of another; see GET /events."

@@ -6,10 +6,11 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
+from beamtouch_service.event_lock import EventFileInUseError, EventLock
 from beamtouch_service.events import Begin, End, Piece, joined
-from beamtouch_service.folding import Command, Finish, TouchSeen
+from beamtouch_service.folding import Command, Finish, Loss, TouchSeen
 
-_VERSION = 1
+_VERSION = 2
 _PRUNE_SHARE = 20
 """What is too much goes in parts of one in this many."""
 _COLUMNS = [entry.name for entry in fields(Piece)]
@@ -27,13 +28,22 @@ CREATE INDEX by_surface ON events (surface, touched_us, id);
 CREATE INDEX by_first ON events (surface, boot_id, first_sequence);
 CREATE INDEX by_last ON events (surface, boot_id, last_sequence);
 CREATE INDEX by_record ON events (recorded_s);
-PRAGMA user_version = 1;
+CREATE INDEX by_open ON events (surface) WHERE "end" = 'open';
+PRAGMA user_version = 2;
 COMMIT;
 """
+_UPGRADE = """
+BEGIN;
+CREATE INDEX by_open ON events (surface) WHERE "end" = 'open';
+PRAGMA user_version = 2;
+COMMIT;
+"""
+"""From version 1, which knew no `stale`."""
+_END_OPEN = """UPDATE events SET "end" = 'unseen' WHERE "end" = 'open' AND surface = ?"""
 
 
 class EventStoreError(Exception):
-    """The file cannot be used; the message says why, in one line."""
+    """The file cannot be used; the message says why and what to do, in one line."""
 
 
 @dataclass(frozen=True)
@@ -55,29 +65,43 @@ class Selection:
 class EventStore:
     """The events of all surfaces."""
 
-    def __init__(self, path: Path | None, keep_s: float, most_bytes: int) -> None:
+    def __init__(self, path: Path | None, keep_s: float, most_bytes: int, wait_s: float = 0.0) -> None:
+        """Open the file, for `wait_s` [s] while another service has it; raises EventStoreError."""
         self._keep_s, self._most_bytes = keep_s, most_bytes
+        self._lock: EventLock | None = None
         try:
+            # Makes the file where there is none, and reads nothing of it yet.
             self._database = sqlite3.connect(path or ":memory:", isolation_level=None, check_same_thread=False)
         except sqlite3.Error as error:
-            message = f"{path}: {error}"
-            raise EventStoreError(message) from None
+            raise _unusable(path, str(error)) from None
         try:
+            self._lock = EventLock(path, wait_s) if path else None
             self._prepare()
-        except sqlite3.Error as error:
-            self._database.close()
-            message = f"{path}: {error}"
+        except EventFileInUseError:
+            self._release()
+            message = f"{path}: another running service writes to it; stop that service, or give each a file of its own"
             raise EventStoreError(message) from None
+        except OSError as error:
+            self._release()
+            raise _unusable(path, error.strerror or str(error)) from None
+        except sqlite3.Error as error:
+            self._release()
+            raise _unusable(path, str(error)) from None
+
+    def _release(self) -> None:
+        self._database.close()
+        if self._lock:
+            self._lock.close()
 
     def _prepare(self) -> None:
         for pragma in ("journal_mode=WAL", "synchronous=NORMAL", "journal_size_limit=4194304", "busy_timeout=2000"):
             self._database.execute("PRAGMA " + pragma)
         (version,) = self._database.execute("PRAGMA user_version").fetchone()
-        if version not in (0, _VERSION):
+        if version not in (0, 1, _VERSION):
             message = f"written by another version of the service (format {version}); move it away"
             raise sqlite3.DatabaseError(message)
-        if version == 0:
-            self._database.executescript(_SCHEMA)
+        if version != _VERSION:
+            self._database.executescript(_UPGRADE if version else _SCHEMA)
         # Nobody saw how these ended: the service was stopped or killed during them.
         self._database.execute('UPDATE events SET "end" = ? WHERE "end" = ?', (End.UNFINISHED, End.OPEN))
 
@@ -97,13 +121,15 @@ class EventStore:
         if isinstance(command, Piece):
             self._add(command, now_s)
         elif isinstance(command, Finish):
-            # A gap ends only what goes on; a lift also what was interrupted just before it.
-            endable = [End.OPEN] if command.end is End.UNSEEN else [End.OPEN, End.UNSEEN, End.UNFINISHED]
+            # A gap or silence ends only what goes on; a lift also what was interrupted just before it.
+            endable = [end for end in End if end is not End.LIFT] if command.end is End.LIFT else [End.OPEN]
             self._database.execute(
                 'UPDATE events SET "end" = ?, lifted_us = ? WHERE surface = ? AND boot_id = ? AND last_sequence = ? '
                 'AND "end" IN (SELECT value FROM json_each(?))',
                 (command.end, command.lifted_us, surface, command.boot_id, command.last_sequence, json.dumps(endable)),
             )
+        elif isinstance(command, Loss):
+            self._database.execute(_END_OPEN, (surface,))
         elif isinstance(command, TouchSeen):
             self._database.execute(
                 'UPDATE events SET "begin" = ? WHERE surface = ? AND boot_id = ? AND first_sequence = ?',
@@ -147,6 +173,9 @@ class EventStore:
         return (found[0], _piece(found[1:])) if found else None
 
     def _put(self, row: int | None, piece: Piece, now_s: float) -> None:
+        if piece.end is End.OPEN:
+            # A surface has one newest sample: an event that is still open beside this one was left so by a lost write.
+            self._database.execute(f"{_END_OPEN} AND id IS NOT ?", (piece.surface, row))
         values = asdict(piece) | {"path": json.dumps(piece.path), "id": row, "recorded_s": now_s}
         names = ", ".join(f'"{name}"' for name in values)
         places = ", ".join(f":{name}" for name in values)
@@ -217,7 +246,11 @@ class EventStore:
             self._database.execute("PRAGMA busy_timeout=200")
             self._database.execute('UPDATE events SET "end" = ? WHERE "end" = ?', (End.UNFINISHED, End.OPEN))
         finally:
-            self._database.close()
+            self._release()
+
+
+def _unusable(path: Path | None, reason: str) -> EventStoreError:
+    return EventStoreError(f"{path}: {reason}; set events.file to one that the service can write")
 
 
 def _piece(row: tuple[object, ...]) -> Piece:

@@ -34,6 +34,8 @@ class End(StrEnum):
     """The sample after the last is not known."""
     OPEN = "open"
     """It goes on."""
+    STALE = "stale"
+    """No sample followed for longer than the surface's limit."""
     UNFINISHED = "unfinished"
     """The service stopped during it."""
 

@@ -30,18 +30,31 @@ class TouchSeen:
     first_sequence: int
 
 
-Command = Piece | Finish | TouchSeen
+@dataclass(frozen=True)
+class Loss:
+    """Something of this surface is not on record: what is open there ends unseen."""
+
+
+Command = Piece | Finish | TouchSeen | Loss
 
 
 class Folder:
-    """Folds the samples of one surface, sender and model, in the order of their numbers."""
+    """Folds the samples of one surface, sender and model, in the order of their numbers.
 
-    def __init__(self, surface: str, model: str, boot_id: str, before: State | None = None) -> None:
+    `end` is the end of a piece as long as nothing else is known: late samples never open an event.
+    """
+
+    def __init__(
+        self, surface: str, model: str, boot_id: str, before: State | None = None, end: End = End.OPEN
+    ) -> None:
         self.last: tuple[int, int, State | None] | None = None
         """Number, time and state of the last sample."""
         self._surface, self._model, self.boot_id = surface, model, boot_id
         self._pending: GrowingPiece | None = None
+        self._end = end
         self._in_contact = False
+        self._is_expired = False
+        """The contact ended as stale; it goes on if the next sample follows."""
         self._was_clear = before is State.CLEAR
 
     def add(self, seen: Seen) -> list[Command]:
@@ -63,6 +76,14 @@ class Folder:
         """Hand over what there is of a contact that goes on."""
         pending, self._pending = self._pending, None
         return [pending.piece()] if pending else []
+
+    def expire(self) -> list[Command]:
+        """Note that no sample has come for too long."""
+        commands = self.flush()
+        if self._in_contact and self.last:
+            commands.append(Finish(self.boot_id, self.last[0], End.STALE))
+            self._is_expired = True
+        return commands
 
     def interrupt(self) -> list[Command]:
         """Note that what comes next is not known, or does not follow."""
@@ -88,12 +109,23 @@ class Folder:
         begin = Begin.TOUCH if is_new and self._was_clear else Begin.UNSEEN
         if self._pending is None:
             self._pending = GrowingPiece(
-                Piece(self._surface, self._model, self.boot_id, number, number, time_us, time_us, begin=begin)
+                Piece(
+                    self._surface,
+                    self._model,
+                    self.boot_id,
+                    number,
+                    number,
+                    time_us,
+                    time_us,
+                    begin=begin,
+                    end=self._end,
+                )
             )
         self._pending.add(number, time_us, figures, degraded=degraded)
         self._in_contact, self._was_clear = True, False
-        # At once when it begins, so that it is on record; then now and then.
-        due = is_new or self._pending.duration_us >= FLUSH_US
+        # At once when it begins or goes on again, so that it is on record; then now and then.
+        due = is_new or self._is_expired or self._pending.duration_us >= FLUSH_US
+        self._is_expired = False
         return self.flush() if due else []
 
 

@@ -1,6 +1,8 @@
 """What the model of a surface is, and reading its file again."""
 
-from fastapi import APIRouter, Response
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel
 
 from beamtouch_models.modelfile import Accuracy, Calibration, ModelFile, Noise, Ranges
@@ -79,7 +81,15 @@ async def get_model(context: ContextParameter, name: SurfaceInPath, response: Re
         Kind.UNAUTHORIZED, Kind.FORBIDDEN, Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.MODEL_REFUSED
     ),
 )
-async def post_reload(context: ContextParameter, name: SurfaceInPath, response: Response) -> Reloaded:
+async def post_reload(
+    context: ContextParameter,
+    name: SurfaceInPath,
+    response: Response,
+    *,
+    other_beam: Annotated[
+        bool, Query(description="Also use a model of another beam: another length, or sensors in other places.")
+    ] = False,
+) -> Reloaded:
     """Read the model file of this surface again. One that cannot be used changes nothing. Needs the admin token."""
     response.headers.update(handlers.NO_STORE)
     surface = context.registry.named(name)
@@ -87,7 +97,7 @@ async def post_reload(context: ContextParameter, name: SurfaceInPath, response: 
     if keeper is None:
         detail = "The surface has no model file; give one with --model or in the config, and restart."
         raise ProblemError(Problem(Kind.MODEL_REFUSED, detail, name))
-    changed = await keeper.reload()
+    changed = await keeper.reload(other_beam=other_beam)
     if surface.model is None or surface.model_error is not None:
         raise ProblemError(Problem(Kind.MODEL_REFUSED, surface.model_error or "There is no model.", name))
     return Reloaded(surface=name, model=surface.model.identity, changed=changed)

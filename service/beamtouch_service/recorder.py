@@ -22,7 +22,8 @@ from beamtouch_service.defaults import KEEP_DAYS, MOST_MB
 from beamtouch_service.estimates import estimate
 from beamtouch_service.event_file import EventFile
 from beamtouch_service.event_store import EventStore
-from beamtouch_service.folding import Command, Folder, fold_late
+from beamtouch_service.events import End
+from beamtouch_service.folding import Command, Folder, Loss, fold_late
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surface import Surface
 from beamtouch_service.touch import Follower, Levels, Seen, levels
@@ -62,6 +63,9 @@ class Recorder:
         """Surface -> boot id and model that its folder is for."""
         self._edges: OrderedDict[tuple[str, str, int], tuple[int, State | None]] = OrderedDict()
         self._levels: tuple[str, Levels] | None = None
+        self._unsettled: set[str] = set()
+        """Surfaces of which a write was lost: what is open on record may have ended."""
+        self._settling: Future[None] | None = None
         self._looked_s = float("-inf")
         self._complained_s = float("-inf")
 
@@ -72,7 +76,7 @@ class Recorder:
         former = self._folders.get(surface.name)
         if former is None or former[:2] != (boot_id, model.identity):
             if former:
-                self._submit_interruption(surface.name, former)
+                self._interrupt(surface.name, former)
             former = boot_id, model.identity, Folder(surface.name, model.identity, boot_id)
             self._folders[surface.name] = former
         folder = former[2]
@@ -84,7 +88,19 @@ class Recorder:
                 edges[number] = (one.estimated.acquired_unix_us, one.state)
             commands += folder.add(one)
         if commands or edges:
-            self._submit(lambda: self._write(surface.name, boot_id, commands, edges))
+            self._submit(surface.name, boot_id, commands, edges)
+
+    def stale(self, surface: Surface) -> None:
+        """End what goes on: the newest sample of this surface is too old."""
+        former = self._folders.get(surface.name)
+        commands = former[2].expire() if former else []
+        if former and commands:
+            self._submit(surface.name, former[0], commands, {})
+
+    def settle(self) -> None:
+        """Try again to end what a lost write left open on record; to be called now and then."""
+        if self._unsettled and (self._settling is None or self._settling.done()):
+            self._settling = self._turns.prompt(self._settle)
 
     @property
     def late_waiting(self) -> int:
@@ -132,29 +148,31 @@ class Recorder:
         for name, (boot_id, _, folder) in self._folders.items():
             commands = folder.flush()
             if commands:
-                self._submit(partial(self._write, name, boot_id, commands, {}))
+                self._submit(name, boot_id, commands, {})
 
-    def _submit_interruption(self, name: str, former: tuple[str, str, Folder]) -> None:
+    def _interrupt(self, name: str, former: tuple[str, str, Folder]) -> None:
         boot_id, _, folder = former
         edges: Edges = {folder.last[0]: folder.last[1:]} if folder.last else {}
-        commands = folder.interrupt()
-        self._submit(lambda: self._write(name, boot_id, commands, edges))
+        self._submit(name, boot_id, folder.interrupt(), edges)
 
-    def _submit(self, work: Callable[[], None]) -> None:
+    def _submit(self, name: str, boot_id: str, commands: list[Command], edges: Edges) -> None:
         if not self._writes.acquire(blocking=False):
+            self._unsettled.add(name)
             self._lose("the disk is too slow")
             return
 
         def run() -> None:
-            self._attempt(work)
+            if not self._attempt(partial(self._write_present, name, boot_id, commands, edges)):
+                self._unsettled.add(name)
             self._writes.release()
 
         self._turns.prompt(run)
 
-    def _attempt(self, work: Callable[[], None]) -> None:
+    def _attempt(self, work: Callable[[], None]) -> bool:
+        """Do it, and say whether it was done; what fails is counted."""
         if time.monotonic() > self._end_s:
             self._lose("the service stops")
-            return
+            return False
         try:
             work()
             if time.monotonic() - self._looked_s >= _LOOK_S:
@@ -165,6 +183,23 @@ class Recorder:
         except Exception:  # noqa: BLE001  # whatever it is, the next events must not be lost too
             self.lost += 1
             _log.exception("events are lost")
+        else:
+            return True
+        return False
+
+    def _settle(self) -> None:
+        for name in list(self._unsettled):
+            try:
+                self._write_present(name, "", [], {})
+            except SqliteError:
+                self._unsettled.add(name)
+
+    def _write_present(self, name: str, boot_id: str, commands: list[Command], edges: Edges) -> None:
+        # Before it is tried: a write that is lost meanwhile makes it unsettled again.
+        if name in self._unsettled:
+            self._unsettled.discard(name)
+            commands = [Loss(), *commands]
+        self._write(name, boot_id, commands, edges)
 
     def _write(self, name: str, boot_id: str, commands: list[Command], edges: Edges) -> None:
         self._remember(name, boot_id, edges)
@@ -182,7 +217,7 @@ class Recorder:
             follower = Follower(self._levels[1], name, hold_ms, touching=before is State.CONTACT)
             seen = [follower.step(one) for one in run]
             after = self._edges.get((name, batch.boot_id, run[-1].sequence + 1))
-            commands = fold_late(Folder(name, model.identity, batch.boot_id, before), seen, after)
+            commands = fold_late(Folder(name, model.identity, batch.boot_id, before, End.UNSEEN), seen, after)
             edges = {one.estimated.sequence: (one.estimated.acquired_unix_us, one.state) for one in (seen[0], seen[-1])}
             self._write(name, batch.boot_id, commands, edges)
 

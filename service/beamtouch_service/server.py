@@ -53,7 +53,7 @@ def _recorder(settings: Settings) -> Recorder:
     try:
         return Recorder(events.file, events.keep_days, events.most_mb)
     except EventStoreError as error:
-        message = f"events file {error}; set events.file to one that the service can write"
+        message = f"events file {error}"
         raise ConfigError(message) from None
 
 

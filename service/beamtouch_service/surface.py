@@ -63,6 +63,7 @@ class Surface:
         self._levels: tuple[ModelFile, Levels] | None = None
         self._follower: tuple[str, Follower] | None = None
         """For the sender of that boot id."""
+        self._told_stale = False
         self.timings = Timings()
         self._inference: Inference | None = None
         if model is not None:
@@ -121,6 +122,12 @@ class Surface:
             notes=[note.value for note in present.notes],
             model=present.model,
         )
+
+    def tell_if_stale(self, now_s: float) -> None:
+        """Tell the witness, once, that the newest sample is too old at `now_s` [s, monotonic]."""
+        if self.witness and self._present and not self._told_stale and self._is_stale(self._present, now_s):
+            self._told_stale = True
+            self.witness.stale(self)
 
     @property
     def sender_changes(self) -> int:
@@ -182,8 +189,7 @@ class Surface:
             raise ProblemError(self._no_model())
         if self._present is None:
             raise ProblemError(self._no_samples())
-        # Compared before rounding, so that the limit is exact.
-        if (now_s - self._present.acquired_s) * 1e3 > self.stale_ms:
+        if self._is_stale(self._present, now_s):
             age_ms = self._present.age_ms(now_s)
             detail = (
                 f"The newest sample is {age_ms:.1f} ms old, the limit is {self.stale_ms:g} ms; "
@@ -192,6 +198,10 @@ class Surface:
             members = {"age_ms": age_ms, "stale_ms": self.stale_ms}
             raise ProblemError(Problem(Kind.STALE, detail, self.name, members))
         return self._present
+
+    def _is_stale(self, newest: Newest, now_s: float) -> bool:
+        # Compared before rounding, so that the limit is exact.
+        return (now_s - newest.acquired_s) * 1e3 > self.stale_ms
 
     def _no_samples(self) -> Problem:
         detail = "No sample has arrived since the service started; start the daemon, or look at what it reports."
@@ -215,6 +225,7 @@ class Surface:
         if late and self.model and self.witness:
             self.witness.late(self, self.model, batch, late)
         if fresh:
+            self._told_stale = False
             self.timings.arrival_age_s.add(batch.newest_age_ms / 1e3)
             self._senders.move(batch.boot_id, fresh[-1].sequence, acquired_s)
             self._advance(batch, fresh, acquired_s)

@@ -1,4 +1,4 @@
-"""What a surface tells, and to whom."""
+"""Interface for observers of a surface's decisions."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ class Witness(Protocol):
 
     def present(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
         """Note samples that moved the present, in order."""
+
+    def stale(self, surface: Surface) -> None:
+        """Note that the newest sample of a surface has become too old."""
 
     def late(self, surface: Surface, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
         """Note samples of a batch that came after later ones, in order."""

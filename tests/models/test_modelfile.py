@@ -1,6 +1,7 @@
 """The loader takes a whole, honest model file and nothing else."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -8,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from onnx import helper
 
-from beamtouch_models import modelfile
+from beamtouch_models import model_trial, modelfile
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 
 
@@ -102,3 +104,115 @@ def test_the_door_is_light() -> None:
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.split()
     assert "onnxruntime" in loaded
     assert not {"scipy", "onnx", "rich", "fastapi", "pymodbus", "serial"} & set(loaded)
+
+
+def ran(path: Path) -> tuple[int, str, int]:
+    """Run `design-sensors inspect` on a file: its exit code, what it says, and the most memory it had [MiB]."""
+    command = [sys.executable, "-m", "beamtouch_models.cli", "inspect", str(path)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    said = process.stderr.read()
+    process.stderr.close()
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return process.returncode, said, usage.ru_maxrss // 1024
+
+
+def with_burden(source: Path, target: Path, *nodes: onnx.NodeProto, **constants: object) -> Path:
+    """A copy of a model whose position waits for `burden`, which `nodes` compute from `constants`."""
+    model = onnx.load(source)
+    for node in model.graph.node:
+        node.output[:] = ["unburdened" if name == "position_mm" else name for name in node.output]
+        node.input[:] = ["unburdened" if name == "position_mm" else name for name in node.input]
+    model.graph.initializer.extend(onnx.numpy_helper.from_array(np.asarray(v), name) for name, v in constants.items())
+    model.graph.node.extend([*nodes, helper.make_node("Add", ["unburdened", "burden"], ["position_mm"])])
+    onnx.save(model, target)
+    return target
+
+
+def test_a_file_that_is_too_large_is_refused_unread(tmp_path: Path) -> None:
+    path = tmp_path / "large.onnx"
+    with path.open("wb") as file:
+        file.truncate(2_000_000_000)
+    code, said, most_mib = ran(path)
+    (line,) = said.splitlines()
+    assert (code, "large.onnx: it is larger than 4 MiB" in line) == (2, True)
+    assert most_mib < 400
+
+
+def test_a_file_that_grows_while_it_is_read_is_refused(bench_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Its size is that of the bench; what is read from it is longer.
+    monkeypatch.setattr(modelfile, "MAX_BYTES", bench_model.stat().st_size - 1)
+    monkeypatch.setattr(modelfile, "_require_readable", lambda *_: None)
+    with pytest.raises(ModelFileError, match="larger than"):
+        modelfile.load(bench_model)
+
+
+def test_what_is_no_file_is_refused_unopened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.onnx")
+    for path in (tmp_path / "pipe.onnx", tmp_path, Path("/dev/zero")):
+        with pytest.raises(ModelFileError, match="it is no file but something else"):
+            modelfile.load(path)
+
+
+@pytest.mark.parametrize("where", ["initializer", "constant"])
+@pytest.mark.parametrize("location", ["weights.bin", "../{folder}/weights.bin", "{path}/weights.bin", "/dev/zero"])
+def test_weights_in_another_file_are_refused(
+    bench_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, location: str, where: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "weights.bin").write_bytes(bytes(4096))
+    tensor = onnx.TensorProto(name="burden", data_type=onnx.TensorProto.FLOAT, dims=[1])
+    tensor.data_location = onnx.TensorProto.EXTERNAL
+    named = location.format(folder=tmp_path.name, path=tmp_path)
+    for key, value in (("location", named), ("offset", "0"), ("length", "4")):
+        tensor.external_data.add(key=key, value=value)
+    path = with_burden(bench_model, tmp_path / "model.onnx")
+    model = onnx.load(path)
+    if where == "initializer":
+        model.graph.initializer.append(tensor)
+    else:
+        model.graph.node.insert(0, helper.make_node("Constant", [], ["burden"], value=tensor))
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(ModelFileError, match=r"its weights are in another file|damaged") as caught:
+        modelfile.load(path)
+    if where == "initializer":
+        assert "its weights are in another file" in str(caught.value)
+
+
+def test_a_small_file_that_asks_for_much_memory_is_refused(bench_model: Path, tmp_path: Path) -> None:
+    filled = helper.make_node("ConstantOfShape", ["shape"], ["filled"])
+    spread = helper.make_node("Expand", ["one", "shape"], ["filled"])
+    doubled = helper.make_node("Mul", ["filled", "filled"], ["doubled"])
+    summed = helper.make_node("ReduceSum", ["doubled"], ["burden"], keepdims=0)
+    for kind, node, constants in (
+        ("filled", filled, {}),
+        ("spread", spread, {"one": np.ones(1, np.float32)}),
+    ):
+        path = tmp_path / f"{kind}.onnx"
+        with_burden(bench_model, path, node, doubled, summed, shape=np.array([2**28], np.int64), **constants)
+        code, said, most_mib = ran(path)
+        (line,) = said.splitlines()
+        assert (code, f"{kind}.onnx: its graph cannot be run on one sample" in line) == (2, True)
+        assert most_mib < 400
+
+
+def test_a_graph_that_never_ends_is_refused(bench_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    value = helper.make_tensor_value_info
+    body = helper.make_graph(
+        [helper.make_node("Identity", ["go"], ["goes"]), helper.make_node("Add", ["sum", "sum"], ["next"])],
+        "body",
+        [value("number", 7, []), value("go", 9, []), value("sum", 1, None)],
+        [value("goes", 9, []), value("next", 1, None)],
+    )
+    loop = helper.make_node("Loop", ["times", "always", "zero"], ["burden"], body=body)
+    constants = {"times": np.int64(2**60), "always": np.array(True), "zero": np.float32(0)}
+    monkeypatch.setattr(model_trial, "LIMIT_S", 0.5)
+    with pytest.raises(ModelFileError, match="its golden answers take longer than"):
+        modelfile.load(with_burden(bench_model, tmp_path / "loop.onnx", loop, **constants))
+
+
+@pytest.mark.parametrize("value", ["[" * 100_000, "9" * 5000])
+def test_metadata_that_the_parser_does_not_take_is_refused(bench_model: Path, tmp_path: Path, value: str) -> None:
+    with pytest.raises(ModelFileError, match="its metadata is not JSON"):
+        modelfile.load(rewritten(bench_model, tmp_path / "changed.onnx", "beamtouch.seed", value))

@@ -69,6 +69,7 @@ def test_a_script_repeats_unless_told_otherwise(tmp_path: Path) -> None:
         ("[[step]]\nseconds = 1\nspeed = 3", "speed"),
         ("", "step"),
         ("[[", "not valid TOML"),
+        ("x = " + "[" * 100_000, "not valid TOML"),
     ],
 )
 def test_a_bad_script_is_refused(tmp_path: Path, text: str, said: str) -> None:

@@ -40,6 +40,8 @@ def test_rigidity_of_a_rectangular_section() -> None:
         ("force_n = 10.0", "force_n = 0", "contact.force_n"),
         ("thickness_mm = 3", "", "give youngs_modulus_gpa, width_mm and thickness_mm, or flexural_rigidity_n_mm2"),
         ("[beam]", "[beam", "not valid TOML"),
+        ("[beam]", "x = " + "[" * 100_000, "not valid TOML"),
+        ("[beam]", "x = " + "9" * 5000, "not valid TOML"),
     ],
 )
 def test_a_bad_scene_is_refused_in_one_line_that_names_the_key(old: str, new: str, said: str) -> None:
@@ -57,3 +59,7 @@ def test_a_file_that_is_not_there_or_not_text(tmp_path: Path) -> None:
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(SceneError, match="not a text file in UTF-8"):
         load_scene(tmp_path / "binary.toml")
+    with (tmp_path / "large.toml").open("wb") as file:
+        file.truncate(2_000_000_000)
+    with pytest.raises(SceneError, match="larger than 1 MiB"):
+        load_scene(tmp_path / "large.toml")

@@ -93,6 +93,9 @@ def test_the_token_is_not_printed(tmp_path: Path) -> None:
         ("[server]\nmax_batches_per_s = 0\n", "server.max_batches_per_s"),
         ("[server]\ncertificate_file = 'c.pem'\n", "server.key_file is missing"),
         ("[server\n", "is not TOML"),
+        ("a = " + "[" * 100_000, "is not TOML"),
+        ("a = " + "9" * 5000, "is not TOML"),
+        ("#" * 2**21, "larger than 1 MiB"),
         ("[server]\ntoken_file = 'nowhere'\n", "nowhere: No such file or directory; write at least 16 random"),
     ],
 )

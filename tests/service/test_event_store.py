@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from typing import TYPE_CHECKING
 
@@ -81,8 +82,11 @@ def test_after_a_lift_begins_another_contact(store: EventStore) -> None:
 def test_what_went_on_when_the_service_stopped_is_unfinished_and_can_go_on(path: Path) -> None:
     first = EventStore(path, 30 * DAY_S, 1_000_000)
     first.write("press-7", [piece(0, 9)], 0.0)
-    # As after a crash: the file is opened again while the first never closed it.
-    second = EventStore(path, 30 * DAY_S, 1_000_000)
+    # As after a crash: the file and its log as they are while it is open.
+    left = path.with_name("left.db")
+    for ending in ("", "-wal"):
+        shutil.copy(f"{path}{ending}", f"{left}{ending}")
+    second = EventStore(left, 30 * DAY_S, 1_000_000)
     assert spans(second) == [(0, 9, 10, "unfinished")]
 
     second.write("press-7", [piece(10, 12), Finish("boot-0001", 12, End.LIFT, 70_000)], 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import time
 from typing import TYPE_CHECKING
@@ -110,9 +111,63 @@ def test_a_model_for_channels_that_do_not_arrive_is_refused(
     kept.surface.receive(parse_batch(), arrival_s=10.0)
     put(kept.path, build_model(channels=5).read_bytes())
 
-    assert asyncio.run(kept.reload()) is False
+    assert asyncio.run(kept.reload(other_beam=True)) is False
     assert "it needs s4, s5, which the samples of this surface do not have" in str(kept.surface.model_error)
     assert kept.surface.contact(10.0).position_mm == 150.0
+
+
+def restated(path: Path, **entries: object) -> bytes:
+    """A model file with other metadata entries."""
+    model = onnx.load(path)
+    for entry in model.metadata_props:
+        name = entry.key.removeprefix(modelfile.METADATA_PREFIX)
+        if name in entries:
+            entry.value = json.dumps(entries[name])
+    content: bytes = model.SerializeToString()
+    return content
+
+
+def layout(*places: float, names: str = "s1 s2 s3") -> list[dict[str, object]]:
+    return [{"name": name, "position_mm": at} for name, at in zip(names.split(), places, strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("entries", "complaint"),
+    [
+        ({"length_mm": 603.0}, "its beam is 603 mm long, the one in use 400 mm"),
+        ({"layout": layout(100, 250, 300)}, "its s2 is at 250 mm, in the one in use at 200 mm"),
+        ({"layout": layout(200, 100, 300, names="s2 s1 s3")}, None),
+        ({"layout": layout(200, 100, 300)}, "its s2 is at 100 mm, in the one in use at 200 mm"),
+        ({"layout": layout(104.1, 200, 300)}, "its s1 is at 104.1 mm, in the one in use at 100 mm"),
+        ({"layout": layout(103.9, 198, 300), "length_mm": 400.3}, None),
+        ({"name": "other", "layout": layout(100, 200, 300)}, None),
+    ],
+)
+def test_a_model_of_another_beam_is_used_only_when_it_is_asked_for(
+    kept: ModelKeeper, entries: dict[str, object], complaint: str | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    old = identity(kept)
+    put(kept.path, restated(kept.path, **entries))
+    asyncio.run(polls(kept, 5))
+    if complaint is None:
+        assert (identity(kept) != old, kept.surface.model_error) == (True, None)
+        return
+    assert identity(kept) == old
+    assert complaint in str(kept.surface.model_error)
+    assert [complaint in record.getMessage() for record in caplog.records] == [True]
+
+    assert asyncio.run(kept.reload(other_beam=True)) is True
+    assert identity(kept) != old
+    assert kept.surface.model_error is None
+
+
+def test_a_model_whose_answers_take_long_is_refused(
+    kept: ModelKeeper, build_model: BuildModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
+    monkeypatch.setattr(model_keeper, "MOST_ANSWER_S", 0.0)
+    assert asyncio.run(kept.reload()) is False
+    assert "one answer takes 0 ms" in str(kept.surface.model_error)
 
 
 def test_a_copy_under_way_is_waited_for(kept: ModelKeeper, build_model: BuildModel) -> None:
@@ -178,6 +233,7 @@ def test_a_model_that_waits_for_its_channels_is_used_once_they_arrive(
     old = identity(kept)
     kept.surface.receive(parse_batch(), arrival_s=10.0)
     put(kept.path, build_model(name="five", channels=5).read_bytes())
+    assert asyncio.run(kept.reload(other_beam=True)) is False
     asyncio.run(polls(kept))
     kept.surface.receive(parse_batch([0.5] * 4, sequence=2), arrival_s=10.1)
     asyncio.run(polls(kept))

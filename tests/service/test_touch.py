@@ -37,6 +37,9 @@ class Recorded:
     def late(self, surface: Surface, model: object, batch: Batch, samples: list[Sample]) -> None:  # noqa: ARG002
         self.late_sequences += [sample.sequence for sample in samples]
 
+    def stale(self, surface: Surface) -> None:
+        pass
+
     def has_room(self, samples: int) -> bool:  # noqa: ARG002
         return True
 

@@ -11,6 +11,7 @@ from pydantic import Field, ValidationError
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene import Scene, first_error
 from beamtouch_models.structure import Finite, Fixity, PositiveFinite, Strict, changed_beam
+from beamtouch_models.text_file import read_text
 
 Array = NDArray[np.float64]
 DampingRatio = Annotated[float, Field(gt=0, lt=1)]
@@ -64,12 +65,11 @@ class Imperfections(Strict):
 
 def load_imperfections(path: Path) -> Imperfections:
     """Read an imperfections file; raises SceneError with the reason if it is wrong."""
+    text = read_text(path)
     try:
-        return Imperfections.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except tomllib.TOMLDecodeError as error:
-        message = f"{path}: {error}"
-    except UnicodeDecodeError:
-        message = f"{path}: not a text file"
+        return Imperfections.model_validate(tomllib.loads(text))
     except ValidationError as error:
         message = f"{path}: {first_error(error)}"
+    except (ValueError, RecursionError) as error:
+        message = f"{path}: not valid TOML: {error}"
     raise SceneError(message)

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene import Scene
+from beamtouch_models.text_file import read_text
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -66,17 +67,15 @@ class Script(BaseModel):
 
 def load_script(path: Path, length_mm: float) -> Script:
     """Read a script file for a beam of `length_mm`; raises SceneError with the reason if it is wrong."""
+    text = read_text(path)
     try:
-        script = Script.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        message = f"{path}: {error.strerror}"
-        raise SceneError(message) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        message = f"{path}: not valid TOML: {error}"
-        raise SceneError(message) from None
+        script = Script.model_validate(tomllib.loads(text))
     except ValidationError as error:
         first = error.errors()[0]
         message = f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg'].removeprefix('Value error, ')}"
+        raise SceneError(message) from None
+    except (ValueError, RecursionError) as error:
+        message = f"{path}: not valid TOML: {error}"
         raise SceneError(message) from None
     for number, step in enumerate(script.step, start=1):
         ends = step.position_mm if isinstance(step.position_mm, tuple) else (step.position_mm,)

@@ -89,7 +89,8 @@ function drawNow(shown) {
 function announce(shown) {
   const text = words(shown);
   if (text === said) return;
-  if (shown.kind === "clear" || shown.kind === "contact") events.follow(feed.surface?.name);
+  if (shown.kind !== "waiting") events.mark(shown.kind === "contact");
+  if (["clear", "contact", "problem"].includes(shown.kind)) events.follow(feed.surface?.name);
   said = text;
   document.body.dataset.state = shown.kind;
   document.title = [shown.title, feed.chosen, "Beamtouch"].filter(Boolean).join(" · ");

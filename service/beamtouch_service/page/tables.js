@@ -45,6 +45,8 @@ export class Events {
     this.token = token;
     this.offered = true;
     this.timer = null;
+    this.events = [];
+    this.current = true; // whether an open contact may be shown as going on
   }
 
   /** Ask now, and from now on every few seconds; a service that keeps none is not asked again. */
@@ -64,25 +66,37 @@ export class Events {
     if (this.offered) this.timer = setTimeout(() => this.follow(this.surface), 5000);
   }
 
+  /** Say whether the surface has a contact now; without one, or without news, no contact is shown as going on. */
+  mark(current) {
+    if (current === this.current) return;
+    this.current = current;
+    this.show(this.events);
+  }
+
   show(events) {
+    this.events = events;
     byId("events-section").hidden = events.length === 0;
-    byId("events").replaceChildren(...events.map(eventRow));
+    byId("events").replaceChildren(...events.map((event) => eventRow(event, this.current)));
   }
 }
 
-function eventRow(event) {
+const ENDS = { stale: "samples stopped", unfinished: "service stopped" };
+
+function eventRow(event, current) {
   const { touched_at, peak_force_n, position_mm, mean_position_mm } = event;
   const time = html("time", { datetime: touched_at }, new Date(touched_at).toLocaleTimeString("en-GB"));
   const number = (value) => html("td", {}, typeof value === "number" ? value.toFixed(1) : "—");
   const row = html("tr", {}, html("th", { scope: "row" }, time));
-  row.append(number(position_mm ?? mean_position_mm), number(peak_force_n), html("td", {}, duration(event)));
+  row.append(number(position_mm ?? mean_position_mm), number(peak_force_n), html("td", {}, duration(event, current)));
   return row;
 }
 
-/** How long it touched, in s; at least that long where nobody saw it lift. */
-function duration({ lifted_at, dwell_s, dwell_ms, end }) {
-  if (end === "open" || (!end && !lifted_at)) return "still";
+/** How long it touched, in s, and how it ended; at least that long where nobody saw it lift. */
+function duration({ lifted_at, dwell_s, dwell_ms, end }, current) {
+  const isOpen = end === "open" || (!end && !lifted_at);
+  if (isOpen && current) return "still";
   const seconds = dwell_s ?? dwell_ms / 1000;
   if (!Number.isFinite(seconds)) return "—";
-  return lifted_at ? seconds.toFixed(1) : `≥ ${seconds.toFixed(1)}`;
+  if (lifted_at) return seconds.toFixed(1);
+  return ENDS[end] ? `≥ ${seconds.toFixed(1)}, ${ENDS[end]}` : `≥ ${seconds.toFixed(1)}`;
 }

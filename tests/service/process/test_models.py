@@ -6,17 +6,17 @@ import json
 import os
 import signal
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import httpx2
+import onnx
 
 from beamtouch_models.modelfile import POSITION_OUTPUTS
 from beamtouch_service import cli
 from service.conftest import ADMIN_TOKEN
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import pytest
 
     from service.conftest import BuildModel
@@ -75,6 +75,67 @@ def test_it_is_read_again_at_sighup_and_when_the_administrator_asks(
     assert service.get("/surfaces/press-7/model").json()["identity"] == first
 
 
+def other_beam(path: Path, length_mm: float) -> bytes:
+    model = onnx.load(path)
+    (entry,) = (entry for entry in model.metadata_props if entry.key == "beamtouch.length_mm")
+    entry.value = str(length_mm)
+    content: bytes = model.SerializeToString()
+    return content
+
+
+def test_a_model_of_another_beam_takes_a_word_or_a_restart(
+    start_service: StartService, build_model: BuildModel, tmp_path: Path, admin_token_file: Path, wait_for: Wait
+) -> None:
+    path = build_model()
+    service = start(start_service, tmp_path, path, "--admin-token-file", admin_token_file)
+    first, other = model(service), other_beam(path, 603.0)
+    path.write_bytes(other)
+    wait_for(lambda: service.get("/surfaces/press-7").json()["model_error"] is not None)
+    said = service.get("/surfaces/press-7").json()["model_error"]
+    assert "its beam is 603 mm long, the one in use 400 mm" in said
+    assert "POST /surfaces/press-7/model/reload?other_beam=true" in said
+
+    def reload(query: str = "") -> httpx2.Response:
+        url, headers = f"{service.url}/surfaces/press-7/model/reload{query}", {"Authorization": f"Bearer {ADMIN_TOKEN}"}
+        return httpx2.post(url, headers=headers, trust_env=False, timeout=60)
+
+    assert (reload().status_code, reload().json()["type"]) == (409, "urn:beamtouch:problem:model-refused")
+    service.process.send_signal(signal.SIGHUP)
+    assert reload("?other_beam=maybe").status_code == 422
+    assert (reload().status_code, model(service)) == (409, first)
+    answer = reload("?other_beam=true")
+    assert (answer.status_code, answer.json()["changed"]) == (200, True)
+    assert service.get("/surfaces/press-7").json()["model_error"] is None
+    assert service.get("/surfaces/press-7/model").json()["length_mm"] == 603.0
+
+    path.write_bytes(other_beam(path, 200.0))
+    wait_for(lambda: service.get("/surfaces/press-7").json()["model_error"] is not None)
+    service.stop(signal.SIGTERM)
+    service = start(start_service, tmp_path, path)
+    assert service.get("/surfaces/press-7/model").json()["length_mm"] == 200.0
+
+
+def test_a_file_that_is_too_large_is_refused_unread(
+    start_service: StartService, build_model: BuildModel, tmp_path: Path, wait_for: Wait
+) -> None:
+    path = build_model()
+    service = start(start_service, tmp_path, path)
+
+    def most_memory_kb() -> int:
+        status = Path(f"/proc/{service.process.pid}/status").read_text()
+        return int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmHWM")))
+
+    first, before_kb = model(service), most_memory_kb()
+    with path.open("r+b") as file:
+        file.truncate(2_000_000_000)
+    wait_for(lambda: service.get("/surfaces/press-7").json()["model_error"] is not None)
+    assert "it is larger than 4 MiB" in service.get("/surfaces/press-7").json()["model_error"]
+    assert model(service) == first
+    assert most_memory_kb() - before_kb < 50_000
+    _, errors = service.stop(signal.SIGTERM)
+    assert errors.count("larger than 4 MiB") == 1
+
+
 def test_contacts_are_given_while_a_model_is_loaded(
     start_service: StartService, bench_model: Path, tmp_path: Path, wait_for: Wait
 ) -> None:
@@ -109,7 +170,11 @@ def test_check_says_in_one_line_what_is_wrong(
     build_model: BuildModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "text.onnx").write_text("hello")
+    with (tmp_path / "large.onnx").open("wb") as file:
+        file.truncate(2_000_000_000)
     for path, complaint in (
+        (tmp_path / "large.onnx", "it is larger than 4 MiB"),
+        (Path("/dev/zero"), "it is no file but something else"),
         (tmp_path / "nowhere.onnx", "No such file or directory"),
         (tmp_path / "text.onnx", "damaged or not an ONNX file"),
         (build_model(outputs=("position_mm",)), "it has no output contact_log_odds"),

@@ -225,3 +225,31 @@ def test_calm_where_motion_is_not_wanted(fresh: Service, make_batch: MakeBatch, 
         " await new Promise(done => setTimeout(done, 2000)); observer.disconnect(); return count; }"
     )
     assert writes <= 5
+
+
+def durations(seen: Watched) -> list[str]:
+    script = "rows => rows.map(row => row.cells[3].textContent)"
+    found: list[str] = seen.page.eval_on_selector_all("#events tr", script)
+    return found
+
+
+def test_the_contact_of_a_sender_that_fell_silent_is_shown_as_ended(
+    start_service: StartService, build_model: BuildModel, token_file: Path, make_batch: MakeBatch, open_page: OpenPage
+) -> None:
+    service = start_service("--model", build_model(), "--token-file", token_file, "--stale-ms", "500")
+    seen = open_page(service.url)
+    service.post(make_batch([0.0, 0.0, 0.0], [0.5, 0.25, 0.125]))
+    seen.wait_for_text("headline", "Stale")
+    seen.wait_for_text("events", "samples stopped")
+    assert durations(seen) == ["≥ 0.0, samples stopped"]
+
+
+def test_without_a_connection_no_contact_is_shown_as_going_on(
+    fresh: Service, make_batch: MakeBatch, open_page: OpenPage
+) -> None:
+    fresh.post(make_batch([0.0, 0.0, 0.0], [0.5, 0.25, 0.125]))
+    seen = open_page(fresh.url)
+    seen.wait_for_text("events", "still")
+    fresh.process.kill()
+    seen.wait_for_state("lost")
+    assert durations(seen) == ["≥ 0.0"]
