@@ -99,6 +99,10 @@ class Front:
         self.context.counts.contacts[counted] += 1
         return body
 
+    def knows(self, authorization: bytes) -> bool:
+        """Say whether an `Authorization` header bears one of the tokens."""
+        return self._access.knows(authorization)
+
     async def _receipt(self, scope: Scope, receive: Receive) -> bytes | None:
         """Take the batch that is sent; None for another request. Raises ProblemError."""
         path = scope["path"]

@@ -7,16 +7,19 @@ import signal
 import socket
 import sys
 from collections.abc import Callable, Coroutine, Sequence
+from functools import partial
 from types import FrameType
-from typing import Any
+from typing import Any, cast
 
 import uvicorn
 from starlette.types import ASGIApp, Scope
 
 from beamtouch_service.config import TlsFiles
 from beamtouch_service.connection import HEAD_S, BoundedProtocol
+from beamtouch_service.defaults import MAX_CLIENTS_PER_ADDRESS
 from beamtouch_service.limits import SeldomFilter
 from beamtouch_service.notify import ServiceManager
+from beamtouch_service.places import Places
 from beamtouch_service.streams import Streams
 
 SHUTDOWN_S = 2
@@ -30,11 +33,19 @@ _log = logging.getLogger("beamtouch.service")
 Work = Callable[[], Coroutine[Any, Any, None]]
 
 
-def configure(app: ASGIApp, max_clients: int, tls: TlsFiles | None = None) -> uvicorn.Config:
+def configure(
+    app: ASGIApp,
+    max_clients: int,
+    tls: TlsFiles | None = None,
+    *,
+    max_clients_per_address: int = MAX_CLIENTS_PER_ADDRESS,
+) -> uvicorn.Config:
     """Return how uvicorn is to serve `app`."""
+    places = Places(max_clients, max_clients_per_address, BoundedProtocol.has_unread)
     return uvicorn.Config(
         app,
-        http=BoundedProtocol,
+        # uvicorn only calls it, once for each connection.
+        http=cast("type[asyncio.Protocol]", partial(BoundedProtocol, places=places)),
         ws="none",
         loop=f"{__name__}:Loop",
         lifespan="off",
@@ -45,8 +56,6 @@ def configure(app: ASGIApp, max_clients: int, tls: TlsFiles | None = None) -> uv
         # A client is who is connected, whatever a header says.
         proxy_headers=False,
         timeout_graceful_shutdown=SHUTDOWN_S,
-        # The protocol's bound on clients.
-        limit_concurrency=max_clients,
         timeout_keep_alive=IDLE_S,
         ssl_certfile=tls.certificate if tls else None,
         ssl_keyfile=tls.key if tls else None,
