@@ -28,6 +28,11 @@ SHUTDOWN_S = 2
 IDLE_S = 75
 """A connection on which nothing is asked for is closed: longer than anyone waits between two questions."""
 
+_ACCEPTED_AT_ONCE = 16
+"""Newcomers before the connections that are there are served again: a flood of newcomers holds up nobody."""
+_QUEUE = 1024
+"""Newcomers that the system keeps until they are accepted; to those beyond it, it does not answer."""
+
 _log = logging.getLogger("beamtouch.service")
 
 Work = Callable[[], Coroutine[Any, Any, None]]
@@ -57,6 +62,7 @@ def configure(
         proxy_headers=False,
         timeout_graceful_shutdown=SHUTDOWN_S,
         timeout_keep_alive=IDLE_S,
+        backlog=_ACCEPTED_AT_ONCE,
         ssl_certfile=tls.certificate if tls else None,
         ssl_keyfile=tls.key if tls else None,
         ssl_keyfile_password="" if tls else None,
@@ -90,6 +96,9 @@ class Host(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Listen, and tell."""
         await super().startup(sockets)
+        for listener in sockets or []:
+            # asyncio has made the queue as short as what it accepts at once.
+            listener.listen(_QUEUE)
         self._tasks = [asyncio.create_task(work()) for work in self._work]
         for task in self._tasks:
             task.add_done_callback(_log_failure)

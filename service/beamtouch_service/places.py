@@ -112,7 +112,7 @@ class Places(Generic[Who]):
         for kind in _FOR_TOKENS if has_token else _FOR_EVERYONE:
             by_address = self._kinds[kind]
             # The address that holds most comes first.
-            order = sorted(by_address, key=lambda one: -len(by_address[one])) if address is None else [address]
+            order = sorted(by_address, key=self._without_token, reverse=True) if address is None else [address]
             for one in order:
                 for who in by_address.get(one, ()):
                     if kind[0] in (State.UNREAD, State.BUSY) or not self._has_spoken(who):

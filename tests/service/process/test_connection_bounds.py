@@ -6,13 +6,12 @@ import signal
 import socket
 import threading
 import time
-from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from ..conftest import TOKEN, MakeBatch
-from .conftest import Service, StartService, Wait
+from ..conftest import TOKEN
+from .conftest import Service, StartService
 from .raw import connected, fields, get, resident_mb, said, status
 
 MOST_GROWTH_MB = 30.0
