@@ -46,7 +46,8 @@ def decoded(png: bytes) -> Pixels:
 def _unfiltered(kind: int, row: bytearray, above: bytes, size: int) -> bytearray:
     """Return a row without its filter (PNG, 9.2)."""
     if kind == 2:
-        row[:] = ((np.frombuffer(row, np.uint8).astype(int) + np.frombuffer(above, np.uint8)) & 255).astype(np.uint8)
+        total = np.frombuffer(bytes(row), np.uint8).astype(int) + np.frombuffer(above, np.uint8)
+        row[:] = (total & 255).astype(np.uint8).tobytes()
     elif kind:
         for at in range(len(row)):
             left, corner = (row[at - size], above[at - size]) if at >= size else (0, 0)
