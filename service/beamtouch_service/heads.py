@@ -54,8 +54,10 @@ class Framing:
 
     def begin_body(self, headers: Sequence[tuple[bytes, bytes]]) -> None:
         """Note that a head is complete; the parser has accepted its headers."""
-        lengths = (int(value) for name, value in headers if name == b"content-length")
-        self.in_head, self._body_bytes, self._moved = False, next(lengths, None), True
+        self.in_head, self._body_bytes, self._moved = False, None, True
+        for name, value in headers:
+            if name == b"content-length":
+                self._body_bytes = int(value)
 
     def content(self, size: int) -> None:
         """Note content of the body [bytes]."""
@@ -78,12 +80,16 @@ def refusal(version: str, headers: Sequence[tuple[bytes, bytes]]) -> Problem | N
     """Return what is wrong with a head that the parser has accepted; names of headers are in lower case."""
     if version not in ("1.0", "1.1"):
         return Problem(Kind.BAD_REQUEST, "The service speaks HTTP/1.1 and HTTP/1.0.")
-    hosts = [value for name, value in headers if name == b"host"]
+    hosts, codings = [], []
+    for name, value in headers:
+        if name == b"host":
+            hosts.append(value)
+        elif name == b"transfer-encoding":
+            codings.append(value)
     if len(hosts) > 1 or (not hosts and version == "1.1"):
         return Problem(Kind.BAD_REQUEST, f"A request has one header Host; this one has {len(hosts) or 'none'}.")
     if hosts and not _HOST.fullmatch(hosts[0].strip()):
         return Problem(Kind.BAD_REQUEST, "The header Host is neither a name nor an address, with or without a port.")
-    codings = [value for name, value in headers if name == b"transfer-encoding"]
     if codings and version == "1.0":
         return Problem(Kind.BAD_REQUEST, "HTTP/1.0 has no Transfer-Encoding; send Content-Length.")
     if codings and b",".join(codings).strip().lower() != b"chunked":

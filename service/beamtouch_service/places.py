@@ -5,9 +5,9 @@ client go first, and of these the ones of the address that holds most, the longe
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 Who = TypeVar("Who")
 
@@ -30,6 +30,8 @@ class _Held:
     address: str
     state: State
     has_token: bool
+    beside: dict[Any, None] = field(default_factory=dict)
+    """The connections of the same kind and address, this one among them."""
 
 
 MAX_WAITING = 32
@@ -89,13 +91,21 @@ class Places(Generic[Who]):
 
     def move(self, who: Who, state: State, *, has_token: bool = False) -> None:
         """Note what a connection waits for from now on, and whether it has borne a token; it keeps that."""
-        if who in self._held:
-            held = self._pull(who)
+        held = self._held.get(who)
+        if held is None:
+            return
+        if held.state is state and (held.has_token or not has_token):
+            # As most often: only that it was idle for no time now.
+            del held.beside[who]
+            held.beside[who] = None
+        else:
+            self._pull(who)
             self._put(who, _Held(held.address, state, held.has_token or has_token))
 
     def _put(self, who: Who, held: _Held) -> None:
         self._held[who] = held
-        self._kinds[held.state, held.has_token].setdefault(held.address, {})[who] = None
+        held.beside = self._kinds[held.state, held.has_token].setdefault(held.address, {})
+        held.beside[who] = None
 
     def _pull(self, who: Who) -> _Held:
         held = self._held.pop(who)
