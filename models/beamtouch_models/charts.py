@@ -1,6 +1,6 @@
 """Plain line charts as SVG text: no dependency, the same bytes every time, text kept as text.
 
-Colours are CSS classes, so that a page or a file can be read in the dark as well as on paper.
+Colours are attributes of the elements, which every program understands. STYLE replaces them on a dark screen.
 """
 
 import math
@@ -16,20 +16,48 @@ LEGEND_ROW = 18
 CHARACTER = 6.4
 """Width of a character of the legend, in px; an estimate that only spaces the legend."""
 
-STYLE = """
-.chart, .drawing { --ink: #1b1f24; --faint: #d8dde3; --muted: #59636e; --s0: #0b62a8; --s1: #c2410c; --s2: #18794e;
-  --s3: #8e3a9e; --s4: #8a6d00; --s5: #5b6572; --s6: #a8175b; --s7: #0e7c86; }
-@media (prefers-color-scheme: dark) { .chart, .drawing { --ink: #e6e9ed; --faint: #363d46; --muted: #9aa4b0;
-  --s0: #6cb6ff; --s1: #ff9a5c; --s2: #56d39a; --s3: #d99ae6; --s4: #e0c04a; --s5: #a9b4c0; --s6: #ff85b6;
-  --s7: #5fd3dd; } }
-@media print { .chart, .drawing { --ink: #000; --faint: #ccc; --muted: #444; --s0: #0b62a8; --s1: #c2410c;
-  --s2: #18794e; --s3: #8e3a9e; --s4: #8a6d00; --s5: #5b6572; --s6: #a8175b; --s7: #0e7c86; } }
-.chart text, .drawing text { font: 12px system-ui, sans-serif; fill: var(--ink); }
-.chart .grid { stroke: var(--faint); stroke-width: 1; }
-.chart .frame { stroke: var(--muted); stroke-width: 1; fill: none; }
-.chart .line { fill: none; stroke-width: 1.8; stroke-linejoin: round; }
-.chart .dashed { stroke-dasharray: 6 4; }
-""" + "".join(f".chart .s{i} {{ stroke: var(--s{i}); }} .chart .p{i} {{ fill: var(--s{i}); }}\n" for i in range(8))
+Colour = Literal["ground", "ink", "faint", "muted", "s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7"]
+LIGHT: dict[Colour, str] = {
+    "ground": "#ffffff", "ink": "#1b1f24", "faint": "#d8dde3", "muted": "#59636e",
+    "s0": "#0b62a8", "s1": "#c2410c", "s2": "#18794e", "s3": "#8e3a9e",
+    "s4": "#8a6d00", "s5": "#5b6572", "s6": "#a8175b", "s7": "#0e7c86",
+}  # fmt: skip
+DARK: dict[Colour, str] = {
+    "ground": "#14181d", "ink": "#e6e9ed", "faint": "#363d46", "muted": "#9aa4b0",
+    "s0": "#6cb6ff", "s1": "#ff9a5c", "s2": "#56d39a", "s3": "#d99ae6",
+    "s4": "#e0c04a", "s5": "#a9b4c0", "s6": "#ff85b6", "s7": "#5fd3dd",
+}  # fmt: skip
+SERIES_COLOURS: tuple[Colour, ...] = ("s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7")
+
+# On a screen only: paper stays white.
+STYLE = (
+    "@media screen and (prefers-color-scheme: dark) {\n"
+    + "".join(f".fill-{name} {{ fill: {value}; }} .stroke-{name} {{ stroke: {value}; }}\n"
+              for name, value in DARK.items())
+    + "}\n"
+)  # fmt: skip
+"""For a page that holds drawings, or a file that is one."""
+
+
+def fill(colour: Colour, *names: str) -> str:
+    """Return the attributes of an element that is filled; `names` are further classes."""
+    return f'class="{" ".join((*names, f"fill-{colour}"))}" fill="{LIGHT[colour]}"'
+
+
+def stroke(colour: Colour, *names: str, width: float = 1.0) -> str:
+    """Return the attributes of an element that is only an outline."""
+    classes = " ".join((*names, f"stroke-{colour}"))
+    return f'class="{classes}" fill="none" stroke="{LIGHT[colour]}" stroke-width="{width:g}"'
+
+
+def opening(name: str, width: float, height: float, says: str) -> str:
+    """Return the begin of a drawing whose texts are in ink, with what it shows for those who cannot see it."""
+    said = escape(says)
+    return (
+        f'<svg viewBox="0 0 {width:g} {height:g}" '
+        f'font-family="system-ui, sans-serif" font-size="12" {fill("ink", name)} role="img" aria-label="{said}">'
+        f"<title>{said}</title>"
+    )
 
 
 @dataclass(frozen=True)
@@ -85,7 +113,7 @@ class Axis:
 
 
 def draw(chart: Chart) -> str:
-    """Draw a chart as an `<svg>` element; it takes its colours from STYLE."""
+    """Draw a chart as an `<svg>` element, without a ground; see `standalone`."""
     legend, rows = _legend(chart.series)
     top = TOP + rows * LEGEND_ROW
     height = HEIGHT + rows * LEGEND_ROW
@@ -94,8 +122,7 @@ def draw(chart: Chart) -> str:
     x = _axis(xs, (LEFT, WIDTH - RIGHT), log=chart.log_x, margin=0.0, least_step=float(chart.whole_x))
     y = _axis([0.0, *ys] if chart.y_from_zero else ys, (height - BOTTOM, top), log=chart.log_y, margin=0.04)
     parts = [
-        f'<svg class="chart" viewBox="0 0 {WIDTH} {height}" role="img" '
-        f'aria-label="{escape(chart.says)}"><title>{escape(chart.says)}</title>',
+        opening("chart", WIDTH, height, chart.says),
         *_grid(x, y, height),
         f'<text x="{(LEFT + WIDTH - RIGHT) / 2:g}" y="{height - 8}" text-anchor="middle">'
         f"{escape(chart.x_label)}</text>",
@@ -109,10 +136,10 @@ def draw(chart: Chart) -> str:
 
 
 def standalone(svg: str) -> str:
-    """Return a chart as the text of an SVG file, with its colours and a ground of its own."""
-    head, rest = svg.split(">", 1)
-    ground = "svg { background: #fff; } @media (prefers-color-scheme: dark) { svg { background: #14181d; } }"
-    return f'{head} xmlns="http://www.w3.org/2000/svg"><style>{ground}{STYLE}</style>{rest}\n'
+    """Return a drawing as the text of an SVG file, with a ground of its own."""
+    head, rest = svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1).split("</title>", 1)
+    ground = f'<rect {fill("ground")} width="100%" height="100%"/>'
+    return f"{head}</title><style>{STYLE}</style>{ground}{rest}\n"
 
 
 def _axis(
@@ -152,26 +179,34 @@ def _grid(x: Axis, y: Axis, height: int) -> Iterable[str]:
     left, right, bottom, top = x.start_px, x.end_px, y.start_px, y.end_px
     for tick in x.ticks:
         at = x.px(tick)
-        yield f'<line class="grid" x1="{at:.1f}" x2="{at:.1f}" y1="{bottom:g}" y2="{top:g}"/>'
+        yield f'<line {stroke("faint", "grid")} x1="{at:.1f}" x2="{at:.1f}" y1="{bottom:g}" y2="{top:g}"/>'
         yield f'<text x="{at:.1f}" y="{height - BOTTOM + 17}" text-anchor="middle">{tick:g}</text>'
     for tick in y.ticks:
         at = y.px(tick)
-        yield f'<line class="grid" x1="{left:g}" x2="{right:g}" y1="{at:.1f}" y2="{at:.1f}"/>'
+        yield f'<line {stroke("faint", "grid")} x1="{left:g}" x2="{right:g}" y1="{at:.1f}" y2="{at:.1f}"/>'
         yield f'<text x="{left - 6:g}" y="{at + 4:.1f}" text-anchor="end">{tick:g}</text>'
-    yield f'<rect class="frame" x="{left:g}" y="{top:g}" width="{right - left:g}" height="{bottom - top:g}"/>'
+    size = f'width="{right - left:g}" height="{bottom - top:g}"'
+    yield f'<rect {stroke("muted", "frame")} x="{left:g}" y="{top:g}" {size}/>'
 
 
 def _series(series: Series, x: Axis, y: Axis) -> str:
     points = [(x.px(a), y.px(b)) for a, b in zip(series.x, series.y, strict=True)]
     if series.style == "points":
-        circles = [f'<circle class="p{series.colour}" cx="{a:.1f}" cy="{b:.1f}" r="3.5"/>' for a, b in points]
+        paint = fill(SERIES_COLOURS[series.colour])
+        circles = [f'<circle {paint} cx="{a:.1f}" cy="{b:.1f}" r="3.5"/>' for a, b in points]
         notes = zip(points, series.notes, strict=False)
         return "".join(
             circles + [f'<text x="{a + 5:.1f}" y="{b - 3:.1f}">{escape(note)}</text>' for (a, b), note in notes]
         )
-    dashed = " dashed" if series.style == "dashed" else ""
     path = " ".join(f"{a:.1f},{b:.1f}" for a, b in points)
-    return f'<polyline class="line{dashed} s{series.colour}" points="{path}"/>'
+    return f'<polyline {_line(series)} points="{path}"/>'
+
+
+def _line(series: Series) -> str:
+    """Return the attributes of a curve."""
+    dashes = ' stroke-dasharray="6 4"' if series.style == "dashed" else ""
+    paint = stroke(SERIES_COLOURS[series.colour], "line", width=1.8)
+    return f'{paint} stroke-linejoin="round"{dashes}'
 
 
 def _legend(series: Sequence[Series]) -> tuple[list[str], int]:
@@ -192,8 +227,7 @@ def _legend(series: Sequence[Series]) -> tuple[list[str], int]:
 
 def _key(series: Series, x: float, y: float) -> str:
     if series.style == "points":
-        mark = f'<circle class="p{series.colour}" cx="{x + 13:.1f}" cy="{y:.1f}" r="3.5"/>'
+        mark = f'<circle {fill(SERIES_COLOURS[series.colour])} cx="{x + 13:.1f}" cy="{y:.1f}" r="3.5"/>'
     else:
-        dashed = " dashed" if series.style == "dashed" else ""
-        mark = f'<line class="line{dashed} s{series.colour}" x1="{x:.1f}" x2="{x + 26:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
+        mark = f'<line {_line(series)} x1="{x:.1f}" x2="{x + 26:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
     return f'{mark}<text x="{x + 32:.1f}" y="{y + 4:.1f}">{escape(series.label)}</text>'

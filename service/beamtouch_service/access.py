@@ -55,15 +55,25 @@ class Access:
         detail = f"The token is for {held.purpose}; {role.purpose} takes the token of {role.option}."
         raise ProblemError(Problem(Kind.FORBIDDEN, detail))
 
+    def knows(self, authorization: bytes) -> bool:
+        """Say whether an `Authorization` header bears one of the tokens."""
+        return self._held(authorization) is not None
+
     def _tokens(self) -> dict[Role, str | None]:
         return {Role.READ: self.read, Role.WRITE: self.write, Role.ADMIN: self.admin}
 
     def _role_of(self, authorization: bytes) -> Role:
-        scheme, _, given = authorization.partition(b" ")
-        if scheme.lower() != b"bearer":
+        if authorization.partition(b" ")[0].lower() != b"bearer":
             raise _unauthorized(
                 "Send the header `Authorization: Bearer TOKEN` with the token of the service's token file."
             )
+        held = self._held(authorization)
+        if held is None:
+            raise _unauthorized("The token is not the one in the service's token file.")
+        return held
+
+    def _held(self, authorization: bytes) -> Role | None:
+        scheme, _, given = authorization.partition(b" ")
         given = given.strip()
         # With every token, whichever fits: the time taken says nothing of them.
         fits = [
@@ -71,9 +81,7 @@ class Access:
             for role, token in self._tokens().items()
             if token is not None and hmac.compare_digest(given, token.encode())
         ]
-        if not fits:
-            raise _unauthorized("The token is not the one in the service's token file.")
-        return fits[0]
+        return fits[0] if fits and scheme.lower() == b"bearer" else None
 
 
 def _unauthorized(detail: str) -> ProblemError:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, FastAPI, Query, Request, Response
+from fastapi.routing import APIRoute
 from pydantic import BaseModel
 
 from beamtouch_service import (
@@ -24,7 +25,7 @@ from beamtouch_service.access import Access
 from beamtouch_service.contact import Contact
 from beamtouch_service.context import Clock, Context, ContextParameter, SurfaceInPath, boot_clock
 from beamtouch_service.defaults import BATCHES_PER_S
-from beamtouch_service.front import Front
+from beamtouch_service.front import Front, role
 from beamtouch_service.model_keeper import ModelKeeper
 from beamtouch_service.problems import Kind
 from beamtouch_service.recorder import Recorder
@@ -98,8 +99,6 @@ def _counted(context: Context, surface: Surface) -> Contact:
     openapi_extra=documentation.BATCH_BODY,
     responses=documentation.problems(
         Kind.MALFORMED_JSON,
-        Kind.UNAUTHORIZED,
-        Kind.FORBIDDEN,
         Kind.UNKNOWN_SURFACE,
         Kind.TOO_SLOW,
         Kind.TOO_LARGE,
@@ -147,11 +146,18 @@ async def get_ready(context: ContextParameter) -> Health:
 
 
 class _Application(FastAPI):
+    needs_read_token = False
+
     def openapi(self) -> dict[str, object]:
         """Return the OpenAPI description, with the schemas that routes only refer to."""
         if self.openapi_schema is None:
-            documentation.complete(super().openapi())
+            documentation.complete(super().openapi(), role, needs_read_token=self.needs_read_token)
         return super().openapi()
+
+
+def _operation_name(route: APIRoute) -> str:
+    """Return the name of a route's function, which becomes that of a method of a generated client."""
+    return route.name
 
 
 def create_app(
@@ -183,7 +189,10 @@ def create_app(
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
+        generate_unique_id_function=_operation_name,
     )
+    tokens = access if isinstance(access, Access) else Access(write=access)
+    app.needs_read_token = tokens.read is not None
     registry = Registry(surfaces)
     recorder = recorder or Recorder()
     for surface in registry:
@@ -196,4 +205,4 @@ def create_app(
         app.include_router(part)
     app.include_router(event_routes.make_router(registry, recorder, clock))
     app.router.routes.extend(page_files.routes())
-    return Front(app, access if isinstance(access, Access) else Access(write=access), context)
+    return Front(app, tokens, context)

@@ -60,6 +60,7 @@ class Settings:
     access: Access
     tls: TlsFiles | None
     max_clients: int
+    max_clients_per_address: int
     max_batches_per_s: float
     surfaces: tuple[SurfaceSettings, ...]
     max_streams: int
@@ -90,6 +91,7 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         access=_access(files),
         tls=_tls(files["certificate_file"], files["key_file"]),
         max_clients=server.max_clients,
+        max_clients_per_address=server.max_clients_per_address,
         max_batches_per_s=server.max_batches_per_s,
         surfaces=_merge_surfaces(file, folder, overrides),
         max_streams=server.max_streams,

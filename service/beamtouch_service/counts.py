@@ -24,6 +24,8 @@ class Counts:
         self.rejected: Counter[tuple[str, Kind]] = Counter()
         """Batches that ended in a problem, by surface, without a name where there is no such surface; they changed
         nothing."""
+        self.evicted = 0
+        """Connections that were closed to make room for others."""
         self._seldom = Seldom()
         self._clock = clock
 
@@ -33,6 +35,14 @@ class Counts:
         if times:
             words = "surface %s: samples come from another sender, now %s (%d times since the last such line)"
             _log.info(words, surface, boot_id, times)
+
+    def eviction(self, client: str) -> None:
+        """Count a connection of this address that was closed to make room; log it once per minute."""
+        self.evicted += 1
+        times = self._seldom.due("eviction", self._clock())
+        if times:
+            words = "too many connections: %d closed to make room since the last such line, the newest of %s"
+            _log.warning(words, times, client)
 
     def problem(self, kind: Kind, client: str) -> None:
         """Count an answer that says no, to a client of this address."""

@@ -1,10 +1,12 @@
 """What the OpenAPI description says beyond the signatures of the routes: examples, problems, the batch."""
 
 import json
+from collections.abc import Callable
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
+from beamtouch_service.access import Role
 from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemBody
 from beamtouch_service.samples import Batch
 
@@ -16,7 +18,12 @@ DESCRIPTION = (
 )
 
 _REFERENCE = "#/components/schemas/{model}"
-_SECURITY_SCHEME = "token"
+_SCHEMES = {
+    Role.READ: ("read_token", "For reading; the tokens for writing and administration read too."),
+    Role.WRITE: ("write_token", "For sending samples, and for reading."),
+    Role.ADMIN: ("admin_token", "For reloading models, and for reading."),
+}
+"""Name and description of each token; a service has those that it was started with."""
 
 _CONTACT = {
     "surface": "press-7",
@@ -108,9 +115,6 @@ EVENT: dict[str, Any] = {
 }
 """The answer of the route of one event."""
 
-NEEDS_TOKEN: dict[str, Any] = {"security": [{_SECURITY_SCHEME: []}]}
-"""For a route that not everyone may use."""
-
 BATCH_BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
@@ -121,7 +125,6 @@ BATCH_BODY: dict[str, Any] = {
             }
         },
     },
-    **NEEDS_TOKEN,
 }
 """For a route that reads its body itself."""
 
@@ -168,17 +171,45 @@ def problems(*kinds: Kind) -> dict[int | str, dict[str, Any]]:
     return {**responses, "default": {"description": "Any other problem.", "content": content}}
 
 
-def complete(description: dict[str, Any]) -> None:
-    """Add to an OpenAPI description, in place, what routes refer to by name, and the examples of a contact."""
+def complete(description: dict[str, Any], role: Callable[[str, str], Role], *, needs_read_token: bool) -> None:
+    """Complete an OpenAPI description in place.
+
+    Parameters
+    ----------
+    description : as the framework makes it; gets the schemas that routes refer to by name, and examples of a contact
+    role : what a method at a path needs
+    needs_read_token : whether reading takes a token in this service
+    """
     _, schemas = models_json_schema([(Batch, "validation"), (ProblemBody, "validation")], ref_template=_REFERENCE)
     components = description.setdefault("components", {})
     # In the code `Problem` is the value; outside, where there is only the body of it, the shorter name is the better.
     renamed = {"Problem" if name == "ProblemBody" else name: schema for name, schema in schemas["$defs"].items()}
     components.setdefault("schemas", {}).update(renamed)
     components["securitySchemes"] = {
-        _SECURITY_SCHEME: {"type": "http", "scheme": "bearer", "description": "The content of the token file."}
+        name: {"type": "http", "scheme": "bearer", "description": words} for name, words in _SCHEMES.values()
     }
+    for path, operations in description["paths"].items():
+        for method, operation in operations.items():
+            _add_tokens(operation, role(method.upper(), path), needs_read_token=needs_read_token)
     _add_contact_examples(description)
+
+
+def _add_tokens(operation: dict[str, Any], role: Role, *, needs_read_token: bool) -> None:
+    """Say which tokens an operation takes, and how it refuses others."""
+    if role is Role.OPEN:
+        operation["security"] = []
+        return
+    taking = list(_SCHEMES) if role is Role.READ else [role]
+    operation["security"] = [{_SCHEMES[one][0]: []} for one in taking]
+    if role is Role.READ and not needs_read_token:
+        # Without a token as well.
+        operation["security"].insert(0, {})
+        return
+    kinds = (Kind.UNAUTHORIZED,) if role is Role.READ else (Kind.UNAUTHORIZED, Kind.FORBIDDEN)
+    responses = {str(status): response for status, response in problems(*kinds).items() if status != "default"}
+    challenge = {"description": "`Bearer`, and for what.", "schema": {"type": "string"}}
+    responses[str(Kind.UNAUTHORIZED.status)]["headers"] = {"WWW-Authenticate": challenge}
+    operation["responses"] = {**responses, **operation["responses"]}
 
 
 def _add_contact_examples(description: dict[str, Any]) -> None:

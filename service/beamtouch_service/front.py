@@ -99,6 +99,10 @@ class Front:
         self.context.counts.contacts[counted] += 1
         return body
 
+    def knows(self, authorization: bytes) -> bool:
+        """Say whether an `Authorization` header bears one of the tokens."""
+        return self._access.knows(authorization)
+
     async def _receipt(self, scope: Scope, receive: Receive) -> bytes | None:
         """Take the batch that is sent; None for another request. Raises ProblemError."""
         path = scope["path"]
@@ -109,14 +113,19 @@ class Front:
         return receipt.model_dump_json().encode()
 
     def _role(self, scope: Scope) -> Role:
-        if scope["method"] in _READING:
-            return Role.OPEN if scope["path"] in _OPEN_PATHS else Role.READ
-        if scope["path"].endswith(_SAMPLES):
-            return Role.WRITE
-        # Whatever is not reading writes; where there is no such route there is nothing to guard but the answer.
-        if any(route.matches(scope)[0] is Match.FULL for route in self.api.router.routes):
-            return Role.ADMIN if scope["path"].endswith(_RELOAD) else Role.WRITE
-        return Role.READ
+        needed = role(scope["method"], scope["path"])
+        if scope["method"] in _READING or (needed is Role.WRITE and scope["path"].endswith(_SAMPLES)):
+            return needed
+        # Where there is no such route there is nothing to guard but the answer.
+        is_route = any(route.matches(scope)[0] is Match.FULL for route in self.api.router.routes)
+        return needed if is_route else Role.READ
+
+
+def role(method: str, path: str) -> Role:
+    """Return what a request needs; everything that is not reading writes, or administrates."""
+    if method in _READING:
+        return Role.OPEN if path in _OPEN_PATHS else Role.READ
+    return Role.ADMIN if path.endswith(_RELOAD) else Role.WRITE
 
 
 def client(scope: Scope) -> str:

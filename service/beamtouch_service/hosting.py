@@ -7,16 +7,19 @@ import signal
 import socket
 import sys
 from collections.abc import Callable, Coroutine, Sequence
+from functools import partial
 from types import FrameType
-from typing import Any
+from typing import Any, cast
 
 import uvicorn
 from starlette.types import ASGIApp, Scope
 
 from beamtouch_service.config import TlsFiles
 from beamtouch_service.connection import HEAD_S, BoundedProtocol
+from beamtouch_service.defaults import MAX_CLIENTS_PER_ADDRESS
 from beamtouch_service.limits import SeldomFilter
 from beamtouch_service.notify import ServiceManager
+from beamtouch_service.places import Places
 from beamtouch_service.streams import Streams
 
 SHUTDOWN_S = 2
@@ -25,16 +28,29 @@ SHUTDOWN_S = 2
 IDLE_S = 75
 """A connection on which nothing is asked for is closed: longer than anyone waits between two questions."""
 
+_ACCEPTED_AT_ONCE = 16
+"""Newcomers before the connections that are there are served again: a flood of newcomers holds up nobody."""
+_QUEUE = 1024
+"""Newcomers that the system keeps until they are accepted; to those beyond it, it does not answer."""
+
 _log = logging.getLogger("beamtouch.service")
 
 Work = Callable[[], Coroutine[Any, Any, None]]
 
 
-def configure(app: ASGIApp, max_clients: int, tls: TlsFiles | None = None) -> uvicorn.Config:
+def configure(
+    app: ASGIApp,
+    max_clients: int,
+    tls: TlsFiles | None = None,
+    *,
+    max_clients_per_address: int = MAX_CLIENTS_PER_ADDRESS,
+) -> uvicorn.Config:
     """Return how uvicorn is to serve `app`."""
+    places = Places(max_clients, max_clients_per_address, BoundedProtocol.has_unread)
     return uvicorn.Config(
         app,
-        http=BoundedProtocol,
+        # uvicorn only calls it, once for each connection.
+        http=cast("type[asyncio.Protocol]", partial(BoundedProtocol, places=places)),
         ws="none",
         loop=f"{__name__}:Loop",
         lifespan="off",
@@ -45,9 +61,8 @@ def configure(app: ASGIApp, max_clients: int, tls: TlsFiles | None = None) -> uv
         # A client is who is connected, whatever a header says.
         proxy_headers=False,
         timeout_graceful_shutdown=SHUTDOWN_S,
-        # The protocol's bound on clients.
-        limit_concurrency=max_clients,
         timeout_keep_alive=IDLE_S,
+        backlog=_ACCEPTED_AT_ONCE,
         ssl_certfile=tls.certificate if tls else None,
         ssl_keyfile=tls.key if tls else None,
         ssl_keyfile_password="" if tls else None,
@@ -81,6 +96,9 @@ class Host(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Listen, and tell."""
         await super().startup(sockets)
+        for listener in sockets or []:
+            # asyncio has made the queue as short as what it accepts at once.
+            listener.listen(_QUEUE)
         self._tasks = [asyncio.create_task(work()) for work in self._work]
         for task in self._tasks:
             task.add_done_callback(_log_failure)

@@ -46,6 +46,8 @@ class ServiceCollector(Collector):
             words = "Writes to the record of contacts that failed or found no room."
             yield CounterMetricFamily("beamtouch_event_writes_lost", words, value=self._context.recorder.lost)
         yield _by_kind("beamtouch_problems", "Answers that were a problem.", counts.problems)
+        words = "Connections closed to make room for others."
+        yield CounterMetricFamily("beamtouch_connections_evicted", words, value=counts.evicted)
         words = "Batches that changed nothing; without a surface where there is none of that name."
         rejected = CounterMetricFamily("beamtouch_batches_rejected", words, labels=["surface", "kind"])
         for (name, kind), count in counts.rejected.items():

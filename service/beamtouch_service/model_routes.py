@@ -76,10 +76,7 @@ async def get_model(context: ContextParameter, name: SurfaceInPath, response: Re
 
 @router.post(
     "/surfaces/{name}/model/reload",
-    openapi_extra=documentation.NEEDS_TOKEN,
-    responses=documentation.problems(
-        Kind.UNAUTHORIZED, Kind.FORBIDDEN, Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.MODEL_REFUSED
-    ),
+    responses=documentation.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.MODEL_REFUSED),
 )
 async def post_reload(
     context: ContextParameter,

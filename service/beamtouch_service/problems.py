@@ -40,6 +40,8 @@ class Kind(Enum):
     METHOD_NOT_ALLOWED = ("method-not-allowed", 405, "This address does not take that method")
     STOPPING = ("stopping", 503, "The service is stopping")
     BAD_REQUEST = ("bad-request", 400, "Not an HTTP request")
+    HEAD_TOO_LARGE = ("head-too-large", 431, "The request line and headers are too long")
+    UNKNOWN_CODING = ("unknown-coding", 501, "Only chunked is understood as transfer coding")
     TOO_MANY_CLIENTS = ("too-many-clients", 503, "Too many clients")
     INTERNAL = ("internal", 500, "The service failed")
 

@@ -40,7 +40,9 @@ def run(settings: Settings) -> None:
             streams=streams,
             recorder=recorder,
         )
-        config, manager = configure(app, settings.max_clients, settings.tls), ServiceManager()
+        per_address = settings.max_clients_per_address
+        config = configure(app, settings.max_clients, settings.tls, max_clients_per_address=per_address)
+        manager = ServiceManager()
         work = Background(app.context, manager, config, settings.tls).work
         try:
             serve(Host(config, manager, streams, work), listener)

@@ -6,10 +6,16 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from fastapi.testclient import TestClient
 
+from beamtouch_service.access import Access
+from beamtouch_service.app import create_app
 from beamtouch_service.contact import Contact
 from beamtouch_service.problems import MEDIA_TYPE, Kind, ProblemBody
 from beamtouch_service.samples import Batch
+from beamtouch_service.surface import Surface
+
+from .conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
 
 if TYPE_CHECKING:
     from service.conftest import Bench
@@ -37,13 +43,11 @@ def test_the_examples_of_a_contact_are_contacts(description: dict[str, Any]) -> 
     assert states == {"contact": "contact", "clear": "clear", "degraded": "contact"}
 
 
-def test_the_example_of_a_batch_is_a_batch_and_its_route_needs_the_token(description: dict[str, Any]) -> None:
+def test_the_example_of_a_batch_is_a_batch(description: dict[str, Any]) -> None:
     operation = description["paths"]["/surfaces/{name}/samples"]["post"]
     (example,) = operation["requestBody"]["content"]["application/json"]["examples"].values()
 
     Batch.model_validate_json(json.dumps(example["value"]))
-    assert operation["security"] == [{"token": []}]
-    assert description["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
 
 
 def test_every_problem_of_every_route_has_an_example(description: dict[str, Any]) -> None:
@@ -58,4 +62,52 @@ def test_every_problem_of_every_route_has_an_example(description: dict[str, Any]
                     assert (body.type, str(body.status)) == (kinds[slug].type_uri, status)
                     seen.add(kinds[slug])
     # Of these every answer may be one, or what it answers is no request.
-    assert set(Kind) - seen == {Kind.BAD_REQUEST, Kind.NOT_FOUND, Kind.METHOD_NOT_ALLOWED, Kind.INTERNAL}
+    assert set(Kind) - seen == {Kind.BAD_REQUEST, Kind.NOT_FOUND, Kind.METHOD_NOT_ALLOWED, Kind.INTERNAL} | {
+        Kind.HEAD_TOO_LARGE,
+        Kind.UNKNOWN_CODING,
+    }
+
+
+def operations_of(description: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Return every operation by its name."""
+    return {
+        operation["operationId"]: {**operation, "method": method.upper(), "path": path}
+        for path, operations in description["paths"].items()
+        for method, operation in operations.items()
+    }
+
+
+def test_operations_have_names_that_a_generated_client_can_use(description: dict[str, Any]) -> None:
+    assert sorted(operations_of(description)) == [
+        "get_contact", "get_event", "get_events", "get_live", "get_metrics", "get_model", "get_ready", "get_stream",
+        "get_surface", "get_surface_contact", "get_surface_stream", "get_surfaces", "post_reload", "post_samples",
+    ]  # fmt: skip
+    assert len(operations_of(description)) == sum(len(one) for one in description["paths"].values())
+    assert all(len(operation["tags"]) == 1 for operation in operations_of(description).values())
+
+
+@pytest.mark.parametrize("has_read_token", [False, True])
+def test_every_route_says_which_tokens_it_takes_and_does_so(has_read_token: bool) -> None:
+    tokens = {"read_token": READ_TOKEN, "write_token": TOKEN, "admin_token": ADMIN_TOKEN}
+    access = Access(TOKEN, READ_TOKEN if has_read_token else None, ADMIN_TOKEN)
+    client = TestClient(create_app([Surface("press-7", None, 500.0)], access))
+    answer = client.get("/openapi.json", headers={"Authorization": f"Bearer {TOKEN}"})
+    description = answer.json()
+    schemes = description["components"]["securitySchemes"]
+    assert {name: scheme["scheme"] for name, scheme in schemes.items()} == dict.fromkeys(tokens, "bearer")
+    for name, operation in operations_of(description).items():
+        if name.endswith("stream"):
+            continue  # it would not end
+        taken = {scheme for one in operation["security"] for scheme in one}
+        is_open = not operation["security"] or {} in operation["security"]
+        path = operation["path"].format(name="press-7", id=1)
+        for bearer, token in {"": "", "none of them": "wrong", **tokens}.items():
+            if bearer == "read_token" and not has_read_token:
+                continue
+            headers = {"Authorization": f"Bearer {token}"} if token else {}
+            answer = client.request(operation["method"], path, headers=headers)
+            assert (answer.status_code not in (401, 403)) == (is_open or bearer in taken), (name, bearer)
+            if answer.status_code in (401, 403):
+                described = operation["responses"][str(answer.status_code)]
+                assert MEDIA_TYPE in described["content"]
+                assert ("WWW-Authenticate" in answer.headers) == ("WWW-Authenticate" in described.get("headers", {}))

@@ -4,7 +4,7 @@ from html import escape
 from importlib.resources import files
 
 from beamtouch_models import charts
-from beamtouch_models.build_report import beam_drawing, sections
+from beamtouch_models.build_report import sections
 from beamtouch_models.build_report.facts import Facts
 
 
@@ -16,7 +16,7 @@ def page(facts: Facts) -> str:
     parts = [
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{escape(title)}</title>',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        f"<style>\n{css}{charts.STYLE}{beam_drawing.STYLE}</style>\n</head>\n<body>\n<main>",
+        f"<style>\n{css}{charts.STYLE}</style>\n</head>\n<body>\n<main>",
         *sections.everything(facts),
         "</main>\n</body>\n</html>\n",
     ]

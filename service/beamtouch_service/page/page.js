@@ -3,7 +3,7 @@
 import { BeamView } from "./beam.js";
 import { byId, html, setText, sign } from "./dom.js";
 import { Feed } from "./feed.js";
-import { describe, figures, words } from "./state.js";
+import { describe, figures, hasMoved, words } from "./state.js";
 import { drawStrip, forceRange, History } from "./strip.js";
 import { drawChannels, Events } from "./tables.js";
 import { Token } from "./token.js";
@@ -11,6 +11,7 @@ import { TokenForm } from "./token_form.js";
 
 const SIGNS = { problem: "warning", silent: "warning", lost: "warning" }; // others are called as their state
 const STEPS_PER_STRIP = 4;
+const SPEECH_MS = 3000; // between two places of the same contact: a screen reader takes about that long for one
 const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
 
 const history = new History();
@@ -20,6 +21,7 @@ const beam = new BeamView(byId("beam"), (text) => setText(byId("beam-words"), te
 const feed = new Feed(token, remember, surfacesKnown);
 const form = new TokenForm(token, otherToken);
 let said = "";
+let spoken = { at: -Infinity, position: null }; // the place of the contact that was announced last
 let steps = 0;
 let length = 100; // of the beam in mm, kept for the chart while nothing is known of it
 
@@ -88,15 +90,23 @@ function drawNow(shown) {
 /** What is said once per state: the sign, the title of the window, and the words for those who listen. */
 function announce(shown) {
   const text = words(shown);
-  if (text === said) return;
-  if (shown.kind !== "waiting") events.mark(shown.kind === "contact");
-  if (["clear", "contact", "problem"].includes(shown.kind)) events.follow(feed.surface?.name);
-  said = text;
-  document.body.dataset.state = shown.kind;
-  document.title = [shown.title, feed.chosen, "Beamtouch"].filter(Boolean).join(" · ");
-  byId("sign").replaceChildren(sign(SIGNS[shown.kind] ?? shown.kind));
-  const { position } = figures(shown);
-  setText(byId("status"), shown.kind === "contact" ? `${text} at ${Number(position).toFixed(0)} mm` : text);
+  if (text !== said) {
+    if (shown.kind !== "waiting") events.mark(shown.kind === "contact");
+    if (["clear", "contact", "problem"].includes(shown.kind)) events.follow(feed.surface?.name);
+    said = text;
+    document.body.dataset.state = shown.kind;
+    document.title = [shown.title, feed.chosen, "Beamtouch"].filter(Boolean).join(" · ");
+    byId("sign").replaceChildren(sign(SIGNS[shown.kind] ?? shown.kind));
+    speak(shown, text);
+  } else if (hasMoved(shown.contact, spoken.position) && performance.now() - spoken.at > SPEECH_MS) {
+    speak(shown, text);
+  }
+}
+
+function speak(shown, text) {
+  const position = shown.kind === "contact" ? shown.contact.position_mm : null;
+  spoken = { at: performance.now(), position };
+  setText(byId("status"), position === null ? text : `${text} at ${position.toFixed(0)} mm`);
 }
 
 function drawStrips(shown) {

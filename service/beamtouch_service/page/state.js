@@ -78,3 +78,11 @@ function interval(low, high) {
 export function words(shown) {
   return shown.detail && shown.kind === "contact" ? `${shown.title}. ${shown.detail}` : shown.title;
 }
+
+/** Whether a contact has left the place that was announced: that is out of its interval, or by a millimetre without one. */
+export function hasMoved(contact, announced) {
+  if (contact?.state !== "contact" || announced === null) return false;
+  const { position_mm: at, position_low_mm: low, position_high_mm: high } = contact;
+  if (at.toFixed(0) === announced.toFixed(0)) return false;
+  return announced < (low ?? at - 1) || announced > (high ?? at + 1);
+}

@@ -6,13 +6,12 @@ import signal
 import socket
 import threading
 import time
-from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from ..conftest import TOKEN, MakeBatch
-from .conftest import Service, StartService, Wait
+from ..conftest import TOKEN
+from .conftest import Service, StartService
 from .raw import connected, fields, get, resident_mb, said, status
 
 MOST_GROWTH_MB = 30.0
@@ -85,37 +84,6 @@ def test_what_follows_a_chunked_body_is_bounded(touched_service: Service) -> Non
     assert resident_mb(touched_service) - before_mb < MOST_GROWTH_MB
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        b"GET /contact HTTP/1.1\r\nHost: x\r\nX: " + b"y" * 20_000,
-        b"GET /contact HTTP/1.1\r\n" + b"a: b\r\n" * 1000 + b"\r\n",
-        b"CONNECT x HTTP/1.1\r\n\r\n",
-        "GET /contact?surface=Pressé HTTP/1.1\r\nHost: x\r\n\r\n".encode(),
-        b"\x16\x03\x01 nonsense\r\n\r\n",
-    ],
-    ids=["long head", "many headers", "CONNECT", "no ASCII", "TLS"],
-)
-def test_what_is_no_request_is_a_problem_that_is_counted(touched_service: Service, words: bytes) -> None:
-    ((head, body),) = said(touched_service, words, 1, until_closed=True)
-
-    assert status(head) == 400
-    assert fields(head)[b"content-type"] == b"application/problem+json"
-    assert fields(head)[b"x-content-type-options"] == b"nosniff"
-    assert json.loads(body)["type"] == "urn:beamtouch:problem:bad-request"
-    assert 'beamtouch_problems_total{kind="bad-request"} 1.0' in touched_service.get("/metrics").text
-
-
-def test_a_bad_request_does_not_take_the_place_of_an_answer(touched_service: Service, make_batch: MakeBatch) -> None:
-    batch = json.dumps(make_batch(sequence=50)).encode()
-    post = f"POST /surfaces/press-7/samples HTTP/1.1\r\nAuthorization: Bearer {TOKEN}\r\nContent-Length: {len(batch)}"
-    words = get("/surfaces") + post.encode() + b"\r\n\r\n" + batch + b"\0garbage\r\n\r\n"
-    first, second = said(touched_service, words, 2, until_closed=True)
-
-    assert "surfaces" in json.loads(first[1])
-    assert (status(second[0]), json.loads(second[1])) == (200, {"accepted": 1, "repeated": 0})
-
-
 @pytest.mark.parametrize("megabytes", [2, 50])
 def test_who_sends_too_much_is_told(touched_service: Service, megabytes: int) -> None:
     connection = http.client.HTTPConnection("127.0.0.1", int(touched_service.url.rpartition(":")[2]), timeout=60)
@@ -145,21 +113,6 @@ def test_a_request_to_speak_something_else_is_answered_and_the_last(touched_serv
     assert fields(head)[b"connection"] == b"close"
     assert json.loads(body)["surface"] == "press-7"
     assert "pip install" not in touched_service.stop(signal.SIGTERM)[1]
-
-
-def test_the_clients_that_are_there_are_served_however_many_come(touched_service: Service, wait_for: Wait) -> None:
-    with ExitStack() as stack:
-        first = stack.enter_context(connected(touched_service))
-        idle = [stack.enter_context(connected(touched_service)) for _ in range(60)]
-        first.sendall(get("/contact"))
-        assert first.recv(65536).startswith(b"HTTP/1.1 200 ")
-        # The last ones were cut off at once, those before them when they asked for nothing; the first ones stay.
-        for connection in idle[-10:]:
-            assert closes(connection)
-        assert not closes(idle[0], 0.2)
-        first.sendall(get("/contact"))
-        assert first.recv(65536).startswith(b"HTTP/1.1 200 ")
-    wait_for(lambda: touched_service.get("/contact").status_code == 200)
 
 
 def closes(connection: socket.socket, within_s: float = PATIENCE_S) -> bool:

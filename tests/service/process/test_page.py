@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -147,24 +149,37 @@ def _assert_contrast(seen: Watched) -> None:
     assert [(text, ratio) for text, ratio in found if ratio < 4.5] == []
 
 
-def test_it_is_announced_once_per_state_and_not_with_every_sample(
+_LISTEN = """() => { window.said = []; const status = document.getElementById("status");
+  new MutationObserver(() => said.push([performance.now(), status.textContent]))
+    .observe(status, {childList: true, characterData: true, subtree: true}); }"""
+
+
+def test_what_is_announced_follows_the_contact_and_not_every_sample(
     fresh: Service, make_batch: MakeBatch, open_page: OpenPage
 ) -> None:
     seen = open_page(fresh.url)
     seen.wait_for_text("status", "no samples yet")
-    seen.page.evaluate(
-        "() => { window.said = []; new MutationObserver(() =>"
-        " said.push(document.getElementById('status').textContent)).observe("
-        "document.getElementById('status'), {childList: true, characterData: true, subtree: true}); }"
-    )
-    # Three contacts at other places, then none.
-    for sequence, row in enumerate(([0.5, 0.25, 0.125], [0.25, 0.5, 0.0], [0.25, 0.5, 0.25]), start=1):
-        fresh.post(make_batch(row, sequence=sequence))
-        position = fresh.get("/contact").json()["position_mm"]
-        seen.wait_for_text("position", f"{position:.1f}")
-    fresh.post(make_batch([0.0, 0.0, 0.0], sequence=4))
+    seen.page.evaluate(_LISTEN)
+    # A contact that trembles within its interval, then slides: twenty places in a second or more.
+    for step in range(20):
+        fresh.post(make_batch([0.5, 0.25 + 0.002 * (step % 2), 0.125], sequence=1 + step))
+        time.sleep(0.02)
+    seen.wait_for_text("status", "Contact at 150 mm")
+    for step in range(20):
+        fresh.post(make_batch([0.5, 0.25 + 0.01 * step, 0.125], sequence=100 + step))
+        time.sleep(0.02)
+    final = fresh.get("/contact").json()["position_mm"]
+    assert final > 160
+    seen.wait_for_text("status", f"Contact at {final:.0f} mm")
+    assert seen.page.get_attribute("#beam", "aria-labelledby") == "status beam-words"
+    fresh.post(make_batch([0.0, 0.0, 0.0], sequence=200))
     seen.wait_for_state("clear")
-    assert seen.page.evaluate("() => window.said") == ["Contact at 150 mm", "Clear"]
+
+    moments = seen.page.evaluate("() => window.said")
+    texts = [text for _, text in moments]
+    assert (texts[0], texts[-2:]) == ("Contact at 150 mm", [f"Contact at {final:.0f} mm", "Clear"])
+    # A new state is announced at once, a new place of the same contact after three seconds at the earliest.
+    assert all(later - earlier > 2900 for (earlier, _), (later, _) in pairwise(moments[:-1]))
     assert seen.page.get_attribute("#status", "aria-live") == "polite"
     assert seen.page.title() == "Clear · press-7 · Beamtouch"
 

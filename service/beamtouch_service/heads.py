@@ -1,0 +1,97 @@
+"""The bytes around a request's content: how long they may be, and the rules that the parser does not hold. Pure."""
+
+import re
+from collections.abc import Sequence
+
+from beamtouch_service.problems import Kind, Problem
+
+MAX_HEAD_BYTES, MAX_HEADERS = 16 * 1024, 100
+
+_HOST = re.compile(rb"(\[[0-9A-Za-z:.%_~-]+\]|[0-9A-Za-z._~%!$&'()*+,;=-]*)(:[0-9]{0,5})?")
+"""A name, an address or nothing, and a port (RFC 9110, 7.2)."""
+_HEAD_END = b"\r\n\r\n"
+
+
+class Framing:
+    """Cuts what arrives into pieces, so that the end of a head is always the end of a piece.
+
+    A request may begin in the middle of a segment and end in another one. The bytes of its head can only be counted if
+    the parser is given no more than that head.
+    """
+
+    def __init__(self) -> None:
+        self.in_head = True
+        """False from the end of a head to the end of its body."""
+        self._held_bytes = 0
+        """Of the head that is being read, or since the last content of a chunked body: sizes of chunks, trailers."""
+        self._body_bytes: int | None = None
+        """Of the body that are still to come; None: it comes in chunks."""
+        self._moved = False
+        """The piece that is being read ended a head, had content or ended a request."""
+
+    @property
+    def is_between(self) -> bool:
+        """Whether no request has begun since the last one was complete."""
+        return self.in_head and not self._held_bytes
+
+    def cut(self, data: bytes, start: int) -> int:
+        """Return the end of the piece that begins at `start`."""
+        if not self.in_head and self._body_bytes is not None:
+            return min(start + self._body_bytes, len(data))
+        # A head that begins here ends with the first empty line; the rest of one, or of a chunk, goes line by line.
+        mark = _HEAD_END if self.is_between else b"\n"
+        found = data.find(mark, start)
+        return len(data) if found < 0 else found + len(mark)
+
+    def is_too_long(self, size: int = 0) -> bool:
+        """Say whether a head is too long with `size` bytes more, or trailers are too long already."""
+        return self._held_bytes + (size if self.in_head else 0) > MAX_HEAD_BYTES
+
+    def fed(self, size: int) -> None:
+        """Note that the parser has taken a piece of this size [bytes]."""
+        self._held_bytes = 0 if self._moved else self._held_bytes + size
+        self._moved = False
+
+    def begin_body(self, headers: Sequence[tuple[bytes, bytes]]) -> None:
+        """Note that a head is complete; the parser has accepted its headers."""
+        self.in_head, self._body_bytes, self._moved = False, None, True
+        for name, value in headers:
+            if name == b"content-length":
+                self._body_bytes = int(value)
+
+    def content(self, size: int) -> None:
+        """Note content of the body [bytes]."""
+        self._moved = True
+        if self._body_bytes is not None:
+            self._body_bytes -= size
+
+    def end(self) -> None:
+        """Note that a request is complete."""
+        self.in_head, self._moved = True, True
+
+
+def too_long() -> Problem:
+    """Return the problem of a head that is too long."""
+    words = f"The request line and headers take at most {MAX_HEAD_BYTES} bytes and {MAX_HEADERS} headers."
+    return Problem(Kind.HEAD_TOO_LARGE, words)
+
+
+def refusal(version: str, headers: Sequence[tuple[bytes, bytes]]) -> Problem | None:
+    """Return what is wrong with a head that the parser has accepted; names of headers are in lower case."""
+    if version not in ("1.0", "1.1"):
+        return Problem(Kind.BAD_REQUEST, "The service speaks HTTP/1.1 and HTTP/1.0.")
+    hosts, codings = [], []
+    for name, value in headers:
+        if name == b"host":
+            hosts.append(value)
+        elif name == b"transfer-encoding":
+            codings.append(value)
+    if len(hosts) > 1 or (not hosts and version == "1.1"):
+        return Problem(Kind.BAD_REQUEST, f"A request has one header Host; this one has {len(hosts) or 'none'}.")
+    if hosts and not _HOST.fullmatch(hosts[0].strip()):
+        return Problem(Kind.BAD_REQUEST, "The header Host is neither a name nor an address, with or without a port.")
+    if codings and version == "1.0":
+        return Problem(Kind.BAD_REQUEST, "HTTP/1.0 has no Transfer-Encoding; send Content-Length.")
+    if codings and b",".join(codings).strip().lower() != b"chunked":
+        return Problem(Kind.UNKNOWN_CODING, "Send the body as it is, with Content-Length or in chunks.")
+    return None
