@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, model_validator
+from pydantic import Field, PositiveInt, ValidationError, model_validator
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.structure import Beam, Finite, PositiveFinite, Strict
@@ -99,9 +99,9 @@ Descriptor = Literal["position", "force"]
 class Requirements(Strict):
     """What the surface is for."""
 
-    position_error_mm: PositiveFloat | None = None
+    position_error_mm: PositiveFinite | None = None
     """Mean error wanted; decides the number of sensors where it is open."""
-    latency_ms: PositiveFloat | None = None
+    latency_ms: PositiveFinite | None = None
     """Time the filter may take; left out, a sample is a reading."""
     descriptors: tuple[Descriptor, ...] = ("position",)
 

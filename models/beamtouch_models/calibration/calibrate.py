@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from beamtouch_models import limit
 from beamtouch_models.calibration.fit import Fit, Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
+from beamtouch_models.calibration.mistaken import Suspect, mistaken
+from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.estimators.onnx_graph import with_linear_input
 from beamtouch_models.export import to_bytes
@@ -19,11 +21,6 @@ from beamtouch_models.prior import Prior
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
-
-MISTAKEN = 6.0
-"""A load is mistaken if, left out, it is this many times as far off as the loads are on the median."""
-FAR_NOISES = 8.0
-"""And at least so many times the noise of a sample."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +36,6 @@ class Calibrated:
     """(loads,) position error of a fit without the load."""
     limit_mm: float
     """Mean error of the best estimate for such loads with the noise of a sample."""
-    mistaken: tuple[int, ...]
-    """Loads that fit nothing and were left out, by their number in the file."""
 
 
 def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
@@ -49,23 +44,23 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     Raises
     ------
     LoadsError
-        More than one load fits nothing, or the fit is no better than the model was.
+        A load contradicts the others; the message names it.
+    NotGoodEnoughError
+        The fit locates loads that it has not seen worse than the given model does.
     """
     metadata = model.metadata
     theory = Theory.of(physics_of(metadata), metadata)
-    loads, mistaken = _without_mistaken(theory, loads, progress)
+    suspects = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
+    if suspects:
+        raise LoadsError(_contradiction(loads, suspects))
     found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
     before = _errors_of_model(model, loads)
     after = np.empty(len(loads.number))
     for index in range(len(after)):
         progress("leaving out one load after the other", 0.5 + 0.2 * index / len(after))
         after[index] = _error_without(theory, loads, found, index)
-    if found.kinds and after.mean() > before.mean():
-        message = (
-            f"left out one by one, loads are located to {after.mean():.3g} mm by a fit, to {before.mean():.3g} mm "
-            "by the model as it is; keep it, or record more loads over the whole beam"
-        )
-        raise LoadsError(message)
+    if not after.mean() <= before.mean():
+        raise NotGoodEnoughError(_worse(loads, before, after))
     prior = _calibrated_prior(theory, found)
     made = _made(metadata, prior, found.departures, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
     progress("measuring the accuracy against the limit", 0.85)
@@ -88,24 +83,34 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
         }
     )
     best = _limit_mm(prior, loads, metadata.seed)
-    return Calibrated(to_bytes(made.graph, fresh), fresh, found, before, after, best, mistaken)
+    return Calibrated(to_bytes(made.graph, fresh), fresh, found, before, after, best)
 
 
-def _without_mistaken(theory: Theory, loads: Loads, progress: Progress) -> tuple[Loads, tuple[int, ...]]:
-    """Leave out a load that fits nothing; raises LoadsError where there are more."""
-    mistaken: list[int] = []
-    while True:
-        progress("looking for loads that do not fit", 0.1 + 0.1 * len(mistaken))
-        every = fit(theory, loads, tuple(theory.kinds))
-        off = np.sqrt(np.nanmean(every.left_out_mm**2, axis=1))
-        worst = int(off.argmax())
-        if off[worst] < max(MISTAKEN * float(np.median(off)), FAR_NOISES * theory.prior.noise_mm):
-            return loads, tuple(mistaken)
-        mistaken.append(int(loads.number[worst]))
-        if len(mistaken) > 1:
-            message = f"loads {mistaken[0]} and {mistaken[1]} do not fit the others; check their positions and forces"
-            raise LoadsError(message)
-        loads = loads.without(worst)
+def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
+    """Name the loads that contradict the others, and where the others place them."""
+    told = []
+    for one in suspects:
+        start, end = loads.lines[one.index]
+        told.append(
+            f"load {loads.number[one.index]} (lines {start} to {end}) says {loads.position_mm[one.index]:g} mm and "
+            f"{loads.force_n[one.index]:g} N, but by the other loads it pressed with {one.force_n:.3g} N at "
+            f"{one.position_mm:.4g} mm"
+        )
+    alternatives = not all(one.certain for one in suspects)
+    what = "either load may be wrong: " if alternatives and len(suspects) > 1 else ""
+    numbers = " ".join(f"--leave-out {loads.number[one.index]}" for one in suspects)
+    end = "record more loads to tell" if what else f"correct it, or use {numbers}"
+    return f"{what}{'; '.join(told)}; {end}; nothing was written"
+
+
+def _worse(loads: Loads, before: Array, after: Array) -> str:
+    worst = int(after.argmax())
+    return (
+        f"nothing was written: a model fitted to these loads would be worse. Left out one by one, they are located to "
+        f"{after.mean():.3g} mm by a fit, to {before.mean():.3g} mm by the model as it is. The farthest off is load "
+        f"{loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), by {after[worst]:.3g} mm. "
+        "Keep the model, or check the loads and record more over the whole beam"
+    )
 
 
 def _unexplained_mm(found: Fit) -> float:
