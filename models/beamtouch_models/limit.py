@@ -25,6 +25,8 @@ NEGLIGIBLE = 40.0
 """What is this much less likely, in log units, than the most likely position is no part of a posterior."""
 CHUNK = 200
 SCRAMBLINGS = 16
+LEAST_NOISE = 1e-12
+"""Noise of a sample over the largest deflection: with less, rounding in float64 shows in the posterior."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +126,15 @@ def posterior_median(prior: Prior, deflection_mm: Array) -> tuple[Array, Array]:
     until the grid resolves it.
     """
     grid = np.linspace(*prior.position_mm, GRID)
-    shapes = prior.influence_at(grid) / prior.noise_mm
+    influence = prior.influence_at(grid)
+    largest = prior.force_n[1] * float(np.abs(influence).max())
+    if not prior.noise_mm >= LEAST_NOISE * largest:
+        message = (
+            f"sensors: a noise of {prior.noise_mm:g} mm is too small to compute with beside a deflection of "
+            f"{largest:.3g} mm; state a larger one"
+        )
+        raise SceneError(message)
+    shapes = influence / prior.noise_mm
     size = np.linalg.norm(shapes, axis=1)
     direction = shapes / np.where(size > 0, size, 1.0)[:, None]
     found = []

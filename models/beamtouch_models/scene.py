@@ -80,6 +80,10 @@ class Sensors(Strict):
         if self.standoff_mm is not None and not self.range_mm[0] <= self.standoff_mm <= self.range_mm[1]:
             message = f"standoff_mm = {self.standoff_mm:g} lies outside range_mm = {list(self.range_mm)}"
             raise ValueError(message)
+        twice = [place for place in self.fixed_mm if self.fixed_mm.count(place) > 1]
+        if twice:
+            message = f"fixed_mm names {twice[0]:g} mm twice; two sensors cannot share a place"
+            raise ValueError(message)
         if any(start >= end for start, end in self.keep_out_mm):
             message = "keep_out_mm: the start of a stretch must be less than its end"
             raise ValueError(message)
