@@ -18,13 +18,13 @@ from beamtouch_models import cli
 Scene = dict[str, dict[str, Any]]
 
 KEYS = {
-    "beam": ["length_mm", "flexural_rigidity_n_mm2", "youngs_modulus_gpa", "shear_modulus_gpa", "width_mm"]
-    + ["thickness_mm", "density_kg_m3", "foundation_n_mm2"],
+    "beam": ["length_mm", "flexural_rigidity_n_mm2", "youngs_modulus_gpa", "shear_modulus_gpa", "foundation_n_mm2"],
     "contact": ["force_n", "width_mm"],
     "sensors": ["noise_mm", "noise_percent_of_max", "rate_hz", "standoff_mm", "min_distance_mm", "grid_mm"],
     "requirements": ["latency_ms", "position_error_mm"],
 }
-NUMBERS = {(part, key) for part, keys in KEYS.items() for key in keys}
+SECTION = ["width_mm", "thickness_mm", "density_kg_m3"]
+NUMBERS = {(part, key) for part, keys in {**KEYS, "beam": [*KEYS["beam"], *SECTION]}.items() for key in keys}
 LISTS = [("contact", "position_mm"), ("contact", "force_n"), ("sensors", "range_mm"), ("sensors", "fixed_mm")]
 EXTREME = st.one_of(
     st.floats(),

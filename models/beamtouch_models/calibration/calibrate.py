@@ -10,6 +10,7 @@ from beamtouch_models import limit
 from beamtouch_models.calibration.fit import Fit, Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
 from beamtouch_models.calibration.mistaken import Suspect, mistaken
+from beamtouch_models.calibration.swapped import swapped
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.estimators.onnx_graph import with_linear_input
@@ -38,18 +39,23 @@ class Calibrated:
     """Mean error of the best estimate for such loads with the noise of a sample."""
 
 
-def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
-    """Fit a model to recorded loads and make it anew.
+@dataclass(frozen=True)
+class Checked:
+    """A fit that is better than the given model, on loads that agree."""
 
-    Raises
-    ------
-    LoadsError
-        A load contradicts the others; the message names it.
-    NotGoodEnoughError
-        The fit locates loads that it has not seen worse than the given model does.
-    """
-    metadata = model.metadata
-    theory = Theory.of(physics_of(metadata), metadata)
+    fit: Fit
+    before_mm: Array
+    after_mm: Array
+
+
+def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
+    """Fit the departures of a model's surface to recorded loads; errors as `calibrate`."""
+    theory = Theory.of(physics_of(model.metadata), model.metadata)
+    exchanged = swapped(theory, loads)
+    if exchanged:
+        first, second = (model.metadata.layout[channel].name for channel in exchanged)
+        message = f"{first} and {second} seem to be swapped; check their wiring and the order in the daemon's config"
+        raise LoadsError(message)
     suspects = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
     if suspects:
         raise LoadsError(_contradiction(loads, suspects))
@@ -61,6 +67,23 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
         after[index] = _error_without(theory, loads, found, index)
     if not after.mean() <= before.mean():
         raise NotGoodEnoughError(_worse(loads, before, after))
+    return Checked(found, before, after)
+
+
+def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
+    """Fit a model to recorded loads and make it anew.
+
+    Raises
+    ------
+    LoadsError
+        A load contradicts the others, or two channels are swapped; the message names them.
+    NotGoodEnoughError
+        The fit locates loads that it has not seen worse than the given model does.
+    """
+    metadata = model.metadata
+    checked = checked_fit(model, loads, progress)
+    found, before, after = checked.fit, checked.before_mm, checked.after_mm
+    theory = found.theory
     prior = _calibrated_prior(theory, found)
     made = _made(metadata, prior, found.departures, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
     progress("measuring the accuracy against the limit", 0.85)
@@ -106,8 +129,8 @@ def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
 def _worse(loads: Loads, before: Array, after: Array) -> str:
     worst = int(after.argmax())
     return (
-        f"nothing was written: a model fitted to these loads would be worse. Left out one by one, they are located to "
-        f"{after.mean():.3g} mm by a fit, to {before.mean():.3g} mm by the model as it is. The farthest off is load "
+        "nothing was written: a model fitted to these loads would be no better. Left out one by one, they are located "
+        f"to {after.mean():.4g} mm by a fit, to {before.mean():.4g} mm by the model as it is. The farthest off is load "
         f"{loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), by {after[worst]:.3g} mm. "
         "Keep the model, or check the loads and record more over the whole beam"
     )

@@ -146,7 +146,9 @@ class Fit:
         return self.theory.departures(self.vector)
 
 
-def fit(theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Array | None = None) -> Fit:
+def fit(
+    theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Array | None = None, *, rounds: int = ROUNDS
+) -> Fit:
     """Fit some kinds of departures; the others stay as the scene has them."""
     free = np.concatenate([np.arange(theory.size)[theory.kinds[kind]] for kind in kinds]) if kinds else np.arange(0)
     vector = np.zeros(theory.size) if start is None else start.copy()
@@ -160,7 +162,7 @@ def fit(theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Array | Non
         left = (loads.stated_mm - theory.stated_mm(vector, loads))[stated]
         return np.concatenate([left / np.hypot(loads.deviation_mm[stated], unexplained), part])
 
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         if len(free):
             # The default method, "trf", never leaves a start on a bound, and a fixity starts on 0.
             start_at = np.clip(vector[free], low, high)

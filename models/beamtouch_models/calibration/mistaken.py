@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
-from beamtouch_models.calibration.fit import Fit, Theory, fit
+from beamtouch_models.calibration.fit import ROUNDS, Fit, Theory, fit
 from beamtouch_models.calibration.loads import Loads
 
 Array = NDArray[np.float64]
@@ -29,7 +29,10 @@ LIKE_THE_BEST = 2.0
 """Left out, a load may be the mistaken one if the rest then scatters no more than this times the least scatter."""
 PAIRED = 3
 """Loads that are tried in a pair with every other: those that leave the least scatter when left out alone."""
+FEWEST_FOR_PAIRS = 5
+"""Loads; of fewer, without two, too little is left to fit."""
 GRID = 401
+"""Positions at which a load is looked for."""
 
 
 @dataclass(frozen=True)
@@ -71,18 +74,20 @@ def mistaken(
     singles = []
     for index in range(count):
         progress(index / count)
-        singles.append(_without(theory, loads, (index,)))
+        singles.append(_without(theory, loads, (index,), rounds=1))
     singles.sort(key=lambda trial: trial.fitted.residual_mm)
-    best = singles[0]
-    if best.fitted.unexplained_mm > AGREED_NOISES * theory.prior.noise_mm and count > 4:
+    best = _without(theory, loads, singles[0].left_out)
+    if best.fitted.unexplained_mm > AGREED_NOISES * theory.prior.noise_mm and count > FEWEST_FOR_PAIRS:
         pair = _best_pair(theory, loads, [trial.left_out[0] for trial in singles[:PAIRED]], progress)
         if pair.contradicts(loads):
             return tuple(_suspect(pair.fitted, loads, index, certain=True) for index in pair.left_out)
-    like_it = [
-        trial
-        for trial in singles
-        if trial.fitted.residual_mm <= LIKE_THE_BEST * best.fitted.residual_mm and trial.contradicts(loads)
-    ]
+    if not best.contradicts(loads):
+        return ()
+    like_it = [best]
+    for trial in singles[1:]:
+        if trial.fitted.residual_mm <= LIKE_THE_BEST * singles[0].fitted.residual_mm:
+            whole = _without(theory, loads, trial.left_out)
+            like_it += [whole] if whole.contradicts(loads) else []
     certain = len(like_it) == 1
     return tuple(_suspect(trial.fitted, loads, *trial.left_out, certain=certain) for trial in like_it)
 
@@ -93,15 +98,15 @@ def _best_pair(theory: Theory, loads: Loads, indices: list[int], progress: Calla
     trials = []
     for number, pair in enumerate(pairs):
         progress(number / len(pairs))
-        trials.append(_without(theory, loads, pair))
-    return min(trials, key=lambda trial: trial.fitted.residual_mm)
+        trials.append(_without(theory, loads, pair, rounds=1))
+    return _without(theory, loads, min(trials, key=lambda trial: trial.fitted.residual_mm).left_out)
 
 
-def _without(theory: Theory, loads: Loads, left_out: tuple[int, ...]) -> _Trial:
+def _without(theory: Theory, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> _Trial:
     kept = np.ones(len(loads.number), np.bool_)
     kept[list(left_out)] = False
     # From the scene, never from a fit that the load took part in.
-    return _Trial(fit(theory, loads[kept], tuple(theory.kinds)), left_out)
+    return _Trial(fit(theory, loads[kept], tuple(theory.kinds), rounds=rounds), left_out)
 
 
 def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
