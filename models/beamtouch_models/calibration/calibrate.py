@@ -16,7 +16,7 @@ from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.estimators.onnx_graph import with_linear_input
 from beamtouch_models.export import to_bytes
 from beamtouch_models.measured import measured
-from beamtouch_models.model_prior import physics_of
+from beamtouch_models.model_prior import physics_of, prior_of_model
 from beamtouch_models.modelfile import Calibration, Departures, Metadata, ModelFile
 from beamtouch_models.prior import Prior
 
@@ -60,7 +60,7 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
     if suspects:
         raise LoadsError(_contradiction(loads, suspects))
     found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
-    before = _errors_of_model(model, loads)
+    before = _errors_of_model(model.metadata, loads)
     after = np.empty(len(loads.number))
     for index in range(len(after)):
         progress("leaving out one load after the other", 0.5 + 0.2 * index / len(after))
@@ -154,23 +154,33 @@ def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Ca
     return replace(made, graph=graph)
 
 
-def _errors_of_model(model: ModelFile, loads: Loads) -> Array:
-    valid = np.isfinite(loads.stated_mm)
-    answers = model.estimate(np.nan_to_num(loads.stated_mm).astype(np.float32), valid)
-    return np.abs(answers["position_mm"].astype(np.float64) - loads.position_mm)
+def _errors_of_model(metadata: Metadata, loads: Loads) -> Array:
+    """Position errors (loads,) by the surface as the given model has it."""
+    departures = None if metadata.calibration is None else metadata.calibration.departures
+    prior = prior_of_model(metadata)
+    return np.array([_error(prior, departures, loads, index) for index in range(len(loads.number))])
 
 
 def _error_without(theory: Theory, loads: Loads, found: Fit, index: int) -> float:
-    """Position error of a load by the posterior of a fit without it."""
-    rest = fit(theory, loads.without(index), found.kinds, found.vector)
-    departures = rest.departures
-    prior = _calibrated_prior(theory, rest)
-    stated = loads.stated_mm[index]
-    valid = np.isfinite(stated)
-    reading = stated - np.array(departures.offset_mm)
-    linear = (reading + departures.curve_per_mm * reading**2)[valid]
-    seen = prior.without(*np.flatnonzero(~valid).tolist())
-    return float(abs(limit.posterior_median_mm(seen, linear[None])[0] - loads.position_mm[index]))
+    """Position error of a load by a fit without it."""
+    departures = fit(theory, loads.without(index), found.kinds, found.vector).departures
+    return _error(theory.prior_with(departures), departures, loads, index)
+
+
+def _error(prior: Prior, departures: Departures | None, loads: Loads, index: int) -> float:
+    """Position error of a load, located from all its samples.
+
+    With the noise of their mean: with that of a single sample, where a weak load presses would be drawn to the middle
+    of the range, which can hide what is wrong with a surface.
+    """
+    reading = loads.stated_mm[index]
+    valid = np.isfinite(reading)
+    if departures is not None:
+        reading = reading - np.array(departures.offset_mm)
+        reading = reading + departures.curve_per_mm * reading**2
+    exact = replace(prior, noise_mm=float(loads.deviation_mm[index][valid].mean()))
+    seen = exact.without(*np.flatnonzero(~valid).tolist())
+    return float(abs(limit.posterior_median_mm(seen, reading[valid][None])[0] - loads.position_mm[index]))
 
 
 def _limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:

@@ -74,7 +74,10 @@ def _lines(found: Calibrated, identity: str) -> list[tuple[str, str]]:
         ("model", identity),
         ("loads", f"{len(found.before_mm)}"),
         *((kind, text() if kind in found.fit.kinds else "as the scene says") for kind, text in shown.items()),
-        ("before", f"{found.before_mm.mean():.3g} mm mean error of these loads, {found.before_mm.max():.3g} mm worst"),
+        (
+            "before",
+            f"{found.before_mm.mean():.3g} mm mean error of these loads, {found.before_mm.max():.3g} mm worst",
+        ),
         ("after", f"{found.after_mm.mean():.3g} mm mean, {found.after_mm.max():.3g} mm worst, each load left out once"),
         ("limit", f"{found.limit_mm:.3g} mm mean error of single samples of these loads, at best"),
     ]
