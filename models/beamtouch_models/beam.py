@@ -139,4 +139,9 @@ def check_small_angles(scene: Scene) -> None:
 def _shapes_mm(scene: Scene) -> tuple[Array, Array]:
     """Return points along the beam, and their deflections under the largest force at each load position."""
     points = np.linspace(0.0, scene.beam.length_mm, 801)
-    return points, scene_influence(scene, points, load_positions_mm(scene)) * scene.contact.force_range_n[1]
+    with np.errstate(over="ignore"):
+        shapes = scene_influence(scene, points, load_positions_mm(scene)) * scene.contact.force_range_n[1]
+    if not np.all(np.isfinite(shapes)):
+        message = "the deflection at the largest force is beyond what can be computed; check contact.force_n and beam"
+        raise SceneError(message)
+    return points, shapes

@@ -11,6 +11,7 @@ from beamtouch_models.effects import required
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
 from beamtouch_models.export import to_bytes
+from beamtouch_models.held_limit import check_held, check_scale
 from beamtouch_models.measured import measured
 from beamtouch_models.modelfile import Channel, FilterChoice, Metadata, Ranges, Sensor
 from beamtouch_models.noise import choose_filter, noise_of, step_mm
@@ -71,6 +72,8 @@ def build(
     ------
     SceneError
         The scene cannot be built; the message says why.
+    NotGoodEnoughError
+        The model does not reach the accuracy limit, or its intervals hold too little.
     """
     check_small_angles(scene)
     chosen = choices.filter or choose_filter(scene)
@@ -78,6 +81,7 @@ def build(
     if noise.sample_mm == 0:
         message = "sensors: a noise of 0 leaves no interval to state; state the noise of a reading"
         raise SceneError(message)
+    check_scale(noise.sample_mm, max_deflection_mm(scene))
     sensor = sensor_of(scene)
     # Physics ends here: what follows has only the effects that the scene requires.
     physics = required(scene)
@@ -94,6 +98,7 @@ def build(
     )
     made = replace(made, graph=choices.finish(made.graph))
     progress("measuring the accuracy against the limit", 0.8)
+    check_held(made, prior, seed + 4)
     found = measured(made, prior, seed)
     metadata = Metadata(
         name=name,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from beamtouch_models.errors import InputError
+from beamtouch_models.errors import InputError, NotGoodEnoughError
 
 DONE, WRONG_INPUT, INTERRUPTED = 0, 2, 130
 ESTIMATORS = ("posterior", "small-network", "paper-network")
@@ -23,6 +23,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"needs {error.name}: pip install 'beamtouch[design]'", WRONG_INPUT)
     except InputError as error:
         return _fail(error, WRONG_INPUT)
+    except NotGoodEnoughError as error:
+        return _fail(error, FAILED)
     except OSError as error:
         return _fail(f"{error.filename}: {error.strerror}", WRONG_INPUT)
     except KeyboardInterrupt as stop:
@@ -60,6 +62,14 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
 def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
     parser.add_argument("readings", type=Path, metavar="READINGS.csv", help="what `beamtouch-daemon record` wrote")
+    parser.add_argument(
+        "--leave-out",
+        type=_load_number,
+        action="append",
+        default=[],
+        metavar="LOAD",
+        help="ignore a recorded load, by its number; may be given several times",
+    )
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
     _add_json(parser)
 
@@ -143,6 +153,10 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 
 def _sensor_count(text: str) -> int:
     return _whole_number(text, 1, 64)
+
+
+def _load_number(text: str) -> int:
+    return _whole_number(text, 0, 2**31 - 1)
 
 
 def _draws(text: str) -> int:

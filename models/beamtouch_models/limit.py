@@ -29,6 +29,8 @@ CHUNK = 200
 SCRAMBLINGS = 16
 UNIFORM = 0.5
 """Share of evenly spread contacts that are drawn as they occur; a weight is at most one over it."""
+LEAST_NOISE = 1e-12
+"""Smallest noise of a sample, relative to the largest deflection: below it, rounding in float64 shows in the posterior."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,15 @@ def posterior_quantiles(prior: Prior, deflection_mm: Array, levels: Array | None
     """
     levels = np.full((len(deflection_mm), 1), 0.5) if levels is None else levels
     grid = np.linspace(*prior.position_mm, GRID)
-    shapes = prior.influence_at(grid) / prior.noise_mm
+    influence = prior.influence_at(grid)
+    largest = prior.force_n[1] * float(np.abs(influence).max())
+    if not prior.noise_mm >= LEAST_NOISE * largest:
+        message = (
+            f"sensors: a noise of {prior.noise_mm:g} mm is too small to compute with beside a deflection of "
+            f"{largest:.3g} mm; state a larger one"
+        )
+        raise SceneError(message)
+    shapes = influence / prior.noise_mm
     size = np.linalg.norm(shapes, axis=1)
     direction = shapes / np.where(size > 0, size, 1.0)[:, None]
     found = []

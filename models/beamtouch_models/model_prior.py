@@ -1,6 +1,7 @@
 """What a model was made from, out of its own file; and the same of a surface that departs from its scene."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,17 +39,19 @@ def departed(prior: Prior, physics: Scene, sensor_mm: Array, departures: Departu
     """
     beam = changed_beam(physics.beam, departures.rigidity, departures.fixity)
     true_mm = np.clip(sensor_mm + np.array(departures.position_offset_mm), 0.0, beam.length_mm)
-    gain, offset = np.array(departures.gain), np.array(departures.offset_mm)
+    gain = np.array(departures.gain)
     width_mm = physics.contact.width_mm
 
     def influence_at(load_mm: Array) -> Array:
         matrix: Array = gain * influence(beam, true_mm, load_mm, width_mm)
         return matrix
 
-    def stated(deflection_mm: Array) -> Array:
-        # The root of y + curve y^2 = deflection that is 0 at 0, in the form that does not cancel.
-        square = np.maximum(1 + 4 * departures.curve_per_mm * deflection_mm, 0.0)
-        reading: Array = 2 * deflection_mm / (1 + np.sqrt(square)) + offset
-        return reading
+    return replace(prior, influence_at=influence_at, stated=partial(stated_by, departures))
 
-    return replace(prior, influence_at=influence_at, stated=stated)
+
+def stated_by(departures: Departures, deflection_mm: Array) -> Array:
+    """Return what the sensors state of deflections (loads, channels) that hold the gains, in mm."""
+    # The root of y + curve y^2 = deflection that is 0 at 0, in the form that does not cancel.
+    square = np.maximum(1 + 4 * departures.curve_per_mm * deflection_mm, 0.0)
+    reading: Array = 2 * deflection_mm / (1 + np.sqrt(square)) + np.array(departures.offset_mm)
+    return reading

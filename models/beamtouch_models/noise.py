@@ -10,6 +10,9 @@ from beamtouch_models.scene import Scene
 SPIKE_SIGMAS = 6.0
 """A reading this many standard deviations from the median of three is no noise: once in 1e8 readings if Gaussian."""
 
+MOST_READINGS = 10_000
+"""Of a filter: the daemon takes no more."""
+
 
 def sensor_noise_mm(scene: Scene) -> float:
     """Standard deviation of what the sensor adds to one reading, in mm, before the ADC."""
@@ -50,7 +53,14 @@ def choose_filter(scene: Scene) -> FilterChoice:
     if latency is None:
         return FilterChoice()
     period_ms = 1000 / scene.sensors.rate_hz
-    window = math.floor(latency / period_ms + 1e-9)
+    readings = latency / period_ms
+    if not readings <= MOST_READINGS:
+        message = (
+            f"requirements.latency_ms = {latency:g} holds more than {MOST_READINGS} readings at sensors.rate_hz = "
+            f"{scene.sensors.rate_hz:g}; lower one of them"
+        )
+        raise SceneError(message)
+    window = math.floor(readings + 1e-9)
     if window < 1:
         message = (
             f"requirements.latency_ms = {latency:g} is shorter than one reading ({period_ms:g} ms); "

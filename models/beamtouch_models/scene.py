@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, PositiveFloat, PositiveInt, ValidationError, model_validator
+from pydantic import Field, PositiveInt, ValidationError, model_validator
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.structure import Beam, Finite, PositiveFinite, Strict
@@ -81,6 +81,10 @@ class Sensors(Strict):
         if self.standoff_mm is not None and not self.range_mm[0] <= self.standoff_mm <= self.range_mm[1]:
             message = f"standoff_mm = {self.standoff_mm:g} lies outside range_mm = {list(self.range_mm)}"
             raise ValueError(message)
+        twice = [place for place in self.fixed_mm if self.fixed_mm.count(place) > 1]
+        if twice:
+            message = f"fixed_mm names {twice[0]:g} mm twice; two sensors cannot share a place"
+            raise ValueError(message)
         if any(start >= end for start, end in self.keep_out_mm):
             message = "keep_out_mm: the start of a stretch must be less than its end"
             raise ValueError(message)
@@ -100,9 +104,9 @@ Descriptor = Literal["position", "force"]
 class Requirements(Strict):
     """What the surface is for."""
 
-    position_error_mm: PositiveFloat | None = None
+    position_error_mm: PositiveFinite | None = None
     """Mean error wanted; decides the number of sensors where it is open."""
-    latency_ms: PositiveFloat | None = None
+    latency_ms: PositiveFinite | None = None
     """Time the filter may take; left out, a sample is a reading."""
     descriptors: tuple[Descriptor, ...] = ("position",)
 

@@ -1,23 +1,28 @@
 """Calibration: what is fitted, what it is worth, what is refused."""
 
 import csv
+import dataclasses
 import json
+import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from beamtouch_models import limit, modelfile
-from beamtouch_models.calibration.calibrate import Calibrated, calibrate
+from beamtouch_models import cli, limit, modelfile
+from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checked_fit
 from beamtouch_models.calibration.fit import Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import LoadsError, read_loads
+from beamtouch_models.calibration.mistaken import mistaken
 from beamtouch_models.model_prior import physics_of, prior_of_model
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.imperfections import Imperfections
 from imperfect_surface import imperfections, true_prior, write_readings
 from posterior_cases import Array
+from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake
 
 pytestmark = pytest.mark.long
 
@@ -127,16 +132,103 @@ def change_load(path: Path, number: str, column: str, value: str) -> None:
         writer.writerows({**row, column: value} if row["load"] == number else row for row in rows)
 
 
-def test_a_mistyped_load_is_left_out_and_two_are_refused(bench: ModelFile, tmp_path: Path) -> None:
-    real = imperfections(1, bench.metadata)
-    path = readings(tmp_path, bench, real)
-    change_load(path, "3", "position_mm", "250")
-    found = calibrate(bench, read_loads(path, bench.metadata), quiet)
-    assert found.mistaken == (3,)
-    assert error_over_limit(modelfile.load_bytes(found.content, "x"), real)[0] < 1.3
-    change_load(path, "7", "force_n", "4")
-    with pytest.raises(LoadsError, match="do not fit the others"):
-        calibrate(bench, read_loads(path, bench.metadata), quiet)
+def run_calibrate(model: Path, loads: Path, output: Path, *more: str) -> subprocess.CompletedProcess[str]:
+    command = [COMMAND, "calibrate", str(model), str(loads), "-o", str(output), *more]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_a_mistyped_load_is_named_and_can_be_left_out(built_model: Callable[[str], Path], tmp_path: Path) -> None:
+    path, output, model = tmp_path / "loads.csv", tmp_path / "out.onnx", built_model("cantilever")
+    metadata = modelfile.load(model).metadata
+    real = random_imperfections(metadata, np.random.default_rng(1))
+    position = np.linspace(29.0, 191.0, 10)
+    write_readings(path, metadata, true_prior(metadata, real), position, np.full(10, 2.25), seed=1)
+    change_load(path, "6", "position_mm", "179")  # by 60 mm: it pressed at 119
+    done = run_calibrate(model, path, output)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "load 6 (lines 1002 to 1201) says 179 mm and 2.25 N, but by the other loads" in done.stderr
+    place = re.search(r"pressed with (\S+) N at (\S+) mm", done.stderr)
+    assert place is not None
+    assert [float(number) for number in place.groups()] == pytest.approx([2.25, 119], rel=0.05)
+    assert not output.exists()
+    missing = run_calibrate(model, path, output, "--leave-out", "77")
+    assert (missing.returncode, missing.stderr.count("\n")) == (2, 1)
+    assert "there is no load 77 to leave out" in missing.stderr
+    done = run_calibrate(model, path, output, "--leave-out", "6", "--json")
+    found = json.loads(done.stdout)
+    assert found["loads_left_out"] == [6]
+    assert found["error_after_mm"]["mean"] < found["error_before_mm"]["mean"]
+    assert output.exists()
+
+
+def test_two_exchanged_loads_are_both_named(built_model: Callable[[str], Path]) -> None:
+    model = modelfile.load(built_model("cantilever"))
+    rng = np.random.default_rng(1)
+    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
+    loads.position_mm[[2, 6]] = loads.position_mm[[6, 2]]
+    with pytest.raises(LoadsError, match=r"load 3 \(lines .*; load 7 \(lines .*; correct.*--leave-out 3 --leave-out 7"):
+        checked_fit(model, loads, quiet)
+
+
+@pytest.mark.parametrize("name", ["conveyor", "cantilever"])
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistyped_load_is_named_on_other_surfaces(
+    name: str, mistake: str, built_model: Callable[[str], Path]
+) -> None:
+    metadata = modelfile.load(built_model(name)).metadata
+    rng = np.random.default_rng([5, 5])
+    honest = recorded(metadata, random_imperfections(metadata, rng), rng, hand_mm=0.3)
+    theory = Theory.of(physics_of(metadata), metadata)
+    assert mistaken(theory, honest) == ()
+    position, force, wrong = with_mistake(mistake, honest, metadata.ranges.position_mm, rng)
+    found = mistaken(theory, dataclasses.replace(honest, position_mm=position, force_n=force))
+    assert [one.index for one in found] == [wrong]
+
+
+def test_swapped_channels_are_named(bench: ModelFile) -> None:
+    rng = np.random.default_rng(3)
+    loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng)
+    loads = dataclasses.replace(loads, stated_mm=loads.stated_mm[:, [0, 2, 1, 3]])
+    with pytest.raises(LoadsError, match="s2 and s3 seem to be swapped"):
+        checked_fit(bench, loads, quiet)
+
+
+def test_a_model_that_is_no_better_is_not_written(
+    built_model: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # On a surface without departures a fit only follows the noise, and is no better about every other time.
+    model_path, output = built_model("cantilever"), tmp_path / "out.onnx"
+    model, position = modelfile.load(model_path), np.linspace(29.0, 191.0, 10)
+    code = cli.DONE
+    for seed in range(10):
+        path = readings(tmp_path, model, Imperfections(), seed=seed, position=position, force=np.full(10, 2.25))
+        code = cli.main(["calibrate", str(model_path), str(path), "-o", str(output), "--json"])
+        told = capsys.readouterr()
+        if code != cli.DONE:
+            break
+        found = json.loads(told.out)
+        assert found["error_after_mm"]["mean"] <= found["error_before_mm"]["mean"]
+        output.unlink()
+    means = re.search(r"located to (\S+) mm by a fit, to (\S+) mm by the model as it is", told.err)
+    assert (code, told.out) == (cli.FAILED, "")
+    assert means is not None
+    assert float(means[1]) >= float(means[2])
+    assert not output.exists()
+
+
+def test_a_load_number_that_was_used_twice_is_refused(bench: ModelFile, tmp_path: Path) -> None:
+    path = readings(tmp_path, bench, Imperfections())
+    path.write_text(path.read_text().replace("0.0,2,60.0,12.0", "0.0,1,60.0,12.0"))
+    with pytest.raises(LoadsError, match=r"load 1 has a position_mm of 20 in line 2 and of 60 in line 202"):
+        read_loads(path, bench.metadata)
+
+
+def test_a_fit_leaves_a_fixity_of_zero(bench: ModelFile) -> None:
+    rng = np.random.default_rng(1)
+    metadata = bench.metadata
+    loads = recorded(metadata, random_imperfections(metadata, rng), rng)
+    theory = Theory.of(physics_of(metadata), metadata)
+    assert fit(theory, loads, tuple(theory.kinds)).error_mm < 2 * metadata.noise.sample_mm
 
 
 @pytest.mark.parametrize(

@@ -9,21 +9,19 @@ from numpy.typing import NDArray
 from beamtouch_models import limit
 from beamtouch_models.calibration.fit import Fit, Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
+from beamtouch_models.calibration.mistaken import Suspect, mistaken
+from beamtouch_models.calibration.swapped import swapped
+from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.estimators.onnx_graph import with_linear_input
 from beamtouch_models.export import to_bytes
 from beamtouch_models.measured import measured
-from beamtouch_models.model_prior import physics_of
+from beamtouch_models.model_prior import physics_of, prior_of_model
 from beamtouch_models.modelfile import Calibration, Departures, Metadata, ModelFile
 from beamtouch_models.prior import Prior
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
-
-MISTAKEN = 6.0
-"""A load is mistaken if, left out, it is this many times as far off as the loads are on the median."""
-FAR_NOISES = 8.0
-"""And at least so many times the noise of a sample."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +37,37 @@ class Calibrated:
     """(loads,) position error of a fit without the load."""
     limit_mm: float
     """Mean error of the best estimate for such loads with the noise of a sample."""
-    mistaken: tuple[int, ...]
-    """Loads that fit nothing and were left out, by their number in the file."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A fit that is better than the given model, on loads that agree."""
+
+    fit: Fit
+    before_mm: Array
+    after_mm: Array
+
+
+def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
+    """Fit the departures of a model's surface to recorded loads; errors as `calibrate`."""
+    theory = Theory.of(physics_of(model.metadata), model.metadata)
+    exchanged = swapped(theory, loads)
+    if exchanged:
+        first, second = (model.metadata.layout[channel].name for channel in exchanged)
+        message = f"{first} and {second} seem to be swapped; check their wiring and the order in the daemon's config"
+        raise LoadsError(message)
+    suspects = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
+    if suspects:
+        raise LoadsError(_contradiction(loads, suspects))
+    found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
+    before = _errors_of_model(model.metadata, loads)
+    after = np.empty(len(loads.number))
+    for index in range(len(after)):
+        progress("leaving out one load after the other", 0.5 + 0.2 * index / len(after))
+        after[index] = _error_without(theory, loads, found, index)
+    if not after.mean() <= before.mean():
+        raise NotGoodEnoughError(_worse(loads, before, after))
+    return Checked(found, before, after)
 
 
 def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
@@ -49,23 +76,14 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     Raises
     ------
     LoadsError
-        More than one load fits nothing, or the fit is no better than the model was.
+        A load contradicts the others, or two channels are swapped; the message names them.
+    NotGoodEnoughError
+        The fit locates loads that it has not seen worse than the given model does.
     """
     metadata = model.metadata
-    theory = Theory.of(physics_of(metadata), metadata)
-    loads, mistaken = _without_mistaken(theory, loads, progress)
-    found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
-    before = _errors_of_model(model, loads)
-    after = np.empty(len(loads.number))
-    for index in range(len(after)):
-        progress("leaving out one load after the other", 0.5 + 0.2 * index / len(after))
-        after[index] = _error_without(theory, loads, found, index)
-    if found.kinds and after.mean() > before.mean():
-        message = (
-            f"left out one by one, loads are located to {after.mean():.3g} mm by a fit, to {before.mean():.3g} mm "
-            "by the model as it is; keep it, or record more loads over the whole beam"
-        )
-        raise LoadsError(message)
+    checked = checked_fit(model, loads, progress)
+    found, before, after = checked.fit, checked.before_mm, checked.after_mm
+    theory = found.theory
     prior = _calibrated_prior(theory, found)
     made = _made(metadata, prior, found.departures, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
     progress("measuring the accuracy against the limit", 0.85)
@@ -88,24 +106,34 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
         }
     )
     best = _limit_mm(prior, loads, metadata.seed)
-    return Calibrated(to_bytes(made.graph, fresh), fresh, found, before, after, best, mistaken)
+    return Calibrated(to_bytes(made.graph, fresh), fresh, found, before, after, best)
 
 
-def _without_mistaken(theory: Theory, loads: Loads, progress: Progress) -> tuple[Loads, tuple[int, ...]]:
-    """Leave out a load that fits nothing; raises LoadsError where there are more."""
-    mistaken: list[int] = []
-    while True:
-        progress("looking for loads that do not fit", 0.1 + 0.1 * len(mistaken))
-        every = fit(theory, loads, tuple(theory.kinds))
-        off = np.sqrt(np.nanmean(every.left_out_mm**2, axis=1))
-        worst = int(off.argmax())
-        if off[worst] < max(MISTAKEN * float(np.median(off)), FAR_NOISES * theory.prior.noise_mm):
-            return loads, tuple(mistaken)
-        mistaken.append(int(loads.number[worst]))
-        if len(mistaken) > 1:
-            message = f"loads {mistaken[0]} and {mistaken[1]} do not fit the others; check their positions and forces"
-            raise LoadsError(message)
-        loads = loads.without(worst)
+def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
+    """Name the loads that contradict the others, and where the others place them."""
+    told = []
+    for one in suspects:
+        start, end = loads.lines[one.index]
+        told.append(
+            f"load {loads.number[one.index]} (lines {start} to {end}) says {loads.position_mm[one.index]:g} mm and "
+            f"{loads.force_n[one.index]:g} N, but by the other loads it pressed with {one.force_n:.3g} N at "
+            f"{one.position_mm:.4g} mm"
+        )
+    alternatives = not all(one.certain for one in suspects)
+    what = "either load may be wrong: " if alternatives and len(suspects) > 1 else ""
+    numbers = " ".join(f"--leave-out {loads.number[one.index]}" for one in suspects)
+    end = "record more loads to tell" if what else f"correct it, or use {numbers}"
+    return f"{what}{'; '.join(told)}; {end}; nothing was written"
+
+
+def _worse(loads: Loads, before: Array, after: Array) -> str:
+    worst = int(after.argmax())
+    return (
+        "nothing was written: a model fitted to these loads would be no better. Left out one by one, they are located "
+        f"to {after.mean():.4g} mm by a fit, to {before.mean():.4g} mm by the model as it is. The farthest off is load "
+        f"{loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), by {after[worst]:.3g} mm. "
+        "Keep the model, or check the loads and record more over the whole beam"
+    )
 
 
 def _unexplained_mm(found: Fit) -> float:
@@ -126,23 +154,33 @@ def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Ca
     return replace(made, graph=graph)
 
 
-def _errors_of_model(model: ModelFile, loads: Loads) -> Array:
-    valid = np.isfinite(loads.stated_mm)
-    answers = model.estimate(np.nan_to_num(loads.stated_mm).astype(np.float32), valid)
-    return np.abs(answers["position_mm"].astype(np.float64) - loads.position_mm)
+def _errors_of_model(metadata: Metadata, loads: Loads) -> Array:
+    """Position errors (loads,) by the surface as the given model has it."""
+    departures = None if metadata.calibration is None else metadata.calibration.departures
+    prior = prior_of_model(metadata)
+    return np.array([_error(prior, departures, loads, index) for index in range(len(loads.number))])
 
 
 def _error_without(theory: Theory, loads: Loads, found: Fit, index: int) -> float:
-    """Position error of a load by the posterior of a fit without it."""
-    rest = fit(theory, loads.without(index), found.kinds, found.vector)
-    departures = rest.departures
-    prior = _calibrated_prior(theory, rest)
-    stated = loads.stated_mm[index]
-    valid = np.isfinite(stated)
-    reading = stated - np.array(departures.offset_mm)
-    linear = (reading + departures.curve_per_mm * reading**2)[valid]
-    seen = prior.without(*np.flatnonzero(~valid).tolist())
-    return float(abs(limit.posterior_median_mm(seen, linear[None])[0] - loads.position_mm[index]))
+    """Position error of a load by a fit without it."""
+    departures = fit(theory, loads.without(index), found.kinds, found.vector).departures
+    return _error(theory.prior_with(departures), departures, loads, index)
+
+
+def _error(prior: Prior, departures: Departures | None, loads: Loads, index: int) -> float:
+    """Position error of a load, located from all its samples.
+
+    With the noise of their mean: with that of a single sample, where a weak load presses would be drawn to the middle
+    of the range, which can hide what is wrong with a surface.
+    """
+    reading = loads.stated_mm[index]
+    valid = np.isfinite(reading)
+    if departures is not None:
+        reading = reading - np.array(departures.offset_mm)
+        reading = reading + departures.curve_per_mm * reading**2
+    exact = replace(prior, noise_mm=float(loads.deviation_mm[index][valid].mean()))
+    seen = exact.without(*np.flatnonzero(~valid).tolist())
+    return float(abs(limit.posterior_median_mm(seen, reading[valid][None])[0] - loads.position_mm[index]))
 
 
 def _limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:

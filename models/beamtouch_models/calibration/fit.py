@@ -6,7 +6,7 @@ the leverages; Allen 1974, doi 10.1080/00401706.1974.10489157).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from beamtouch_models.calibration.loads import Loads
-from beamtouch_models.model_prior import departed
+from beamtouch_models.model_prior import departed, stated_by
 from beamtouch_models.modelfile import Departures, Metadata
 from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
@@ -28,7 +28,9 @@ MOST_FIXITY = 0.9
 WORTH = 0.95
 """A kind of departure is taken if it lowers the error of left-out loads at least to this part."""
 ROUNDS = 3
-"""Of estimating what is left unexplained."""
+"""Of estimating what is left unexplained, unless it stays the same."""
+MOST_INFLUENCES = 64
+"""Bounds the memory of influence matrices."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class Theory:
     sensor_mm: Array
     prior: Prior
     max_deflection_mm: float
+    influences: dict[tuple[float, ...], Array] = field(default_factory=dict, repr=False, compare=False)
+    """Influence matrices that were computed of late."""
 
     @classmethod
     def of(cls, physics: Scene, metadata: Metadata) -> "Theory":
@@ -96,8 +100,16 @@ class Theory:
 
     def stated_mm(self, vector: Array, loads: Loads) -> Array:
         """What its sensors state of loads, (loads, channels)."""
-        prior = self.prior_with(self.departures(vector))
-        return prior.stated(loads.force_n[:, None] * prior.influence_at(loads.position_mm))
+        departures = self.departures(vector)
+        # Gains, offsets and the curve leave the beam as it is, so its influence is often the same again.
+        ungained = departures.model_copy(update={"gain": [1.0] * len(departures.gain)})
+        parts = (ungained.rigidity, *ungained.fixity, *ungained.position_offset_mm, *loads.position_mm.tolist())
+        if parts not in self.influences:
+            if len(self.influences) >= MOST_INFLUENCES:
+                self.influences.clear()
+            self.influences[parts] = self.prior_with(ungained).influence_at(loads.position_mm)
+        deflection_mm = loads.force_n[:, None] * np.array(departures.gain) * self.influences[parts]
+        return stated_by(departures, deflection_mm)
 
 
 @dataclass(frozen=True)
@@ -109,10 +121,14 @@ class Fit:
     vector: Array
     unexplained_mm: float
     """Standard deviation of what is left, beyond the noise of the recording."""
+    residual_mm: float
+    """Standard deviation of what is left, per degree of freedom."""
+    freedom: float
+    """Degrees of freedom that are left: deflections less the departures that they decide."""
     left_out_mm: Array
     """(loads, channels) stated less predicted, each load left out of the fit; NaN where nothing was stated."""
-    spread: Array
-    """(departures,) standard errors, in the units of the vector; 0 where not fitted."""
+    covariance: Array
+    """(departures, departures) of the errors of the vector, in its units; 0 where not fitted."""
 
     @property
     def error_mm(self) -> float:
@@ -120,12 +136,19 @@ class Fit:
         return float(np.sqrt(np.nanmean(self.left_out_mm**2)))
 
     @property
+    def spread(self) -> Array:
+        """(departures,) standard errors, in the units of the vector; 0 where not fitted."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
     def departures(self) -> Departures:
         """What was fitted."""
         return self.theory.departures(self.vector)
 
 
-def fit(theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Array | None = None) -> Fit:
+def fit(
+    theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Array | None = None, *, rounds: int = ROUNDS
+) -> Fit:
     """Fit some kinds of departures; the others stay as the scene has them."""
     free = np.concatenate([np.arange(theory.size)[theory.kinds[kind]] for kind in kinds]) if kinds else np.arange(0)
     vector = np.zeros(theory.size) if start is None else start.copy()
@@ -139,21 +162,25 @@ def fit(theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Array | Non
         left = (loads.stated_mm - theory.stated_mm(vector, loads))[stated]
         return np.concatenate([left / np.hypot(loads.deviation_mm[stated], unexplained), part])
 
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         if len(free):
-            found = least_squares(residuals, np.clip(vector[free], low, high), bounds=(low, high), x_scale=1.0)
+            # The default method, "trf", never leaves a start on a bound, and a fixity starts on 0.
+            start_at = np.clip(vector[free], low, high)
+            found = least_squares(residuals, start_at, bounds=(low, high), method="dogbox", ftol=1e-5, max_nfev=30)
             vector[free], jacobian = found.x, found.jac[: stated.sum()]
         left = (loads.stated_mm - theory.stated_mm(vector, loads))[stated]
         # As many degrees of freedom go as the data, and not the plausible sizes, decide.
-        decided = float(np.trace(_hat(jacobian)))
-        excess = (left**2).sum() / max(1.0, len(left) - decided) - (loads.deviation_mm[stated] ** 2).mean()
-        unexplained = float(np.sqrt(max(0.0, excess)))
+        freedom = max(1.0, len(left) - float(np.trace(_hat(jacobian))))
+        variance = float((left**2).sum() / freedom)
+        before, unexplained = unexplained, float(np.sqrt(max(0.0, variance - (loads.deviation_mm[stated] ** 2).mean())))
+        if unexplained == before:
+            break
     weight = np.hypot(loads.deviation_mm[stated], unexplained)
     left_out = np.full(loads.stated_mm.shape, np.nan)
     left_out[stated] = _left_out(left / weight, jacobian, np.nonzero(stated)[0]) * weight
-    spread = np.zeros(theory.size)
-    spread[free] = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian + np.eye(len(free)))))
-    return Fit(theory, kinds, vector.copy(), unexplained, left_out, spread)
+    covariance = np.zeros((theory.size, theory.size))
+    covariance[np.ix_(free, free)] = np.linalg.inv(jacobian.T @ jacobian + np.eye(len(free)))
+    return Fit(theory, kinds, vector.copy(), unexplained, float(np.sqrt(variance)), freedom, left_out, covariance)
 
 
 def supported_fit(theory: Theory, loads: Loads, progress: Callable[[float], None]) -> Fit:

@@ -1,6 +1,7 @@
 """Recorded loads: what `beamtouch-daemon record` wrote, averaged per load."""
 
 import csv
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,6 +36,8 @@ class Loads:
     """(loads, channels) mean deflection; NaN where a channel was not good."""
     deviation_mm: Array
     """(loads, channels) standard deviation of that mean."""
+    lines: NDArray[np.intp]
+    """(loads, 2) first and last line of the file that belong to each load, counted from 1."""
 
     def without(self, index: int) -> "Loads":
         """Return all but one."""
@@ -43,12 +46,17 @@ class Loads:
 
     def __getitem__(self, kept: NDArray[np.bool_]) -> "Loads":
         return Loads(
-            self.number[kept], self.position_mm[kept], self.force_n[kept], self.stated_mm[kept], self.deviation_mm[kept]
+            self.number[kept],
+            self.position_mm[kept],
+            self.force_n[kept],
+            self.stated_mm[kept],
+            self.deviation_mm[kept],
+            self.lines[kept],
         )
 
 
-def read_loads(path: Path, metadata: Metadata) -> Loads:
-    """Read and average a recording; raises LoadsError that says what is wrong."""
+def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) -> Loads:
+    """Read and average a recording, without the loads of some numbers; raises LoadsError that says what is wrong."""
     channels = [channel.name for channel in metadata.layout]
     try:
         with path.open(newline="", encoding="utf-8") as file:
@@ -66,9 +74,17 @@ def read_loads(path: Path, metadata: Metadata) -> Loads:
         raise LoadsError(message)
     try:
         loads = _averaged(rows, channels, metadata)
+    except LoadsError as error:
+        message = f"{path}: {error}"
+        raise LoadsError(message) from None
     except (ValueError, TypeError):
         message = f"{path}: a value is not a number; record again"
         raise LoadsError(message) from None
+    for number in leave_out:
+        if number not in loads.number:
+            message = f"{path}: there is no load {number} to leave out; it has {', '.join(map(str, loads.number))}"
+            raise LoadsError(message)
+    loads = loads[~np.isin(loads.number, leave_out)]
     _check(path, loads, metadata)
     return loads
 
@@ -92,7 +108,17 @@ def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadat
     mean = np.where(good >= FEWEST_SAMPLES, sums / np.maximum(good, 1), np.nan)
     # Samples of a moving average share readings: their mean is about as good as that of as many readings.
     deviation = metadata.noise.reading_mm / np.sqrt(np.maximum(good, 1))
-    return Loads(loads, position[first], force[first], mean, deviation)
+    last = np.array([np.flatnonzero(number == load)[-1] for load in loads])
+    for name, values in (("position_mm", position), ("force_n", force)):
+        for load, start in zip(loads, first, strict=True):
+            differs = np.flatnonzero((number == load) & (values != values[start]) & ~np.isnan(values[start]))
+            if len(differs):
+                message = (
+                    f"load {load} has a {name} of {values[start]:g} in line {start + 2} and of "
+                    f"{values[differs[0]]:g} in line {differs[0] + 2}; give each load a number of its own"
+                )
+                raise LoadsError(message)
+    return Loads(loads, position[first], force[first], mean, deviation, np.stack([first, last], axis=1) + 2)
 
 
 def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
@@ -105,17 +131,17 @@ def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
         if not 0 < force < np.inf:
             message = f"{path}: load {number} has a force of {force:g} N"
             raise LoadsError(message)
-    silent = np.isnan(loads.stated_mm).all(axis=0)
-    if silent.any():
-        message = (
-            f"{path}: {metadata.layout[int(silent.argmax())].name} has no good samples; repair it and record again"
-        )
-        raise LoadsError(message)
     positions = np.unique(loads.position_mm)
-    spread = (positions[-1] - positions[0]) / (high - low)
+    spread = float(np.ptp(positions)) / (high - low) if len(positions) else 0.0
     if len(positions) < FEWEST_POSITIONS or spread < SMALLEST_SPREAD:
         message = (
             f"{path}: {len(positions)} different positions over {spread:.0%} of the range cannot determine a fit; "
             f"record at least {FEWEST_POSITIONS}, better 10, spread over the whole beam"
+        )
+        raise LoadsError(message)
+    silent = np.isnan(loads.stated_mm).all(axis=0)
+    if silent.any():
+        message = (
+            f"{path}: {metadata.layout[int(silent.argmax())].name} has no good samples; repair it and record again"
         )
         raise LoadsError(message)

@@ -2,8 +2,7 @@
 
 import argparse
 import json
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,20 +22,20 @@ def run(options: argparse.Namespace) -> None:
     if not options.output.parent.is_dir():
         message = f"{options.output.parent}: no such folder; make it first"
         raise InputError(message)
-    loads = read_loads(options.readings, model.metadata)
+    loads = read_loads(options.readings, model.metadata, options.leave_out)
     with shown_progress() as progress:
         found = calibrate(model, loads, progress)
     write_whole(options.output, found.content)
     fresh = modelfile.load(options.output)
     if options.json:
-        print(json.dumps({"model": fresh.identity, "output": str(options.output), **_results(found)}))
+        print(
+            json.dumps({"model": fresh.identity, "output": str(options.output), **_results(found, options.leave_out)})
+        )
         return
-    for number in found.mistaken:
-        print(f"note:      load {number} fits nothing and was left out; check its position and force", file=sys.stderr)
     print("\n".join(f"{label:<10} {text}" for label, text in _lines(found, fresh.identity)))
 
 
-def _results(found: Calibrated) -> dict[str, object]:
+def _results(found: Calibrated, left_out: Sequence[int]) -> dict[str, object]:
     metadata = found.metadata
     calibration = metadata.calibration
     return {
@@ -45,7 +44,7 @@ def _results(found: Calibrated) -> dict[str, object]:
         "error_before_mm": {"mean": float(found.before_mm.mean()), "worst": float(found.before_mm.max())},
         "error_after_mm": {"mean": float(found.after_mm.mean()), "worst": float(found.after_mm.max())},
         "limit_mm": found.limit_mm,
-        "loads_left_out": list(found.mistaken),
+        "loads_left_out": sorted(set(left_out)),
         "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
     }
 
@@ -75,7 +74,10 @@ def _lines(found: Calibrated, identity: str) -> list[tuple[str, str]]:
         ("model", identity),
         ("loads", f"{len(found.before_mm)}"),
         *((kind, text() if kind in found.fit.kinds else "as the scene says") for kind, text in shown.items()),
-        ("before", f"{found.before_mm.mean():.3g} mm mean error of these loads, {found.before_mm.max():.3g} mm worst"),
+        (
+            "before",
+            f"{found.before_mm.mean():.3g} mm mean error of these loads, {found.before_mm.max():.3g} mm worst",
+        ),
         ("after", f"{found.after_mm.mean():.3g} mm mean, {found.after_mm.max():.3g} mm worst, each load left out once"),
         ("limit", f"{found.limit_mm:.3g} mm mean error of single samples of these loads, at best"),
     ]

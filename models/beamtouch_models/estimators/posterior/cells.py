@@ -17,8 +17,8 @@ grows by this power of their number."""
 LOUDNESS = (60.0, 600.0)
 """Ratios of the largest deflection to the noise; above each, the ends of the beam need the next number in LEAST."""
 LEAST = (128, 192, 256)
-STEP, MOST = 64, 2048
-"""The number of cells is a multiple of STEP and at most MOST; more cells would cost more time than they are worth."""
+STEP, MOST = 64, 8192
+"""The number of cells is a multiple of STEP and at most MOST, which a noise of 1e-4 % of the deflection needs."""
 PRECISE_FROM = 300.0
 """Ratio of the largest deflection to the noise above which float32 has too few digits for the misfit."""
 RESOLVED_STEP = {True: 1.2, False: 3.0}
@@ -39,6 +39,8 @@ class Cells:
 
     edges_mm: Array
     """(cells + 1,)"""
+    middles_mm: Array
+    """(cells,) half way in the change of the reading."""
     influence: Array
     """(cells, channels) mm/N, at the middles of the cells."""
     step: Array
@@ -111,4 +113,5 @@ def _spaced(prior: Prior, fine_mm: Array, influence: Array, count: int) -> Cells
     else:
         direction = edges / np.sqrt((edges**2).sum(axis=1, keepdims=True) + floor)
         step = np.linalg.norm(np.diff(direction, axis=0), axis=1)
-    return Cells(np.interp(marks[::2], along, fine_mm), middles, step)
+    places = np.interp(marks, along, fine_mm)
+    return Cells(places[::2], places[1::2], middles, step)

@@ -49,6 +49,8 @@ WIDER = 1.06
 """Factor that widens the square of the force's interval likewise."""
 EXACT_SUMS = 512
 """Number of cells above which a sum of widths in float32 loses a digit of the interval."""
+NARROW = 2.0
+"""Largest deviation of a posterior, in cells, for which its mean is its centre."""
 WIDEST = 1e4
 """Readings are clipped to this multiple of the largest deflection, so that nothing overflows."""
 SMALLEST_LOG_MASS = -60.0
@@ -177,12 +179,35 @@ def _position(making: Making, mass: str, rho2: str | None) -> None:
     place = graph.apply("ReduceSum", graph.cast(along, np.float64) if fine else along, graph.ints(2), keepdims=0)
     if rho2 is not None:
         median = graph.apply("Gather", place, graph.index(0), axis=0)
+        centre = _centre(making, mass, median) if making.design.precise and fine else median
         rho = graph.apply("Sqrt", graph.apply("Squeeze", rho2, graph.ints(1)))
         rho = graph.cast(rho, np.float64) if fine else rho
-        place = graph.apply("Add", median, graph.apply("Mul", graph.apply("Sub", place, median), rho))
+        place = graph.apply("Add", centre, graph.apply("Mul", graph.apply("Sub", place, median), rho))
     place = graph.cast(place, np.float32) if fine else place
     for index, name in enumerate(POSITION_OUTPUTS[:3]):
         graph.apply("Gather", place, graph.index(index), axis=0, output=name)
+
+
+def _centre(making: Making, mass: str, median: str) -> str:
+    """Return the mean where a posterior is as narrow as its tempering allows, the median elsewhere; (batch,) double.
+
+    A median that is linear within its cell is off by up to a hundredth of the cell, which is more than a narrow
+    posterior is wide before it is tempered. The mean of such a posterior has the error of a sum of a Gaussian, 1e-8.
+    """
+    graph, tables, axis = making.graph, making.tables, making.graph.ints(1)
+
+    def mean_of(values: str) -> str:
+        return graph.apply("ReduceSum", graph.apply("Mul", shares, values), axis, keepdims=1)
+
+    shares = graph.cast(mass, np.float64)
+    shares = graph.apply("Div", shares, graph.apply("ReduceSum", shares, axis, keepdims=1))
+    middle = graph.constant(tables.middle_mm, np.float64)
+    mean = mean_of(middle)
+    off = graph.apply("Sub", middle, mean)
+    cell = mean_of(graph.constant((NARROW * tables.width_mm * (tables.influence.any(axis=0))) ** 2, np.float64))
+    narrow = graph.apply("Less", mean_of(graph.apply("Mul", off, off)), cell)
+    narrow, mean = (graph.apply("Squeeze", value, axis) for value in (narrow, mean))
+    return graph.apply("Where", narrow, mean, median)
 
 
 def _known_force(making: Making, rest: str) -> None:

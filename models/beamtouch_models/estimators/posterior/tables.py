@@ -35,6 +35,8 @@ class Tables:
     """(N,) k: the likelihood is widened by t = 1 + k |z|^2 / s^2, or by 1 + k if the force is known."""
     width_mm: Array
     """(N,) widths of the cells; the first entry is the start of the range."""
+    middle_mm: Array
+    """(N,) middles of the cells."""
     force_variance: Array
     """(N,) variance of the force at a position, in N^2."""
 
@@ -69,4 +71,5 @@ def tables_of(prior: Prior, design: Design) -> Tables:
     log_weight = np.log(share)
     log_weight[[0, -1]] = np.log([FIRST, 1 - FIRST]) - REST_WEIGHT
     width[0] = cells.edges_mm[0]
-    return Tables(influence.T, low + inset, high - inset, log_weight, temper, width, variance)
+    middle = np.concatenate([cells.edges_mm[:1], cells.middles_mm, cells.edges_mm[-1:]])
+    return Tables(influence.T, low + inset, high - inset, log_weight, temper, width, middle, variance)

@@ -1,0 +1,91 @@
+"""Recorded loads with one that was mistyped: how often `calibrate` names it; and how often it refuses honest ones.
+
+`python tests/benchmarks/bench_calibration.py --runs 200` prints a row per scene and mistake as it is measured.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benchmarks share
+
+from beamtouch_models import modelfile
+from beamtouch_models.build import build
+from beamtouch_models.calibration.calibrate import checked_fit
+from beamtouch_models.calibration.loads import Loads, LoadsError
+from beamtouch_models.errors import NotGoodEnoughError
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.scene import load_scene
+from example_scenes import SCENES
+from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake
+
+SCENE_NAMES = ("bench", "conveyor", "cantilever")
+RUNS = 6
+"""Per scene and mistake in `make bench`."""
+
+
+def model_of(name: str) -> ModelFile:
+    """Build a shipped scene."""
+    scene, text = load_scene(SCENES / f"{name}.toml")
+    built = build(scene, text, name, count=None, seed=0, progress=lambda _doing, _done: None)
+    return modelfile.load_bytes(built.content, name)
+
+
+def outcome(model: ModelFile, loads: Loads, wrong: int | None) -> str:
+    """Say what `calibrate` does: named, misnamed, refused without a name, or accepted."""
+    try:
+        checked_fit(model, loads, lambda _doing, _done: None)
+    except LoadsError as error:
+        named = [int(number) for number in loads.number if f"load {number} (lines" in str(error)]
+        return "named" if named == [wrong] else "named with others" if wrong in named else "misnamed"
+    except NotGoodEnoughError:
+        return "refused"
+    return "accepted"
+
+
+def measured(name: str, mistake: str, runs: int, hand_mm: float) -> dict[str, object]:
+    """Count the outcomes over random surfaces, loads and rows."""
+    model, counts = model_of(name), dict.fromkeys(("named", "named with others", "misnamed", "refused", "accepted"), 0)
+    for seed in range(runs):
+        rng = np.random.default_rng([seed, 7])
+        loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng, hand_mm=hand_mm)
+        wrong = None
+        if mistake != "none":
+            position, force, row = with_mistake(mistake, loads, model.metadata.ranges.position_mm, rng)
+            loads, wrong = replace(loads, position_mm=position, force_n=force), int(loads.number[row])
+        counts[outcome(model, loads, wrong)] += 1
+    wanted = "accepted" if mistake == "none" else "named"
+    row_name = f"{name}, {mistake}" + (f", placed to {hand_mm:g} mm" if hand_mm else "")
+    return {"name": row_name, "value": counts[wanted] / runs, "unit": wanted, "goal": 0.99, "runs": runs, **counts}
+
+
+def rows(runs: int, mistakes: Sequence[str], names: Sequence[str], hand_mm: float) -> Iterator[dict[str, object]]:
+    """Measure each scene with each mistake."""
+    for mistake in mistakes:
+        for name in names:
+            yield measured(name, mistake, runs, hand_mm)
+
+
+def run() -> list[dict[str, object]]:
+    """Rows for `make bench`."""
+    return list(rows(RUNS, ("none", "60 mm"), SCENE_NAMES, 0.0))
+
+
+def main() -> None:
+    """Measure as asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=RUNS)
+    parser.add_argument("--mistakes", nargs="+", choices=("none", *MISTAKES), default=("none", *MISTAKES))
+    parser.add_argument("--scenes", nargs="+", choices=SCENE_NAMES, default=SCENE_NAMES)
+    parser.add_argument("--hand-mm", type=float, default=0.0, help="deviation of loads from where they are said to be")
+    options = parser.parse_args()
+    for row in rows(options.runs, options.mistakes, options.scenes, options.hand_mm):
+        print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()

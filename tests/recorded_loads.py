@@ -1,0 +1,70 @@
+"""Recorded loads of random surfaces, honest or with a mistyped one, without a file."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.modelfile import Metadata
+from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.scene import parse_scene
+from imperfect_surface import true_prior
+
+Array = NDArray[np.float64]
+MISTAKES = ("20 mm", "40 mm", "60 mm", "2 x force", "10 x force")
+SAMPLES = 200
+FORCE_PER_MM = 0.01
+"""Relative deviation of a force per mm by which its load is misplaced: hands are as good with both."""
+
+
+def random_imperfections(metadata: Metadata, rng: np.random.Generator) -> Imperfections:
+    """Departures that a fit can find, from a fifth of to all that is plausible."""
+    size = rng.uniform(0.2, 1.0)
+    sensors = np.array([channel.position_mm for channel in metadata.layout])
+    moved = np.clip(sensors + np.clip(size * rng.normal(size=len(sensors)), -2, 2), 0, metadata.length_mm) - sensors
+    beam = parse_scene(metadata.scene, metadata.name).beam
+    fixity = rng.permutation([size * rng.uniform(0, 0.1), 0.0]) if beam.supports == "simply-supported" else (0.0, 0.0)
+    return Imperfections(
+        position_offset_mm=tuple(moved.tolist()),
+        gain=tuple((1 + size * rng.normal(scale=0.03, size=len(sensors))).tolist()),
+        curve_per_mm=float(size * rng.uniform(-0.015, 0.015) / metadata.max_deflection_mm),
+        fixity=(float(fixity[0]), float(fixity[1])),
+        rigidity=float(1 + size * rng.uniform(-0.05, 0.05)),
+    )
+
+
+def recorded(
+    metadata: Metadata, real: Imperfections, rng: np.random.Generator, *, count: int = 10, hand_mm: float = 0.0
+) -> Loads:
+    """Loads as `read_loads` has them, evenly over the beam; `hand_mm` is how well they stand where they are said to."""
+    low, high = metadata.ranges.position_mm
+    said = np.linspace(0.95 * low + 0.05 * high, 0.05 * low + 0.95 * high, count)
+    force = np.full(count, np.mean(metadata.ranges.force_n))
+    true = np.clip(said + hand_mm * rng.normal(size=count), low, high)
+    pressed = force * (1 + FORCE_PER_MM * hand_mm * rng.normal(size=count))
+    prior = true_prior(metadata, real)
+    clean = prior.stated(pressed[:, None] * prior.influence_at(true))
+    deviation = metadata.noise.reading_mm / np.sqrt(SAMPLES)
+    first = np.arange(count) * SAMPLES + 2
+    return Loads(
+        number=np.arange(1, count + 1),
+        position_mm=said,
+        force_n=force,
+        stated_mm=clean + rng.normal(scale=deviation, size=clean.shape),
+        deviation_mm=np.full(clean.shape, deviation),
+        lines=np.stack([first, first + SAMPLES - 1], axis=1),
+    )
+
+
+def with_mistake(
+    mistake: str, loads: Loads, range_mm: tuple[float, float], rng: np.random.Generator
+) -> tuple[Array, Array, int]:
+    """Positions and forces of which one is mistyped, and which."""
+    position, force = loads.position_mm.copy(), loads.force_n.copy()
+    size = float(mistake.split(maxsplit=1)[0])
+    row = int(rng.integers(len(position)))
+    if mistake.endswith("force"):
+        force[row] *= size
+        return position, force, row
+    moved = position[row] + size * rng.choice([-1, 1])
+    position[row] = moved if range_mm[0] <= moved <= range_mm[1] else 2 * position[row] - moved
+    return position, force, row
