@@ -8,13 +8,13 @@ from pathlib import Path
 
 from beamtouch_models.errors import InputError, NotGoodEnoughError
 
-DONE, WRONG_INPUT, INTERRUPTED = 0, 2, 130
+DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 ESTIMATORS = ("posterior", "small-network", "paper-network")
 """The names of `estimators.estimator`, which takes too long to import for --help."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `design-sensors`; returns the exit code: 0 done, 2 wrong input, 130 interrupted."""
+    """Run `design-sensors`; returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
     options = _parser().parse_args(arguments)
     try:
         # Imported only now, so that --help is quick and a missing extra is one clear line.

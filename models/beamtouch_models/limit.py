@@ -30,7 +30,7 @@ SCRAMBLINGS = 16
 UNIFORM = 0.5
 """Share of evenly spread contacts that are drawn as they occur; a weight is at most one over it."""
 LEAST_NOISE = 1e-12
-"""Smallest noise of a sample, relative to the largest deflection: below it, rounding in float64 shows in the posterior."""
+"""Smallest noise of a sample over the largest deflection: below it, rounding in float64 shows in the posterior."""
 
 
 @dataclass(frozen=True)
