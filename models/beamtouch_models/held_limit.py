@@ -7,8 +7,8 @@ from beamtouch_models import limit
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.estimators.running import runner
-from beamtouch_models.evaluation import ratio_of
 from beamtouch_models.export import to_bytes
+from beamtouch_models.figures import ratio_of
 from beamtouch_models.prior import Prior
 
 Array = NDArray[np.float64]
