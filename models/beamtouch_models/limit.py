@@ -108,7 +108,7 @@ def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
     noise = np.concatenate([contact[2] for contact in contacts])
     position, weight = _where_it_errs(prior, position)
     clean = force[:, None] * prior.influence_at(position)
-    return Draws(position, force, clean + prior.noise_mm * noise, weight)
+    return Draws(position, force, clean + prior.noise_mm * noise, weight / weight.mean())
 
 
 def _where_it_errs(prior: Prior, position_mm: Array) -> tuple[Array, Array]:
