@@ -21,6 +21,7 @@ from beamtouch_models.model_prior import physics_of, prior_of_model
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.imperfections import Imperfections
 from imperfect_surface import imperfections, true_prior, write_readings
+from in_process import Command
 from posterior_cases import Array
 from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake
 
@@ -132,29 +133,27 @@ def change_load(path: Path, number: str, column: str, value: str) -> None:
         writer.writerows({**row, column: value} if row["load"] == number else row for row in rows)
 
 
-def run_calibrate(model: Path, loads: Path, output: Path, *more: str) -> subprocess.CompletedProcess[str]:
-    command = [COMMAND, "calibrate", str(model), str(loads), "-o", str(output), *more]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
-
-
-def test_a_mistyped_load_is_named_and_can_be_left_out(built_model: Callable[[str], Path], tmp_path: Path) -> None:
+def test_a_mistyped_load_is_named_and_can_be_left_out(
+    design_sensors_here: Command, built_model: Callable[[str], Path], tmp_path: Path
+) -> None:
     path, output, model = tmp_path / "loads.csv", tmp_path / "out.onnx", built_model("cantilever")
     metadata = modelfile.load(model).metadata
     real = random_imperfections(metadata, np.random.default_rng(1))
     position = np.linspace(29.0, 191.0, 10)
     write_readings(path, metadata, true_prior(metadata, real), position, np.full(10, 2.25), seed=1)
     change_load(path, "6", "position_mm", "179")  # by 60 mm: it pressed at 119
-    done = run_calibrate(model, path, output)
+    given = ("calibrate", model, path, "-o", output)
+    done = design_sensors_here(*given)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "load 6 (lines 1002 to 1201) says 179 mm and 2.25 N, but by the other loads" in done.stderr
     place = re.search(r"pressed with (\S+) N at (\S+) mm", done.stderr)
     assert place is not None
     assert [float(number) for number in place.groups()] == pytest.approx([2.25, 119], rel=0.05)
     assert not output.exists()
-    missing = run_calibrate(model, path, output, "--leave-out", "77")
+    missing = design_sensors_here(*given, "--leave-out", "77")
     assert (missing.returncode, missing.stderr.count("\n")) == (2, 1)
     assert "there is no load 77 to leave out" in missing.stderr
-    done = run_calibrate(model, path, output, "--leave-out", "6", "--json")
+    done = design_sensors_here(*given, "--leave-out", "6", "--json")
     found = json.loads(done.stdout)
     assert found["loads_left_out"] == [6]
     assert found["error_after_mm"]["mean"] < found["error_before_mm"]["mean"]
@@ -244,14 +243,13 @@ def test_a_fit_leaves_a_fixity_of_zero(bench: ModelFile) -> None:
     ],
 )
 def test_a_recording_that_cannot_serve_is_one_line(
-    bench_model: Path, bench: ModelFile, tmp_path: Path, change: object, said: str
+    design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path, change: object, said: str
 ) -> None:
     path = readings(tmp_path, bench, Imperfections())
     assert callable(change)
     path.write_text(change(path.read_text()))
     output = tmp_path / "out.onnx"
-    command = [COMMAND, "calibrate", str(bench_model), str(path), "-o", str(output)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = design_sensors_here("calibrate", bench_model, path, "-o", output)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert said in done.stderr
     assert not output.exists()
