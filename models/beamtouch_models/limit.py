@@ -25,7 +25,8 @@ FINE_GRID = 129
 ROUNDS = 12
 NEGLIGIBLE = 40.0
 """What is this much less likely, in log units, than the most likely position is no part of a posterior."""
-CHUNK = 200
+CHUNK = 100
+"""Readings at a time: their grids stay in the cache of a core."""
 SCRAMBLINGS = 16
 UNIFORM = 0.5
 """Share of evenly spread contacts that are drawn as they occur; a weight is at most one over it."""
