@@ -29,7 +29,7 @@ CHUNK = 100
 """Readings at a time: their grids stay in the cache of a core."""
 SCRAMBLINGS = 16
 UNIFORM = 0.5
-"""Share of evenly spread contacts that are drawn as they occur; a weight is at most one over it."""
+"""Share of evenly spread contacts that are drawn as they occur; a weight is at most about one over it."""
 LEAST_NOISE = 1e-12
 """Smallest noise of a sample over the largest deflection: below it, rounding in float64 shows in the posterior."""
 
