@@ -78,16 +78,20 @@ def record(config: Path, path: Path, beam: Beam) -> None:
     )
     assert process.stdin is not None
     assert process.stderr is not None
-    for number, position in enumerate(POSITIONS, start=1):
-        beam.put(position, FORCE_N)
-        process.stdin.write("\n")
-        process.stdin.flush()
-        # Two seconds are 100 samples, of which a busy machine may miss some.
-        recorded = re.compile(rf"load {number}: {FORCE_N:g} N at {position:g} mm, (\d+) samples")
-        while (found := recorded.fullmatch(said := process.stderr.readline().strip())) is None:
-            assert said.startswith(f"load {number}: put "), said
-        assert 20 <= int(found[1]) <= 100
-    out, _ = process.communicate(timeout=60)
+    try:
+        for number, position in enumerate(POSITIONS, start=1):
+            beam.put(position, FORCE_N)
+            process.stdin.write("\n")
+            process.stdin.flush()
+            # Two seconds are 100 samples, of which a busy machine may miss some.
+            recorded = re.compile(rf"load {number}: {FORCE_N:g} N at {position:g} mm, (\d+) samples")
+            while (found := recorded.fullmatch(said := process.stderr.readline().strip())) is None:
+                assert said.startswith(f"load {number}: put "), said
+            assert 20 <= int(found[1]) <= 100
+        out, _ = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.communicate()
     assert process.returncode == 0
     assert out.startswith("10 loads in ")
 
