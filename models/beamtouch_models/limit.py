@@ -25,10 +25,11 @@ FINE_GRID = 129
 ROUNDS = 12
 NEGLIGIBLE = 40.0
 """What is this much less likely, in log units, than the most likely position is no part of a posterior."""
-CHUNK = 200
+CHUNK = 100
+"""Readings at a time: their grids stay in the cache of a core."""
 SCRAMBLINGS = 16
 UNIFORM = 0.5
-"""Share of evenly spread contacts that are drawn as they occur; a weight is at most one over it."""
+"""Share of evenly spread contacts that are drawn as they occur; a weight is at most about one over it."""
 LEAST_NOISE = 1e-12
 """Smallest noise of a sample over the largest deflection: below it, rounding in float64 shows in the posterior."""
 
@@ -108,7 +109,7 @@ def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
     noise = np.concatenate([contact[2] for contact in contacts])
     position, weight = _where_it_errs(prior, position)
     clean = force[:, None] * prior.influence_at(position)
-    return Draws(position, force, clean + prior.noise_mm * noise, weight)
+    return Draws(position, force, clean + prior.noise_mm * noise, weight / weight.mean())
 
 
 def _where_it_errs(prior: Prior, position_mm: Array) -> tuple[Array, Array]:
