@@ -14,7 +14,7 @@ from beamtouch_daemon.spool import Spool
 from beamtouch_service.samples import Batch, Quality, Sample
 
 from . import configs
-from .devices import SerialDevice, pymodbus_server
+from .devices import SerialDevice, StampingUnit, pymodbus_server, tcp_unit
 from .faulty import BACK_S, SLACK_S, batches_in, cable, counts_of, everything, names, running
 from .service import Service, serving
 from .small_disks import SmallDisk, small_disk
@@ -287,3 +287,28 @@ def test_a_clock_stepped_by_an_hour_changes_dates_and_nothing_else(tmp_path: Pat
             assert sum(later - earlier > 3.5e9 for earlier, later in pairwise(dates)) == 1
 
     asyncio.run(story())
+
+
+def test_the_summary_counts_what_is_delivered_after_its_surface_was_renamed(tmp_path: Path) -> None:
+    async def story() -> tuple[int, dict[str, float]]:
+        async with tcp_unit(StampingUnit()) as port, serving(Service()) as service:
+            service.problem_of = lambda *_: (503, "")
+            async with running(tmp_path, configs.tcp(port), service.url) as daemon:
+                while service.attempts < 5:
+                    await asyncio.sleep(0.05)
+                path = tmp_path / "daemon.toml"
+                path.write_text(path.read_text().replace("surfaces.bench", "surfaces.press"))
+                daemon.tell(signal.SIGHUP)
+                await asyncio.sleep(1.0)
+                service.problem_of = lambda *_: None
+                await service.until(1, "press", within_s=60)
+                await service.until(1, within_s=60)
+                came = 0
+                while came < len(service.samples()):
+                    came = len(service.samples())
+                    await asyncio.sleep(1.0)
+                assert (await daemon.stop()).code == 0
+            return came, summary_of(tmp_path)["bench"]
+
+    came, bench = asyncio.run(story())
+    assert (bench["samples_published"], bench["samples_spooled"]) == (came, 0)
