@@ -89,6 +89,16 @@ class Spool:
         return self._file.put_aside
 
     @property
+    def is_open(self) -> bool:
+        """Whether the file is open; on a full disk it may have to wait for room."""
+        return self._file.is_open
+
+    def open(self) -> None:
+        """Open the file if it is not open. SpoolError if that is not possible now."""
+        with self._file.access("open"):
+            pass
+
+    @property
     def unremoved(self) -> int:
         """Batches that were delivered and are still in the file."""
         return len(self._done)

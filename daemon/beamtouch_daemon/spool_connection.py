@@ -18,11 +18,11 @@ class SpoolError(Exception):
 
 
 class SpoolFullError(SpoolError):
-    """The disk has no room for a new spool."""
+    """The disk has no room to make the spool, or to convert one of an older version."""
 
 
 class SpoolConnection:
-    """Transactions on the file.
+    """Transactions on the file. On a full disk it may not be open yet; each access tries again.
 
     Parameters
     ----------
@@ -63,11 +63,14 @@ class SpoolConnection:
         self._damage: str | None = None
         """What was found wrong with the file while it was in use."""
         self._database: sqlite3.Connection | None = None
-        self._connect()
+        try:
+            self._connect()
+        except SpoolFullError as error:  # what is new is delivered all the same
+            _log.error("%s; samples wait in memory until there is room", error)
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a connection; there is none once the file was found to be damaged."""
+        """Whether there is a connection; there is none on a full disk, or once the file was found to be damaged."""
         return self._database is not None
 
     @contextmanager
@@ -137,6 +140,8 @@ class SpoolConnection:
         if code == sqlite3.SQLITE_BUSY:
             return SpoolError(f"{self._path} is in use by another process")
         if code == sqlite3.SQLITE_FULL:
+            if samples := spool_file.samples_in(self._path):
+                return SpoolFullError(f"{self._path} cannot be opened: the disk is full; {samples} samples wait in it")
             return SpoolFullError(f"{self._path} cannot be made: the disk is full")
         return SpoolError(f"{self._path} cannot be opened ({error}); name a file in a folder that can be written")
 

@@ -1,8 +1,8 @@
 """A device that speaks the protocol of `PROTOCOL.md` on a serial line.
 
 A session: stop, hello, check who it is, ping until the clocks are known, start, take readings, with a ping now and
-then for the clocks. It ends in SourceError when the port goes away, the device falls silent or was reset, its clock goes
-back, or it is not the device that the configuration describes.
+then for the clocks. It ends in SourceError when the port goes away, the device falls silent or was reset, its clock
+goes back, or it is not the device that the configuration describes.
 """
 
 import contextlib
