@@ -197,9 +197,10 @@ def talk(folder: Path, turns: list[tuple[int, str]], *options: object) -> tuple[
         nonlocal second
         async with pymodbus_server([20_000, 20_000], action) as port:
             config = configs.write(folder, configs.surface(source=configs.tcp(port)) + LIMITS)
-            program = ["-m", "beamtouch_daemon", "record", config, "-o", folder / "loads.csv", "--seconds", 0.2, *options]
+            program = ["-m", "beamtouch_daemon", "record", config, "-o", folder / "loads.csv", "--seconds", 0.2]
+            pipe = asyncio.subprocess.PIPE
             process = await asyncio.create_subprocess_exec(
-                sys.executable, *map(str, program), stdin=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
+                sys.executable, *map(str, [*program, *options]), stdin=pipe, stderr=pipe
             )
             assert process.stdin is not None
             assert process.stderr is not None
