@@ -25,6 +25,8 @@ IDLE_S = 0.1
 """How often to look whether there is something to deliver, at least."""
 SWEEP_S = 0.2
 """What was delivered is deleted from the disk this often, all at once: each time takes three waits for the disk."""
+OPEN_S = 2.0
+"""A spool that could not be opened is tried again this often."""
 PASSED_REST_S = 5.0
 """How long a batch rests that was passed over."""
 MAX_PASSED = 20
@@ -73,6 +75,7 @@ class LateDelivery:
         self._fault = Fault(_log, f"{surface}: publishing what waits on the disk")
         self._disk_fault = Fault(_log, f"{surface}: spool")
         self._sweep_s = 0.0
+        self._open_s = 0.0
 
     async def run(self) -> None:
         """Deliver for ever."""
@@ -82,6 +85,7 @@ class LateDelivery:
 
     async def _turn(self) -> float:
         """Send a batch if there is one and it is time; return how long to rest [s]."""
+        await self._open()
         await self._sweep()
         if self._disk.spool.waiting[self._surface] <= 0 or self._is_held():
             return max(self._pace_s, IDLE_S)
@@ -157,6 +161,16 @@ class LateDelivery:
 
     async def _oldest(self, after: int) -> Spooled | None:
         return await self._disk.call(lambda: self._disk.spool.oldest(self._surface, after))
+
+    async def _open(self) -> None:
+        """Open the spool now and then if the disk had no room for that."""
+        if self._disk.spool.is_open or monotonic() < self._open_s:
+            return
+        self._open_s = monotonic() + OPEN_S
+        try:
+            await self._disk.call(self._disk.spool.open)
+        except SpoolError as error:
+            self._disk_fault.failed(str(error))
 
     async def _sweep(self) -> None:
         """Delete what was delivered. Nothing waits for that: on a disk that cannot be written it stays a while."""

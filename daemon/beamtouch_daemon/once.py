@@ -11,7 +11,7 @@ from beamtouch_daemon import stuck, tare
 from beamtouch_daemon.calibration import QUALITIES, Calibration
 from beamtouch_daemon.config import Config, Surface
 from beamtouch_daemon.pipeline import counts_of
-from beamtouch_daemon.sources import source_of
+from beamtouch_daemon.sources import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_service.samples import Quality
 
@@ -46,11 +46,12 @@ class SurfaceState:
 async def check(config: Config) -> list[SurfaceState]:
     """Read every surface once, all at the same time; ConfigError if a tare file does not fit."""
     rest = {name: tare.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
-    return await asyncio.gather(*(_check(name, s, rest[name]) for name, s in config.surfaces.items()))
+    buses: Buses = {}
+    return await asyncio.gather(*(_check(name, s, rest[name], buses) for name, s in config.surfaces.items()))
 
 
-async def _check(name: str, surface: Surface, rest_gap_mm: dict[str, float]) -> SurfaceState:
-    source = source_of(surface)
+async def _check(name: str, surface: Surface, rest_gap_mm: dict[str, float], buses: Buses) -> SurfaceState:
+    source = source_of(surface, name, buses)
     try:
         (reading,) = await _take(source, 1)
     except SourceError as error:

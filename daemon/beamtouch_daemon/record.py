@@ -26,6 +26,8 @@ from beamtouch_service.samples import Quality
 SETTLED_S = 0.5
 """So long no channel may have moved before a load is recorded."""
 MIN_READINGS = 20
+FEWEST_SAMPLES = 2
+"""Of a load; fewer tell nothing of whether it was still."""
 GIVE_UP_S = 30.0
 SEEN = 3.0
 """A load is seen where it deflects a channel by more than this, over the noise of one reading."""
@@ -106,13 +108,13 @@ class Recorder:
         Raises
         ------
         LoadRefusedError
-            It did not settle within `GIVE_UP_S`, moved while it was recorded, or no load is seen.
+            It did not settle within `GIVE_UP_S`, moved while it was recorded, is not seen, or lifts the beam.
         """
         self._recent.clear()
         if not load.is_accepted:
             await self._settled()
         self._arrived, self._keeps = [], True
-        enough = round(seconds * self._rate_hz)
+        enough = max(FEWEST_SAMPLES, round(seconds * self._rate_hz))
         deadline_s = time.monotonic() + seconds + GIVE_UP_S
         try:
             while len(self._arrived) < enough and (left_s := deadline_s - time.monotonic()) > 0:
@@ -134,15 +136,24 @@ class Recorder:
             if moved := tare.motion(gap, step, self._noise_mm):
                 message = f"it moved while it was recorded: {name}, {moved}"
                 raise LoadRefusedError(message)
-            deflection, noise = (
-                abs(self._calibration.rest_gap[index] - np.mean(gap)),
-                tare.noise_of(gap, self._noise_mm),
-            )
-            seen = seen or deflection > SEEN * noise + step
-            largest = max(largest, (float(deflection), name, noise))
+            deflection = float(self._calibration.rest_gap[index] - np.mean(gap))
+            noise = tare.noise_of(gap, self._noise_mm)
+            seen = seen or abs(deflection) > SEEN * noise + step
+            largest = max(largest, (deflection, name, noise), key=lambda one: abs(one[0]))
+        deflection, name, noise = largest
+        if not name:
+            message = "no channel gave good readings"
+            raise LoadRefusedError(message)
         if not seen:
-            deflection, name, noise = largest
-            message = f"no load is seen: the largest deflection is {deflection:.2g} mm ({name}), noise {noise:.2g} mm"
+            message = (
+                f"no load is seen: the largest deflection is {abs(deflection):.2g} mm ({name}), noise {noise:.2g} mm"
+            )
+            raise LoadRefusedError(message)
+        if deflection < 0:
+            message = (
+                f"the largest deflection is negative: {deflection:.2g} mm ({name}), against the load, "
+                "which is right only where an overhang lifts"
+            )
             raise LoadRefusedError(message)
 
     async def _settled(self) -> None:

@@ -17,7 +17,7 @@ ACCEPT, UNDO = "accept", "undo"
 """Words of the dialogue: record all the same, and take back the last load."""
 HELP = f"""\
 Put a load on the beam, then answer. Besides the answers that are asked for:
-  {UNDO:7} takes back the last load
+  {UNDO:7} takes back the last load; the last one of --at ends it, so to take that back, add --append and leave out --at
   {ACCEPT:7} after a load, or alone where the load is given: records it whatever speaks against it"""
 
 
@@ -25,17 +25,26 @@ class Dialogue:
     """Asks for loads, one line each, or for a sign that a given load is on."""
 
     def __init__(self, given: list[Load] | None, known: config.Loads | None) -> None:
-        self.missing: set[Load] = set()
-        """Loads that were refused and not recorded since."""
         self._given = given
-        self._done = 0
-        """How many of the given loads had their turn."""
+        self._next = 0
+        """The index of the given load that has its turn next."""
+        self._on = 0
+        """The index of the given load that is on the beam."""
+        self._recorded: list[int] = []
+        """The indices of the given loads that are recorded, the last one last."""
+        self._missing: set[int | Load] = set()
+        """Loads that were refused or taken back and not recorded since: given ones by index, others by value."""
         self._known = known
         self._is_terminal = sys.stdin.isatty()
         self._lines: asyncio.Queue[str] = asyncio.Queue()
         self._loop = asyncio.get_running_loop()
         # A thread, as standard input may be a terminal, a pipe or a file, and only a blocking read serves all three.
         threading.Thread(target=self._read, daemon=True).start()
+
+    @property
+    def missing(self) -> list[Load]:
+        """Loads that were refused or taken back and not recorded since."""
+        return [(self._given or [])[load] if isinstance(load, int) else load for load in self._missing]
 
     async def next_load(self, number: int) -> Load | TakeBack | None:
         """Return the next load once it is on the beam; None at the end.
@@ -45,7 +54,7 @@ class Dialogue:
         ConfigError
             A wrong answer that does not come from a terminal.
         """
-        while self._given is None or self._done < len(self._given):
+        while self._given is None or self._next < len(self._given):
             line = await self._ask(self._question(number))
             if line is None or (self._given is None and not line.strip()):
                 return None
@@ -60,15 +69,17 @@ class Dialogue:
 
     def recorded(self, load: Load, text: str) -> None:
         """Say that a load was recorded."""
-        self.missing.discard(replace(load, is_accepted=False))
+        self._missing.discard(self._key(load))
+        if self._given is not None:
+            self._recorded.append(self._on)
         self.say(text)
 
     def refused(self, load: Load, reason: str) -> None:
         """Say that a load was not recorded; on a terminal one that was given is asked for again."""
-        self.missing.add(load)
+        self._missing.add(self._key(load))
         self.say(f"{load} left out: {reason}; put it on again, or answer with {ACCEPT} to record it all the same")
         if self._given is not None and self._is_terminal:
-            self._done -= 1
+            self._next = self._on
 
     def say(self, text: str) -> None:
         """Print a line to the person."""
@@ -77,11 +88,13 @@ class Dialogue:
     def _question(self, number: int) -> str:
         if self._given is None:
             return f"load {number}: put it on; position in mm and force in N (empty line: done; {UNDO}): "
-        return f"load {number}: put {self._given[self._done]} on, then press Enter ({UNDO}): "
+        return f"load {number}: put {self._given[self._next]} on, then press Enter ({UNDO}): "
 
     def _answer(self, words: list[str]) -> Load | TakeBack:
         if words == [UNDO]:
-            self._done = max(0, self._done - 1)
+            if self._recorded:
+                self._next = self._recorded.pop()
+                self._missing.add(self._next)
             return TakeBack()
         if self._given is None:
             load = load_of(words)
@@ -90,9 +103,12 @@ class Dialogue:
         if words not in ([], [ACCEPT]):
             message = f"press Enter once the load is on, or type {UNDO} or {ACCEPT}"
             raise ValueError(message)
-        load = self._given[self._done]
-        self._done += 1
+        load = self._given[self._next]
+        self._on, self._next = self._next, self._next + 1
         return replace(load, is_accepted=load.is_accepted or bool(words))
+
+    def _key(self, load: Load) -> int | Load:
+        return replace(load, is_accepted=False) if self._given is None else self._on
 
     async def _ask(self, question: str) -> str | None:
         print(question, end="", file=sys.stderr, flush=True)

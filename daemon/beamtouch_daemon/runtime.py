@@ -17,7 +17,7 @@ from beamtouch_daemon.config import Config, ConfigError
 from beamtouch_daemon.line import Summary
 from beamtouch_daemon.notify import ServiceManager
 from beamtouch_daemon.spool import Spool
-from beamtouch_daemon.spool_connection import SpoolError, SpoolFullError
+from beamtouch_daemon.spool_connection import SpoolError
 from beamtouch_daemon.spooler import Disk
 from beamtouch_daemon.supervisor import Supervisor
 from beamtouch_daemon.tasks import cancel
@@ -139,10 +139,6 @@ def _disk(config: Config) -> Iterator[Disk | None]:
         return
     try:
         spool = Spool(config.spool_file, round(config.publish.spool_mb * 1e6))
-    except SpoolFullError as error:  # what is new is delivered all the same
-        _log.error("%s; without a spool until the next start, samples wait in memory only", error)
-        yield None
-        return
     except SpoolError as error:
         message = f"publish.spool_file: {error}"
         raise ConfigError(message) from error

@@ -53,7 +53,7 @@ class Spool:
         self.waiting: Counter[str] = Counter()
         """Samples in it that wait for delivery, by surface."""
         self.dropped: Counter[str] = Counter()
-        """Samples that it had no room for, by surface."""
+        """Samples that it had no room for, or that were lost with its file, by surface."""
         self.set_aside: Counter[str] = Counter()
         """Samples that cannot be delivered and are kept for a person to look at, by surface."""
         self._most_bytes = most_bytes
@@ -67,7 +67,11 @@ class Spool:
         self._machine_boot = BOOT_ID.read_text().strip() if BOOT_ID.exists() else str(uuid.uuid4())
         self._bytes = 0
         self._file = SpoolConnection(
-            path, round(ASIDE_SHARE * most_bytes), self._take_stock, lambda: self._done | self._skipped
+            path,
+            round(ASIDE_SHARE * most_bytes),
+            self._take_stock,
+            lambda: self._done | self._skipped,
+            self._lose_all,
         )
 
     def __enter__(self) -> Self:
@@ -83,6 +87,16 @@ class Spool:
     def put_aside(self) -> Path | None:
         """Where a damaged file was moved to."""
         return self._file.put_aside
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the file is open; on a full disk it may have to wait for room."""
+        return self._file.is_open
+
+    def open(self) -> None:
+        """Open the file if it is not open. SpoolError if that is not possible now."""
+        with self._file.access("open"):
+            pass
 
     @property
     def unremoved(self) -> int:
@@ -212,6 +226,13 @@ class Spool:
             message = "the row is gone"
             raise BadRowError(message)
         return batch_of(row, number, self._machine_boot)
+
+    def _lose_all(self) -> None:
+        """Count all that waits as dropped."""
+        self.dropped.update(self.waiting)
+        self.waiting.clear()
+        self._done.clear()
+        self._skipped.clear()
 
     def _take_stock(self, database: sqlite3.Connection, lost: Counter[str]) -> None:
         """Count what is in the file, and what it has lost."""

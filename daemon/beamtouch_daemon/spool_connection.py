@@ -18,11 +18,11 @@ class SpoolError(Exception):
 
 
 class SpoolFullError(SpoolError):
-    """The disk has no room for a new spool."""
+    """The disk has no room to make the spool, or to convert one of an older version."""
 
 
 class SpoolConnection:
-    """Transactions on the file.
+    """Transactions on the file. On a full disk it may not be open yet; each access tries again.
 
     Parameters
     ----------
@@ -34,6 +34,8 @@ class SpoolConnection:
         Called when the file was opened, again after damage, with the numbers of rows that were lost, by surface.
     without
         Numbers of rows that need not be rescued.
+    on_gone
+        Called when the file was deleted or replaced while it was in use; all that was in it is lost.
 
     Raises
     ------
@@ -47,6 +49,7 @@ class SpoolConnection:
         reserve_bytes: int,
         on_open: Callable[[sqlite3.Connection, Counter[str]], None],
         without: Callable[[], set[int]],
+        on_gone: Callable[[], None],
     ) -> None:
         self.put_aside: Path | None = None
         """Where a damaged file was moved to."""
@@ -54,19 +57,29 @@ class SpoolConnection:
         self._reserve_bytes = reserve_bytes
         self._on_open = on_open
         self._without = without
+        self._on_gone = on_gone
+        self._identity: tuple[int, int] | None = None
+        """Of the file that is open."""
         self._damage: str | None = None
         """What was found wrong with the file while it was in use."""
         self._database: sqlite3.Connection | None = None
-        self._connect()
+        try:
+            self._connect()
+        except SpoolFullError as error:  # what is new is delivered all the same
+            _log.error("%s; samples wait in memory until there is room", error)
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a connection; there is none once the file was found to be damaged."""
+        """Whether there is a connection; there is none on a full disk, or once the file was found to be damaged."""
         return self._database is not None
 
     @contextmanager
     def access(self, doing: str) -> Iterator[sqlite3.Connection]:
         """Use the file in a transaction; raises SpoolError. One that turns out to be damaged is replaced next time."""
+        if self._database is not None and _identity_of(self._path) != self._identity:
+            _log.error("%s was deleted or replaced while in use; what waited in it is lost", self._path)
+            self.close()
+            self._on_gone()
         database = self._database or self._connect()
         try:
             with database:
@@ -101,7 +114,7 @@ class SpoolConnection:
             if database is not None:
                 database.close()
             raise self._explained(error) from error
-        self._database = database
+        self._database, self._identity = database, _identity_of(self._path)
         self.reserve()
         return database
 
@@ -127,5 +140,16 @@ class SpoolConnection:
         if code == sqlite3.SQLITE_BUSY:
             return SpoolError(f"{self._path} is in use by another process")
         if code == sqlite3.SQLITE_FULL:
+            if samples := spool_file.samples_in(self._path):
+                return SpoolFullError(f"{self._path} cannot be opened: the disk is full; {samples} samples wait in it")
             return SpoolFullError(f"{self._path} cannot be made: the disk is full")
         return SpoolError(f"{self._path} cannot be opened ({error}); name a file in a folder that can be written")
+
+
+def _identity_of(path: Path) -> tuple[int, int] | None:
+    """Return device and number of a file; None if it is not there."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino

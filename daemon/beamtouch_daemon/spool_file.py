@@ -6,7 +6,7 @@ length (a write-ahead log would have to grow), and the journal is long enough fo
 
 import os
 import sqlite3
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 JOURNAL_BYTES = 65_536
@@ -81,6 +81,17 @@ def opened(path: Path) -> sqlite3.Connection:
     with suppress(OSError):  # without that room, deletes wait for a disk that has some
         _lengthen(path.with_name(f"{path.name}-journal"), JOURNAL_BYTES)
     return database
+
+
+def samples_in(path: Path) -> int:
+    """Return the samples in a file that cannot be opened for use, of any version; 0 where they cannot be counted."""
+    if not path.exists():
+        return 0
+    with suppress(sqlite3.DatabaseError), closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA locking_mode = EXCLUSIVE")  # a log is then read without a file for its index
+        samples: int = database.execute("SELECT coalesce(sum(samples), 0) FROM batch").fetchone()[0]
+        return samples
+    return 0
 
 
 def reserve(path: Path, most_bytes: int) -> None:

@@ -1,6 +1,7 @@
 """Batches that a real HTTP server refuses: split, kept for another time, or set aside; and nothing waits for them."""
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from beamtouch_daemon import late_delivery, service_client
 from beamtouch_daemon.spool import Spool
 from beamtouch_service.problems import Kind
-from beamtouch_service.samples import Batch
+from beamtouch_service.samples import Batch, Note
 
 from .service import Service, serving
 from .test_publisher import SENDER, Bench, put, run, sequences, taken, until
@@ -42,6 +43,20 @@ def test_a_batch_that_will_never_be_taken_is_kept_aside_and_does_not_stand_in_th
         assert asyncio.run(asyncio.wait_for(story(spool), 15)).outbox.dropped == 0
         assert (spool.set_aside["bench"], spool.waiting["bench"]) == (3, 0)
     assert sum("set aside: status 422: No." in record.getMessage() for record in caplog.records) == 1
+
+
+def test_samples_with_a_note_that_the_service_does_not_know_are_delivered_without_it() -> None:
+    async def story() -> None:
+        service = Service()
+        service.problem_of = lambda batch, _: (422, "invalid-request") if batch.notes else None
+        async with serving(service), Bench(service) as bench:
+            bench.outbox.put([replace(one, notes=(Note.RATE,)) for one in taken(0, 3)])
+            await service.until(3)
+            await bench.finish()
+            assert sequences(service) == [0, 1, 2]
+            assert bench.outbox.dropped == 0
+
+    run(story())
 
 
 PROXY = ""

@@ -145,6 +145,26 @@ def test_a_reset_device_begins_a_new_session() -> None:
     asyncio.run(story())
 
 
+def test_a_device_whose_clock_goes_back_begins_a_new_session_with_fresh_readings() -> None:
+    back_s = 30.0
+
+    async def story() -> None:
+        with terminal() as line:
+            device = SerialDevice(line)
+            stream = make_source(line.path).readings()
+            async with asyncio.timeout(30):
+                for _ in range(20):
+                    await anext(stream)
+            device.set_back(back_s)
+            with pytest.raises(SourceError, match="the device's clock went back"):
+                await drain(stream, within_s=30.0)
+            await stream.aclose()
+            readings = await take(make_source(line.path), 20)
+            assert monotonic() - readings[-1].monotonic_s < back_s / 2
+
+    asyncio.run(story())
+
+
 def test_noise_and_damaged_frames_give_nothing() -> None:
     async def story() -> None:
         with terminal() as line:

@@ -62,6 +62,11 @@ class HostClock:
         earliest_s = self._round_trips.to_host(device_s)
         return earliest_s is not None and earliest_s > arrival_s + BEYOND_S
 
+    def is_behind(self, device_s: float, sent_s: float) -> bool:
+        """Whether the answer to a ping that was sent then [s, host] states a device time [s] from well before it."""
+        latest_s = device_s + self._most_offset_s + MAX_DRIFT * max(0.0, device_s - self._device_s)
+        return latest_s < sent_s - BEYOND_S
+
     def to_host(self, device_s: float, arrival_s: float) -> float:
         """Return when a reading was taken [s]: never later than its arrival, never earlier than the one before.
 

@@ -18,7 +18,7 @@ from beamtouch_daemon.sources.registers import MAX_REGISTERS, Block
 READ_FUNCTIONS = (1, 2, 3, 4)
 """Functions that read; a unit without one refuses it, which is an answer as well. A probe never changes a device."""
 EXPLORE_S = 60.0
-"""All probes are tried on a silent unit this often at most, as each one costs the bus a timeout."""
+"""After so long without a proof, what a unit answers is found out anew; another device may have its address."""
 AT_A_START = 2
 """Probes needed where the past is unknown."""
 AFTER_A_FAILURE = 1
