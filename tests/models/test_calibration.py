@@ -1,5 +1,6 @@
 """Calibration: what is fitted, what it is worth, what is refused."""
 
+import contextlib
 import csv
 import dataclasses
 import json
@@ -17,6 +18,7 @@ from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checke
 from beamtouch_models.calibration.fit import Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import LoadsError, read_loads
 from beamtouch_models.calibration.mistaken import mistaken
+from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.model_prior import physics_of, prior_of_model
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.imperfections import Imperfections
@@ -191,6 +193,43 @@ def test_swapped_channels_are_named(bench: ModelFile) -> None:
     loads = dataclasses.replace(loads, stated_mm=loads.stated_mm[:, [0, 2, 1, 3]])
     with pytest.raises(LoadsError, match="s2 and s3 seem to be swapped"):
         checked_fit(bench, loads, quiet)
+
+
+@pytest.mark.parametrize("name", ["bench", "conveyor"])
+def test_channels_in_reverse_order_are_named(name: str, built_model: Callable[[str], Path]) -> None:
+    model, rng = modelfile.load(built_model(name)), np.random.default_rng([0, 1])
+    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
+    with pytest.raises(LoadsError, match="channels seem to be in reverse order, or positions to be measured from the"):
+        checked_fit(model, dataclasses.replace(loads, stated_mm=loads.stated_mm[:, ::-1]), quiet)
+    mirrored = model.metadata.length_mm - loads.position_mm
+    with pytest.raises(LoadsError, match="channels seem to be in reverse order, or positions to be measured from the"):
+        checked_fit(model, dataclasses.replace(loads, position_mm=mirrored), quiet)
+
+
+@pytest.mark.parametrize("stated_mm", ["all zero", "all the same", "of a mirrored beam", "of shuffled loads"])
+def test_a_recording_that_is_of_another_surface_makes_no_model(
+    stated_mm: str, built_model: Callable[[str], Path]
+) -> None:
+    model, rng = modelfile.load(built_model("cantilever")), np.random.default_rng(5)
+    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
+    changed = {
+        "all zero": np.zeros_like(loads.stated_mm),
+        "all the same": np.full_like(loads.stated_mm, 0.1),
+        "of a mirrored beam": loads.stated_mm[::-1],
+        "of shuffled loads": rng.permutation(loads.stated_mm),
+    }[stated_mm]
+    with pytest.raises(NotGoodEnoughError, match="nothing was written: the recording does not fit this model's"):
+        checked_fit(model, dataclasses.replace(loads, stated_mm=changed), quiet)
+
+
+def test_a_surface_without_departures_is_accepted(built_model: Callable[[str], Path]) -> None:
+    model, rng = modelfile.load(built_model("cantilever")), np.random.default_rng(6)
+    accepted = 0
+    for _ in range(6):
+        with contextlib.suppress(NotGoodEnoughError):  # a fit that follows the noise is refused
+            loads = recorded(model.metadata, Imperfections(), rng)
+            accepted += checked_fit(model, loads, quiet).after_mm.mean() < 5
+    assert accepted
 
 
 def test_a_model_that_is_no_better_is_not_written(
