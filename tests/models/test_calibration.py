@@ -270,6 +270,12 @@ def test_a_fit_leaves_a_fixity_of_zero(bench: ModelFile) -> None:
     assert fit(theory, loads, tuple(theory.kinds)).error_mm < 2 * metadata.noise.sample_mm
 
 
+def without_most_of_load_3(text: str) -> str:
+    """The recording with four samples of its third load."""
+    lines = text.splitlines(keepends=True)
+    return "".join([*lines[:405], *lines[601:]])
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -279,7 +285,10 @@ def test_a_fit_leaves_a_fixity_of_zero(bench: ModelFile) -> None:
         (lambda text: text.replace(",20.0,12.0,", ",900.0,12.0,"), "is not within 1..399 mm"),
         (lambda text: text.replace(",20.0,12.0,", ",abc,12.0,"), "not a number"),
         (lambda text: "\n".join(text.splitlines()[:601]), "cannot determine a fit"),
-        (lambda text: text.replace("good", "stuck"), "no good samples"),
+        (lambda text: re.sub(r"(.*,[\d.-]+),good", r"\1,stuck", text), "s4 has no good samples"),
+        (lambda text: without_most_of_load_3(text), "load 3 (lines 402 to 405) has fewer than 5 good samples of each"),
+        (lambda text: re.sub(r"(?m)^(0.0,3,.*)$", lambda row: row[0].replace("good", "stuck"), text), "--leave-out 3\n"),
+        (lambda text: re.sub(r"(?m)^(0.0,3,(?:[^,]*,){3}).*$", r"\1", text), "load 3 (lines 402 to 601) has fewer than"),
     ],
 )
 def test_a_recording_that_cannot_serve_is_one_line(

@@ -139,6 +139,13 @@ def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
             f"record at least {FEWEST_POSITIONS}, better 10, spread over the whole beam"
         )
         raise LoadsError(message)
+    for number, (start, end), stated in zip(loads.number, loads.lines, loads.stated_mm, strict=True):
+        if np.isnan(stated).all():
+            message = (
+                f"{path}: load {number} (lines {start} to {end}) has fewer than {FEWEST_SAMPLES} good samples of each "
+                f"channel; record it again, or use --leave-out {number}"
+            )
+            raise LoadsError(message)
     silent = np.isnan(loads.stated_mm).all(axis=0)
     if silent.any():
         message = (
