@@ -282,13 +282,26 @@ def without_most_of_load_3(text: str) -> str:
         (lambda text: text.replace("s3_deflection_mm", "s9_deflection_mm"), "column s3_deflection_mm is missing"),
         (lambda text: text.splitlines()[0] + "\n", "no samples"),
         (lambda text: text.replace(",20.0,12.0,", ",20.0,-1,"), "has a force of -1 N"),
+        (lambda text: text.replace(",20.0,12.0,", ",20.0,1e300,"), "load 1 (lines 2 to 201) has a force of 1e+300 N"),
+        (lambda text: text.replace(",20.0,12.0,", ",20.0,5e-324,"), "load 1 (lines 2 to 201) has a force of 4.94"),
+        (
+            lambda text: re.sub(r"(?m)^(0.0,2,60.0,12.0,1000,)[^,]*", r"\g<1>1e308", text),
+            "s1 states 1e+308 mm in line 202",
+        ),
+        (lambda text: re.sub(r"(?m)([^,]*),good$", r"\g<1>e5,good", text), "s4 states "),
         (lambda text: text.replace(",20.0,12.0,", ",900.0,12.0,"), "is not within 1..399 mm"),
         (lambda text: text.replace(",20.0,12.0,", ",abc,12.0,"), "not a number"),
         (lambda text: "\n".join(text.splitlines()[:601]), "cannot determine a fit"),
         (lambda text: re.sub(r"(.*,[\d.-]+),good", r"\1,stuck", text), "s4 has no good samples"),
-        (lambda text: without_most_of_load_3(text), "load 3 (lines 402 to 405) has fewer than 5 good samples of each"),
-        (lambda text: re.sub(r"(?m)^(0.0,3,.*)$", lambda row: row[0].replace("good", "stuck"), text), "--leave-out 3\n"),
-        (lambda text: re.sub(r"(?m)^(0.0,3,(?:[^,]*,){3}).*$", r"\1", text), "load 3 (lines 402 to 601) has fewer than"),
+        (without_most_of_load_3, "load 3 (lines 402 to 405) has fewer than 5 good samples of each"),
+        (
+            lambda text: re.sub(r"(?m)^(0.0,3,.*)$", lambda row: row[0].replace("good", "stuck"), text),
+            "--leave-out 3\n",
+        ),
+        (
+            lambda text: re.sub(r"(?m)^(0.0,3,(?:[^,]*,){3}).*$", r"\1", text),
+            "load 3 (lines 402 to 601) has fewer than",
+        ),
     ],
 )
 def test_a_recording_that_cannot_serve_is_one_line(
