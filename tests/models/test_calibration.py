@@ -255,6 +255,14 @@ def test_a_model_that_is_no_better_is_not_written(
     assert not output.exists()
 
 
+def test_a_recording_that_a_spreadsheet_saved_is_read(bench: ModelFile, tmp_path: Path) -> None:
+    path = readings(tmp_path, bench, Imperfections())
+    honest = read_loads(path, bench.metadata)
+    without_time = "".join(line.partition(",")[2] for line in path.read_text().splitlines(keepends=True))
+    path.write_text(without_time, encoding="utf-8-sig")  # with a byte order mark before the first column
+    assert np.array_equal(read_loads(path, bench.metadata).stated_mm, honest.stated_mm)
+
+
 def test_a_load_number_that_was_used_twice_is_refused(bench: ModelFile, tmp_path: Path) -> None:
     path = readings(tmp_path, bench, Imperfections())
     path.write_text(path.read_text().replace("0.0,2,60.0,12.0", "0.0,1,60.0,12.0"))

@@ -63,7 +63,7 @@ def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) ->
     """Read and average a recording, without the loads of some numbers; raises LoadsError that says what is wrong."""
     channels = [channel.name for channel in metadata.layout]
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         message = f"{path}: {error.strerror if isinstance(error, OSError) else 'not a CSV file'}"
