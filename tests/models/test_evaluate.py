@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,8 @@ def test_one_json_object_and_a_table(bench_model: Path, bench: ModelFile) -> Non
     [
         (("--noise", "-1"), "--noise -1"),
         (("--noise", "nan"), "--noise nan"),
+        (("--noise", "1e300"), "hides the largest deflection"),
+        (("--noise", "1e-9"), "less than 1e-4 % of the largest deflection"),
         (("--draws", "5"), "from 100"),
     ],
 )
@@ -92,3 +95,14 @@ def test_what_is_not_a_model_is_one_line(tmp_path: Path) -> None:
     path.write_text("no model")
     done = run(path)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+
+
+def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: ModelFile) -> None:
+    # Of 400 mm the middle begins at 80, so that one contact in eighty lies in it, or one in 160.
+    for end_mm in (80.5, 81.0):
+        prior = replace(prior_of_model(bench.metadata), position_mm=(1.0, end_mm))
+        for draws in (100, 512):
+            found = evaluate(bench, prior, draws=draws, seed=0)
+            assert found.span.mean_mm.standard_error > 0
+            assert found.middle is None or found.middle.p95_mm.standard_error > 0
+    assert evaluate(bench, replace(prior, position_mm=(1.0, 200.0)), draws=512, seed=0).middle is not None
