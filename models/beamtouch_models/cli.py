@@ -11,6 +11,8 @@ from beamtouch_models.errors import InputError, NotGoodEnoughError
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 ESTIMATORS = ("posterior", "small-network", "paper-network")
 """The names of `estimators.estimator`, which takes too long to import for --help."""
+MOST_DRAWS = 1_000_000
+"""Bounds memory: each contact takes some 2 kB."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -160,7 +162,7 @@ def _load_number(text: str) -> int:
 
 
 def _draws(text: str) -> int:
-    return _whole_number(text, 100, 10_000_000)
+    return _whole_number(text, 100, MOST_DRAWS)
 
 
 def _seed(text: str) -> int:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from beamtouch_models import cramer_rao
 from beamtouch_models.contacts import Contacts, simulated
+from beamtouch_models.estimators.running import CHUNK
 from beamtouch_models.figures import Figure, mean_of, quantile_of, ratio_of, share_of
 from beamtouch_models.limit import SCRAMBLINGS
 from beamtouch_models.measured import rest_exceeding
@@ -107,7 +108,10 @@ def _answers(model: ModelFile, deflection_mm: Array) -> dict[str, Array]:
 def estimates(model: ModelFile, deflection_mm: Array) -> Answers:
     """Answers of a model to deflections (samples, channels), all channels valid."""
     reading = deflection_mm.astype(np.float32)
-    return model.estimate(reading, np.ones(reading.shape, np.bool_))
+    # A graph holds kilobytes for each sample of a batch.
+    parts = [reading[start : start + CHUNK] for start in range(0, len(reading), CHUNK)]
+    answers = [model.estimate(part, np.ones(part.shape, np.bool_)) for part in parts]
+    return {name: np.concatenate([one[name] for one in answers]) for name in model.outputs}
 
 
 def _errors(error: Array, best: Array | None, weight: Array, worst: Array) -> Errors:

@@ -1,6 +1,7 @@
 """`design-sensors evaluate`: its figures by other ways, and the command."""
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -81,6 +82,7 @@ def test_one_json_object_and_a_table(bench_model: Path, bench: ModelFile) -> Non
         (("--noise", "1e300"), "hides the largest deflection"),
         (("--noise", "1e-9"), "less than 1e-4 % of the largest deflection"),
         (("--draws", "5"), "from 100"),
+        (("--draws", "1000001"), "to 1000000"),
     ],
 )
 def test_a_bad_request_is_one_line(bench_model: Path, arguments: tuple[str, ...], said: str) -> None:
@@ -106,3 +108,18 @@ def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: Mode
             assert found.span.mean_mm.standard_error > 0
             assert found.middle is None or found.middle.p95_mm.standard_error > 0
     assert evaluate(bench, replace(prior, position_mm=(1.0, 200.0)), draws=512, seed=0).middle is not None
+
+
+@pytest.mark.long
+def test_an_evaluation_takes_little_memory_for_each_contact(bench_model: Path) -> None:
+    """Peak memory of two processes, of which one draws many more contacts."""
+    peaks_kb = []
+    for draws in (1024, 16_384):
+        with subprocess.Popen(
+            [COMMAND, "evaluate", str(bench_model), "--draws", str(draws), "--json"], stdout=subprocess.DEVNULL
+        ) as process:
+            _, status, used = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+        assert process.returncode == 0
+        peaks_kb.append(used.ru_maxrss)
+    assert (peaks_kb[1] - peaks_kb[0]) / (16_384 - 1024) < 4  # kB; what is kept of a contact takes 2
