@@ -91,7 +91,8 @@ def _add_evaluate(parser: argparse.ArgumentParser) -> None:
         type=_draws,
         default=16_384,
         metavar="N",
-        help="simulated contacts, rounded up to a power of two (16384)",
+        help="simulated contacts, rounded up to a power of two (16384); below about 2000 a stated standard error is a "
+        "lower bound",
     )
     _add_seed(parser)
     _add_json(parser)
@@ -139,7 +140,8 @@ def _add_trade(parser: argparse.ArgumentParser) -> None:
         type=_draws,
         default=4096,
         metavar="N",
-        help="simulated contacts a point, rounded up to a power of two (4096)",
+        help="simulated contacts a point, rounded up to a power of two (4096); below about 2000 a stated "
+        "standard error is a lower bound",
     )
     _add_seed(parser)
     _add_json(parser)
