@@ -17,8 +17,8 @@ MOST_DRAWS = 1_000_000
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `design-sensors`; returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
-    options = _parser().parse_args(arguments)
     try:
+        options = _parser().parse_args(arguments)
         # Imported only now, so that --help is quick and a missing extra is one clear line.
         import_module(f"beamtouch_models.commands.{options.command}").run(options)
     except ModuleNotFoundError as error:
