@@ -11,12 +11,14 @@ from beamtouch_models.errors import InputError, NotGoodEnoughError
 DONE, FAILED, WRONG_INPUT, INTERRUPTED = 0, 1, 2, 130
 ESTIMATORS = ("posterior", "small-network", "paper-network")
 """The names of `estimators.estimator`, which takes too long to import for --help."""
+MOST_DRAWS = 1_000_000
+"""Bounds memory: each contact takes some 2 kB."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `design-sensors`; returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted."""
-    options = _parser().parse_args(arguments)
     try:
+        options = _parser().parse_args(arguments)
         # Imported only now, so that --help is quick and a missing extra is one clear line.
         import_module(f"beamtouch_models.commands.{options.command}").run(options)
     except ModuleNotFoundError as error:
@@ -89,7 +91,8 @@ def _add_evaluate(parser: argparse.ArgumentParser) -> None:
         type=_draws,
         default=16_384,
         metavar="N",
-        help="simulated contacts, rounded up to a power of two (16384)",
+        help="simulated contacts, rounded up to a power of two (16384); below about 2000 a stated standard error is a "
+        "lower bound",
     )
     _add_seed(parser)
     _add_json(parser)
@@ -137,7 +140,8 @@ def _add_trade(parser: argparse.ArgumentParser) -> None:
         type=_draws,
         default=4096,
         metavar="N",
-        help="simulated contacts a point, rounded up to a power of two (4096)",
+        help="simulated contacts a point, rounded up to a power of two (4096); below about 2000 a stated "
+        "standard error is a lower bound",
     )
     _add_seed(parser)
     _add_json(parser)
@@ -160,7 +164,7 @@ def _load_number(text: str) -> int:
 
 
 def _draws(text: str) -> int:
-    return _whole_number(text, 100, 10_000_000)
+    return _whole_number(text, 100, MOST_DRAWS)
 
 
 def _seed(text: str) -> int:

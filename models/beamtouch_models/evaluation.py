@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 
 from beamtouch_models import cramer_rao
 from beamtouch_models.contacts import Contacts, simulated
+from beamtouch_models.estimators.running import CHUNK
 from beamtouch_models.figures import Figure, mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.limit import SCRAMBLINGS
 from beamtouch_models.measured import rest_exceeding
 from beamtouch_models.modelfile import Answers, ModelFile
 from beamtouch_models.prior import Prior
@@ -18,7 +20,7 @@ Array = NDArray[np.float64]
 MIDDLE = (0.2, 0.8)
 """The part of the length that counts as its middle."""
 LEAST_SHARE = 1e-3
-"""A stretch that holds fewer of the contacts has no figures of its own."""
+"""A stretch that holds fewer of the contacts has no figures of its own; nor has one that misses in one of the parts."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Evaluation:
     span: Errors
     """Over the whole range of contacts."""
     middle: Errors | None
-    """Over the middle of the length; None where no contact of the range lies there."""
+    """Over the middle of the length; None where too few contacts lie there."""
     cramer_rao_mean_mm: float | None
     position_coverage: Figure | None
     """Share of contacts that lie in their stated interval; None where the model states none."""
@@ -78,7 +80,7 @@ def evaluate(
         length_mm=prior.length_mm,
         span=_over_all(contacts, answers["position_mm"], _errors(error, best, weight, worst)),
         middle=_errors(error, best, weight * inside, worst[drawn_inside])
-        if drawn_inside.mean() > LEAST_SHARE
+        if drawn_inside.mean() > LEAST_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
         else None,
         cramer_rao_mean_mm=cramer_rao.mean_error_mm(prior) if prior.noise_mm > 0 else None,
         position_coverage=_coverage(answers, "position", "mm", likely, weight),
@@ -106,7 +108,10 @@ def _answers(model: ModelFile, deflection_mm: Array) -> dict[str, Array]:
 def estimates(model: ModelFile, deflection_mm: Array) -> Answers:
     """Answers of a model to deflections (samples, channels), all channels valid."""
     reading = deflection_mm.astype(np.float32)
-    return model.estimate(reading, np.ones(reading.shape, np.bool_))
+    # A graph holds kilobytes for each sample of a batch.
+    parts = [reading[start : start + CHUNK] for start in range(0, len(reading), CHUNK)]
+    answers = [model.estimate(part, np.ones(part.shape, np.bool_)) for part in parts]
+    return {name: np.concatenate([one[name] for one in answers]) for name in model.outputs}
 
 
 def _errors(error: Array, best: Array | None, weight: Array, worst: Array) -> Errors:

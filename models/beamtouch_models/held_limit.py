@@ -26,7 +26,10 @@ SURE = 4.0
 
 
 def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
-    """Refuse a deflection, or a noise of a sample beside it, that no model can carry; raises SceneError."""
+    """Refuse a deflection, or a noise of a sample beside it, that no model can carry; raises SceneError.
+
+    A noise of 0 passes: whether that will do is for the caller to say.
+    """
     if not LEAST_DEFLECTION_MM <= max_deflection_mm <= MOST_DEFLECTION_MM:
         message = (
             f"beam: the largest deflection is {max_deflection_mm:.3g} mm, which no sensor measures; check its "
@@ -39,7 +42,7 @@ def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
             "take better sensors or a softer beam"
         )
         raise SceneError(message)
-    if noise_mm < LEAST_NOISE * max_deflection_mm:
+    if 0 < noise_mm < LEAST_NOISE * max_deflection_mm:
         message = (
             f"sensors: a sample's noise of {noise_mm:.3g} mm is less than 1e-4 % of the largest deflection, "
             f"{max_deflection_mm:.3g} mm, more than a model's float32 can carry; state the noise of a real sensor"

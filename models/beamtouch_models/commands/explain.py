@@ -11,6 +11,7 @@ from rich.table import Table
 
 from beamtouch_models.beam import check_small_angles, load_positions_mm, max_deflection_mm, scene_influence
 from beamtouch_models.effects import effects_of
+from beamtouch_models.held_limit import check_scale
 from beamtouch_models.mesh import mesh_of
 from beamtouch_models.noise import choose_filter, noise_of
 from beamtouch_models.pricing import NEGLIGIBLE, Effect
@@ -26,6 +27,7 @@ def run(options: argparse.Namespace) -> None:
     scene, _ = load_scene(options.scene)
     check_small_angles(scene)
     noise = noise_of(scene, choose_filter(scene))
+    check_scale(noise.sample_mm, max_deflection_mm(scene))
     effects = [(effect, _cost_us(effect)) for effect in effects_of(scene)]
     if not options.json:
         _print_table(effects, noise.sample_mm)

@@ -31,6 +31,9 @@ from beamtouch_models.trade.results import HEADINGS, json_of, markdown, plot, ro
 
 WIDTH_WITHOUT_TERMINAL = 180
 
+Kept = tuple[Trade, list[LeftOut]]
+"""Results for the folder."""
+
 
 def run(options: argparse.Namespace) -> None:
     """Measure every point, write the folder, print the front, and build the point that was asked for."""
@@ -38,11 +41,21 @@ def run(options: argparse.Namespace) -> None:
         if value is not None and not 0 < value < math.inf:
             message = f"{option} {value:g}: give a positive number"
             raise InputError(message)
+    kept: list[Kept] = []
+    try:
+        with _termination_interrupts():
+            _run(options, kept)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(_interrupted(kept, options)) from None
+
+
+def _run(options: argparse.Namespace, kept: list[Kept]) -> None:
+    """Do all of it; `kept` holds the newest results at any time."""
     scene, text = load_scene(options.scene)
     folder, name = folder_of(options.output), surface_name(options.scene)
-    trade, physics = _measured(scene, name, folder, options)
+    trade, physics = _measured(scene, name, folder, options, kept)
     points, front = trade.points, pareto_front(trade.points)
-    results = _write(folder, name, trade, physics)
+    results = _keep(folder, name, trade, physics, kept)
     for failure in trade.failures:
         print(f"note: {said(failure)}", file=sys.stderr)
     picked = None
@@ -67,25 +80,24 @@ def run(options: argparse.Namespace) -> None:
         print(f"built {folder / f'{name}.onnx'}: {named(picked)}; {picked.error_mm:.3g} mm, {picked.latency_ms:.3g} ms")
 
 
-def _measured(scene: Scene, name: str, folder: Path, options: argparse.Namespace) -> tuple[Trade, list[LeftOut]]:
+def _measured(scene: Scene, name: str, folder: Path, options: argparse.Namespace, kept: list[Kept]) -> Kept:
     """Measure everything; what is done is in the folder at any time."""
     estimators = tuple(options.estimators or NAMES)
-    kept: list[Trade] = []
 
     def keep(trade: Trade) -> None:
-        _write(folder, name, trade, [])
-        kept[:] = [trade]
+        _keep(folder, name, trade, [], kept)
 
-    try:
-        with _termination_interrupts(), shown_progress() as progress:
-            trade = measured_points(
-                scene, estimators, draws=options.draws, seed=options.seed, progress=progress, keep=keep
-            )
-            keep(trade)
-            progress("leaving out physics", 1.0)
-            return trade, physics_trade(scene, draws=options.draws, seed=options.seed)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(_interrupted(kept, folder)) from None
+    with shown_progress() as progress:
+        trade = measured_points(scene, estimators, draws=options.draws, seed=options.seed, progress=progress, keep=keep)
+        keep(trade)
+        progress("leaving out physics", 1.0)
+        return trade, physics_trade(scene, draws=options.draws, seed=options.seed)
+
+
+def _keep(folder: Path, name: str, trade: Trade, physics: list[LeftOut], kept: list[Kept]) -> dict[str, Any]:
+    # Kept first: an interruption while the files are written writes them again.
+    kept[:] = [(trade, physics)]
+    return _write(folder, name, trade, physics)
 
 
 def _write(folder: Path, name: str, trade: Trade, physics: list[LeftOut]) -> dict[str, Any]:
@@ -98,11 +110,13 @@ def _write(folder: Path, name: str, trade: Trade, physics: list[LeftOut]) -> dic
     return results
 
 
-def _interrupted(kept: list[Trade], folder: Path) -> str:
+def _interrupted(kept: list[Kept], options: argparse.Namespace) -> str:
+    """Write what is kept, as the interruption may have come between two files; return what to say of it."""
     if not kept:
         return "interrupted; no point is done, and nothing was written"
-    (trade,) = kept
-    return f"interrupted; {len(trade.points)} of {trade.planned} points are done, in {folder}"
+    ((trade, physics),) = kept
+    _write(options.output, surface_name(options.scene), trade, physics)
+    return f"interrupted; {len(trade.points)} of {trade.planned} points are done, in {options.output}"
 
 
 @contextmanager

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.beam import check_small_angles
+from beamtouch_models.beam import check_small_angles, max_deflection_mm
 from beamtouch_models.contacts import Contacts, simulated_enough
 from beamtouch_models.effects import required
 from beamtouch_models.errors import SceneError
@@ -14,6 +14,7 @@ from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
 from beamtouch_models.figures import Figure, mean_of, ratio_of
+from beamtouch_models.held_limit import check_scale
 from beamtouch_models.modelfile import FilterChoice
 from beamtouch_models.noise import noise_of, reading_noise_mm, window_filter
 from beamtouch_models.placement import fewest_sensors
@@ -135,6 +136,7 @@ def measured_points(
     if reading_noise_mm(scene) == 0:
         message = "sensors: a noise of 0 leaves nothing to trade; state the noise of a reading"
         raise SceneError(message)
+    deflection_mm = max_deflection_mm(scene)
     layouts = [(count, chosen) for count in counts_of(scene) for chosen in windows_of(scene)]
     total = len(layouts) * len(estimators)
     made: list[_Made] = []
@@ -142,6 +144,7 @@ def measured_points(
     failures: list[Failure] = []
     for number, (count, chosen) in enumerate(layouts):
         try:
+            check_scale(noise_of(scene, chosen).sample_mm, deflection_mm)
             contacts, prior = _contacts(scene, count, chosen, draws, seed)
         except SceneError as error:
             failures.append(Failure(None, count, chosen, str(error)))
