@@ -16,7 +16,6 @@ from starlette.types import ASGIApp, Scope
 
 from beamtouch_service.config import TlsFiles
 from beamtouch_service.connection import HEAD_S, BoundedProtocol
-from beamtouch_service.defaults import MAX_CLIENTS_PER_ADDRESS
 from beamtouch_service.limits import SeldomFilter
 from beamtouch_service.notify import ServiceManager
 from beamtouch_service.places import Places
@@ -43,10 +42,10 @@ def configure(
     max_clients: int,
     tls: TlsFiles | None = None,
     *,
-    max_clients_per_address: int = MAX_CLIENTS_PER_ADDRESS,
+    max_clients_per_address: int | None = None,
 ) -> uvicorn.Config:
     """Return how uvicorn is to serve `app`."""
-    places = Places(max_clients, max_clients_per_address, BoundedProtocol.has_unread)
+    places = Places(max_clients, max_clients_per_address or max_clients, BoundedProtocol.has_unread)
     return uvicorn.Config(
         app,
         # uvicorn only calls it, once for each connection.
