@@ -45,7 +45,7 @@ def _varint(content: bytes, at: int) -> tuple[int, int]:
     for byte in content[at : at + 10]:
         number |= (byte & 0x7F) << shift
         at, shift = at + 1, shift + 7
-        if byte < 0x80:  # noqa: PLR2004  # the bit that says that another byte follows
+        if byte < 0x80:  # the bit that says that another byte follows
             break
     return number, at
 

@@ -14,6 +14,7 @@ from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 
 from beamtouch_service import handlers, heads
 from beamtouch_service.front import CONTACT_HEADERS, HEADERS, LIVE_PATH, Front, client
+from beamtouch_service.handshakes import Handshakes
 from beamtouch_service.places import Places, State
 from beamtouch_service.problems import Kind, Problem
 
@@ -51,14 +52,22 @@ class BoundedProtocol(HttpToolsProtocol):
     _is_over = False
     """Nothing that follows is read."""
 
-    def __init__(self, *arguments: Any, places: Places["BoundedProtocol"], **options: Any) -> None:  # noqa: ANN401  # uvicorn's
+    def __init__(
+        self,
+        *arguments: Any,  # noqa: ANN401  # uvicorn's
+        places: Places["BoundedProtocol"],
+        handshakes: Handshakes,
+        **options: Any,  # noqa: ANN401  # uvicorn's
+    ) -> None:
         super().__init__(*arguments, **options)
         self._places = places
+        self._handshakes = handshakes
         self._framing = heads.Framing()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn's
         """Expect a request."""
         super().connection_made(transport)
+        self._handshakes.end(transport.get_extra_info("peername"))
         if not self._take_place():
             surplus = self._places.wait(self)
             if surplus is not None:
