@@ -32,8 +32,6 @@ GOLDEN_TOLERANCE = 1e-3
 
 MAX_BYTES = 4 * 1024 * 1024
 """Of a model file: a hundred times the largest that `design-sensors build` makes."""
-_FOLDED_BYTES = MAX_BYTES
-"""A constant that onnxruntime computes when it loads a graph may be as large as the file, not larger."""
 
 _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 
@@ -303,6 +301,9 @@ def _require_size(size_bytes: int, origin: str) -> None:
 def load_bytes(content: bytes, origin: str) -> ModelFile:
     """Load a model from memory; `origin` is named in errors. Raises ModelFileError as `load` does."""
     _require_size(len(content), origin)
+    if model_trial.has_functions(content):
+        message = f"{origin}: its graph defines functions, so it is no model of `design-sensors build`"
+        raise ModelFileError(message)
     try:
         trial = _open(lambda: model_trial.make_session(content, session_options()))
         metadata = Metadata.from_entries(trial.get_modelmeta().custom_metadata_map)
@@ -314,7 +315,7 @@ def load_bytes(content: bytes, origin: str) -> ModelFile:
         )
         _check_signature(model)
         _check_golden(model)
-        session = _open(lambda: ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"]))
+        session = _open(lambda: model_trial.open_session(content, session_options()))
     except ModelFileError as error:
         message = f"{origin}: {error}"
         raise ModelFileError(message) from None
@@ -342,7 +343,6 @@ def session_options() -> ort.SessionOptions:
     options.log_severity_level = 4
     # No folder: weights in other files are refused, wherever they are said to be.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
-    options.add_session_config_entry("optimization.constant_folding_max_output_size_in_bytes", str(_FOLDED_BYTES))
     return options
 
 

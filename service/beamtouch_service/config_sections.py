@@ -35,10 +35,10 @@ class ServerSection(BaseModel):
     certificate_file: _Text | None = None
     """PEM, with the chain; together with `key_file`: HTTPS instead of HTTP."""
     key_file: _Text | None = None
-    max_clients: Annotated[int, Field(ge=1, le=100_000)] = defaults.MAX_CLIENTS
+    max_clients: Annotated[int, Field(ge=1, le=defaults.MOST_CLIENTS)] = defaults.MAX_CLIENTS
     """Connections at a time; for one more an idle one without a token is closed, and without such a one it gets 503."""
-    max_clients_per_address: Annotated[int, Field(ge=1, le=100_000)] = defaults.MAX_CLIENTS_PER_ADDRESS
-    """The same for the connections of one address that have not borne a token."""
+    max_clients_per_address: Annotated[int, Field(ge=1, le=defaults.MOST_CLIENTS)] | None = None
+    """The same for the connections of one address that have not borne a token; None: half of `max_clients`."""
     max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = defaults.BATCHES_PER_S
     """For each surface; more get 429."""
 

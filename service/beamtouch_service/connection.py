@@ -14,6 +14,7 @@ from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 
 from beamtouch_service import handlers, heads
 from beamtouch_service.front import CONTACT_HEADERS, HEADERS, LIVE_PATH, Front, client
+from beamtouch_service.handshakes import Handshakes
 from beamtouch_service.places import Places, State
 from beamtouch_service.problems import Kind, Problem
 
@@ -47,16 +48,26 @@ class BoundedProtocol(HttpToolsProtocol):
     _is_settled = False
     """The request that is being read has its answer, or gets none."""
     _refusal: Problem | None = None
+    """Why nothing that follows is read."""
+    _is_over = False
     """Nothing that follows is read."""
 
-    def __init__(self, *arguments: Any, places: Places["BoundedProtocol"], **options: Any) -> None:  # noqa: ANN401  # uvicorn's
+    def __init__(
+        self,
+        *arguments: Any,  # noqa: ANN401  # uvicorn's
+        places: Places["BoundedProtocol"],
+        handshakes: Handshakes,
+        **options: Any,  # noqa: ANN401  # uvicorn's
+    ) -> None:
         super().__init__(*arguments, **options)
         self._places = places
+        self._handshakes = handshakes
         self._framing = heads.Framing()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn's
         """Expect a request."""
         super().connection_made(transport)
+        self._handshakes.end(transport.get_extra_info("peername"))
         if not self._take_place():
             surplus = self._places.wait(self)
             if surplus is not None:
@@ -66,17 +77,18 @@ class BoundedProtocol(HttpToolsProtocol):
     def data_received(self, data: bytes) -> None:
         """Take what came; if that is not all of a request, expect the rest soon."""
         start = 0
-        while start < len(data) and self._refusal is None:
+        while start < len(data) and not self._is_over:
             end = self._framing.cut(data, start)
             if self._framing.is_too_long(end - start):
                 self._refuse(heads.too_long())
                 break
-            super().data_received(data[start:end])
-            self._framing.fed(end - start)
+            piece = data[start:end]
+            super().data_received(piece)
+            self._framing.fed(piece)
             if self._framing.is_too_long():
                 self._refuse(heads.too_long())
             start = end
-        if self._refusal is not None:
+        if self._is_over:
             return
         if self._framing.is_between or self._is_answering():
             self._forget()
@@ -151,6 +163,9 @@ class BoundedProtocol(HttpToolsProtocol):
         self._note_state()
         if self._refusal is not None:
             self._tell(self._refusal)
+        elif self._framing.is_in_chunks:
+            # Answered before all of it was there, and it may have no end.
+            self._finish()
         elif not self._framing.is_between and self._deadline is None:
             # Answered before all of it was there, or another has begun.
             self._deadline = self.loop.call_later(HEAD_S, self._give_up)
@@ -163,7 +178,7 @@ class BoundedProtocol(HttpToolsProtocol):
         """Read nothing more, and say why once the requests before are answered."""
         if self._refusal is not None or self.transport.is_closing():
             return
-        self._refusal = problem
+        self._refusal, self._is_over = problem, True
         is_answering = self._is_answering()
         if not self._framing.in_head and not self._is_settled:
             # The rest of this request's body will not come.
@@ -187,6 +202,13 @@ class BoundedProtocol(HttpToolsProtocol):
         answer = handlers.answer(problem, {**HEADERS, "Connection": "close"})
         head = b"".join(b"%b: %b\r\n" % header for header in answer.raw_headers)
         self.transport.write(STATUS_LINE[problem.kind.status] + head + b"\r\n" + answer.body)
+        self._finish()
+
+    def _finish(self) -> None:
+        """Read nothing more, and close once the client has had the time to read its answer."""
+        self._is_over = True
+        if self.transport.is_closing():
+            return
         self._forget()
         self._unset_keepalive_if_required()
         if not self.transport.can_write_eof():

@@ -95,18 +95,20 @@ class _Page:
     """Where the next page begins."""
 
 
-def _page(store: EventStore, query: EventQuery, *, as_csv: bool) -> _Page:
+def _page(recorder: Recorder, store: EventStore, query: EventQuery, *, as_csv: bool) -> _Page:
     path = query.path and not as_csv
-    found = store.read(_selection(query, path=path))
+    found = [(number, recorder.answerable(piece)) for number, piece in store.read(_selection(query, path=path))]
     page = found[: query.limit]
     following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(found) > len(page) else None
     content = event_answers.as_csv(page) if as_csv else event_answers.as_json(page, following, path=path)
     return _Page(content, not page, following)
 
 
-def _one(store: EventStore, number: int) -> bytes | None:
+def _one(recorder: Recorder, store: EventStore, number: int) -> bytes | None:
     piece = store.get(number)
-    return None if piece is None else event_answers.event_with_path(number, piece).model_dump_json().encode()
+    if piece is None:
+        return None
+    return event_answers.event_with_path(number, recorder.answerable(piece)).model_dump_json().encode()
 
 
 def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRouter:
@@ -125,7 +127,7 @@ def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRout
         """Return contacts from touch to lift, the newest touch first; as CSV a row each."""
         as_csv = _wants_csv(query, request)
         tell_if_stale()
-        page = await wrap_future(recorder.ask(lambda store: _page(store, query, as_csv=as_csv)))
+        page = await wrap_future(recorder.ask(lambda store: _page(recorder, store, query, as_csv=as_csv)))
         if query.surface and page.is_empty:
             # Of a surface that is no longer configured there may still be events; without any the name is wrong.
             registry.named(query.surface)
@@ -141,7 +143,7 @@ def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRout
     async def get_event(number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]) -> Response:
         """Return one contact, with its path."""
         tell_if_stale()
-        content = await wrap_future(recorder.ask(lambda store: _one(store, number)))
+        content = await wrap_future(recorder.ask(lambda store: _one(recorder, store, number)))
         if content is None:
             detail = f"There is no event {number}: it was dropped, or has become part of another; see GET /events."
             raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))

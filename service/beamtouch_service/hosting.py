@@ -3,9 +3,11 @@
 import asyncio
 import gc
 import logging
+import resource
 import signal
 import socket
 import sys
+import time
 from collections.abc import Callable, Coroutine, Sequence
 from functools import partial
 from types import FrameType
@@ -15,9 +17,9 @@ import uvicorn
 from starlette.types import ASGIApp, Scope
 
 from beamtouch_service.config import TlsFiles
-from beamtouch_service.connection import HEAD_S, BoundedProtocol
-from beamtouch_service.defaults import MAX_CLIENTS_PER_ADDRESS
-from beamtouch_service.limits import SeldomFilter
+from beamtouch_service.connection import BoundedProtocol
+from beamtouch_service.handshakes import HANDSHAKE_S, Handshakes
+from beamtouch_service.limits import Seldom, SeldomFilter
 from beamtouch_service.notify import ServiceManager
 from beamtouch_service.places import Places
 from beamtouch_service.streams import Streams
@@ -33,6 +35,9 @@ _ACCEPTED_AT_ONCE = 16
 _QUEUE = 1024
 """Newcomers that the system keeps until they are accepted; to those beyond it, it does not answer."""
 
+MOST_FILES = 8192
+"""Open at a time: 4096 connections, handshakes, and what they and the service need beside."""
+
 _log = logging.getLogger("beamtouch.service")
 
 Work = Callable[[], Coroutine[Any, Any, None]]
@@ -43,14 +48,17 @@ def configure(
     max_clients: int,
     tls: TlsFiles | None = None,
     *,
-    max_clients_per_address: int = MAX_CLIENTS_PER_ADDRESS,
+    max_clients_per_address: int | None = None,
+    handshakes: Handshakes | None = None,
 ) -> uvicorn.Config:
     """Return how uvicorn is to serve `app`."""
-    places = Places(max_clients, max_clients_per_address, BoundedProtocol.has_unread)
+    places = Places(max_clients, max_clients_per_address or max_clients, BoundedProtocol.has_unread)
     return uvicorn.Config(
         app,
         # uvicorn only calls it, once for each connection.
-        http=cast("type[asyncio.Protocol]", partial(BoundedProtocol, places=places)),
+        http=cast(
+            "type[asyncio.Protocol]", partial(BoundedProtocol, places=places, handshakes=handshakes or Handshakes())
+        ),
         ws="none",
         loop=f"{__name__}:Loop",
         lifespan="off",
@@ -72,10 +80,19 @@ def configure(
 class Loop(asyncio.SelectorEventLoop):
     """The usual event loop, with a bound on clients that connect and do not get on with TLS."""
 
+    _seldom = Seldom()
+
+    def call_exception_handler(self, context: dict[str, Any]) -> None:
+        """Report an error as every loop does; that nothing can be accepted, once a minute."""
+        if not context.get("message", "").startswith("socket.accept()"):
+            super().call_exception_handler(context)
+        elif self._seldom.due("accept", time.monotonic()):
+            _log.error("no connection can be accepted: %s", context.get("exception"))
+
     async def create_server(self, *arguments: Any, **options: Any) -> asyncio.Server:  # noqa: ANN401  # as every loop's
         """Return a server as every loop does."""
         if options.get("ssl"):
-            options["ssl_handshake_timeout"] = HEAD_S
+            options["ssl_handshake_timeout"] = HANDSHAKE_S
         server: asyncio.Server = await super().create_server(*arguments, **options)
         return server
 
@@ -141,6 +158,11 @@ def serve(host: Host, listener: socket.socket) -> None:
     # Until the loop heeds it, it must not end the process.
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     logging.getLogger("uvicorn.error").addFilter(SeldomFilter())
+    # Many systems allow 1024 files, and more when asked.
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, MOST_FILES)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
     # What is there now stays; looking through it again and again for garbage would hold up answers.
     gc.collect()
     gc.freeze()

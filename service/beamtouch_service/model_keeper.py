@@ -85,7 +85,7 @@ class ModelKeeper:
         self._waits_for: list[str] = []
         """Channels of a model that was refused because they do not arrive."""
         self._allowed = ""
-        """Digest of the file of another beam that was asked for."""
+        """Digest of the file of another beam that was asked for, until it is in use or another takes its place."""
         self._lock = asyncio.Lock()
 
     async def poll(self) -> None:
@@ -123,14 +123,16 @@ class ModelKeeper:
         self._waits_for = []
         content = await self._settled_content()
         digest, old = await asyncio.to_thread(_digest, content), self.surface.model
+        if other_beam or digest != self._allowed:
+            self._allowed = digest if other_beam else ""
         if digest == self._digest:
             return False
         # In a thread: contacts are asked for and samples arrive meanwhile.
         model = await asyncio.to_thread(parse, content, str(self.path))
-        self._require_same_beam(model, digest, other_beam=other_beam)
+        self._require_same_beam(model, digest)
         self._require_channels(model)
         self.surface.adopt(model)
-        self._digest = digest
+        self._digest, self._allowed = digest, ""
         _log.info(
             "surface %s: model %s instead of %s", self.surface.name, model.identity, old.identity if old else "none"
         )
@@ -152,9 +154,7 @@ class ModelKeeper:
         message = f"{self.path}: it is still being written; ask again when it is complete"
         raise ModelFileError(message)
 
-    def _require_same_beam(self, model: ModelFile, digest: str, *, other_beam: bool) -> None:
-        if other_beam:
-            self._allowed = digest
+    def _require_same_beam(self, model: ModelFile, digest: str) -> None:
         old = self.surface.model
         found = difference(old.metadata, model.metadata) if old else None
         if found and digest != self._allowed:

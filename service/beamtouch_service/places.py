@@ -1,9 +1,11 @@
 """Who holds the connections that a service may have, and who gives one up for a newcomer. Pure: no sockets, no clock.
 
 A connection that has borne a token comes before one that has not. Among those without, the ones that wait for their own
-client go first, and of these the ones of the address that holds most, the longest idle first.
+client go first: those that have asked for nothing, then those that do not read their answer, then those that are
+idle. Of one of these kinds the address that holds most gives one up, and of equal ones the one that was longest idle.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, auto
@@ -36,7 +38,7 @@ class _Held:
 
 MAX_WAITING = 32
 """Connections without a place that may still say that they have a token, or be told that there is no place."""
-_FOR_EVERYONE = ((State.SILENT, False), (State.IDLE, False), (State.UNREAD, False))
+_FOR_EVERYONE = ((State.SILENT, False), (State.UNREAD, False), (State.IDLE, False))
 _FOR_TOKENS = (*_FOR_EVERYONE, (State.BUSY, False), (State.IDLE, True))
 
 
@@ -56,7 +58,9 @@ class Places(Generic[Who]):
         self._has_spoken = has_spoken
         self._held: dict[Who, _Held] = {}
         self._waiting: dict[Who, None] = {}
-        # Of each kind the connections by address, in the order in which they came to be of that kind.
+        self._without_token: Counter[str] = Counter()
+        """How many of an address have borne no token."""
+        # Of each kind the connections by address, the longest idle first: those of an address, and the addresses.
         self._kinds: dict[tuple[State, bool], dict[str, dict[Who, None]]] = {
             (state, has_token): {} for state in State for has_token in (False, True)
         }
@@ -64,7 +68,7 @@ class Places(Generic[Who]):
     def take(self, who: Who, address: str, *, has_token: bool = False) -> tuple[bool, Who | None]:
         """Give a place to a newcomer; return whether there is one, and who has to leave for it."""
         victim = None
-        if not has_token and self._without_token(address) >= self._most_per_address:
+        if not has_token and self._without_token[address] >= self._most_per_address:
             victim = self._victim(has_token=False, address=address)
             if victim is None:
                 return False, None
@@ -98,14 +102,19 @@ class Places(Generic[Who]):
             # As most often: only that it was idle for no time now.
             del held.beside[who]
             held.beside[who] = None
+            by_address = self._kinds[held.state, held.has_token]
+            by_address[held.address] = by_address.pop(held.address)
         else:
             self._pull(who)
             self._put(who, _Held(held.address, state, held.has_token or has_token))
 
     def _put(self, who: Who, held: _Held) -> None:
         self._held[who] = held
-        held.beside = self._kinds[held.state, held.has_token].setdefault(held.address, {})
+        by_address = self._kinds[held.state, held.has_token]
+        held.beside = by_address[held.address] = by_address.pop(held.address, {})
         held.beside[who] = None
+        if not held.has_token:
+            self._without_token[held.address] += 1
 
     def _pull(self, who: Who) -> _Held:
         held = self._held.pop(who)
@@ -113,16 +122,18 @@ class Places(Generic[Who]):
         del by_address[held.address][who]
         if not by_address[held.address]:
             del by_address[held.address]
+        if not held.has_token:
+            self._without_token[held.address] -= 1
+            if not self._without_token[held.address]:
+                del self._without_token[held.address]
         return held
-
-    def _without_token(self, address: str) -> int:
-        return sum(len(self._kinds[state, False].get(address, ())) for state in State)
 
     def _victim(self, *, has_token: bool, address: str | None = None) -> Who | None:
         for kind in _FOR_TOKENS if has_token else _FOR_EVERYONE:
             by_address = self._kinds[kind]
             # The address that holds most comes first.
-            order = sorted(by_address, key=self._without_token, reverse=True) if address is None else [address]
+            holds = {one: len(with_token) for one, with_token in by_address.items()} if kind[1] else self._without_token
+            order = sorted(by_address, key=holds.__getitem__, reverse=True) if address is None else [address]
             for one in order:
                 for who in by_address.get(one, ()):
                     if kind[0] in (State.UNREAD, State.BUSY) or not self._has_spoken(who):

@@ -9,6 +9,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -22,7 +23,7 @@ from beamtouch_service.defaults import KEEP_DAYS, MOST_MB
 from beamtouch_service.estimates import estimate
 from beamtouch_service.event_file import EventFile
 from beamtouch_service.event_store import EventStore
-from beamtouch_service.events import End
+from beamtouch_service.events import End, Piece
 from beamtouch_service.folding import Command, Folder, Loss, fold_late
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surface import Surface
@@ -65,12 +66,15 @@ class Recorder:
         self._levels: tuple[str, Levels] | None = None
         self._unsettled: set[str] = set()
         """Surfaces of which a write was lost: what is open on record may have ended."""
+        self._stale: set[str] = set()
+        """Surfaces whose newest sample is too old."""
         self._settling: Future[None] | None = None
         self._looked_s = float("-inf")
         self._complained_s = float("-inf")
 
     def present(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
         """Note samples that moved the present, in order."""
+        self._stale.discard(surface.name)
         commands: list[Command] = []
         edges: Edges = {}
         former = self._folders.get(surface.name)
@@ -92,6 +96,7 @@ class Recorder:
 
     def stale(self, surface: Surface) -> None:
         """End what goes on: the newest sample of this surface is too old."""
+        self._stale.add(surface.name)
         former = self._folders.get(surface.name)
         commands = former[2].expire() if former else []
         if former and commands:
@@ -130,6 +135,12 @@ class Recorder:
         """Have a question answered in the thread, one at a time, after all that was told of the present before."""
         self._flush()
         return self._turns.prompt(lambda: question(self._file.store))
+
+    def answerable(self, piece: Piece) -> Piece:
+        """Return an event as it may be answered: one that a lost write left open may have ended."""
+        if piece.end is not End.OPEN or piece.surface not in self._unsettled:
+            return piece
+        return replace(piece, end=End.STALE if piece.surface in self._stale else End.UNSEEN)
 
     def close(self) -> None:
         """Write what can be written in a second, and close the file."""

@@ -9,6 +9,7 @@ from beamtouch_service.app import create_app
 from beamtouch_service.background import Background
 from beamtouch_service.config import ConfigError, Settings, SurfaceSettings
 from beamtouch_service.event_store import EventStoreError
+from beamtouch_service.handshakes import Handshakes, TlsListener
 from beamtouch_service.hosting import Host, configure, serve
 from beamtouch_service.listening import bind, resolve
 from beamtouch_service.model_keeper import ModelKeeper
@@ -41,11 +42,15 @@ def run(settings: Settings) -> None:
             recorder=recorder,
         )
         per_address = settings.max_clients_per_address
-        config = configure(app, settings.max_clients, settings.tls, max_clients_per_address=per_address)
+        handshakes = Handshakes()
+        config = configure(
+            app, settings.max_clients, settings.tls, max_clients_per_address=per_address, handshakes=handshakes
+        )
         manager = ServiceManager()
         work = Background(app.context, manager, config, settings.tls).work
         try:
-            serve(Host(config, manager, streams, work), listener)
+            host = Host(config, manager, streams, work)
+            serve(host, TlsListener(listener, handshakes) if settings.tls else listener)
         finally:
             recorder.close()
 

@@ -162,6 +162,25 @@ def test_a_full_disk_leaves_one_open_event_at_most(
     assert [event["end"] for event in events(service)] == ["lift", "unseen", "unseen"]
 
 
+def test_no_event_is_answered_as_open_that_a_full_disk_left_open(
+    start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
+) -> None:
+    service = start_service("--config", config)
+    service.post(make_batch(RESTING, TOUCHING, TOUCHING))
+    (event,) = events(service)
+    assert event["end"] == "open"
+    resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+    service.post(make_batch(RESTING, sequence=4))
+    assert [event["end"] for event in events(service)] == ["unseen"]
+    assert service.get(f"/events/{event['id']}").json()["end"] == "unseen"
+    assert ",unseen," in service.get("/events?format=csv").text
+    service.post(make_batch(TOUCHING, sequence=5, age_ms=59_900))
+    wait_for(lambda: service.get("/contact").status_code == 503)
+    assert [event["end"] for event in events(service)] == ["stale"]
+    resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    wait_for(lambda: on_record(config)[0][0] == "unseen")
+
+
 def test_a_file_of_the_older_format_is_upgraded_in_place(
     start_service: StartService, make_batch: MakeBatch, config: Path
 ) -> None:
