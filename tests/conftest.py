@@ -13,7 +13,7 @@ from filelock import FileLock
 from xdist.remote import Producer
 
 from beamtouch_models import modelfile
-from beamtouch_models.build import build
+from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from scheduling import Scheduling

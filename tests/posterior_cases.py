@@ -8,13 +8,13 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import TensorProto, numpy_helper
 
-from beamtouch_models.beam import max_deflection_mm
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
 from beamtouch_models.modelfile import session_options
+from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.placement import place
-from beamtouch_models.prior import Prior
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 

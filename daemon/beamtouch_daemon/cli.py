@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from beamtouch_daemon import logs
 
 if TYPE_CHECKING:
-    from beamtouch_daemon.line import Summary
-    from beamtouch_daemon.once import SurfaceState
+    from beamtouch_daemon.commands.once import SurfaceState
+    from beamtouch_daemon.running.surface_worker import Summary
 
 DONE, FAILED, WRONG_INPUT = 0, 1, 2
 INTERRUPTED = 130
@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     logs.set_up(as_json=getattr(arguments, "log_format", "text") == "json")
     try:
-        from beamtouch_daemon.config import ConfigError  # noqa: PLC0415 - needs the extra, which may be missing
+        from beamtouch_daemon.config.settings import ConfigError  # noqa: PLC0415 - needs the extra, which may be missing
 
         try:
             code: int = arguments.command(arguments)
@@ -95,7 +95,7 @@ def _add_record(command: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from beamtouch_daemon import runtime  # noqa: PLC0415
+    from beamtouch_daemon.running import runtime  # noqa: PLC0415
 
     summary_file: Path | None = arguments.summary
     if summary_file and not summary_file.parent.is_dir():
@@ -117,7 +117,7 @@ def _print_summary(name: str, summary: "Summary") -> None:
 
 
 def _write_summary(path: Path, summaries: dict[str, "Summary"]) -> int:
-    from beamtouch_daemon import tare  # noqa: PLC0415
+    from beamtouch_daemon.processing import tare  # noqa: PLC0415
 
     content = {"surfaces": {name: dataclasses.asdict(summary) for name, summary in summaries.items()}}
     try:
@@ -128,7 +128,8 @@ def _write_summary(path: Path, summaries: dict[str, "Summary"]) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    from beamtouch_daemon import config_file, once  # noqa: PLC0415
+    from beamtouch_daemon.commands import once  # noqa: PLC0415
+    from beamtouch_daemon.config import file as config_file  # noqa: PLC0415
 
     settings = config_file.load(arguments.config)
     config_file.require_ports(settings)
@@ -175,8 +176,10 @@ def _print_table(states: Sequence["SurfaceState"]) -> None:
 
 
 def _tare(arguments: argparse.Namespace) -> int:
-    from beamtouch_daemon import config_file, once, tare  # noqa: PLC0415
-    from beamtouch_daemon.config import ConfigError  # noqa: PLC0415
+    from beamtouch_daemon.commands import once  # noqa: PLC0415
+    from beamtouch_daemon.config import file as config_file  # noqa: PLC0415
+    from beamtouch_daemon.config.settings import ConfigError  # noqa: PLC0415
+    from beamtouch_daemon.processing import tare  # noqa: PLC0415
     from beamtouch_daemon.sources.reading import SourceError  # noqa: PLC0415
 
     settings = config_file.load(arguments.config)
@@ -207,8 +210,10 @@ def _tare(arguments: argparse.Namespace) -> int:
 
 
 def _record(arguments: argparse.Namespace) -> int:
-    from beamtouch_daemon import config_file, record, record_table, tare  # noqa: PLC0415
-    from beamtouch_daemon.record_dialogue import HELP, Dialogue, load_of  # noqa: PLC0415
+    from beamtouch_daemon.commands import record, record_table  # noqa: PLC0415
+    from beamtouch_daemon.commands.record_dialogue import HELP, Dialogue, load_of  # noqa: PLC0415
+    from beamtouch_daemon.config import file as config_file  # noqa: PLC0415
+    from beamtouch_daemon.processing import tare  # noqa: PLC0415
     from beamtouch_daemon.sources.reading import SourceError  # noqa: PLC0415
 
     settings = config_file.load(arguments.config)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PositiveInt, ValidationError, model_validator
 
 from beamtouch_models.errors import SceneError
-from beamtouch_models.structure import Beam, Finite, PositiveFinite, Strict
+from beamtouch_models.physics.structure import Beam, Finite, PositiveFinite, Strict
 from beamtouch_models.text_file import read_text
 
 __all__ = ["Beam", "Contact", "Descriptor", "Requirements", "Scene", "Sensors", "load_scene", "parse_scene"]

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from beamtouch_models.modelfile import ModelFileError
-from beamtouch_service import model_keeper
+from beamtouch_service.api.models import ModelDescription, describe
 from beamtouch_service.config import ConfigError
-from beamtouch_service.model_routes import ModelDescription, describe
+from beamtouch_service.host import model_watch as model_keeper
 
 
 def report(path: Path, *, as_json: bool) -> str:

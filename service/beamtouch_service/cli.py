@@ -64,7 +64,7 @@ def _run(arguments: argparse.Namespace) -> None:
     options = {name: getattr(arguments, name) for name in _OPTIONS}
     settings = load_settings(Path(arguments.config) if arguments.config else None, options)
     # Only now: what needs the extra is not needed to say that a config is wrong, or that the extra is missing.
-    from beamtouch_service import server  # noqa: PLC0415
+    from beamtouch_service.host import server  # noqa: PLC0415
 
     server.run(settings)
 

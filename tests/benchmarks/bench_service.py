@@ -16,9 +16,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 import numpy as np
 
 from beamtouch_models import modelfile
-from beamtouch_models.build import build
+from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
-from beamtouch_service.inference import Durations, Inference
+from beamtouch_service.surfaces.inference import Durations, Inference
 from example_scenes import SCENES
 
 TURNS, SECONDS = 5, 2.0

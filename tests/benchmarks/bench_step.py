@@ -18,12 +18,12 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 import numpy as np
 import tomli_w
 
-from beamtouch_daemon.config import Surface
-from beamtouch_daemon.pipeline import Pipeline
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models import modelfile
-from beamtouch_models.build import build
-from beamtouch_models.daemon_config import daemon_config
+from beamtouch_models.building.build import build
+from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import load_scene

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_service import TOKEN, processor_s, resident_mb, server
 
 from beamtouch_models import modelfile
-from beamtouch_models.build import build
+from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from beamtouch_daemon.calibration import QUALITIES, Calibration
-from beamtouch_daemon.config_signal import Channel
+from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.processing.characteristic import QUALITIES, Calibration
 from beamtouch_service.samples import Quality
 
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon.config import Config, ConfigError, place_of
-from beamtouch_daemon.config_file import load, require_ports
-from beamtouch_daemon.config_signal import Adaptive, LowPass, MovingAverage, NoFilter, ZeroTracking
-from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, SerialLine
+from beamtouch_daemon.config.file import load, require_ports
+from beamtouch_daemon.config.settings import Config, ConfigError, place_of
+from beamtouch_daemon.config.signal import Adaptive, LowPass, MovingAverage, NoFilter, ZeroTracking
+from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
 
 from . import configs
 

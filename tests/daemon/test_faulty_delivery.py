@@ -10,7 +10,7 @@ from time import monotonic
 
 import pytest
 
-from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_service.samples import Batch, Quality, Sample
 
 from . import configs

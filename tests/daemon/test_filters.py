@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_daemon.config_signal import Adaptive, Filter, LowPass, MovingAverage, NoFilter
-from beamtouch_daemon.filters import (
+from beamtouch_daemon.config.signal import Adaptive, Filter, LowPass, MovingAverage, NoFilter
+from beamtouch_models.filters import (
     Chain,
     FloatArray,
     adaptive,

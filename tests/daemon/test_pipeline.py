@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from beamtouch_daemon.config import Surface
-from beamtouch_daemon.pipeline import Pipeline, Taken
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_service.samples import Quality
 

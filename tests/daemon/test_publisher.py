@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from beamtouch_daemon.outbox import Outbox
-from beamtouch_daemon.pipeline import Taken
-from beamtouch_daemon.publisher import Publisher, Sender
-from beamtouch_daemon.service_client import ServiceClient
+from beamtouch_daemon.delivery.client import ServiceClient
+from beamtouch_daemon.delivery.outbox import Outbox
+from beamtouch_daemon.delivery.publisher import Publisher, Sender
+from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.delivery.spooler import Disk
+from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_daemon.spool import Spool
-from beamtouch_daemon.spooler import Disk
 from beamtouch_service.samples import Batch, Quality, Sample
 
 from .service import TOKEN, Service, serving
@@ -286,5 +286,7 @@ def test_what_waits_on_the_disk_does_not_hold_up_the_present_while_it_is_refused
             spool.put("bench", batch, monotonic() - 60)
         run(story(spool))
     refusal = "the service takes no samples (status 503: Busy; send the batch again.); trying again"
-    said = [record.getMessage() for record in caplog.records if record.name == "beamtouch_daemon.late_delivery"]
+    said = [
+        record.getMessage() for record in caplog.records if record.name == "beamtouch_daemon.delivery.late_delivery"
+    ]
     assert said == [f"bench: publishing what waits on the disk: {refusal}"]

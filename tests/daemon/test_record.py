@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from pymodbus.simulator.simdevice import SimAction
 
-from beamtouch_daemon.record_dialogue import load_of
+from beamtouch_daemon.commands.record_dialogue import load_of
 
 from . import configs
 from .devices import pymodbus_server

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon import late_delivery, service_client
-from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.delivery import client as service_client
+from beamtouch_daemon.delivery import late_delivery
+from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Batch
 

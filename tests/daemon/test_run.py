@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.tasks import cancel
 from beamtouch_service.samples import Batch, Quality
 

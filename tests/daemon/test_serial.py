@@ -9,7 +9,7 @@ from time import monotonic
 
 import pytest
 
-from beamtouch_daemon.config_sources import SerialLine
+from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.serial_line import SerialSource
 from beamtouch_protocol import messages

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon import spool as spool_module
-from beamtouch_daemon.spool import Spool
-from beamtouch_daemon.spool_connection import SpoolError
-from beamtouch_daemon.spool_row import MARGIN_S
+from beamtouch_daemon.delivery import spool as spool_module
+from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.delivery.spool_connection import SpoolError
+from beamtouch_daemon.delivery.spool_row import MARGIN_S
 from beamtouch_service.samples import Batch, Quality, Sample
 
 ROOM = 10_000_000

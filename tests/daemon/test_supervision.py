@@ -16,8 +16,8 @@ import httpx2
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from beamtouch_daemon.line import PATIENCE_S, Line
-from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.running.surface_worker import PATIENCE_S, Line
 from parts import require
 
 from . import configs

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_daemon import tare
-from beamtouch_daemon.calibration import Calibration, FloatArray
-from beamtouch_daemon.config import ConfigError
-from beamtouch_daemon.config_signal import Channel
+from beamtouch_daemon.config.settings import ConfigError
+from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.processing import tare
+from beamtouch_daemon.processing.characteristic import Calibration, FloatArray
 
 CHANNELS = ["s1", "s2"]
 NOISE_MM = 0.002

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_daemon.config_signal import ZeroTracking
-from beamtouch_daemon.zero_tracking import FloatArray, Rules, State, fresh, track
+from beamtouch_daemon.config.signal import ZeroTracking
+from beamtouch_daemon.processing.zero_tracking import FloatArray, Rules, State, fresh, track
 
 RATE_HZ = 20.0
 NOISE_MM = 0.001

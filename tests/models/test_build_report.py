@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.build import Built
-from beamtouch_models.build_report import facts as facts_module
-from beamtouch_models.build_report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
-from beamtouch_models.build_report.facts import Facts, gather
-from beamtouch_models.build_report.page import page
+from beamtouch_models.building.build import Built
+from beamtouch_models.building.report import facts as facts_module
+from beamtouch_models.building.report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
+from beamtouch_models.building.report.facts import Facts, gather
+from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import build as command
-from beamtouch_models.effects import required
 from beamtouch_models.modelfile import Channel, ModelFile
 from beamtouch_models.placement import Placement, place, place_by_position_error
+from beamtouch_models.pricing.effects import required
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 from example_scenes import PAPER, SCENES
 from tags import Tags

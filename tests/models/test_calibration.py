@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import cli, limit, modelfile
+from beamtouch_models import cli, modelfile
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.model_prior import physics_of, prior_of_model
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checked_fit
 from beamtouch_models.calibration.fit import Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import LoadsError, read_loads
 from beamtouch_models.calibration.mistaken import mistaken
-from beamtouch_models.model_prior import physics_of, prior_of_model
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.imperfections import Imperfections
 from imperfect_surface import imperfections, true_prior, write_readings

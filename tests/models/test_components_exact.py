@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from beamtouch_models.beam import influence
-from beamtouch_models.components import discernible, log_eigenvalue_product, principal_components
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.placement.components import discernible, log_eigenvalue_product, principal_components
 from beamtouch_models.scene import Beam
 from example_scenes import UNIT_BEAM
 

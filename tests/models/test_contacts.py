@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from beamtouch_models import limit
-from beamtouch_models.contacts import LIKELY, simulated, simulated_enough
-from beamtouch_models.figures import Figure, mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.contacts import LIKELY, simulated, simulated_enough
+from beamtouch_models.accuracy.figures import Figure, mean_of, quantile_of, ratio_of, share_of
 from posterior_cases import prior_of
 
 SEEDS = 50

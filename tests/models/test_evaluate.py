@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
-from beamtouch_models.evaluation import at_noise, evaluate
-from beamtouch_models.model_prior import prior_of_model
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.evaluation import at_noise, evaluate
+from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.modelfile import ModelFile
 
 COMMAND = str(Path(sys.executable).parent / "design-sensors")

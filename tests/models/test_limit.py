@@ -2,10 +2,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
-from beamtouch_models.beam import influence
-from beamtouch_models.noise import reading_noise_mm
-from beamtouch_models.prior import Prior
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.noise import reading_noise_mm
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.physics.beam import influence
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
+from beamtouch_models.accuracy import limit
+from beamtouch_models.building.measured import FALSE_ALARM_RATE, _for_odds, contact_threshold, measured
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.measured import FALSE_ALARM_RATE, _for_odds, contact_threshold, measured
 from posterior_cases import answers_of, graph_of, prior_of
 
 

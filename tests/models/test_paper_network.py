@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from beamtouch_models import paper_network
-from beamtouch_models.limit import Array
-from beamtouch_models.paper_network import _initial, _present, train
+from beamtouch_models.accuracy.limit import Array
+from beamtouch_models.estimators import paper_network
+from beamtouch_models.estimators.paper_network import _initial, _present, train
 from beamtouch_models.reproduction.paper import deflection_mm
 
 LOADS = np.arange(20.0, 201.0, 4.0)

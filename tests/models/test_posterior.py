@@ -5,12 +5,12 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.limit import Array
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.onnx_graph import IR_VERSION, OPSET
 from beamtouch_models.estimators.posterior.channels import fewest_channels
 from beamtouch_models.export import to_bytes
-from beamtouch_models.limit import Array
-from beamtouch_models.prior import Prior
 from posterior_cases import answers_of, graph_of, prior_of
 
 QUANTILES = (0.5, 0.025, 0.975)

@@ -6,16 +6,16 @@ import itertools
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
-from beamtouch_models.beam import max_deflection_mm
-from beamtouch_models.build import sensor_of
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.limit import Array
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.building.build import sensor_of
+from beamtouch_models.building.held_limit import check_held
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.posterior.cells import Design
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.held_limit import check_held
-from beamtouch_models.limit import Array
-from beamtouch_models.prior import Prior
+from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from posterior_cases import answers_of, double_answers, graph_of, prior_of

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamtouch_models.accuracy.limit import MeanError
 from beamtouch_models.commands import reproduce as command
-from beamtouch_models.limit import MeanError
-from beamtouch_models.paper_network import PaperNetwork
+from beamtouch_models.estimators.paper_network import PaperNetwork
 from beamtouch_models.reproduction import accuracy, search
 from beamtouch_models.reproduction.accuracy import NOISES_PERCENT, Layout, Performance, performances
 from beamtouch_models.reproduction.components import figure_3, figure_4, figure_7, noise_errors

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lsim, lti
 
 from beamtouch_models import modelfile
-from beamtouch_models.dynamics import first_frequency_hz
 from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.dynamics import first_frequency_hz
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.ringing import Array, Mode, Ringing, ringing_of
 from beamtouch_models.rig.script import Load

@@ -14,11 +14,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_models import limit, modelfile
+from beamtouch_models import modelfile
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.figures import Figure
+from beamtouch_models.accuracy.noise import choose_filter
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.figures import Figure
 from beamtouch_models.modelfile import FilterChoice
-from beamtouch_models.noise import choose_filter
 from beamtouch_models.scene import load_scene, parse_scene
 from beamtouch_models.trade.front import NotToBeHadError, most_accurate, pareto_front, quickest
 from beamtouch_models.trade.physics import physics_trade

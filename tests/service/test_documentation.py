@@ -9,11 +9,11 @@ import pytest
 from fastapi.testclient import TestClient
 
 from beamtouch_service.access import Access
-from beamtouch_service.app import create_app
-from beamtouch_service.contact import Contact
+from beamtouch_service.api.app import create_app
 from beamtouch_service.problems import MEDIA_TYPE, Kind, ProblemBody
 from beamtouch_service.samples import Batch
-from beamtouch_service.surface import Surface
+from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.surface import Surface
 
 from .conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
 

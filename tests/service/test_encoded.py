@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from beamtouch_service.encoded import EncodedContacts
+from beamtouch_service.api.encoded import EncodedContacts
 
 if TYPE_CHECKING:
     from service.conftest import Bench, MakeBatch

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_service import event_file
-from beamtouch_service.event_file import EventFile
-from beamtouch_service.event_store import Selection
-from beamtouch_service.recorder import Recorder
-from beamtouch_service.surface import Surface
+from beamtouch_service.events import file as event_file
+from beamtouch_service.events.file import EventFile
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.events.store import Selection
+from beamtouch_service.surfaces.surface import Surface
 from service.test_event_store import DAY_S, piece
 
 if TYPE_CHECKING:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_service import event_answers
+from beamtouch_service.api import event_answers
 from service.test_events import RESTING, TOUCHING, Story
 
 if TYPE_CHECKING:
-    from beamtouch_service.events import Piece
+    from beamtouch_service.events.pieces import Piece
     from service.conftest import Bench, MakeBatch
 
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from beamtouch_service.event_store import EventStore, EventStoreError, Selection
-from beamtouch_service.events import Begin, End, Piece
-from beamtouch_service.folding import Finish
+from beamtouch_service.events.pieces import Begin, End, Piece
+from beamtouch_service.events.segmenter import Finish
+from beamtouch_service.events.store import EventStore, EventStoreError, Selection
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

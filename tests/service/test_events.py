@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamtouch_models import modelfile
-from beamtouch_service.events import MOST_POINTS, Point, thin
-from beamtouch_service.surface import Surface
+from beamtouch_service.events.pieces import MOST_POINTS, Point, thin
+from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from service.conftest import Bench, BuildModel, MakeBatch

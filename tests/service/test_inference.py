@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from beamtouch_models import modelfile
-from beamtouch_service.inference import Durations, Inference
+from beamtouch_service.surfaces.inference import Durations, Inference
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_service.intake import MAX_BODY_BYTES, pointer
+from beamtouch_service.api.intake import MAX_BODY_BYTES, pointer
 from beamtouch_service.samples import MAX_SAMPLES
-from beamtouch_service.surface import Surface
+from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,7 +9,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from beamtouch_models import modelfile
-from beamtouch_service.surface import Surface
+from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -12,11 +12,11 @@ import onnx
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_service import model_keeper
 from beamtouch_service.access import Access
-from beamtouch_service.model_keeper import ModelKeeper
+from beamtouch_service.host import model_watch as model_keeper
+from beamtouch_service.host.model_watch import ModelKeeper
 from beamtouch_service.problems import ProblemError
-from beamtouch_service.surface import Surface
+from beamtouch_service.surfaces.surface import Surface
 from service.conftest import ADMIN_TOKEN, TOKEN
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_service import recorder as recorder_module
-from beamtouch_service.recorder import MOST_LATE, Recorder
+from beamtouch_service.events import recorder as recorder_module
+from beamtouch_service.events.recorder import MOST_LATE, Recorder
 from service.test_events import RESTING, TOUCHING, Row, settle
 
 if TYPE_CHECKING:

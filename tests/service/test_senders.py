@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_service.senders import Senders
+from beamtouch_service.surfaces.senders import Senders
 
 if TYPE_CHECKING:
     import pytest

@@ -8,7 +8,7 @@ from threading import Event
 
 import pytest
 
-from beamtouch_service.turns import Turns
+from beamtouch_service.events.worker import Turns
 
 
 def test_what_is_prompt_passes_what_may_wait_and_both_keep_their_order() -> None:

@@ -7,8 +7,8 @@ from typing import Any
 import httpx2
 import pytest
 
-from beamtouch_models.build import build
-from beamtouch_models.daemon_config import daemon_config
+from beamtouch_models.building.build import build
+from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from line import Line, Surface

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.daemon_config import daemon_config
+from beamtouch_models.building.daemon_config import daemon_config
 from example_scenes import SCENES
 from line import Kind, Line, Surface, Truth
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from beamtouch_daemon.config import Surface, place_of
-from beamtouch_daemon.config_signal import Channel
-from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, SerialLine
-from beamtouch_daemon.modules import Encoding, module_of
+from beamtouch_daemon.config.modules import Encoding, module_of
+from beamtouch_daemon.config.settings import Surface, place_of
+from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
 from beamtouch_daemon.sources.links import RtuLink, TcpLink
 from beamtouch_daemon.sources.polled import Link, Part, PolledSource
 from beamtouch_daemon.sources.reading import Source

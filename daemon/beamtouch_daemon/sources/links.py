@@ -7,7 +7,7 @@ from time import monotonic
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-from beamtouch_daemon.config_sources import ModbusTcp
+from beamtouch_daemon.config.sources import ModbusTcp
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_bus import RtuBus

@@ -5,8 +5,8 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from beamtouch_daemon.config_sources import ByteOrder
-from beamtouch_daemon.modules import Encoding, words_of
+from beamtouch_daemon.config.modules import Encoding, words_of
+from beamtouch_daemon.config.sources import ByteOrder
 
 MAX_REGISTERS = 125
 """The most that one request may ask for."""

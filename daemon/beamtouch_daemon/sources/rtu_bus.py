@@ -12,7 +12,7 @@ from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
 from time import monotonic
 
-from beamtouch_daemon.config_sources import ModbusRtu
+from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_exchange import Query, RtuExchange, forgotten_s

@@ -6,7 +6,7 @@ from collections.abc import Collection
 from time import monotonic
 from typing import NamedTuple
 
-from beamtouch_daemon.config_sources import ModbusRtu
+from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_frame import EXCEPTION, Answer, find_answer, find_frame, is_damaged, request
 from beamtouch_daemon.sources.rtu_port import RtuPort

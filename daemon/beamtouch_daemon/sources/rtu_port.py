@@ -6,7 +6,7 @@ import termios
 
 import serial
 
-from beamtouch_daemon.config_sources import ModbusRtu
+from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.reading import SourceError
 
 _READ_BYTES = 4096

@@ -10,7 +10,7 @@ import random
 from collections.abc import AsyncGenerator, Sequence
 from time import monotonic
 
-from beamtouch_daemon.config_sources import SerialLine
+from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources.clock import HostClock
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.serial_port import Arrival, SerialPort

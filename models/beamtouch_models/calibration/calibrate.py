@@ -6,7 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models import limit
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.model_prior import physics_of, prior_of_model
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.building.measured import measured
 from beamtouch_models.calibration.fit import Fit, Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
 from beamtouch_models.calibration.mistaken import Suspect, mistaken
@@ -15,10 +18,7 @@ from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.estimators.onnx_graph import with_linear_input
 from beamtouch_models.export import to_bytes
-from beamtouch_models.measured import measured
-from beamtouch_models.model_prior import physics_of, prior_of_model
 from beamtouch_models.modelfile import Calibration, Departures, Metadata, ModelFile
-from beamtouch_models.prior import Prior
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]

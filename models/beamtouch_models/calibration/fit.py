@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from beamtouch_models.accuracy.model_prior import departed, stated_by
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.calibration.loads import Loads
-from beamtouch_models.model_prior import departed, stated_by
 from beamtouch_models.modelfile import Departures, Metadata
-from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 
 Array = NDArray[np.float64]

@@ -6,15 +6,15 @@ import sys
 from pathlib import Path
 
 from beamtouch_models import modelfile
-from beamtouch_models.build import Choices, build
-from beamtouch_models.build_report.facts import gather
-from beamtouch_models.build_report.page import page
+from beamtouch_models.building.build import Choices, build
+from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
+from beamtouch_models.building.report.facts import gather
+from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import inspect
 from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.daemon_config import daemon_config, write_token_if_absent
-from beamtouch_models.effects import effects_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.export import write_whole
+from beamtouch_models.pricing.effects import effects_of
 from beamtouch_models.scene import load_scene
 
 

@@ -13,11 +13,11 @@ from rich.console import Console
 from rich.table import Table
 
 from beamtouch_models import modelfile
+from beamtouch_models.accuracy.evaluation import Errors, Evaluation, at_noise, evaluate
+from beamtouch_models.accuracy.figures import Figure
+from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import InputError
-from beamtouch_models.evaluation import Errors, Evaluation, at_noise, evaluate
-from beamtouch_models.figures import Figure
-from beamtouch_models.model_prior import prior_of_model
 
 WIDTH_WITHOUT_TERMINAL = 120
 

@@ -3,7 +3,8 @@
 import argparse
 import json
 
-from beamtouch_models import modelfile, report
+from beamtouch_models import modelfile
+from beamtouch_models.building import description as report
 
 
 def run(options: argparse.Namespace) -> None:

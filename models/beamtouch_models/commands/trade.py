@@ -15,7 +15,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from beamtouch_models.build import Choices, build
+from beamtouch_models.building.build import Choices, build
 from beamtouch_models.commands.build import surface_name
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.commands.reproduce import folder_of

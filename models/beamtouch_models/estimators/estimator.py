@@ -6,13 +6,13 @@ from typing import Literal, get_args
 
 import onnx
 
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.paper_graph import paper_graph, trained_as_in_the_paper
 from beamtouch_models.estimators.posterior.channels import fewest_channels
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.estimators.small_network import train
 from beamtouch_models.estimators.small_network_graph import small_network_graph
 from beamtouch_models.estimators.teacher import may_miss_one
-from beamtouch_models.prior import Prior
 
 Name = Literal["posterior", "small-network", "paper-network"]
 NAMES: tuple[Name, ...] = get_args(Name)

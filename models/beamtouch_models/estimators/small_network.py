@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.teacher import Lessons, lessons
-from beamtouch_models.prior import Prior
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.estimators.running import runner
 from beamtouch_models.modelfile import FORCE_OUTPUTS, POSITION_OUTPUTS
-from beamtouch_models.prior import Prior
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

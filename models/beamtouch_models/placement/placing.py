@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from beamtouch_models.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
-from beamtouch_models.components import log_eigenvalue_product
 from beamtouch_models.errors import SceneError
-from beamtouch_models.layout import Candidates, Indices
+from beamtouch_models.physics.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
+from beamtouch_models.placement.components import log_eigenvalue_product
+from beamtouch_models.placement.layout import Candidates, Indices
 from beamtouch_models.placement.position_error import Surrogate, decided, surrogate_of
 from beamtouch_models.placement.problem import Problem, problem_of, rules_for
 from beamtouch_models.placement.proof import bound_gap, prove

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.beam import scene_influence
-from beamtouch_models.densities import densities
-from beamtouch_models.layout import Candidates, Indices
-from beamtouch_models.limit import accuracy_limit, log_likelihood, spread_contacts
-from beamtouch_models.prior import Prior
+from beamtouch_models.accuracy.densities import densities
+from beamtouch_models.accuracy.limit import accuracy_limit, log_likelihood, spread_contacts
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.placement.layout import Candidates, Indices
 from beamtouch_models.scene import Scene
 
 Array = NDArray[np.float64]

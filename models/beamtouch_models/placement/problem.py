@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
-from beamtouch_models.components import log_eigenvalue_product
 from beamtouch_models.errors import SceneError
-from beamtouch_models.layout import Candidates, Indices, candidates, equal_pitch_mm
+from beamtouch_models.physics.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
+from beamtouch_models.placement.components import log_eigenvalue_product
+from beamtouch_models.placement.layout import Candidates, Indices, candidates, equal_pitch_mm
 from beamtouch_models.scene import Scene
 
 Array = NDArray[np.float64]

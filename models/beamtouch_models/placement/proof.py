@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.layout import Indices
 from beamtouch_models.placement.bound import Bounder, bounder_of
+from beamtouch_models.placement.layout import Indices
 from beamtouch_models.placement.problem import Problem
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.layout import Candidates, Indices
+from beamtouch_models.placement.layout import Candidates, Indices
 from beamtouch_models.placement.problem import Problem
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.layout import Candidates, Indices
+from beamtouch_models.placement.layout import Candidates, Indices
 from beamtouch_models.placement.problem import Problem
 from beamtouch_models.placement.search_exact import GAIN, Run
 

@@ -10,11 +10,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from beamtouch_models import limit
-from beamtouch_models.limit import MeanError
-from beamtouch_models.paper_network import MAX_EPOCHS, PaperNetwork, train
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.limit import MeanError
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.estimators.paper_network import MAX_EPOCHS, PaperNetwork, train
 from beamtouch_models.placement import place
-from beamtouch_models.prior import Prior
 from beamtouch_models.reproduction.paper import (
     LENGTH_MM,
     LOADS_MM,

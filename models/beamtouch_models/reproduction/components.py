@@ -3,7 +3,7 @@
 import numpy as np
 
 from beamtouch_models.charts import Chart, Series
-from beamtouch_models.components import Components, principal_components
+from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.reproduction.finding import Figure, Row, compared, rounded
 from beamtouch_models.reproduction.paper import LOADS_MM, MAX_DEFLECTION, Array, dimensionless, equal_pitch_mm
 

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from beamtouch_models.beam import influence
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.physics.structure import Beam
 from beamtouch_models.scene import Scene
-from beamtouch_models.structure import Beam
 
 Array = NDArray[np.float64]
 

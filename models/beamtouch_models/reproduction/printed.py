@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from beamtouch_models.components import principal_components
+from beamtouch_models.placement.components import principal_components
 from beamtouch_models.reproduction.finding import Row, compared
 from beamtouch_models.reproduction.paper import FORCE_N, LENGTH_MM, LOADS_MM, Array, deflection_mm, equal_pitch_mm
 

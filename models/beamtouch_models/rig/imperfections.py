@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 
 from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.structure import Finite, Fixity, PositiveFinite, Strict, changed_beam
 from beamtouch_models.scene import Scene, first_error
-from beamtouch_models.structure import Finite, Fixity, PositiveFinite, Strict, changed_beam
 from beamtouch_models.text_file import read_text
 
 Array = NDArray[np.float64]

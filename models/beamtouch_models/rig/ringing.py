@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models import dynamics
-from beamtouch_models.effects import effects_of
+from beamtouch_models.accuracy.noise import sensor_noise_mm
 from beamtouch_models.errors import SceneError
-from beamtouch_models.noise import sensor_noise_mm
+from beamtouch_models.physics import dynamics
+from beamtouch_models.pricing.effects import effects_of
 from beamtouch_models.scene import Scene
 
 Array = NDArray[np.float64]

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.beam import scene_influence
+from beamtouch_models.accuracy.noise import sensor_noise_mm
 from beamtouch_models.errors import SceneError
 from beamtouch_models.modelfile import Metadata, Sensor
-from beamtouch_models.noise import sensor_noise_mm
+from beamtouch_models.physics.beam import scene_influence
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.ringing import Ringing, ringing_of
 from beamtouch_models.rig.script import Load

@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.beam import check_small_angles
-from beamtouch_models.contacts import Contacts, simulated_enough
-from beamtouch_models.effects import required
+from beamtouch_models.accuracy.contacts import Contacts, simulated_enough
+from beamtouch_models.accuracy.figures import Figure, mean_of, ratio_of
+from beamtouch_models.accuracy.noise import noise_of, reading_noise_mm, window_filter
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.figures import Figure, mean_of, ratio_of
 from beamtouch_models.modelfile import FilterChoice
-from beamtouch_models.noise import noise_of, reading_noise_mm, window_filter
+from beamtouch_models.physics.beam import check_small_angles
 from beamtouch_models.placement import fewest_sensors
-from beamtouch_models.prior import Prior
+from beamtouch_models.pricing.effects import required
 from beamtouch_models.scene import MIN_SENSORS, Scene
 from beamtouch_models.trade.quantised import quantised
 from beamtouch_models.trade.timing import ROUNDS, Times, inference_times

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from beamtouch_service.heads import MAX_HEAD_BYTES, MAX_HEADERS
+from beamtouch_service.host.heads import MAX_HEAD_BYTES, MAX_HEADERS
 
 from ..conftest import TOKEN, MakeBatch
 from .conftest import Service

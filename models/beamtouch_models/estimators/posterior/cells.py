@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.prior import Prior
+from beamtouch_models.accuracy.prior import Prior
 
 Array = NDArray[np.float64]
 

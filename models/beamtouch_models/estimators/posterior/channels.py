@@ -2,8 +2,8 @@
 
 from itertools import combinations
 
-from beamtouch_models.limit import accuracy_limit
-from beamtouch_models.prior import Prior
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior
 
 ENOUGH = 0.5
 """A set of channels determines a position if its error is at most this share of the error of a guess without any."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.posterior.cells import Design, cells_of
-from beamtouch_models.prior import Prior
 
 Array = NDArray[np.float64]
 

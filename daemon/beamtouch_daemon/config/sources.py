@@ -1,0 +1,106 @@
+"""Where readings come from, as the configuration states it."""
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+from beamtouch_daemon.config.modules import module_of
+
+Milliseconds = Annotated[FiniteFloat, Field(ge=1, le=60_000)]
+NetworkPort = Annotated[int, Field(ge=1, le=65_535)]
+Baud = Annotated[int, Field(ge=300, le=12_000_000)]
+ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+"""Order of the four bytes of a 32-bit value, A the most significant; of 16 bits AB, or BA with the last two."""
+
+
+def _known(name: str) -> str:
+    module_of(name)
+    return name
+
+
+class Strict(BaseModel):
+    """Every key known, no value converted, nothing changed afterwards."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Modbus(Strict):
+    """What Modbus TCP and RTU share."""
+
+    module: Annotated[str, AfterValidator(_known)] | None = None
+    """A module that is known by name; its channels then say `input` instead of `register`."""
+    function: Literal[3, 4] | None = None
+    """4, unless stated: input registers. 3: holding registers."""
+    max_registers: Annotated[int, Field(ge=1, le=125)] | None = None
+    """The most that one request may ask for; 125, unless stated or known of the module."""
+    bridge_registers: Annotated[int, Field(ge=0, le=124)] = 0
+    """So many registers in a row that nobody needs are read along to save a request; a unit must have them."""
+    byte_order: ByteOrder = "ABCD"
+
+    @model_validator(mode="after")
+    def _module_is_of_this_kind(self) -> Self:
+        kind = None if self.module is None else module_of(self.module).kind
+        if kind is not None and kind != getattr(self, "kind", kind):
+            message = f"module {self.module} speaks {kind}"
+            raise ValueError(message)
+        return self
+
+    @property
+    def function_code(self) -> int:
+        """The function that reads the registers."""
+        known = None if self.module is None else module_of(self.module).function
+        return self.function or known or 4
+
+    @property
+    def most_registers(self) -> int:
+        """The most registers of one request."""
+        known = None if self.module is None else module_of(self.module).max_registers
+        return self.max_registers or known or 125
+
+
+class ModbusTcp(Modbus):
+    """Registers behind Modbus TCP."""
+
+    kind: Literal["modbus-tcp"]
+    host: Annotated[str, Field(min_length=1)]
+    port: NetworkPort = 502
+    unit: Annotated[int, Field(ge=0, le=255)] = 1
+    timeout_ms: Milliseconds = 200.0
+    """How long to wait for the connection, and for each reply."""
+
+
+class ModbusRtu(Modbus):
+    """Registers of units on a serial bus, 8 data bits. Several surfaces may share one, with the same line settings."""
+
+    kind: Literal["modbus-rtu"]
+    port: Annotated[str, Field(min_length=1)]
+    """Path of the serial device."""
+    baud: Baud = 115_200
+    parity: Literal["none", "even", "odd"] = "none"
+    stop_bits: Literal[1, 2] = 1
+    unit: Annotated[int, Field(ge=1, le=247)] = 1
+    timeout_ms: Milliseconds = 100.0
+    """How long to wait for each reply. A unit that does not answer is asked again after 13 times as long."""
+    silence_ms: Annotated[FiniteFloat, Field(ge=0, le=1000)] | None = None
+    """Between frames; as the standard says unless stated: 3.5 characters, and 1.75 ms above 19200 baud."""
+
+    @property
+    def line(self) -> tuple[object, ...]:
+        """What all users of one bus must agree on."""
+        return (self.baud, self.parity, self.stop_bits, self.silence_ms)
+
+
+class SerialLine(Strict):
+    """A device that speaks the protocol of `PROTOCOL.md`."""
+
+    kind: Literal["serial"]
+    port: Annotated[str, Field(min_length=1)]
+    """Path of the serial device."""
+    baud: Baud = 1_000_000
+    oversampling: Annotated[int, Field(ge=1, le=255)] = 1
+    """Conversions that the device averages in one reading."""
+
+
+RelativePath = Annotated[Path, Field(strict=False)]
+Source = Annotated[ModbusTcp | ModbusRtu | SerialLine, Field(discriminator="kind")]

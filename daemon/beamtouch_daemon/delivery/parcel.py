@@ -1,0 +1,77 @@
+"""Samples on their way to the service: sent as one batch, and in parts where that is too large."""
+
+import logging
+from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
+
+from beamtouch_daemon.delivery.client import TOO_LARGE, Answer, ServiceClient, UnreachableError, Verdict
+from beamtouch_daemon.faults import Fault
+from beamtouch_service.samples import Batch
+
+_log = logging.getLogger(__name__)
+_T = TypeVar("_T")
+
+
+class Parcel(Generic[_T]):
+    """Samples, oldest first, and what became of them.
+
+    Parameters
+    ----------
+    items
+        The samples, or what they are made of.
+    batch_of
+        Makes a batch of some of them, with the age that it has then.
+    """
+
+    def __init__(self, items: Sequence[_T], batch_of: Callable[[Sequence[_T]], Batch]) -> None:
+        self.taken = 0
+        """Samples that the service has acknowledged."""
+        self.refused: list[tuple[Batch, str]] = []
+        """What it will never take, and why."""
+        self._batch_of = batch_of
+        self._parts = [list(items)]
+
+    @property
+    def left(self) -> list[_T]:
+        """What was neither taken nor refused for good."""
+        return [item for part in reversed(self._parts) for item in part]
+
+    async def send(self, client: ServiceClient, surface: str, fault: Fault) -> Verdict:
+        """Send what is left, until that is nothing, or the service does not take it now.
+
+        Returns
+        -------
+        Verdict
+            On the last part: TAKEN or NEVER if nothing is left, else why.
+        """
+        verdict = Verdict.TAKEN
+        while self._parts:
+            part = self._parts[-1]
+            batch = self._batch_of(part)
+            try:
+                answer = await client.post_samples(surface, batch.model_dump_json(exclude_defaults=True).encode())
+            except UnreachableError as error:
+                fault.failed(f"no answer from {client.url} ({error}); trying again")
+                return Verdict.LATER
+            verdict = _verdict(answer, len(part))
+            if verdict is Verdict.TOO_LARGE:
+                half = len(part) // 2
+                self._parts[-1:] = [part[half:], part[:half]]
+            elif verdict is Verdict.TAKEN:
+                self._parts.pop()
+                self.taken += len(part)
+                fault.recovered()
+            elif verdict is Verdict.NEVER:
+                self._parts.pop()
+                self.refused.append((batch, answer.explanation))
+            else:
+                fault.failed(f"the service takes no samples ({answer.explanation}); trying again")
+                return verdict
+        return verdict
+
+
+def _verdict(answer: Answer, samples: int) -> Verdict:
+    """Return the verdict; a single sample cannot be split, and only the service says that one is too large."""
+    if answer.verdict is not Verdict.TOO_LARGE or samples > 1:
+        return answer.verdict
+    return Verdict.NEVER if answer.type == TOO_LARGE else Verdict.LATER

@@ -1,0 +1,159 @@
+"""The daemon at work, from its first signal handler to its last: the one place where its parts meet."""
+
+import asyncio
+import contextlib
+import logging
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from pymodbus.exceptions import ModbusException
+
+from beamtouch_daemon.config import file as config_file
+from beamtouch_daemon.config.settings import Config, ConfigError
+from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.delivery.spool_connection import SpoolError, SpoolFullError
+from beamtouch_daemon.delivery.spooler import Disk
+from beamtouch_daemon.running import metrics
+from beamtouch_daemon.running.supervisor import Supervisor
+from beamtouch_daemon.running.surface_worker import Summary
+from beamtouch_daemon.running.systemd import ServiceManager
+from beamtouch_daemon.tasks import cancel
+
+WATCH_S = 1.0
+"""Progress is looked at this often at least."""
+_log = logging.getLogger(__name__)
+
+
+async def run(path: Path) -> dict[str, Summary]:
+    """Read and publish all surfaces of a configuration file until SIGTERM or SIGINT; SIGHUP reads it again.
+
+    Returns
+    -------
+    dict
+        What became of the readings, by surface.
+
+    Raises
+    ------
+    ConfigError
+        The configuration, or something that it names, cannot be used; nothing was read or published.
+    """
+    config = config_file.load(path)
+    config_file.require_ports(config)
+    stop, reload = asyncio.Event(), asyncio.Event()
+    loop = asyncio.get_running_loop()
+    loop.set_exception_handler(_on_loop_error)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop.set)
+    loop.add_signal_handler(signal.SIGHUP, reload.set)
+    failure: ConfigError | None = None
+    with _disk(config) as disk:
+        async with asyncio.TaskGroup() as group:
+            supervisor = Supervisor(group, disk)
+            try:
+                with metrics.served(config.metrics.port, lambda: supervisor.lines, supervisor.spooled_elsewhere):
+                    await supervisor.apply(config)
+                    return await _serve(path, config, supervisor, group, (stop, reload))
+            except ConfigError as error:
+                failure = error  # raised inside, it would come out in a group
+    raise failure
+
+
+async def _serve(
+    path: Path,
+    config: Config,
+    supervisor: Supervisor,
+    group: asyncio.TaskGroup,
+    told: tuple[asyncio.Event, asyncio.Event],
+) -> dict[str, Summary]:
+    """Keep the lines going until told to stop."""
+    stop, reload = told
+    manager = ServiceManager()
+    manager.ready(_status(config))
+    helpers = {
+        group.create_task(_watch(supervisor, manager)),
+        group.create_task(_reload_when_told(path, config, supervisor, manager, reload)),
+    }
+    await stop.wait()
+    manager.stopping()
+    await cancel(helpers)
+    return await supervisor.stop()
+
+
+async def _watch(supervisor: Supervisor, manager: ServiceManager) -> None:
+    """Tell the manager of progress, and only of progress: a line that hangs ends in a restart."""
+    pause_s = min(WATCH_S, (manager.watchdog_s or WATCH_S) / 4)
+    while True:
+        hanging = [line.name for line in supervisor.lines if line.hangs(monotonic())]
+        if hanging:
+            _log.error("no progress on %s", ", ".join(hanging))
+        else:
+            manager.alive()
+        await asyncio.sleep(pause_s)
+
+
+async def _reload_when_told(
+    path: Path, config: Config, supervisor: Supervisor, manager: ServiceManager, told: asyncio.Event
+) -> None:
+    """Read the configuration again whenever `told`; one that is wrong changes nothing."""
+    while True:
+        await told.wait()
+        told.clear()
+        manager.reloading()
+        try:
+            new = config_file.load(path)
+            config_file.require_ports(new)
+            fixed = _takes_a_restart(config, new)
+            started = await supervisor.apply(new)
+        except ConfigError as error:
+            _log.error("the configuration is not read again, the old one holds: %s", error)
+        else:
+            _log.info("configuration read again; started anew: %s", ", ".join(started) or "nothing")
+            if fixed:
+                _log.warning("changed, and takes a restart: %s", ", ".join(fixed))
+            config = new
+        manager.ready(_status(config))
+
+
+def _takes_a_restart(old: Config, new: Config) -> list[str]:
+    """Return the keys that differ and are only read at the start."""
+    fixed = {
+        "publish.spool_file": old.spool_file != new.spool_file,
+        "publish.spool_mb": old.publish.spool_mb != new.publish.spool_mb,
+        "metrics.port": old.metrics != new.metrics,
+    }
+    return [name for name, differs in fixed.items() if differs]
+
+
+def _status(config: Config) -> str:
+    return f"reading {', '.join(config.surfaces)}"
+
+
+@contextmanager
+def _disk(config: Config) -> Iterator[Disk | None]:
+    """Open the spool for a block; None without one. ConfigError if it cannot be used."""
+    if not config.publish.spool_mb:
+        yield None
+        return
+    try:
+        spool = Spool(config.spool_file, round(config.publish.spool_mb * 1e6))
+    except SpoolFullError as error:  # what is new is delivered all the same
+        _log.error("%s; without a spool until the next start, samples wait in memory only", error)
+        yield None
+        return
+    except SpoolError as error:
+        message = f"publish.spool_file: {error}"
+        raise ConfigError(message) from error
+    with spool, contextlib.closing(Disk(spool)) as disk:
+        yield disk
+
+
+def _on_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Pass over what pymodbus raises into the loop when a frame cannot be decoded: the request then times out."""
+    if isinstance(context.get("exception"), ModbusException):
+        _log.debug("undecodable frame: %s", context["exception"])
+    else:
+        loop.default_exception_handler(context)

@@ -1,0 +1,90 @@
+"""Simulated contacts to measure estimators on, each with all the contacts that could have caused its reading.
+
+A reading does not tell where the contact was, only how likely it was where: by its posterior. So an average over
+contacts and noise is one over readings, of the average over the posterior of each. That has the same mean and less
+scatter (Rao-Blackwell), and estimator and accuracy limit share all of what is left.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.accuracy.figures import mean_of
+from beamtouch_models.accuracy.limit import CHUNK, Draws, draw_evenly, posterior_quantiles
+from beamtouch_models.accuracy.prior import Prior
+
+Array = NDArray[np.float64]
+
+LIKELY = 16
+"""Positions that stand for a posterior, each for an equal part of its probability."""
+CERTAIN, MORE = 0.01, 4
+"""Standard error of a limit, over the limit, that calls for that many times more contacts."""
+REPORTS = 20
+"""How often progress is told."""
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Contacts and their readings, evenly spread, in parts as `figures` expects them."""
+
+    drawn: Draws
+    likely_mm: Array
+    """(draws, LIKELY) positions that could have caused each reading; (draws, 1), the true one, without noise."""
+    median_mm: Array | None
+    """Posterior medians (draws,); None without noise, where there is no posterior."""
+    deviation_mm: Array | None
+    """Mean distance of each posterior from its median (draws,)."""
+
+    @property
+    def weight(self) -> Array:
+        """How much each contact counts in an average, (draws,)."""
+        return np.broadcast_to(self.drawn.weight, len(self.likely_mm))
+
+    def error_mm(self, estimate_mm: NDArray[np.floating]) -> Array:
+        """|error| of estimates (draws,) for each likely position, as `likely_mm`."""
+        return np.abs(estimate_mm.astype(np.float64)[:, None] - self.likely_mm)
+
+    def least_error_mm(self) -> Array | None:
+        """|error| of the posterior median, whose mean is the accuracy limit; None without noise."""
+        return None if self.median_mm is None else self.error_mm(self.median_mm)
+
+    def mean_error_mm(self, estimate_mm: NDArray[np.floating]) -> Array:
+        """Mean |error| of each estimate (draws,) over the posterior of its reading.
+
+        That of the median is known; the likely positions only say how much worse an estimate is.
+        """
+        error, best = self.error_mm(estimate_mm), self.least_error_mm()
+        if best is None or self.deviation_mm is None:
+            return error[:, 0]
+        worse: Array = (error - best).mean(axis=1)
+        return self.deviation_mm + worse
+
+
+def simulated(prior: Prior, count: int, seed: int, progress: Callable[[float], None] = lambda _done: None) -> Contacts:
+    """Draw at least `count` contacts of a prior, evenly, with what their readings leave possible."""
+    drawn = draw_evenly(prior, count, seed)
+    if prior.noise_mm == 0:
+        return Contacts(drawn, drawn.position_mm[:, None], None, None)
+    # A random shift makes every average over the likely positions right on average.
+    shift = np.random.default_rng([seed, LIKELY]).uniform(size=(len(drawn.position_mm), 1))
+    levels = np.column_stack([np.full(len(shift), 0.5), (np.arange(LIKELY) + shift) / LIKELY])
+    found = []
+    length = CHUNK * max(1, -(-len(shift) // (CHUNK * REPORTS)))
+    for start in range(0, len(shift), length):
+        part = slice(start, start + length)
+        found.append(np.column_stack(posterior_quantiles(prior, drawn.deflection_mm[part], levels[part])))
+        progress(min(1.0, (start + length) / len(shift)))
+    whole = np.concatenate(found)
+    return Contacts(drawn, whole[:, 1:-1], whole[:, 0], whole[:, -1])
+
+
+def simulated_enough(prior: Prior, count: int, seed: int) -> Contacts:
+    """As `simulated`, with several times the contacts where so few leave the accuracy limit uncertain."""
+    contacts = simulated(prior, count, seed)
+    if contacts.deviation_mm is None:
+        return contacts
+    reached = mean_of(contacts.deviation_mm, contacts.weight)
+    certain = reached.standard_error <= CERTAIN * reached.value
+    return contacts if certain else simulated(prior, MORE * count, seed)

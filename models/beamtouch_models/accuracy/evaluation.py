@@ -1,0 +1,153 @@
+"""A model beside the accuracy limit: errors, intervals, detection, each with its standard error. Pure; no I/O."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.accuracy import cramer_rao
+from beamtouch_models.accuracy.contacts import Contacts, simulated
+from beamtouch_models.accuracy.figures import Figure, mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.building.measured import rest_exceeding
+from beamtouch_models.modelfile import Answers, ModelFile
+
+Array = NDArray[np.float64]
+
+MIDDLE = (0.2, 0.8)
+"""The part of the length that counts as its middle."""
+LEAST_SHARE = 1e-3
+"""A stretch that holds fewer of the contacts has no figures of its own."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """|position error| over contacts of a stretch of the beam, in mm."""
+
+    mean_mm: Figure
+    p95_mm: Figure
+    worst_mm: float
+    """Of the contacts that were drawn; more draws find worse ones."""
+    limit_mean_mm: Figure | None
+    """None where the noise is 0, in which there is no limit."""
+    limit_p95_mm: Figure | None
+    ratio: Figure | None
+    """Mean over mean of the limit, on the same contacts."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """All that is measured of a model at one noise."""
+
+    noise_mm: float
+    draws: int
+    length_mm: float
+    span: Errors
+    """Over the whole range of contacts."""
+    middle: Errors | None
+    """Over the middle of the length; None where no contact of the range lies there."""
+    cramer_rao_mean_mm: float | None
+    position_coverage: Figure | None
+    """Share of contacts that lie in their stated interval; None where the model states none."""
+    position_width_mm: Figure | None
+    force_coverage: Figure | None
+    force_error_n: Figure | None
+    missed: Figure | None
+    """Share of contacts that the model does not call one."""
+    false_alarms: Figure | None
+    """Share of samples at rest that it calls a contact."""
+
+
+def evaluate(
+    model: ModelFile, prior: Prior, *, draws: int, seed: int, progress: Callable[[float], None] = lambda _done: None
+) -> Evaluation:
+    """Measure a model on at least `draws` simulated contacts of a prior; its noise need not be that of the model."""
+    contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done))
+    drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.weight
+    weight = np.broadcast_to(counts[:, None], likely.shape)
+    answers = _answers(model, prior.stated(drawn.deflection_mm))
+    progress(0.9)
+    worst = np.abs(answers["position_mm"] - drawn.position_mm)
+    error, best = contacts.error_mm(answers["position_mm"]), contacts.least_error_mm()
+    low, high = (end * prior.length_mm for end in MIDDLE)
+    inside, drawn_inside = ((low <= position) & (position <= high) for position in (likely, drawn.position_mm))
+    return Evaluation(
+        noise_mm=prior.noise_mm,
+        draws=len(worst),
+        length_mm=prior.length_mm,
+        span=_over_all(contacts, answers["position_mm"], _errors(error, best, weight, worst)),
+        middle=_errors(error, best, weight * inside, worst[drawn_inside])
+        if drawn_inside.mean() > LEAST_SHARE
+        else None,
+        cramer_rao_mean_mm=cramer_rao.mean_error_mm(prior) if prior.noise_mm > 0 else None,
+        position_coverage=_coverage(answers, "position", "mm", likely, weight),
+        position_width_mm=_width(answers, counts),
+        force_coverage=None
+        if prior.force_is_known
+        else _coverage(answers, "force", "n", drawn.force_n[:, None], weight[:, :1]),
+        force_error_n=mean_of(np.abs(answers["force_n"] - drawn.force_n), counts) if "force_n" in answers else None,
+        missed=share_of(answers["contact_log_odds"] <= model.metadata.contact_threshold, counts)
+        if "contact_log_odds" in answers
+        else None,
+        false_alarms=_false_alarms(model, prior, seed + 1),
+    )
+
+
+def at_noise(prior: Prior, noise_mm: float) -> Prior:
+    """Return the prior of the same surface with another noise per sample."""
+    return replace(prior, noise_mm=noise_mm)
+
+
+def _answers(model: ModelFile, deflection_mm: Array) -> dict[str, Array]:
+    return {name: values.astype(np.float64) for name, values in estimates(model, deflection_mm).items()}
+
+
+def estimates(model: ModelFile, deflection_mm: Array) -> Answers:
+    """Answers of a model to deflections (samples, channels), all channels valid."""
+    reading = deflection_mm.astype(np.float32)
+    return model.estimate(reading, np.ones(reading.shape, np.bool_))
+
+
+def _errors(error: Array, best: Array | None, weight: Array, worst: Array) -> Errors:
+    return Errors(
+        mean_mm=mean_of(error, weight),
+        p95_mm=quantile_of(error, 0.95, weight),
+        worst_mm=float(worst.max()),
+        limit_mean_mm=None if best is None else mean_of(best, weight),
+        limit_p95_mm=None if best is None else quantile_of(best, 0.95, weight),
+        ratio=None if best is None else ratio_of(error * weight, best * weight),
+    )
+
+
+def _over_all(contacts: Contacts, estimate_mm: Array, errors: Errors) -> Errors:
+    """Return errors over all contacts with means that use all that is known of each posterior."""
+    weight, mean = contacts.weight, contacts.mean_error_mm(estimate_mm)
+    if contacts.deviation_mm is None:
+        return errors
+    return replace(
+        errors,
+        mean_mm=mean_of(mean, weight),
+        limit_mean_mm=mean_of(contacts.deviation_mm, weight),
+        ratio=ratio_of(mean * weight, contacts.deviation_mm * weight),
+    )
+
+
+def _coverage(answers: dict[str, Array], quantity: str, unit: str, truth: Array, weight: Array) -> Figure | None:
+    low, high = (answers.get(f"{quantity}_{end}_{unit}") for end in ("low", "high"))
+    if low is None or high is None:
+        return None
+    return share_of((low[:, None] <= truth) & (truth <= high[:, None]), weight)
+
+
+def _width(answers: dict[str, Array], weight: Array) -> Figure | None:
+    if "position_low_mm" not in answers:
+        return None
+    return mean_of(answers["position_high_mm"] - answers["position_low_mm"], weight)
+
+
+def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Figure | None:
+    if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
+        return None
+    share, standard_error = rest_exceeding(prior, model.estimate, seed, model.metadata.contact_threshold)
+    return Figure(share, standard_error)

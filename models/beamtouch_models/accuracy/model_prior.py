@@ -1,0 +1,57 @@
+"""What a model was made from, out of its own file; and the same of a surface that departs from its scene."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.modelfile import Departures, Metadata
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.physics.structure import changed_beam
+from beamtouch_models.pricing.effects import required
+from beamtouch_models.scene import Scene, parse_scene
+
+Array = NDArray[np.float64]
+
+
+def physics_of(metadata: Metadata) -> Scene:
+    """Return the scene of a model with the effects that it requires; SceneError where it is not a scene."""
+    return required(parse_scene(metadata.scene, f"the scene in {metadata.name}"))
+
+
+def prior_of_model(metadata: Metadata) -> Prior:
+    """Rebuild the prior of a model; raises SceneError where its scene is not one."""
+    physics = physics_of(metadata)
+    sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
+    prior = Prior.of(physics, sensor_mm, metadata.noise.sample_mm)
+    if metadata.calibration is None:
+        return prior
+    noise_mm = float(np.hypot(prior.noise_mm, metadata.calibration.unexplained_mm))
+    return replace(departed(prior, physics, sensor_mm, metadata.calibration.departures), noise_mm=noise_mm)
+
+
+def departed(prior: Prior, physics: Scene, sensor_mm: Array, departures: Departures) -> Prior:
+    """Return the prior of a surface that differs from its scene.
+
+    Its deflections are linear in the force and hold the gains; `stated` adds the curve and the offsets.
+    """
+    beam = changed_beam(physics.beam, departures.rigidity, departures.fixity)
+    true_mm = np.clip(sensor_mm + np.array(departures.position_offset_mm), 0.0, beam.length_mm)
+    gain = np.array(departures.gain)
+    width_mm = physics.contact.width_mm
+
+    def influence_at(load_mm: Array) -> Array:
+        matrix: Array = gain * influence(beam, true_mm, load_mm, width_mm)
+        return matrix
+
+    return replace(prior, influence_at=influence_at, stated=partial(stated_by, departures))
+
+
+def stated_by(departures: Departures, deflection_mm: Array) -> Array:
+    """Return what the sensors state of deflections (loads, channels) that hold the gains, in mm."""
+    # The root of y + curve y^2 = deflection that is 0 at 0, in the form that does not cancel.
+    square = np.maximum(1 + 4 * departures.curve_per_mm * deflection_mm, 0.0)
+    reading: Array = 2 * deflection_mm / (1 + np.sqrt(square)) + np.array(departures.offset_mm)
+    return reading

@@ -1,0 +1,146 @@
+"""From a scene to a model file: filter, layout, estimator, accuracy beside the limit, golden answers."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import onnx
+
+from beamtouch_models.accuracy.noise import choose_filter, noise_of, step_mm
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.building.held_limit import check_held, check_scale
+from beamtouch_models.building.measured import measured
+from beamtouch_models.errors import SceneError
+from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
+from beamtouch_models.export import to_bytes
+from beamtouch_models.modelfile import Channel, FilterChoice, Metadata, Ranges, Sensor
+from beamtouch_models.physics.beam import check_small_angles, max_deflection_mm, travel_mm
+from beamtouch_models.placement import Placement, fewest_sensors
+from beamtouch_models.pricing.effects import required
+from beamtouch_models.scene import Scene
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the fraction of the whole that is done."""
+
+DEFAULT_ADC_BITS = 16
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What a build does not take from the scene."""
+
+    estimator: Name = NAMES[0]
+    filter: FilterChoice | None = None
+    """None: the one that takes all of the latency."""
+    finish: Callable[[onnx.ModelProto], onnx.ModelProto] = lambda graph: graph
+    """What is done to the estimator's graph before it is measured."""
+
+
+DEFAULTS = Choices()
+
+
+@dataclass(frozen=True)
+class Built:
+    """A finished build."""
+
+    content: bytes
+    metadata: Metadata
+    placement: Placement
+
+
+def build(
+    scene: Scene,
+    text: str,
+    name: str,
+    *,
+    count: int | None,
+    seed: int,
+    progress: Progress,
+    choices: Choices = DEFAULTS,
+) -> Built:
+    """Build the model of a scene.
+
+    Parameters
+    ----------
+    scene, text, name : the scene, the TOML it was read from, and the name of the surface
+    count : number of sensors; None takes the scene's
+    seed : of everything random; the same seed gives the same bytes
+    progress : told what is being done
+    choices : what to build other than the default
+
+    Raises
+    ------
+    SceneError
+        The scene cannot be built; the message says why.
+    NotGoodEnoughError
+        The model does not reach the accuracy limit, or its intervals hold too little.
+    """
+    check_small_angles(scene)
+    chosen = choices.filter or choose_filter(scene)
+    noise = noise_of(scene, chosen)
+    if noise.sample_mm == 0:
+        message = "sensors: a noise of 0 leaves no interval to state; state the noise of a reading"
+        raise SceneError(message)
+    check_scale(noise.sample_mm, max_deflection_mm(scene))
+    sensor = sensor_of(scene)
+    # Physics ends here: what follows has only the effects that the scene requires.
+    physics = required(scene)
+    noise = noise_of(physics, chosen)
+    progress("placing the sensors", 0.0)
+    placement = fewest_sensors(physics, noise.sample_mm, count, seed)
+    prior = Prior.of(physics, np.array(placement.positions_mm), noise.sample_mm)
+    made = estimator_of(
+        choices.estimator,
+        prior,
+        with_force=scene.wants_force,
+        seed=seed,
+        progress=lambda done: progress("making the estimator", 0.05 + 0.75 * done),
+    )
+    made = replace(made, graph=choices.finish(made.graph))
+    progress("measuring the accuracy against the limit", 0.8)
+    check_held(made, prior, seed + 4)
+    found = measured(made, prior, seed)
+    metadata = Metadata(
+        name=name,
+        estimator=made.name,
+        length_mm=scene.beam.length_mm,
+        layout=[Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(placement.positions_mm, start=1)],
+        min_channels=made.min_channels,
+        ranges=Ranges(position_mm=scene.contact.position_mm, force_n=scene.contact.force_range_n),
+        max_deflection_mm=max_deflection_mm(scene),
+        noise=noise,
+        filter=chosen,
+        sensor=sensor,
+        contact_threshold=found.contact_threshold,
+        seed=seed,
+        accuracy=found.accuracy,
+        golden=found.golden,
+        scene=text,
+    )
+    return Built(to_bytes(made.graph, metadata), metadata, placement)
+
+
+def sensor_of(scene: Scene) -> Sensor:
+    """Sensor, ADC and stand-off of a scene; raises SceneError where the beam's travel leaves the sensor's range."""
+    low, high = scene.sensors.range_mm
+    lift, travel = travel_mm(scene)
+    standoff = scene.sensors.standoff_mm
+    if standoff is None:
+        standoff = (low + high) / 2 + (travel - lift) / 2
+    if standoff - travel < low or standoff + lift > high:
+        message = (
+            f"the beam travels {travel + lift:.4g} mm and with a stand-off of {standoff:.4g} mm leaves "
+            f"sensors.range_mm = [{low:g}, {high:g}]; make the beam stiffer, the force smaller, "
+            "or take a sensor with a longer range"
+        )
+        raise SceneError(message)
+    bits = scene.sensors.adc_bits or DEFAULT_ADC_BITS
+    gain = step_mm(scene.sensors.range_mm, bits)
+    return Sensor(
+        rate_hz=scene.sensors.rate_hz,
+        range_mm=scene.sensors.range_mm,
+        standoff_mm=standoff,
+        adc_bits=bits,
+        gain_mm_per_count=gain,
+        offset_mm=low - 0.1 * (2**bits - 1) * gain,
+    )

@@ -1,0 +1,185 @@
+"""A new model for a surface that is being served: checked first, then swapped in at once; a bad one changes nothing."""
+
+import asyncio
+import logging
+import os
+import time
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from beamtouch_models import modelfile
+from beamtouch_models.modelfile import ModelFile, ModelFileError
+from beamtouch_service.surfaces.contact import LOG_ODDS
+from beamtouch_service.surfaces.inference import Durations, Inference
+from beamtouch_service.surfaces.same_beam import difference
+from beamtouch_service.surfaces.surface import Surface
+
+STILL_S = 1.0
+"""A file is read when size and time of change stood still for so long: before, it may be half a copy."""
+_ATTEMPTS = 10
+MOST_ANSWER_S = 0.1
+"""A thousand times what a real model takes; nothing else is answered meanwhile."""
+
+_log = logging.getLogger("beamtouch.service")
+
+
+@dataclass(frozen=True)
+class _Stamp:
+    """Differs when a file was written, or replaced by another."""
+
+    size: int
+    changed_ns: int
+    inode: int
+    status_ns: int
+    """When also its owner, its mode or its name changed."""
+
+
+def parse(content: bytes, origin: str) -> ModelFile:
+    """Load a model and check that a service can use it; `origin` is named in errors. Raises ModelFileError."""
+    model = modelfile.load_bytes(content, origin)
+    if LOG_ODDS not in model.outputs:
+        # Without it a position would be stated of a beam that nothing touches.
+        message = f"{origin}: it has no output {LOG_ODDS}, so it cannot tell contact from clear; build another"
+        raise ModelFileError(message)
+    try:
+        answer_s = _answer_s(Inference(model, Durations()), model)
+    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        message = f"{origin}: its graph cannot be run as a service does ({(str(error).splitlines() or [''])[0]})"
+        raise ModelFileError(message) from None
+    if answer_s > MOST_ANSWER_S:
+        message = f"{origin}: one answer takes {answer_s * 1e3:.0f} ms, and everyone would wait for it; build another"
+        raise ModelFileError(message)
+    return model
+
+
+def _answer_s(inference: Inference, model: ModelFile) -> float:
+    """Return how long an answer takes at the quickest of a few [s]: a machine may be busy."""
+    golden, durations = model.metadata.golden, list[float]()
+    deflection_mm, valid = np.array(golden.deflection_mm[:1], np.float32), np.array(golden.valid[:1], np.bool_)
+    for _ in range(3):
+        begin_s = time.perf_counter()
+        inference.ask(deflection_mm, valid)
+        durations.append(time.perf_counter() - begin_s)
+    return min(durations)
+
+
+def load(path: Path) -> tuple[ModelFile, str]:
+    """Load a model file as `parse` does; returns the digest of its content too. Raises ModelFileError."""
+    content = modelfile.read(path)
+    return parse(content, str(path)), _digest(content)
+
+
+class ModelKeeper:
+    """Keeps the model of a surface that of its file."""
+
+    def __init__(self, surface: Surface, path: Path, digest: str) -> None:
+        self.surface = surface
+        self.path = path
+        self._tried = _stamp(path)
+        self._candidate = self._tried
+        self._digest = digest
+        """Of the content of the file whose model the surface has."""
+        self._waits_for: list[str] = []
+        """Channels of a model that was refused because they do not arrive."""
+        self._allowed = ""
+        """Digest of the file of another beam that was asked for."""
+        self._lock = asyncio.Lock()
+
+    async def poll(self) -> None:
+        """Load the file if it is another than last time, and the same as at the last poll, a second ago.
+
+        Load it again once its channels arrive, if it was refused for want of them.
+        """
+        stamp = _stamp(self.path)
+        if stamp is not None and stamp == self._candidate and (stamp != self._tried or self._is_due()):
+            await self.reload()
+        self._candidate = stamp
+
+    def _is_due(self) -> bool:
+        return bool(self._waits_for) and set(self._waits_for) <= set(self.surface.offered or [])
+
+    async def reload(self, *, other_beam: bool = False) -> bool:
+        """Load the file; returns whether the surface has another model now.
+
+        A model of another beam than the one in use is refused unless `other_beam` asks for it. One that waits for its
+        channels stays asked for until they arrive.
+
+        Raises nothing: why a file was refused is said in the log and by `surface.model_error`.
+        """
+        async with self._lock:
+            try:
+                changed = await self._reload(other_beam=other_beam)
+            except ModelFileError as error:
+                self.surface.model_error = f"the old model holds: {error}"
+                _log.error("surface %s: the new model is not used, the old one holds: %s", self.surface.name, error)
+                return False
+            self.surface.model_error = None
+            return changed
+
+    async def _reload(self, *, other_beam: bool) -> bool:
+        self._waits_for = []
+        content = await self._settled_content()
+        digest, old = await asyncio.to_thread(_digest, content), self.surface.model
+        if digest == self._digest:
+            return False
+        # In a thread: contacts are asked for and samples arrive meanwhile.
+        model = await asyncio.to_thread(parse, content, str(self.path))
+        self._require_same_beam(model, digest, other_beam=other_beam)
+        self._require_channels(model)
+        self.surface.adopt(model)
+        self._digest = digest
+        _log.info(
+            "surface %s: model %s instead of %s", self.surface.name, model.identity, old.identity if old else "none"
+        )
+        return True
+
+    async def _settled_content(self) -> bytes:
+        """Return what is in the file once nobody writes it any more."""
+        for _ in range(_ATTEMPTS):
+            before = _stamp(self.path)
+            if before is None or abs(time.time() - before.changed_ns / 1e9) < STILL_S:
+                await asyncio.sleep(STILL_S)
+            # Tried even if it cannot be read; if it is not there, whatever comes in its place is another.
+            self._tried = before
+            content = await asyncio.to_thread(modelfile.read, self.path)
+            after = _stamp(self.path)
+            if before == after and after is not None and len(content) == after.size:
+                return content
+        self._tried = None
+        message = f"{self.path}: it is still being written; ask again when it is complete"
+        raise ModelFileError(message)
+
+    def _require_same_beam(self, model: ModelFile, digest: str, *, other_beam: bool) -> None:
+        if other_beam:
+            self._allowed = digest
+        old = self.surface.model
+        found = difference(old.metadata, model.metadata) if old else None
+        if found and digest != self._allowed:
+            message = (
+                f"{self.path}: {found}; to use a model of another beam, ask for it: "
+                f"POST /surfaces/{self.surface.name}/model/reload?other_beam=true, or restart the service"
+            )
+            raise ModelFileError(message)
+
+    def _require_channels(self, model: ModelFile) -> None:
+        offered = self.surface.offered
+        missing = [name for name in model.channels if offered is not None and name not in offered]
+        if missing:
+            self._waits_for = model.channels
+            message = f"{self.path}: it needs {', '.join(missing)}, which the samples of this surface do not have"
+            raise ModelFileError(message)
+
+
+def _stamp(path: Path) -> _Stamp | None:
+    try:
+        found = os.stat(path)  # noqa: PTH116  # a third of the time of Path.stat, once a second for every surface
+    except OSError:
+        return None
+    return _Stamp(found.st_size, found.st_mtime_ns, found.st_ino, found.st_ctime_ns)
+
+
+def _digest(content: bytes) -> str:
+    return sha256(content).hexdigest()
