@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
+from contextlib import closing
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -18,6 +20,25 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 DAY_S = 86_400.0
+FORMAT_1 = """
+CREATE TABLE events (
+    id INTEGER PRIMARY KEY AUTOINCREMENT, surface TEXT NOT NULL, model TEXT NOT NULL, boot_id TEXT NOT NULL,
+    first_sequence INTEGER NOT NULL, last_sequence INTEGER NOT NULL, touched_us INTEGER NOT NULL,
+    last_us INTEGER NOT NULL, lifted_us INTEGER, "begin" TEXT NOT NULL, "end" TEXT NOT NULL, samples INTEGER NOT NULL,
+    position_sum_mm REAL NOT NULL, peak_force_n REAL, peak_position_mm REAL, degraded INTEGER NOT NULL,
+    path TEXT NOT NULL, recorded_s REAL NOT NULL);
+CREATE INDEX by_time ON events (touched_us, id);
+CREATE INDEX by_surface ON events (surface, touched_us, id);
+CREATE INDEX by_first ON events (surface, boot_id, first_sequence);
+CREATE INDEX by_last ON events (surface, boot_id, last_sequence);
+CREATE INDEX by_record ON events (recorded_s);
+INSERT INTO events VALUES
+    (7, 'press-7', 'tiny@000000', 'boot-0001', 0, 9, 0, 45000, 50000, 'touch', 'lift', 10, 1000.0, NULL, NULL, 0,
+     '[[0, 99.5, 5.25], [5, 98.0, null]]', 0.0),
+    (8, 'press-7', 'tiny@000000', 'boot-0001', 10, 12, 50000, 60000, NULL, 'unseen', 'open', 3, 300.0, NULL, NULL, 0,
+     '[]', 0.0);
+PRAGMA user_version = 1;
+"""
 
 
 def segment(first: int, last: int, *, end: End = End.OPEN, points: int = 1) -> Segment:
@@ -123,6 +144,37 @@ def test_a_failed_write_changes_nothing(store: EventStore) -> None:
         store.write("press-7", [segment(0, 9), segment(2**70, 2**70)], 0.0)
 
     assert spans(store) == []
+
+
+@pytest.mark.parametrize("old_format", [1, 2])
+def test_a_file_of_an_older_format_keeps_its_events(path: Path, old_format: int) -> None:
+    with closing(sqlite3.connect(path)) as older:
+        older.executescript(FORMAT_1)
+        if old_format == 2:
+            older.executescript(
+                "CREATE INDEX by_open ON events (surface) WHERE \"end\" = 'open'; PRAGMA user_version = 2"
+            )
+
+    store = EventStore(path, 30 * DAY_S, 1_000_000)
+    lifted = replace(
+        segment(0, 9, end=End.LIFT), lifted_us=50_000, begin=Begin.TOUCH, path=[(0, 99.5, 5.25), (5, 98.0, None)]
+    )
+    assert store.read(Selection()) == [(8, replace(segment(10, 12, end=End.UNFINISHED), path=[])), (7, lifted)]
+    store.write("press-7", [segment(13, 14), segment(20, 21)], 0.0)
+    assert [number for number, _ in store.read(Selection())] == [9, 8]
+    store.close()
+    with closing(sqlite3.connect(path)) as file:
+        assert file.execute("PRAGMA user_version").fetchone() == (2,)
+        assert file.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'by_open'").fetchone() == (1,)
+
+
+def test_a_database_of_another_program_is_refused_unchanged(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as other:
+        other.execute("CREATE TABLE events (name)")
+    with pytest.raises(EventStoreError, match="events already exists"):
+        EventStore(path, DAY_S, 1_000_000)
+    with closing(sqlite3.connect(path)) as other:
+        assert other.execute("SELECT name FROM sqlite_master").fetchall() == [("events",)]
 
 
 def test_an_unusable_file_is_refused_with_the_reason(tmp_path: Path, path: Path) -> None:

@@ -13,6 +13,7 @@ from service.event_story import RESTING, TOUCHING, Row, settle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from service.conftest import Bench, MakeBatch
 
@@ -130,3 +131,17 @@ def test_a_stop_writes_late_samples_while_it_has_time(
     recorder.close()
 
     assert (recorder.late_waiting, recorder.lost) == (0, 0)
+
+
+def test_a_deleted_file_is_logged_and_counted_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    recorder = Recorder(tmp_path / "events.db")
+    recorder.tidy()
+    assert (recorder.lost, caplog.records) == (0, [])
+    (tmp_path / "events.db").unlink()
+    recorder.tidy()
+    recorder.tidy()
+    recorder.close()
+
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+    assert "was deleted or replaced" in caplog.text
+    assert recorder.lost == 1

@@ -14,7 +14,7 @@ from sqlalchemy import (
     MetaData,
     String,
     Table,
-    literal,
+    literal_column,
 )
 from sqlalchemy.schema import CreateIndex
 
@@ -53,8 +53,8 @@ EVENTS = Table(
 )
 """A row per event: the fields of a `Segment`, and when it was last written [s since 1970, by the service's clock]."""
 _c = EVENTS.c
-# As a literal: SQLite uses a partial index only for a condition without parameters.
-IS_OPEN = _c.end == literal(End.OPEN, _c.end.type, literal_execute=True)
+# Written out: SQLite uses a partial index only for a condition without parameters.
+IS_OPEN = _c.end == literal_column(f"'{End.OPEN}'")
 _by_open = Index("by_open", _c.surface, sqlite_where=IS_OPEN, postgresql_where=IS_OPEN)
 Index("by_time", _c.touched_us, _c.id)
 Index("by_surface", _c.surface, _c.touched_us, _c.id)

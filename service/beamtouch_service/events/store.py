@@ -1,11 +1,11 @@
 """Events in a database, joined from segments. One thread at a time; every call is one transaction."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Row, UnaryExpression, delete, func, insert, select, tuple_, update
+from sqlalchemy import BigInteger, Connection, Row, Select, bindparam, delete, func, insert, select, tuple_, update
 
 from beamtouch_service.events.file import EventFile
 from beamtouch_service.events.schema import EVENTS, IS_OPEN
@@ -17,6 +17,39 @@ _PRUNE_SHARE = 20
 _CONTENT = [EVENTS.c.id, *(EVENTS.c[entry.name] for entry in fields(Segment))]
 _WITHOUT_PATH = [column for column in _CONTENT if column is not EVENTS.c.path]
 _c = EVENTS.c
+# Made once: making a statement takes longer than carrying it out.
+_of_id = _c.id == bindparam("of_id")
+_of_surface = _c.surface == bindparam("of_surface")
+_of_sender = _of_surface & (_c.boot_id == bindparam("of_boot_id"))
+_of_model = _of_sender & (_c.model == bindparam("of_model"))
+_ends_at = _of_sender & (_c.last_sequence == bindparam("of_sequence"))
+_begins_at = _of_sender & (_c.first_sequence == bindparam("of_sequence"))
+_first, _last = bindparam("first", type_=BigInteger), bindparam("last", type_=BigInteger)
+_BY_ID = select(*_CONTENT).where(_of_id)
+_LEFT = (
+    select(*_CONTENT)
+    .where(_of_model, _c.first_sequence <= _first, _c.last_sequence >= _first - 1)
+    .order_by(_c.last_sequence.desc())
+    .limit(1)
+)
+"""The event that holds the first sample of a segment, or ends just before it."""
+_RIGHT = (
+    select(*_CONTENT)
+    .where(_of_model, _c.first_sequence.between(_first + 1, _last + 1), _c.begin == Begin.UNSEEN)
+    .order_by(_c.first_sequence)
+    .limit(1)
+)
+"""The event that begins in a segment, or just after it."""
+_GOES_ON = select(_c.id).where(_ends_at, _c.end != End.LIFT).limit(1)
+_INSERT = insert(EVENTS).returning(_c.id)
+_UPDATE = update(EVENTS).where(_of_id)
+_DELETE = delete(EVENTS).where(_of_id)
+_TOUCH = update(EVENTS).where(_begins_at).values(begin=Begin.TOUCH)
+# A gap or silence ends only an open event; a lift also ends one that was interrupted just before it.
+_LIFT = update(EVENTS).where(_ends_at, _c.end != End.LIFT)
+_INTERRUPT = update(EVENTS).where(_ends_at, IS_OPEN)
+_END_OPEN = update(EVENTS).where(_of_surface, IS_OPEN, _c.id != bindparam("of_id")).values(end=End.UNSEEN)
+_NO_ID = 0
 
 Numbered = tuple[int, Segment]
 """Id and content of an event."""
@@ -74,14 +107,14 @@ class EventStore:
     def get(self, number: int) -> Segment | None:
         """Return the event of that id; None if there is none."""
         with self._engine.connect() as connection:
-            found = _first(connection, _c.id == number)
+            found = _found(connection, _BY_ID, {"of_id": number})
         return found[1] if found else None
 
     def goes_on(self, surface: str, boot_id: str, sequence: int) -> bool:
         """Return whether a stored contact whose lift was not seen ends with that sample."""
-        of_sample = (_c.surface == surface) & (_c.boot_id == boot_id) & (_c.last_sequence == sequence)
+        sample = {"of_surface": surface, "of_boot_id": boot_id, "of_sequence": sequence}
         with self._engine.connect() as connection:
-            return connection.scalar(select(_c.id).where(of_sample, _c.end != End.LIFT).limit(1)) is not None
+            return connection.execute(_GOES_ON, sample).first() is not None
 
     def prune(self, now_s: float) -> int:
         """Delete events too old at `now_s` [s since 1970], then the oldest above the size limit; return how many."""
@@ -111,66 +144,54 @@ class EventStore:
 
 
 def _complete(connection: Connection, surface: str, command: Finish | TouchSeen | Loss) -> None:
-    change = update(EVENTS).where(_c.surface == surface)
+    values: dict[str, object] = {"of_surface": surface}
     if isinstance(command, Finish):
-        # A gap or silence ends only an open event; a lift also ends one that was interrupted just before it.
-        endable = [end for end in End if end is not End.LIFT] if command.end is End.LIFT else [End.OPEN]
-        of_sample = (_c.boot_id == command.boot_id) & (_c.last_sequence == command.last_sequence)
-        change = change.where(of_sample, _c.end.in_(endable)).values(end=command.end, lifted_us=command.lifted_us)
+        statement = _LIFT if command.end is End.LIFT else _INTERRUPT
+        values |= {"of_boot_id": command.boot_id, "of_sequence": command.last_sequence}
+        values |= {"end": command.end, "lifted_us": command.lifted_us}
     elif isinstance(command, TouchSeen):
-        of_sample = (_c.boot_id == command.boot_id) & (_c.first_sequence == command.first_sequence)
-        change = change.where(of_sample).values(begin=Begin.TOUCH)
+        statement = _TOUCH
+        values |= {"of_boot_id": command.boot_id, "of_sequence": command.first_sequence}
     else:
-        change = change.where(IS_OPEN).values(end=End.UNSEEN)
-    connection.execute(change)
+        statement = _END_OPEN
+        values["of_id"] = _NO_ID
+    connection.execute(statement, values)
 
 
 def _add(connection: Connection, segment: Segment, now_s: float) -> None:
-    same = (_c.surface == segment.surface) & (_c.boot_id == segment.boot_id) & (_c.model == segment.model)
     first, last = segment.first_sequence, segment.last_sequence
+    near: dict[str, object] = {"of_surface": segment.surface, "of_boot_id": segment.boot_id, "of_model": segment.model}
+    near |= {"first": first, "last": last}
     # Segments may overlap: after a restart of the service, the sender may send samples again.
-    reaches = _c.last_sequence >= first
-    if segment.begin is Begin.UNSEEN:
-        reaches |= (_c.last_sequence == first - 1) & (_c.end != End.LIFT)
-    # The plain bound on the last sample is for the index.
-    left = _first(
-        connection,
-        same,
-        _c.first_sequence <= first,
-        _c.last_sequence >= first - 1,
-        reaches,
-        order=_c.last_sequence.desc(),
-    )
+    left = _found(connection, _LEFT, near)
     if left and left[1].last_sequence >= last:
         return
+    if left and left[1].last_sequence < first and (segment.begin is Begin.TOUCH or left[1].end is End.LIFT):
+        left = None
     number, whole = (left[0], joined(left[1], segment)) if left else (None, segment)
-    follows = _c.first_sequence.between(first + 1, last + 1) & (_c.begin == Begin.UNSEEN)
-    right = _first(connection, same, follows, order=_c.first_sequence.asc())
+    right = _found(connection, _RIGHT, near)
     if right:
         whole = joined(whole, right[1])
         if number is None:
             number = right[0]
         else:
-            connection.execute(delete(EVENTS).where(_c.id == right[0]))
+            connection.execute(_DELETE, {"of_id": right[0]})
     _put(connection, number, whole, now_s)
 
 
 def _put(connection: Connection, number: int | None, segment: Segment, now_s: float) -> None:
     values = vars(segment) | {"recorded_s": now_s}
     if number is None:
-        number = connection.scalar(insert(EVENTS).values(values).returning(_c.id))
+        number = connection.execute(_INSERT, values).scalar_one()
     else:
-        connection.execute(update(EVENTS).where(_c.id == number).values(values))
+        connection.execute(_UPDATE, values | {"of_id": number})
     if segment.end is End.OPEN:
         # A surface has one newest sample. Another open event was left by a lost write.
-        others = (_c.surface == segment.surface) & IS_OPEN & (_c.id != number)
-        connection.execute(update(EVENTS).where(others).values(end=End.UNSEEN))
+        connection.execute(_END_OPEN, {"of_surface": segment.surface, "of_id": number})
 
 
-def _first(
-    connection: Connection, *conditions: ColumnElement[bool], order: UnaryExpression[int] | None = None
-) -> Numbered | None:
-    row = connection.execute(select(*_CONTENT).where(*conditions).order_by(order).limit(1)).first()
+def _found(connection: Connection, query: Select[Any], values: Mapping[str, object]) -> Numbered | None:
+    row = connection.execute(query, values).first()
     return _numbered(row) if row else None
 
 
