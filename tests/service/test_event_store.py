@@ -161,7 +161,7 @@ def test_a_file_of_an_older_format_keeps_its_events(path: Path, old_format: int)
     )
     assert store.read(Selection()) == [(8, replace(segment(10, 12, end=End.UNFINISHED), path=[])), (7, lifted)]
     store.write("press-7", [segment(13, 14), segment(20, 21)], 0.0)
-    assert [number for number, _ in store.read(Selection())] == [9, 8]
+    assert [number for number, _ in store.read(Selection())] == [9, 8, 7]
     store.close()
     with closing(sqlite3.connect(path)) as file:
         assert file.execute("PRAGMA user_version").fetchone() == (2,)
