@@ -1,4 +1,4 @@
-"""Events as they are answered: the models, and JSON and CSV of them. Pure: no clock, no I/O."""
+"""Answers of the event routes as JSON and CSV. Pure: no clock, no I/O."""
 
 import csv
 import io
@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 from pydantic import BaseModel
 
-from beamtouch_service.events.pieces import Begin, End, Piece
+from beamtouch_service.events.segments import Begin, End, Segment
+from beamtouch_service.events.store import Numbered
 from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
-
-Numbered = tuple[int, Piece]
-"""Id and content of an event."""
 
 
 class PathPoint(BaseModel):
-    """Where a contact was at one time."""
+    """The position and force of a contact at one time."""
 
     at: str
     position_mm: float
@@ -22,90 +20,90 @@ class PathPoint(BaseModel):
 
 
 class Event(BaseModel):
-    """One contact from touch to lift. Times are those of the sender's clock, RFC 3339 in UTC."""
+    """One contact from touch to lift. Times are from the sender's clock, as RFC 3339 in UTC."""
 
     id: int
     surface: str
     touched_at: str
-    """First sample of the contact."""
+    """Time of the first sample of the contact."""
     lifted_at: str | None
-    """First clear sample after it; null where that was not seen."""
+    """Time of the first clear sample after it; null if the lift was not seen."""
     begin: Begin
-    """`touch`: the sample before was clear; `unseen`: it is not known."""
+    """`touch`: the sample before was clear; `unseen`: that sample is not known."""
     end: End
-    """How it ended. `lift`: the sample after it was clear; `open`: it goes on; `stale`: samples stopped coming during
-    it; `unseen`: what follows is not known; `unfinished`: the service stopped during it."""
+    """`lift`: the sample after it was clear; `open`: the contact goes on; `stale`: samples stopped during the contact;
+    `unseen`: the sample after it is not known; `unfinished`: the service stopped during the contact."""
     dwell_ms: float
-    """From the touch to the lift, or to the last sample in contact where the lift was not seen."""
+    """Time from touch to lift, or to the last sample in contact if the lift was not seen."""
     peak_force_n: float | None
-    """Null for a model that does not estimate force."""
+    """Null if the model does not estimate force."""
     peak_position_mm: float | None
-    """Where the force was at its peak."""
+    """Position at the peak force."""
     mean_position_mm: float | None
     samples: int
-    """Samples in contact."""
+    """Number of samples in contact."""
     quality: ContactQuality
-    """`degraded` where some sample lacked channels."""
+    """`degraded` if at least one sample lacked channels."""
     model: str
     boot_id: str
-    """Of the sender."""
+    """Boot id of the sender."""
 
 
 class EventWithPath(Event):
-    """One contact from touch to lift, and where it was between."""
+    """One contact from touch to lift, with its path."""
 
     path: list[PathPoint]
-    """At most 200 points, spread over the time of the contact."""
+    """At most 200 points, evenly spread in time."""
 
 
 class EventList(BaseModel):
-    """Events, the newest touch first; all of them with a path, or none."""
+    """Events, newest touch first: all with a path, or all without."""
 
     events: list[EventWithPath] | list[Event]
     next: str | None
-    """Give it as `after` for the next page; null on the last."""
+    """Value of `after` for the next page; null on the last page."""
 
 
-def _members(number: int, piece: Piece) -> dict[str, object]:
-    end_us = piece.last_us if piece.lifted_us is None else piece.lifted_us
+def _members(number: int, segment: Segment) -> dict[str, object]:
+    end_us = segment.last_us if segment.lifted_us is None else segment.lifted_us
     return {
         "id": number,
-        "surface": piece.surface,
-        "touched_at": rfc3339(piece.touched_us),
-        "lifted_at": None if piece.lifted_us is None else rfc3339(piece.lifted_us),
-        "begin": piece.begin,
-        "end": piece.end,
-        # The sender's clock may have been set during the contact; less than nothing is no duration.
-        "dwell_ms": max(0.0, round((end_us - piece.touched_us) / 1e3, 3)),
-        "peak_force_n": piece.peak_force_n,
-        "peak_position_mm": piece.peak_position_mm,
-        "mean_position_mm": round(piece.position_sum_mm / piece.samples, 4) if piece.samples else None,
-        "samples": piece.samples,
-        "quality": ContactQuality.DEGRADED if piece.degraded else ContactQuality.GOOD,
-        "model": piece.model,
-        "boot_id": piece.boot_id,
+        "surface": segment.surface,
+        "touched_at": rfc3339(segment.touched_us),
+        "lifted_at": None if segment.lifted_us is None else rfc3339(segment.lifted_us),
+        "begin": segment.begin,
+        "end": segment.end,
+        # The sender's clock may have been set back during the contact.
+        "dwell_ms": max(0.0, round((end_us - segment.touched_us) / 1e3, 3)),
+        "peak_force_n": segment.peak_force_n,
+        "peak_position_mm": segment.peak_position_mm,
+        "mean_position_mm": round(segment.position_sum_mm / segment.samples, 4) if segment.samples else None,
+        "samples": segment.samples,
+        "quality": ContactQuality.DEGRADED if segment.degraded else ContactQuality.GOOD,
+        "model": segment.model,
+        "boot_id": segment.boot_id,
     }
 
 
-def event(number: int, piece: Piece) -> Event:
+def event(number: int, segment: Segment) -> Event:
     """Return an event without its path."""
-    return Event.model_validate(_members(number, piece))
+    return Event.model_validate(_members(number, segment))
 
 
-def event_with_path(number: int, piece: Piece) -> EventWithPath:
+def event_with_path(number: int, segment: Segment) -> EventWithPath:
     """Return an event with its path."""
-    path = [{"at": rfc3339(at), "position_mm": position, "force_n": force} for at, position, force in piece.path]
-    return EventWithPath.model_validate({**_members(number, piece), "path": path})
+    path = [{"at": rfc3339(at), "position_mm": position, "force_n": force} for at, position, force in segment.path]
+    return EventWithPath.model_validate({**_members(number, segment), "path": path})
 
 
 def as_json(page: Sequence[Numbered], following: str | None, *, path: bool) -> bytes:
-    """Return a page of events as `EventList`; `following` is its `next`."""
+    """Return a page of events as an encoded `EventList`; `following` is its `next`."""
     events = [event_with_path(*one) for one in page] if path else [event(*one) for one in page]
     return EventList(events=events, next=following).model_dump_json().encode()
 
 
 def as_csv(page: Sequence[Numbered]) -> bytes:
-    """Return a page of events as CSV, a row each, without paths."""
+    """Return a page of events as CSV: one row per event, without paths."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(Event.model_fields), lineterminator="\r\n")
     writer.writeheader()

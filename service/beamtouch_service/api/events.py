@@ -1,4 +1,4 @@
-"""The routes of the events. What they answer is read and put into words in the recorder's thread; the loop sends it."""
+"""The event routes. The recorder's thread reads and encodes the answers; the event loop sends them."""
 
 from asyncio import wrap_future
 from dataclasses import dataclass
@@ -24,13 +24,13 @@ from beamtouch_service.surfaces.registry import Registry
 CSV = "text/csv"
 _MAX_LIMIT = 1000
 _MAX_PATHS = 50
-"""Events with their paths are a hundred times as long."""
+"""With its path, an event is a hundred times as large."""
 
 
 def _rfc3339(value: object) -> object:
-    # Bare numbers would be taken for seconds since 1970, or for milliseconds where they are large.
+    # pydantic takes a bare number for seconds since 1970, or for milliseconds if it is large.
     if isinstance(value, str) and "T" not in value.upper():
-        message = "a time as in 2026-11-20T23:40:46Z is expected"
+        message = "expected a time such as 2026-11-20T23:40:46Z"
         raise ValueError(message)
     return value
 
@@ -39,27 +39,28 @@ _Time = Annotated[AwareDatetime, BeforeValidator(_rfc3339)]
 
 
 class EventQuery(BaseModel):
-    """What may be asked of the events."""
+    """Query parameters of the list of events."""
 
     model_config = ConfigDict(extra="forbid")
 
     surface: SurfaceName | None = Field(None, description="Only events of this surface.")
-    since: _Time | None = Field(None, description="Only events that began then or later (RFC 3339, best with Z).")
-    until: _Time | None = Field(None, description="Only events that began before.")
-    after: str | None = Field(
-        None, pattern=r"^[0-9]{1,17}\.[0-9]{1,18}$", description="`next` of the last page: go on behind it."
-    )
-    path: bool = Field(False, description="With paths; CSV has none.")  # a default
+    since: _Time | None = Field(None, description="Only events that began at or after this time (RFC 3339).")
+    until: _Time | None = Field(None, description="Only events that began before this time.")
+    after: str | None = Field(None, pattern=r"^[0-9]{1,17}\.[0-9]{1,18}$", description="`next` of the previous page.")
+    path: bool = Field(False, description="Include paths; CSV never has them.")  # a default
     limit: int = Field(
-        _MAX_PATHS, ge=1, le=_MAX_LIMIT, description=f"Most events on a page; with paths {_MAX_PATHS} at most."
+        _MAX_PATHS,
+        ge=1,
+        le=_MAX_LIMIT,
+        description=f"Maximum number of events; with paths, at most {_MAX_PATHS}.",
     )
-    format: Literal["json", "csv"] | None = Field(None, description="Instead of the header `Accept`.")
+    format: Literal["json", "csv"] | None = Field(None, description="Overrides the header `Accept`.")
 
     @field_validator("limit")
     @classmethod
     def _short_with_paths(cls, limit: int, info: ValidationInfo) -> int:
         if limit > _MAX_PATHS and info.data.get("path"):
-            message = f"with path=true at most {_MAX_PATHS} events are on a page"
+            message = f"with path=true, a page has at most {_MAX_PATHS} events"
             raise ValueError(message)
         return limit
 
@@ -75,7 +76,7 @@ def _selection(query: EventQuery, *, path: bool) -> Selection:
         since_us=_microseconds(query.since),
         until_us=_microseconds(query.until),
         after=(int(touched), int(number)) if query.after else None,
-        # One more shows whether there is a next page.
+        # One event more shows whether there is a next page.
         limit=query.limit + 1,
         path=path,
     )
@@ -93,7 +94,7 @@ class _Page:
     content: bytes
     is_empty: bool
     following: str | None
-    """Where the next page begins."""
+    """Value of `after` for the next page."""
 
 
 def _page(store: EventStore, query: EventQuery, *, as_csv: bool) -> _Page:
@@ -106,15 +107,15 @@ def _page(store: EventStore, query: EventQuery, *, as_csv: bool) -> _Page:
 
 
 def _one(store: EventStore, number: int) -> bytes | None:
-    piece = store.get(number)
-    return None if piece is None else event_answers.event_with_path(number, piece).model_dump_json().encode()
+    found = store.get(number)
+    return None if found is None else event_answers.event_with_path(number, found).model_dump_json().encode()
 
 
 def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRouter:
-    """Return the routes of the events of these surfaces."""
+    """Return the event routes of these surfaces."""
 
-    def tell_if_stale() -> None:
-        # Before a question is answered: an event of a stale surface is not open.
+    def end_stale() -> None:
+        # Before each query, so that no event of a stale surface is open.
         for surface in registry:
             surface.tell_if_stale(clock())
 
@@ -123,12 +124,12 @@ def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRout
 
     @router.get("/events", responses={200: documentation.EVENTS, **problems}, response_model=EventList)
     async def get_events(request: Request, query: Annotated[EventQuery, Query()]) -> Response:
-        """Return contacts from touch to lift, the newest touch first; as CSV a row each."""
+        """Return contacts from touch to lift, newest touch first; as CSV, one row per contact."""
         as_csv = _wants_csv(query, request)
-        tell_if_stale()
+        end_stale()
         page = await wrap_future(recorder.ask(lambda store: _page(store, query, as_csv=as_csv)))
         if query.surface and page.is_empty:
-            # Of a surface that is no longer configured there may still be events; without any the name is wrong.
+            # A surface that is no longer configured may still have events; if it has none, the name is wrong.
             registry.named(query.surface)
         headers = dict(NO_STORE)
         if as_csv and page.following:
@@ -141,10 +142,10 @@ def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRout
     @router.get("/events/{id}", responses=one, response_model=EventWithPath)
     async def get_event(number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]) -> Response:
         """Return one contact, with its path."""
-        tell_if_stale()
+        end_stale()
         content = await wrap_future(recorder.ask(lambda store: _one(store, number)))
         if content is None:
-            detail = f"There is no event {number}: it was dropped, or has become part of another; see GET /events."
+            detail = f"There is no event {number}. It was dropped or joined with another event; see GET /events."
             raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))
         return Response(content, headers=NO_STORE, media_type="application/json")
 

@@ -1,81 +1,123 @@
-"""The file of events stays where it belongs: one that was deleted or replaced while it is open is opened anew."""
+"""The SQLite file of the events: locked for this service, and upgraded when it is opened."""
 
-import logging
+import fcntl
+import os
+import time
 from contextlib import suppress
 from pathlib import Path
-from sqlite3 import Error as SqliteError
 
-from beamtouch_service.events.lock import WAIT_S
-from beamtouch_service.events.store import EventStore, EventStoreError
+from sqlalchemy import URL, Connection, StaticPool, create_engine, update
+from sqlalchemy.exc import DBAPIError
 
-_MOST_CARRIED = 1000
-"""Events that are carried over into the file that is opened anew."""
+from beamtouch_service.events.schema import EVENTS, FORMAT, IS_OPEN, upgrade
+from beamtouch_service.events.segments import End
 
-_log = logging.getLogger("beamtouch.service.events")
+_RETRY_S = 0.05
+_BUSY_S = 2.0
+"""Wait this long while another program, such as a backup, has the file locked."""
+_PRAGMAS = ("journal_mode=WAL", "synchronous=NORMAL", "journal_size_limit=4194304")
+
+
+class EventStoreError(Exception):
+    """The file cannot be used; the message gives the reason and the remedy, in one line."""
 
 
 class EventFile:
-    """The store at a path, or in memory where there is none, or while that cannot be used."""
+    """An open file, or a database in memory.
 
-    def __init__(self, path: Path | None, keep_s: float, most_bytes: int, now_s: float) -> None:
-        """Open it at `now_s` [s since 1970]; raises EventStoreError if the file cannot be used."""
-        self._path, self._bounds = path, (keep_s, most_bytes)
-        # Where the service is restarted, the former one may still be stopping.
-        self.store = EventStore(path, *self._bounds, wait_s=WAIT_S)
-        self._identity = self._found()
-        """Of the file that is open; None for the memory."""
-        self._seen_s = now_s
-        """When it was in its place last."""
+    The lock is on the file itself, whatever path leads to it, and ends with the process, even a killed one. It is an
+    flock; SQLite's own locks are fcntl locks, so other programs can still read the file.
+    """
 
-    def look_after(self, now_s: float) -> int:
-        """See at `now_s` [s since 1970] that the path leads to what is open; return how many events that cost.
-
-        Whoever deletes an open file takes its name only: what is written from then on nobody would ever find.
-        """
-        if self._path is None or (self._identity is not None and self._identity == self._found()):
-            self._seen_s = now_s
-            return 0
-        former, was_file = self.store, self._identity is not None
-        events, count = former.recorded_since(self._seen_s, _MOST_CARRIED)
-        if was_file:
-            # Before another is opened: SQLite finds the log beside a file by its name.
-            _close(former)
+    def __init__(self, path: Path | None, wait_s: float) -> None:
+        """Open the file, waiting up to `wait_s` [s] for another service to release it; raises EventStoreError."""
+        self._path = path
+        self._lock: int | None = None
+        self.engine = create_engine(
+            URL.create("sqlite", database=str(path) if path else None),
+            poolclass=StaticPool,
+            # The first write begins a transaction and takes SQLite's write lock at once; reads take none.
+            connect_args={"check_same_thread": False, "isolation_level": "IMMEDIATE", "timeout": _BUSY_S},
+        )
         try:
-            self.store = EventStore(self._path, *self._bounds)
-        except EventStoreError as error:
-            if not was_file:
-                return 0
-            _log.error("the file of events is gone, and events are kept in memory only: %s", error)
-            self.store, self._identity = EventStore(None, *self._bounds), None
-        else:
-            self._identity = self._found()
-            _log.warning("%s was deleted or replaced while it was open; it is opened anew", self._path)
-            if not was_file:
-                _close(former)
-        with suppress(SqliteError):
-            for event in events:
-                self.store.write(event.surface, [event], now_s)
-                count -= 1
-        return count
+            # Connecting creates the file and reads nothing yet.
+            with self.engine.connect() as connection:
+                self._lock = _locked(path, time.monotonic() + wait_s) if path else None
+                _prepare(connection)
+        except BlockingIOError:
+            self._release()
+            message = f"{path}: another running service writes to it; stop that service, or give each a file of its own"
+            raise EventStoreError(message) from None
+        except (DBAPIError, OSError, ValueError) as error:
+            self._release()
+            reason = str(error.orig if isinstance(error, DBAPIError) else getattr(error, "strerror", None) or error)
+            message = f"{path}: {reason}; set events.file to one that the service can write"
+            raise EventStoreError(message) from None
 
-    def close(self, now_s: float) -> int:
-        """Close it at `now_s` [s since 1970], and say how many events are not on disk."""
+    def used_bytes(self) -> int:
+        """Return the size of the used part of the file; later events fill the unused part first."""
+        with self.engine.connect() as connection:
+            pages, free, size = (_pragma(connection, name) for name in ("page_count", "freelist_count", "page_size"))
+        return (pages - free) * size
+
+    def is_in_place(self) -> bool:
+        """Return whether the path still leads to the open file."""
+        if self._path is None or self._lock is None:
+            return True
+        with suppress(OSError):
+            return os.path.samestat(self._path.stat(), os.fstat(self._lock))
+        return False
+
+    def close(self) -> None:
+        """Mark open events as unfinished and close the file. If marking fails, the next service marks them."""
         try:
-            lost = self.look_after(now_s)
-            if self._path is not None and self._identity is None:
-                lost += self.store.recorded_since(0.0, 0)[1]
+            with self.engine.begin() as connection:
+                connection.exec_driver_sql("PRAGMA busy_timeout=200")
+                _finish(connection)
         finally:
-            self.store.close()
-        return lost
+            self._release()
 
-    def _found(self) -> tuple[int, int] | None:
-        try:
-            status = self._path.stat() if self._path else None
-        except OSError:
-            return None
-        return (status.st_dev, status.st_ino) if status else None
+    def _release(self) -> None:
+        # SQLite closes the file first: closing any descriptor of a file releases SQLite's locks on it.
+        self.engine.dispose()
+        if self._lock is not None:
+            os.close(self._lock)
 
 
-def _close(store: EventStore) -> None:
-    with suppress(SqliteError):
-        store.close()
+def _prepare(connection: Connection) -> None:
+    for pragma in _PRAGMAS:
+        connection.exec_driver_sql(f"PRAGMA {pragma}")
+    # The driver begins no transaction before statements that change tables.
+    connection.exec_driver_sql("BEGIN IMMEDIATE")
+    upgrade(connection, _pragma(connection, "user_version"))
+    # The format is in the file's header, where older versions of the service look for it.
+    connection.exec_driver_sql(f"PRAGMA user_version={FORMAT}")
+    # The last service was stopped or killed during these.
+    _finish(connection)
+    connection.commit()
+
+
+def _pragma(connection: Connection, name: str) -> int:
+    return int(connection.exec_driver_sql(f"PRAGMA {name}").scalar_one())
+
+
+def _finish(connection: Connection) -> None:
+    connection.execute(update(EVENTS).where(IS_OPEN).values(end=End.UNFINISHED))
+
+
+def _locked(path: Path, end_s: float) -> int:
+    """Return a descriptor that holds the lock; raises BlockingIOError if another service still has it at `end_s`."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        while True:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                if time.monotonic() >= end_s:
+                    raise
+                time.sleep(_RETRY_S)
+            else:
+                return descriptor
+    except BaseException:
+        os.close(descriptor)
+        raise

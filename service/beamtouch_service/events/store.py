@@ -1,264 +1,202 @@
-"""Contacts on disk, in SQLite. One thread at a time; every call is one transaction."""
+"""Events in a database, joined from segments. One thread at a time; every call is one transaction."""
 
-import json
-import sqlite3
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
-from beamtouch_service.events.lock import EventFileInUseError, EventLock
-from beamtouch_service.events.pieces import Begin, End, Piece, joined
+from sqlalchemy import BigInteger, Connection, Row, Select, bindparam, delete, func, insert, select, tuple_, update
+
+from beamtouch_service.events.file import EventFile
+from beamtouch_service.events.schema import EVENTS, IS_OPEN
 from beamtouch_service.events.segmenter import Command, Finish, Loss, TouchSeen
+from beamtouch_service.events.segments import Begin, End, Segment, joined
 
-_VERSION = 2
 _PRUNE_SHARE = 20
-"""What is too much goes in parts of one in this many."""
-_COLUMNS = [entry.name for entry in fields(Piece)]
-_NAMES = ", ".join(f'"{name}"' for name in _COLUMNS)
-_SCHEMA = """
-BEGIN;
-CREATE TABLE events (
-    id INTEGER PRIMARY KEY AUTOINCREMENT, surface TEXT NOT NULL, model TEXT NOT NULL, boot_id TEXT NOT NULL,
-    first_sequence INTEGER NOT NULL, last_sequence INTEGER NOT NULL, touched_us INTEGER NOT NULL,
-    last_us INTEGER NOT NULL, lifted_us INTEGER, "begin" TEXT NOT NULL, "end" TEXT NOT NULL, samples INTEGER NOT NULL,
-    position_sum_mm REAL NOT NULL, peak_force_n REAL, peak_position_mm REAL, degraded INTEGER NOT NULL,
-    path TEXT NOT NULL, recorded_s REAL NOT NULL);
-CREATE INDEX by_time ON events (touched_us, id);
-CREATE INDEX by_surface ON events (surface, touched_us, id);
-CREATE INDEX by_first ON events (surface, boot_id, first_sequence);
-CREATE INDEX by_last ON events (surface, boot_id, last_sequence);
-CREATE INDEX by_record ON events (recorded_s);
-CREATE INDEX by_open ON events (surface) WHERE "end" = 'open';
-PRAGMA user_version = 2;
-COMMIT;
-"""
-_UPGRADE = """
-BEGIN;
-CREATE INDEX by_open ON events (surface) WHERE "end" = 'open';
-PRAGMA user_version = 2;
-COMMIT;
-"""
-"""From version 1, which knew no `stale`."""
-_END_OPEN = """UPDATE events SET "end" = 'unseen' WHERE "end" = 'open' AND surface = ?"""
+"""Prune 1/20 of the events at a time."""
+_CONTENT = [EVENTS.c.id, *(EVENTS.c[entry.name] for entry in fields(Segment))]
+_WITHOUT_PATH = [column for column in _CONTENT if column is not EVENTS.c.path]
+_c = EVENTS.c
+# Made once: making a statement takes longer than carrying it out.
+_of_id = _c.id == bindparam("of_id")
+_of_surface = _c.surface == bindparam("of_surface")
+_of_sender = _of_surface & (_c.boot_id == bindparam("of_boot_id"))
+_of_model = _of_sender & (_c.model == bindparam("of_model"))
+_ends_at = _of_sender & (_c.last_sequence == bindparam("of_sequence"))
+_begins_at = _of_sender & (_c.first_sequence == bindparam("of_sequence"))
+_first, _last = bindparam("first", type_=BigInteger), bindparam("last", type_=BigInteger)
+_BY_ID = select(*_CONTENT).where(_of_id)
+_LEFT = (
+    select(*_CONTENT)
+    .where(_of_model, _c.first_sequence <= _first, _c.last_sequence >= _first - 1)
+    .order_by(_c.last_sequence.desc())
+    .limit(1)
+)
+"""The event that holds the first sample of a segment, or ends just before it."""
+_RIGHT = (
+    select(*_CONTENT)
+    .where(_of_model, _c.first_sequence.between(_first + 1, _last + 1), _c.begin == Begin.UNSEEN)
+    .order_by(_c.first_sequence)
+    .limit(1)
+)
+"""The event that begins in a segment, or just after it."""
+_GOES_ON = select(_c.id).where(_ends_at, _c.end != End.LIFT).limit(1)
+_INSERT = insert(EVENTS).returning(_c.id)
+_UPDATE = update(EVENTS).where(_of_id)
+_DELETE = delete(EVENTS).where(_of_id)
+_TOUCH = update(EVENTS).where(_begins_at).values(begin=Begin.TOUCH)
+# A gap or silence ends only an open event; a lift also ends one that was interrupted just before it.
+_LIFT = update(EVENTS).where(_ends_at, _c.end != End.LIFT)
+_INTERRUPT = update(EVENTS).where(_ends_at, IS_OPEN)
+_END_OPEN = update(EVENTS).where(_of_surface, IS_OPEN, _c.id != bindparam("of_id")).values(end=End.UNSEEN)
+_NO_ID = 0
 
-
-class EventStoreError(Exception):
-    """The file cannot be used; the message says why and what to do, in one line."""
+Numbered = tuple[int, Segment]
+"""Id and content of an event."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Which events to read, newest first."""
+    """Selects events to read, newest first."""
 
     surface: str | None = None
     since_us: int | None = None
-    """Touched then or later."""
+    """Earliest touch."""
     until_us: int | None = None
-    """Touched before."""
+    """The touch is before this time."""
     after: tuple[int, int] | None = None
-    """Touch time and id of the last one that was read."""
+    """Touch time and id of the last event that was read."""
     limit: int = 100
     path: bool = True
-    """Read paths too; they are by far the most of an event."""
+    """Read paths too; they are by far the largest part of an event."""
 
 
 class EventStore:
     """The events of all surfaces."""
 
-    def __init__(self, path: Path | None, keep_s: float, most_bytes: int, wait_s: float = 0.0) -> None:
-        """Open the file, for `wait_s` [s] while another service has it; raises EventStoreError."""
-        self._keep_s, self._most_bytes = keep_s, most_bytes
-        self._lock: EventLock | None = None
-        try:
-            # Makes the file where there is none, and reads nothing of it yet.
-            self._database = sqlite3.connect(path or ":memory:", isolation_level=None, check_same_thread=False)
-        except sqlite3.Error as error:
-            raise _unusable(path, str(error)) from None
-        try:
-            self._lock = EventLock(path, wait_s) if path else None
-            self._prepare()
-        except EventFileInUseError:
-            self._release()
-            message = f"{path}: another running service writes to it; stop that service, or give each a file of its own"
-            raise EventStoreError(message) from None
-        except OSError as error:
-            self._release()
-            raise _unusable(path, error.strerror or str(error)) from None
-        except sqlite3.Error as error:
-            self._release()
-            raise _unusable(path, str(error)) from None
-
-    def _release(self) -> None:
-        self._database.close()
-        if self._lock:
-            self._lock.close()
-
-    def _prepare(self) -> None:
-        for pragma in ("journal_mode=WAL", "synchronous=NORMAL", "journal_size_limit=4194304", "busy_timeout=2000"):
-            self._database.execute("PRAGMA " + pragma)
-        (version,) = self._database.execute("PRAGMA user_version").fetchone()
-        if version not in (0, 1, _VERSION):
-            message = f"written by another version of the service (format {version}); move it away"
-            raise sqlite3.DatabaseError(message)
-        if version != _VERSION:
-            self._database.executescript(_UPGRADE if version else _SCHEMA)
-        # Nobody saw how these ended: the service was stopped or killed during them.
-        self._database.execute('UPDATE events SET "end" = ? WHERE "end" = ?', (End.UNFINISHED, End.OPEN))
+    def __init__(self, path: Path | None, keep_s: float, max_bytes: int, wait_s: float = 0.0) -> None:
+        """Open the file, waiting up to `wait_s` [s] for another service to release it; raises EventStoreError."""
+        self._keep_s, self._max_bytes = keep_s, max_bytes
+        self._file = EventFile(path, wait_s)
+        self._engine = self._file.engine
 
     def write(self, surface: str, commands: Iterable[Command], now_s: float) -> None:
-        """Carry out commands at `now_s` [s since 1970, by the service's clock], all or none."""
-        self._database.execute("BEGIN IMMEDIATE")
-        try:
+        """Carry out all commands, or none, at `now_s` [s since 1970, by the service's clock]."""
+        with self._engine.begin() as connection:
             for command in commands:
-                self._carry_out(surface, command, now_s)
-            self._database.execute("COMMIT")
-        except BaseException:
-            if self._database.in_transaction:
-                self._database.execute("ROLLBACK")
-            raise
+                if isinstance(command, Segment):
+                    _add(connection, command, now_s)
+                else:
+                    _complete(connection, surface, command)
 
-    def _carry_out(self, surface: str, command: Command, now_s: float) -> None:
-        if isinstance(command, Piece):
-            self._add(command, now_s)
-        elif isinstance(command, Finish):
-            # A gap or silence ends only what goes on; a lift also what was interrupted just before it.
-            endable = [end for end in End if end is not End.LIFT] if command.end is End.LIFT else [End.OPEN]
-            self._database.execute(
-                'UPDATE events SET "end" = ?, lifted_us = ? WHERE surface = ? AND boot_id = ? AND last_sequence = ? '
-                'AND "end" IN (SELECT value FROM json_each(?))',
-                (command.end, command.lifted_us, surface, command.boot_id, command.last_sequence, json.dumps(endable)),
-            )
-        elif isinstance(command, Loss):
-            self._database.execute(_END_OPEN, (surface,))
-        elif isinstance(command, TouchSeen):
-            self._database.execute(
-                'UPDATE events SET "begin" = ? WHERE surface = ? AND boot_id = ? AND first_sequence = ?',
-                (Begin.TOUCH, surface, command.boot_id, command.first_sequence),
-            )
-
-    def _add(self, piece: Piece, now_s: float) -> None:
-        key = (piece.surface, piece.boot_id, piece.model)
-        where = "surface = ? AND boot_id = ? AND model = ?"
-        # A sample that was sent again after a restart of the service must not be recorded twice: pieces may overlap.
-        left = self._find(
-            f'{where} AND first_sequence <= ? AND (last_sequence >= ? OR (last_sequence = ? AND "end" != ? AND ?)) '
-            "ORDER BY first_sequence DESC",
-            (
-                *key,
-                piece.first_sequence,
-                piece.first_sequence,
-                piece.first_sequence - 1,
-                End.LIFT,
-                piece.begin is Begin.UNSEEN,
-            ),
-        )
-        if left and left[1].last_sequence >= piece.last_sequence:
-            return
-        row, whole = (left[0], joined(left[1], piece)) if left else (None, piece)
-        right = self._find(
-            f'{where} AND first_sequence > ? AND first_sequence <= ? AND "begin" = ? ORDER BY first_sequence',
-            (*key, piece.first_sequence, piece.last_sequence + 1, Begin.UNSEEN),
-        )
-        if right:
-            whole = joined(whole, right[1])
-            if row is None:
-                row = right[0]
-            else:
-                self._database.execute("DELETE FROM events WHERE id = ?", (right[0],))
-        self._put(row, whole, now_s)
-
-    def _find(self, condition: str, values: tuple[object, ...]) -> tuple[int, Piece] | None:
-        query = f"SELECT id, {_NAMES} FROM events WHERE {condition} LIMIT 1"  # noqa: S608  # our own text only
-        found = self._database.execute(query, values).fetchone()
-        return (found[0], _piece(found[1:])) if found else None
-
-    def _put(self, row: int | None, piece: Piece, now_s: float) -> None:
-        if piece.end is End.OPEN:
-            # A surface has one newest sample: an event that is still open beside this one was left so by a lost write.
-            self._database.execute(f"{_END_OPEN} AND id IS NOT ?", (piece.surface, row))
-        values = asdict(piece) | {"path": json.dumps(piece.path), "id": row, "recorded_s": now_s}
-        names = ", ".join(f'"{name}"' for name in values)
-        places = ", ".join(f":{name}" for name in values)
-        self._database.execute(f"INSERT OR REPLACE INTO events ({names}) VALUES ({places})", values)  # noqa: S608
-
-    def read(self, selection: Selection) -> list[tuple[int, Piece]]:
-        """Return id and content of the selected events, newest touch first."""
-        conditions, values = ["1"], list[object]()
-        for condition, value in (
-            ("surface = ?", selection.surface),
-            ("touched_us >= ?", selection.since_us),
-            ("touched_us < ?", selection.until_us),
-        ):
-            if value is not None:
-                conditions.append(condition)
-                values.append(value)
+    def read(self, selection: Selection) -> list[Numbered]:
+        """Return the selected events, newest touch first."""
+        query = select(*(_CONTENT if selection.path else _WITHOUT_PATH))
+        if selection.surface is not None:
+            query = query.where(_c.surface == selection.surface)
+        if selection.since_us is not None:
+            query = query.where(_c.touched_us >= selection.since_us)
+        if selection.until_us is not None:
+            query = query.where(_c.touched_us < selection.until_us)
         if selection.after:
-            conditions.append("(touched_us, id) < (?, ?)")
-            values += selection.after
-        names = _NAMES if selection.path else _NAMES.replace('"path"', "'[]'")
-        query = (
-            f"SELECT id, {names} FROM events WHERE {' AND '.join(conditions)} "  # noqa: S608  # our own text only
-            "ORDER BY touched_us DESC, id DESC LIMIT ?"
-        )
-        return [(row[0], _piece(row[1:])) for row in self._database.execute(query, (*values, selection.limit))]
+            query = query.where(tuple_(_c.touched_us, _c.id) < tuple_(*selection.after))
+        query = query.order_by(_c.touched_us.desc(), _c.id.desc()).limit(selection.limit)
+        with self._engine.connect() as connection:
+            return [_numbered(row) for row in connection.execute(query)]
 
-    def get(self, number: int) -> Piece | None:
-        """Return the event of that id, None if there is none."""
-        found = self._find("id = ?", (number,))
+    def get(self, number: int) -> Segment | None:
+        """Return the event of that id; None if there is none."""
+        with self._engine.connect() as connection:
+            found = _found(connection, _BY_ID, {"of_id": number})
         return found[1] if found else None
 
-    def recorded_since(self, since_s: float, most: int) -> tuple[list[Piece], int]:
-        """Return what was recorded since then [s since 1970], the newest and `most` at most, and how many there are."""
-        query = f"SELECT {_NAMES} FROM events WHERE recorded_s >= ? ORDER BY recorded_s DESC LIMIT ?"  # noqa: S608
-        events = [_piece(row) for row in self._database.execute(query, (since_s, most))]
-        query = "SELECT COUNT(*) FROM events WHERE recorded_s >= ?"
-        return events, int(self._database.execute(query, (since_s,)).fetchone()[0])
-
     def goes_on(self, surface: str, boot_id: str, sequence: int) -> bool:
-        """Return whether that sample is the last on record of a contact whose lift was not seen."""
-        query = 'SELECT 1 FROM events WHERE surface = ? AND boot_id = ? AND last_sequence = ? AND "end" != ? LIMIT 1'
-        return self._database.execute(query, (surface, boot_id, sequence, End.LIFT)).fetchone() is not None
+        """Return whether a stored contact whose lift was not seen ends with that sample."""
+        sample = {"of_surface": surface, "of_boot_id": boot_id, "of_sequence": sequence}
+        with self._engine.connect() as connection:
+            return connection.execute(_GOES_ON, sample).first() is not None
 
     def prune(self, now_s: float) -> int:
-        """Drop what is too old at `now_s` [s since 1970], then the oldest of what is too much; return how many."""
-        dropped = self._database.execute("DELETE FROM events WHERE recorded_s < ?", (now_s - self._keep_s,)).rowcount
-        while self.used_bytes() > self._most_bytes:
-            (count,) = self._database.execute("SELECT COUNT(*) FROM events").fetchone()
-            if not count:
+        """Delete events too old at `now_s` [s since 1970], then the oldest above the size limit; return how many."""
+        with self._engine.begin() as connection:
+            deleted = connection.execute(delete(EVENTS).where(_c.recorded_s < now_s - self._keep_s)).rowcount
+        while self.used_bytes() > self._max_bytes:
+            with self._engine.begin() as connection:
+                count = connection.scalar(select(func.count()).select_from(EVENTS)) or 0
+                oldest = select(_c.id).order_by(_c.recorded_s).limit(max(1, count // _PRUNE_SHARE))
+                removed = connection.execute(delete(EVENTS).where(_c.id.in_(oldest))).rowcount
+            if not removed:
                 break
-            share = max(1, count // _PRUNE_SHARE)
-            dropped += self._database.execute(
-                "DELETE FROM events WHERE id IN (SELECT id FROM events ORDER BY recorded_s LIMIT ?)", (share,)
-            ).rowcount
-        return dropped
+            deleted += removed
+        return deleted
 
     def used_bytes(self) -> int:
-        """Return how much of the file is in use; what was dropped is used again, so the file grows no further."""
-        pages, free, size = (
-            self._database.execute(f"PRAGMA {name}").fetchone()[0]
-            for name in ("page_count", "freelist_count", "page_size")
-        )
-        return int((pages - free) * size)
+        """Return the size of the stored events."""
+        return self._file.used_bytes()
+
+    def is_in_place(self) -> bool:
+        """Return whether the file can still be found at its path."""
+        return self._file.is_in_place()
 
     def close(self) -> None:
-        """Close the file; what goes on is unfinished. If that cannot be written, the next to open the file says so."""
-        try:
-            self._database.execute("PRAGMA busy_timeout=200")
-            self._database.execute('UPDATE events SET "end" = ? WHERE "end" = ?', (End.UNFINISHED, End.OPEN))
-        finally:
-            self._release()
+        """Mark open events as unfinished and close the file."""
+        self._file.close()
 
 
-def _unusable(path: Path | None, reason: str) -> EventStoreError:
-    return EventStoreError(f"{path}: {reason}; set events.file to one that the service can write")
+def _complete(connection: Connection, surface: str, command: Finish | TouchSeen | Loss) -> None:
+    values: dict[str, object] = {"of_surface": surface}
+    if isinstance(command, Finish):
+        statement = _LIFT if command.end is End.LIFT else _INTERRUPT
+        values |= {"of_boot_id": command.boot_id, "of_sequence": command.last_sequence}
+        values |= {"end": command.end, "lifted_us": command.lifted_us}
+    elif isinstance(command, TouchSeen):
+        statement = _TOUCH
+        values |= {"of_boot_id": command.boot_id, "of_sequence": command.first_sequence}
+    else:
+        statement = _END_OPEN
+        values["of_id"] = _NO_ID
+    connection.execute(statement, values)
 
 
-def _piece(row: tuple[object, ...]) -> Piece:
-    values = dict(zip(_COLUMNS, row, strict=True))
-    values |= {
-        "begin": Begin(str(values["begin"])),
-        "end": End(str(values["end"])),
-        "degraded": bool(values["degraded"]),
-        "path": [tuple(point) for point in json.loads(str(values["path"]))],
-    }
-    return Piece(**values)  # type: ignore[arg-type]  # the columns are the fields
+def _add(connection: Connection, segment: Segment, now_s: float) -> None:
+    first, last = segment.first_sequence, segment.last_sequence
+    near: dict[str, object] = {"of_surface": segment.surface, "of_boot_id": segment.boot_id, "of_model": segment.model}
+    near |= {"first": first, "last": last}
+    # Segments may overlap: after a restart of the service, the sender may send samples again.
+    left = _found(connection, _LEFT, near)
+    if left and left[1].last_sequence >= last:
+        return
+    if left and left[1].last_sequence < first and (segment.begin is Begin.TOUCH or left[1].end is End.LIFT):
+        left = None
+    number, whole = (left[0], joined(left[1], segment)) if left else (None, segment)
+    right = _found(connection, _RIGHT, near)
+    if right:
+        whole = joined(whole, right[1])
+        if number is None:
+            number = right[0]
+        else:
+            connection.execute(_DELETE, {"of_id": right[0]})
+    _put(connection, number, whole, now_s)
+
+
+def _put(connection: Connection, number: int | None, segment: Segment, now_s: float) -> None:
+    values = vars(segment) | {"recorded_s": now_s}
+    if number is None:
+        number = connection.execute(_INSERT, values).scalar_one()
+    else:
+        connection.execute(_UPDATE, values | {"of_id": number})
+    if segment.end is End.OPEN:
+        # A surface has one newest sample. Another open event was left by a lost write.
+        connection.execute(_END_OPEN, {"of_surface": segment.surface, "of_id": number})
+
+
+def _found(connection: Connection, query: Select[Any], values: Mapping[str, object]) -> Numbered | None:
+    row = connection.execute(query, values).first()
+    return _numbered(row) if row else None
+
+
+def _numbered(row: Row[Any]) -> Numbered:
+    values = row._asdict()
+    number = values.pop("id")
+    values["path"] = [(at, position, force) for at, position, force in values.get("path", ())]
+    return number, Segment(**values)

@@ -1,54 +1,54 @@
-"""One thread that does one thing after another: what is prompt in its order, and between that what may wait."""
+"""A single worker thread with a prompt and a late queue."""
 
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
-_LATE_TURN = 20
-"""One turn in so many is for what may wait, whatever else there is: nothing waits for ever."""
+_LATE_SHARE = 20
+"""One task in this many is taken from the late queue first, so that late tasks always progress."""
 
 _T = TypeVar("_T")
 
 
-class Turns:
-    """Work for one thread. Whoever hands it over sees to it that there is not too much of it."""
+class Worker:
+    """Runs tasks one at a time. The queues are unbounded: callers limit what they add."""
 
     def __init__(self, name: str) -> None:
         self._thread = ThreadPoolExecutor(1, name)
-        # Appended to before a turn is asked for, and taken from by the thread only: each turn finds something.
+        # A task is queued before its run is submitted, and only the thread takes tasks: each run finds one.
         self._prompt: deque[Callable[[], None]] = deque()
         self._late: deque[Callable[[], None]] = deque()
         self._count = 0
 
-    def prompt(self, work: Callable[[], _T]) -> "Future[_T]":
-        """Do this after all other prompt work, and before what may wait."""
-        return self._add(self._prompt, work)
+    def prompt(self, task: Callable[[], _T]) -> "Future[_T]":
+        """Run this after the prompt tasks so far, and before late ones."""
+        return self._add(self._prompt, task)
 
-    def late(self, work: Callable[[], _T]) -> "Future[_T]":
-        """Do this when there is nothing else to do, or it is its turn."""
-        return self._add(self._late, work)
+    def late(self, task: Callable[[], _T]) -> "Future[_T]":
+        """Run this after the late tasks so far, when no prompt task waits or a late one is due."""
+        return self._add(self._late, task)
 
     def close(self) -> None:
-        """Wait for all of it."""
+        """Run all tasks, then end the thread."""
         self._thread.shutdown()
 
-    def _add(self, line: deque[Callable[[], None]], work: Callable[[], _T]) -> "Future[_T]":
+    def _add(self, queue: deque[Callable[[], None]], task: Callable[[], _T]) -> "Future[_T]":
         answer: Future[_T] = Future()
 
-        def turn() -> None:
-            # Nobody may want it any more.
+        def run() -> None:
+            # The caller may have cancelled it.
             if answer.set_running_or_notify_cancel():
                 try:
-                    answer.set_result(work())
-                except BaseException as error:  # noqa: BLE001  # for whoever waits for the answer
+                    answer.set_result(task())
+                except BaseException as error:  # noqa: BLE001  # the caller gets it
                     answer.set_exception(error)
 
-        line.append(turn)
+        queue.append(run)
         self._thread.submit(self._next)
         return answer
 
     def _next(self) -> None:
         self._count += 1
-        lines = (self._prompt, self._late) if self._count % _LATE_TURN else (self._late, self._prompt)
-        (lines[0] or lines[1]).popleft()()
+        queues = (self._prompt, self._late) if self._count % _LATE_SHARE else (self._late, self._prompt)
+        (queues[0] or queues[1]).popleft()()

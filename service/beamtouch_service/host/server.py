@@ -7,8 +7,8 @@ from beamtouch_models.modelfile import ModelFileError
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.stream import Streams
 from beamtouch_service.config import ConfigError, Settings, SurfaceSettings
+from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.events.store import EventStoreError
 from beamtouch_service.host import model_watch as model_keeper
 from beamtouch_service.host import tls
 from beamtouch_service.host.background import Background

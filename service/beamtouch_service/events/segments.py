@@ -1,7 +1,7 @@
-"""Contacts from touch to lift, put together from pieces. Pure: no clock, no I/O.
+"""Contact segments, and how two of them are joined. Pure: no clock, no I/O.
 
-A piece is a run of samples in a row, all of one contact. Pieces of a contact come in any order, since samples do; two
-that meet become one. What was not seen is not made up: a contact next to a gap has an unseen touch or lift.
+A segment is a run of consecutive samples of one contact. Segments of a contact arrive in any order; two that meet
+become one. Nothing is assumed about missing samples: a contact next to a gap has an unseen touch or lift.
 """
 
 from dataclasses import dataclass, field, replace
@@ -9,8 +9,8 @@ from enum import StrEnum
 
 from beamtouch_service.surfaces.contact import Figures
 
-MOST_POINTS = 200
-"""Points of a path; more are thinned to evenly spread times."""
+MAX_POINTS = 200
+"""Points of a path; a longer path is thinned to points evenly spread in time."""
 
 Point = tuple[int, float, float | None]
 """Time [us since 1970], position [mm], force [N]."""
@@ -35,13 +35,13 @@ class End(StrEnum):
     OPEN = "open"
     """It goes on."""
     STALE = "stale"
-    """No sample followed for longer than the surface's limit."""
+    """No sample followed within the surface's limit."""
     UNFINISHED = "unfinished"
-    """The service stopped during it."""
+    """The service stopped during the contact."""
 
 
 @dataclass(frozen=True)
-class Piece:
+class Segment:
     """A part of a contact, or all of it."""
 
     surface: str
@@ -50,44 +50,45 @@ class Piece:
     first_sequence: int
     last_sequence: int
     touched_us: int
-    """When its first sample was taken, by the sender's clock [us since 1970]."""
+    """Time of the first sample, by the sender's clock [us since 1970]."""
     last_us: int
+    """Time of the last sample."""
     lifted_us: int | None = None
-    """When the first clear sample after it was taken; None where that was not seen."""
+    """Time of the first clear sample after it; None if the lift was not seen."""
     begin: Begin = Begin.UNSEEN
     end: End = End.OPEN
     samples: int = 0
-    """Samples with a position."""
+    """Number of samples with a position."""
     position_sum_mm: float = 0.0
     peak_force_n: float | None = None
     peak_position_mm: float | None = None
-    """Where the force was at its peak."""
+    """Position at the peak force."""
     degraded: bool = False
-    """Some sample lacked channels, or could not be decided on."""
+    """At least one sample lacked channels or could not be decided."""
     path: list[Point] = field(default_factory=list)
 
 
-class GrowingPiece:
-    """A piece that takes sample after sample, a thousand times a second: in place, unlike `Piece`."""
+class GrowingSegment:
+    """A segment that is extended sample by sample, in place: `Segment` is too slow for a thousand samples a second."""
 
-    def __init__(self, first: Piece) -> None:
-        """Begin with a piece whose first sample is yet to be added."""
+    def __init__(self, first: Segment) -> None:
+        """Begin with a segment whose first sample has yet to be added."""
         self._first = first
         self._last = first.first_sequence, first.touched_us
         self._samples = 0
         self._position_sum_mm = 0.0
         self._peak: tuple[float | None, float | None] = None, None
-        """Force [N], and where it was [mm]."""
+        """Force [N] and its position [mm]."""
         self._degraded = False
         self._path: list[Point] = []
 
     @property
     def duration_us(self) -> int:
-        """From its first sample to its last, by the sender's clock."""
+        """Time from the first sample to the last, by the sender's clock [us]."""
         return abs(self._last[1] - self._first.touched_us)
 
     def add(self, sequence: int, acquired_us: int, figures: Figures | None, *, degraded: bool) -> None:
-        """Take the next sample; `figures` is None for one that could not be decided on."""
+        """Add the next sample; `figures` is None if it could not be decided."""
         self._last = sequence, acquired_us
         self._degraded |= degraded
         if figures is None or figures.position_mm is None:
@@ -98,11 +99,11 @@ class GrowingPiece:
         if force_n is not None and (self._peak[0] is None or force_n > self._peak[0]):
             self._peak = force_n, position_mm
         self._path.append((acquired_us, position_mm, force_n))
-        if len(self._path) > 2 * MOST_POINTS:
+        if len(self._path) > 2 * MAX_POINTS:
             self._path = thin(self._path)
 
-    def piece(self) -> Piece:
-        """Return what it has come to."""
+    def segment(self) -> Segment:
+        """Return the segment of all samples so far."""
         return replace(
             self._first,
             last_sequence=self._last[0],
@@ -116,47 +117,43 @@ class GrowingPiece:
         )
 
 
-def _summed(one: Piece, other: Piece) -> Piece:
-    forces = [(piece.peak_force_n, piece.peak_position_mm) for piece in (one, other) if piece.peak_force_n is not None]
-    force, position = max(forces, key=lambda entry: entry[0] or 0.0, default=(None, None))
-    return replace(
-        one,
-        samples=one.samples + other.samples,
-        position_sum_mm=one.position_sum_mm + other.position_sum_mm,
-        peak_force_n=force,
-        peak_position_mm=position,
-        degraded=one.degraded or other.degraded,
-    )
+def _without_first(segment: Segment, last_known: int) -> Segment:
+    """Return a segment whose sums leave out the samples up to number `last_known`, in proportion."""
+    known = last_known - segment.first_sequence + 1
+    if known <= 0 or not segment.samples:
+        return segment
+    length = segment.last_sequence - segment.first_sequence + 1
+    samples = round(segment.samples * max(0.0, 1 - known / length))
+    return replace(segment, samples=samples, position_sum_mm=segment.position_sum_mm / segment.samples * samples)
 
 
-def _beyond(piece: Piece, sequence: int) -> Piece:
-    """Return a piece with its sums reduced to the part after a sample, which they hold only in the mean."""
-    known = sequence - piece.first_sequence + 1
-    if known <= 0 or not piece.samples:
-        return piece
-    samples = round(piece.samples * max(0.0, 1 - known / (piece.last_sequence - piece.first_sequence + 1)))
-    return replace(piece, samples=samples, position_sum_mm=piece.position_sum_mm / piece.samples * samples)
-
-
-def joined(left: Piece, right: Piece) -> Piece:
-    """Return one piece of two that meet or overlap, `left` being the one that began earlier."""
+def joined(left: Segment, right: Segment) -> Segment:
+    """Return two segments that meet or overlap as one; `left` is the one that began earlier."""
     later = left if left.last_sequence > right.last_sequence else right
+    added = _without_first(right, left.last_sequence)
+    peaks = [(one.peak_force_n, one.peak_position_mm) for one in (left, added) if one.peak_force_n is not None]
+    peak_force_n, peak_position_mm = max(peaks, key=lambda peak: peak[0] or 0.0, default=(None, None))
     return replace(
-        _summed(left, _beyond(right, left.last_sequence)),
+        left,
         last_sequence=later.last_sequence,
         last_us=later.last_us,
         lifted_us=later.lifted_us,
         end=later.end,
+        samples=left.samples + added.samples,
+        position_sum_mm=left.position_sum_mm + added.position_sum_mm,
+        peak_force_n=peak_force_n,
+        peak_position_mm=peak_position_mm,
+        degraded=left.degraded or right.degraded,
         path=thin(sorted({point[0]: point for point in [*left.path, *right.path]}.values())),
     )
 
 
 def thin(path: list[Point]) -> list[Point]:
-    """Return a path of at most `MOST_POINTS` points, spread evenly over its time; its ends stay."""
-    if len(path) <= MOST_POINTS:
+    """Return a path of at most `MAX_POINTS` points, evenly spread in time, with the first and the last point."""
+    if len(path) <= MAX_POINTS:
         return path
     begin = path[0][0]
-    width_us = max(1.0, (path[-1][0] - begin) / (MOST_POINTS - 2))
+    width_us = max(1.0, (path[-1][0] - begin) / (MAX_POINTS - 2))
     bins = {int((point[0] - begin) / width_us): point for point in reversed(path)}
     kept = sorted([*bins.values(), path[-1]])
-    return [point for index, point in enumerate(kept) if index == 0 or point != kept[index - 1]][:MOST_POINTS]
+    return [point for index, point in enumerate(kept) if index == 0 or point != kept[index - 1]][:MAX_POINTS]
