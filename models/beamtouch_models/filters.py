@@ -16,20 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_daemon.config.signal import Adaptive, Filter, LowPass, MovingAverage
-
 FloatArray = NDArray[np.float64]
 Step = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 """Takes values and state, returns filtered values and the state after them."""
 
 SPIKE_MEMORY = 2
 LOW_PASS_MEMORY = 1
-ENOUGH = 0.75
-"""Part of the window that good readings must fill before a channel has a value.
-
-Its noise is then 1.15 times what it is when still, at most. With more, as that of a single reading at the start, a beam
-at rest could look like a touch.
-"""
 
 
 def fresh(rows: int, channels: int) -> FloatArray:
@@ -143,24 +135,6 @@ class Stage:
     memory: int
     """Rows of state."""
     step: Step
-
-
-def stages(settings: Filter, rate_hz: float) -> tuple[Stage, ...]:
-    """Return the filters that the configuration asks for, in the order in which they apply."""
-    chosen = []
-    if (limit_mm := settings.spike_mm) is not None:
-        chosen.append(Stage(SPIKE_MEMORY, lambda values, state: spike(values, state, limit_mm)))
-    if isinstance(settings, MovingAverage):
-        window = settings.window
-        needed = math.ceil(ENOUGH * window)
-        chosen.append(Stage(window - 1, lambda values, state: moving_average(values, state, window, needed)))
-    elif isinstance(settings, LowPass):
-        factor = smoothing(settings.cutoff_hz, rate_hz)
-        chosen.append(Stage(LOW_PASS_MEMORY, lambda values, state: low_pass(values, state, factor)))
-    elif isinstance(settings, Adaptive):
-        most, step_mm = settings.window, settings.step_mm
-        chosen.append(Stage(most, lambda values, state: adaptive(values, state, most, step_mm)))
-    return tuple(chosen)
 
 
 class Chain:

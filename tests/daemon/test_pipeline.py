@@ -136,7 +136,7 @@ def test_without_a_stated_noise_no_channel_is_stuck() -> None:
 
 
 def test_a_tracked_zero_comes_off_before_the_filter_and_off_what_is_not_good_too() -> None:
-    tracking = {"band_mm": 0.01, "rate_mm_per_min": 6.0, "most_mm": 1.0}  # 0.001 mm a reading
+    tracking = {"band_mm": 0.01, "rate_mm_per_min": 6.0, "max_mm": 1.0}  # 0.001 mm a reading
     pipeline = make_pipeline(window=1, zero_tracking=tracking)
     taken = pipeline.process(readings_of(*[(1005, 998)] * 110, (None, 1500), (400, 1500)), 0.0)
     assert taken[98].sample.deflection_mm == pytest.approx([0.005, -0.002])  # after a second the zeros begin to move
@@ -147,7 +147,7 @@ def test_a_tracked_zero_comes_off_before_the_filter_and_off_what_is_not_good_too
 
 
 def test_a_gap_and_a_new_session_keep_the_zeros_and_hold_them_for_a_second() -> None:
-    pipeline = make_pipeline(window=1, zero_tracking={"band_mm": 0.01, "rate_mm_per_min": 6.0, "most_mm": 1.0})
+    pipeline = make_pipeline(window=1, zero_tracking={"band_mm": 0.01, "rate_mm_per_min": 6.0, "max_mm": 1.0})
     pipeline.process(readings_of(*[(1003, 1000)] * 110), 0.0)
     after_a_gap = pipeline.process(readings_of(*[(1006, 1000)] * 99, start_s=20.0), 0.0)
     pipeline.restart()
