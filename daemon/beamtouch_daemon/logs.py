@@ -1,4 +1,4 @@
-"""The log: one line per event, as text for people or as JSON for programs."""
+"""The log: one line per event, as text or as JSON."""
 
 import json
 import logging

@@ -68,6 +68,7 @@ async def started(
         sys.executable,
         *(program or ("-m", "beamtouch_daemon")),
         *map(str, arguments),
+        stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
         env=os.environ | (environment or {}),

@@ -107,7 +107,6 @@ def held(_number: int, frame: bytes) -> Pieces:
 
 @pytest.mark.parametrize("kind", ["rtu", "tcp"])
 async def test_no_reading_of_a_bus_that_answers_late_is_stamped_newer_than_it_is(kind: str) -> None:
-
     unit = StampingUnit(held)
     async with AsyncExitStack() as stack:
         if kind == "tcp":
@@ -122,7 +121,6 @@ async def test_no_reading_of_a_bus_that_answers_late_is_stamped_newer_than_it_is
 
 
 async def test_readings_of_a_plain_line_are_stamped_as_old_as_they_are() -> None:
-
     with terminal() as line:
         device = DatedDevice(line)
         late = sorted(lateness(device, await take(source(line.path), 200)))

@@ -112,7 +112,7 @@ def test_the_steepest_piece_of_each_channel_is_known() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"table": [[1, 2.0]]}, "table has 1 of the at least 2 points"),
+        ({"table": [[1, 2.0]]}, "table needs at least 2 points"),
         ({"table": [[1, 2.0], [1, 3.0]]}, "counts must increase, but 1 follows 1"),
         ({"table": [[1, 2.0], [2, 3.0], [3, 2.5]]}, "gaps must all increase or all decrease, but 2.5 mm follows 3 mm"),
         ({"table": [[1, 2.0], [2, 2.0]]}, "gaps must all increase or all decrease"),

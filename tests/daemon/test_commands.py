@@ -118,7 +118,6 @@ async def test_tare_refuses_what_contradicts_the_configuration_and_the_last_tare
 
 
 async def test_tare_takes_a_channel_whose_last_tare_was_accepted_beyond_the_configuration(tmp_path: Path) -> None:
-
     async with pymodbus_server([30_000, 20_000]) as port:
         config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)))
         codes = [(await command("tare", config, *options)).code for options in ((), ("--accept-change",), ())]

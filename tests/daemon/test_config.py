@@ -134,7 +134,11 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ),
         ("port = 502", 'port = 502\nmodule = "x"', "surfaces.bench.source.module: there is no module x; choose one of"),
         ("port = 502", 'port = 502\nmodule = "waveshare-8ch"', "module waveshare-8ch speaks modbus-rtu"),
-        ("port = 502", 'port = 502\nmodule = "adam-6017"', "rate_hz: adam-6017 converts 12.5 times a second; more"),
+        (
+            "port = 502",
+            'port = 502\nmodule = "adam-6017"',
+            "rate_hz: adam-6017 converts 12.5 times a second; a higher",
+        ),
         ("port = 502", "port = 502\nfunction = 5", "surfaces.bench.source.function: Input should be 3 or 4"),
         ("register = 0", 'register = 0\ntype = "u8"', "channels[0].type: Input should be 'u16', 'i16', 'u32', 'i32'"),
         ('name = "s2"', 'name = "s1"', "surfaces.bench: two channels have the same name s1"),

@@ -121,7 +121,6 @@ async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(kind: s
 
 
 async def test_check_says_what_cannot_be_proven_of_a_unit(tmp_path: Path) -> None:
-
     with terminal() as line:
         async with rtu_units(line, {1: StampingUnit(values_only(lambda _number, frame: [(0.0, frame)]))}):
             config = configs.write(tmp_path, plain(configs.rtu(line.path)).replace("register = 1", "register = 9"))
@@ -134,7 +133,6 @@ async def test_check_says_what_cannot_be_proven_of_a_unit(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("registers", [1, 2])
 async def test_an_adapter_that_echoes_costs_no_unit(registers: int) -> None:
-
     with terminal() as line:
         unit = NumberingUnit(lambda number, frame: [] if number == 10 else [(0.02, frame)])
         async with rtu_units(line, {1: unit}, echo=lambda request: [(0.0, request)]):

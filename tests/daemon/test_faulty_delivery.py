@@ -21,9 +21,7 @@ from .service import Service, serving
 from .small_disks import small_disk
 from .spools import batch_of
 
-pytestmark = pytest.mark.anyio
-
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.anyio, pytest.mark.long]
 
 
 async def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_that_was_taken(tmp_path: Path) -> None:
@@ -130,7 +128,6 @@ async def test_on_a_full_disk_memory_keeps_what_the_spool_cannot(tmp_path: Path)
 async def test_a_disk_that_is_full_is_emptied_when_the_service_is_back_and_keeps_what_a_stop_leaves(
     tmp_path: Path,
 ) -> None:
-
     with small_disk(tmp_path, size_kib=2048) as disk, cable(tmp_path) as usb:
         device = SerialDevice(usb.plug())
         port = free_port()
@@ -173,7 +170,6 @@ async def more_readings(device: SerialDevice, number: int) -> None:
 
 
 async def test_on_a_disk_that_is_full_from_the_start_and_without_a_service_the_loss_is_said(tmp_path: Path) -> None:
-
     with small_disk(tmp_path, size_kib=64) as disk:
         disk.fill()
         with cable(tmp_path) as usb:

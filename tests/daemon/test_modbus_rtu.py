@@ -135,7 +135,6 @@ async def test_a_refusal_is_an_error_that_says_so() -> None:
 
 
 async def test_several_surfaces_and_several_units_share_a_bus() -> None:
-
     def check_odd(reading: Reading, units: dict[int, NumberingUnit]) -> None:
         # Unit 1 gives its two registers with two requests.
         assert (reading.counts[2], reading.counts[1]) == (units[1].newest, units[2].newest)

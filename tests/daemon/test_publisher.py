@@ -18,7 +18,6 @@ pytestmark = pytest.mark.anyio
 
 
 async def test_samples_arrive_once_and_in_order_with_their_age_at_sending() -> None:
-
     async with serving(Service()) as service, Bench(service) as bench:
         bench.outbox.put(taken(0, 5, age_s=0.4))
         await bench.finish()
@@ -31,19 +30,18 @@ async def test_samples_arrive_once_and_in_order_with_their_age_at_sending() -> N
 
 
 async def test_samples_are_collected_for_the_length_of_a_batch() -> None:
-
+    begin_s = monotonic()
     async with serving(Service()) as service, Bench(service, batch_s=0.1) as bench:
         for number in range(50):
             bench.outbox.put(taken(number, 1))
             await asyncio.sleep(0.01)
         await bench.finish()
     assert sequences(service) == list(range(50))
-    assert 4 <= len(service.batches) <= 8  # half a second and more, a tenth each
+    assert 4 <= len(service.batches) <= (monotonic() - begin_s) / 0.1 + 2
 
 
 @pytest.mark.parametrize("status", [500, 503, 401, 302])
 async def test_what_the_service_does_not_take_now_is_sent_again_with_its_new_age(status: int) -> None:
-
     service = Service()
     service.statuses = [status, status]
     async with serving(service), Bench(service) as bench:
@@ -56,7 +54,6 @@ async def test_what_the_service_does_not_take_now_is_sent_again_with_its_new_age
 
 
 async def test_a_disk_that_hangs_does_not_hold_up_the_present(tmp_path: Path) -> None:
-
     with Spool(tmp_path / "spool", 10**6) as spool:
         put(spool, 100, 10)
         service, hangs = Service(), threading.Event()
@@ -78,7 +75,6 @@ async def test_a_disk_that_hangs_does_not_hold_up_the_present(tmp_path: Path) ->
 
 
 async def test_a_batch_larger_than_the_spool_is_split_and_drops_nothing_else(tmp_path: Path) -> None:
-
     with Spool(tmp_path / "spool", 10_000) as spool:
         service = Service()
         service.problem_of = lambda *_: (503, "busy")
@@ -94,7 +90,6 @@ async def test_a_batch_larger_than_the_spool_is_split_and_drops_nothing_else(tmp
 
 
 async def test_a_stop_with_a_service_that_hangs_keeps_the_samples_on_disk(tmp_path: Path) -> None:
-
     with Spool(tmp_path / "spool", 10**6) as spool:
         service = Service()  # it listens, and never answers
         with contextlib.closing(service.listener):
@@ -106,7 +101,6 @@ async def test_a_stop_with_a_service_that_hangs_keeps_the_samples_on_disk(tmp_pa
 
 
 async def test_a_wrong_token_delivers_nothing_and_loses_nothing(caplog: pytest.LogCaptureFixture) -> None:
-
     async with serving(Service()) as service, Bench(service, token="wrong") as bench:  # noqa: S106
         bench.outbox.put(taken(0, 3))
         await asyncio.sleep(0.5)
@@ -118,7 +112,6 @@ async def test_a_wrong_token_delivers_nothing_and_loses_nothing(caplog: pytest.L
 
 
 async def test_a_service_that_is_away_gets_everything_when_it_comes() -> None:
-
     service = Service()
     address = service.listener.getsockname()
     service.listener.close()
@@ -135,7 +128,6 @@ async def test_a_service_that_is_away_gets_everything_when_it_comes() -> None:
 
 
 async def test_a_full_queue_drops_the_oldest_and_counts_them(caplog: pytest.LogCaptureFixture) -> None:
-
     service = Service()
     service.statuses = [503]
     async with serving(service), Bench(service, max_samples=100) as bench:
@@ -150,7 +142,6 @@ async def test_a_full_queue_drops_the_oldest_and_counts_them(caplog: pytest.LogC
 
 
 async def test_a_backlog_goes_out_in_batches_of_bounded_size_without_pause() -> None:
-
     async with serving(Service()) as service, Bench(service, batch_s=1.0) as bench:
         bench.outbox.put(taken(0, 3500))
         await service.until(3000, within_s=3)

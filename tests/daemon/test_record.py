@@ -236,7 +236,7 @@ def test_another_surfaces_file_is_not_appended_to(tmp_path: Path) -> None:
     path.write_text("unix_time_s,load\n1,1\n")
     done = record(configs.write(tmp_path, configs.surface()), path, "", "--append")
     assert done.returncode == 2
-    assert "other columns" in done.stderr
+    assert "its columns are not those of this surface" in done.stderr
     assert path.read_text() == "unix_time_s,load\n1,1\n"
 
 

@@ -95,7 +95,6 @@ async def test_what_may_be_taken_another_time_is_kept_in_memory_or_on_disk(
 
 @pytest.mark.parametrize("kind", ["too-large", PROXY])
 async def test_a_batch_that_is_too_large_is_split_live_and_from_the_disk(tmp_path: Path, kind: str) -> None:
-
     with Spool(tmp_path / "spool", 10**6) as spool:
         put(spool, 0, 100)
         service = Service()

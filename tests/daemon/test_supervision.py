@@ -60,7 +60,6 @@ class Manager:
 
 
 async def test_the_manager_hears_of_the_start_of_progress_of_a_reload_and_of_the_end(tmp_path: Path) -> None:
-
     with closing(Manager(tmp_path)) as manager:
         environment = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "400000"}
         async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:

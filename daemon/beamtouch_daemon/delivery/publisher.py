@@ -72,7 +72,7 @@ class Publisher:
 
     @property
     def helpers(self) -> list[Callable[[], Awaitable[None]]]:
-        """Functions to run beside `run`, each in its own task, until cancelled."""
+        """Functions to run alongside `run`, each in its own task, until cancelled."""
         return [self._spooler.run, self._late.run] if self._late else []
 
     async def run(self) -> None:

@@ -50,7 +50,7 @@ def batch_of(row: tuple[Any, ...], number: int, this_boot: str) -> Spooled:
     if not all(isinstance(value, kind) for value, kind in zip(row[:5], kinds, strict=True)):
         message = "a column has the wrong type"
         raise BadRowError(message)
-    # A row of an older version has no checksum; its content is checked all the same.
+    # A row of an older version has no checksum; but its content is checked too.
     if checksum is not None and checksum != _checksum(
         surface, samples, machine_boot, newest_monotonic_s, content.decode(errors="surrogateescape")
     ):

@@ -80,15 +80,15 @@ async def _serve(
     config: Config,
     supervisor: Supervisor,
     group: asyncio.TaskGroup,
-    told: tuple[asyncio.Event, asyncio.Event],
+    events: tuple[asyncio.Event, asyncio.Event],
 ) -> dict[str, Summary]:
     """Keep the workers running until the stop event."""
-    stop, reload = told
+    stop, reload = events
     manager = ServiceManager()
     manager.ready(_status(config))
     helpers = {
         group.create_task(_watch(supervisor, manager)),
-        group.create_task(_reload_when_told(path, config, supervisor, manager, reload)),
+        group.create_task(_reload_on_event(path, config, supervisor, manager, reload)),
     }
     await stop.wait()
     manager.stopping()
@@ -108,13 +108,13 @@ async def _watch(supervisor: Supervisor, manager: ServiceManager) -> None:
         await asyncio.sleep(pause_s)
 
 
-async def _reload_when_told(
-    path: Path, config: Config, supervisor: Supervisor, manager: ServiceManager, told: asyncio.Event
+async def _reload_on_event(
+    path: Path, config: Config, supervisor: Supervisor, manager: ServiceManager, reload: asyncio.Event
 ) -> None:
-    """Read the configuration again after each `told`; a wrong configuration changes nothing."""
+    """Read the configuration again after each `reload` event; a wrong configuration changes nothing."""
     while True:
-        await told.wait()
-        told.clear()
+        await reload.wait()
+        reload.clear()
         manager.reloading()
         try:
             new = config_file.load(path)

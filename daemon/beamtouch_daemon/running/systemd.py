@@ -13,7 +13,7 @@ class ServiceManager:
         watchdog_us = os.environ.get("WATCHDOG_USEC", "")
         is_mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.watchdog_s = int(watchdog_us) / 1e6 if watchdog_us.isdecimal() and is_mine else None
-        """The manager restarts this process after so many seconds of silence; None: never."""
+        """Silence after which the manager restarts this process [s]; None: never."""
 
     def ready(self, status: str) -> None:
         """Report that the start, or a reload, is complete."""
