@@ -124,7 +124,7 @@ def test_the_steepest_piece_of_each_channel_is_known() -> None:
         ({"counts_range": [5, 5]}, "counts_range must be"),
     ],
 )
-def test_a_characteristic_that_is_none_is_refused(changes: dict[str, object], said: str) -> None:
+def test_an_invalid_characteristic_is_refused(changes: dict[str, object], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         with_table(**changes)
 

@@ -92,7 +92,7 @@ async def test_tare_writes_the_rest_gaps_and_check_uses_them(tmp_path: Path) -> 
     assert [channel["deflection_mm"] for channel in channels] == pytest.approx([0, 0])
 
 
-async def test_tare_refuses_what_contradicts_the_configuration_and_the_last_tare(tmp_path: Path) -> None:
+async def test_tare_refuses_rest_gaps_that_contradict_the_configuration_or_the_last_tare(tmp_path: Path) -> None:
     async def tare(registers: list[int], *options: str) -> Outcome:
         async with pymodbus_server(registers) as port:
             return await command("tare", configs.write(tmp_path, configs.surface(source=configs.tcp(port))), *options)

@@ -67,7 +67,7 @@ def test_the_zero_tracking_in_the_example_is_valid(tmp_path: Path) -> None:
     assert load(EXAMPLE).surfaces["bench"].zero_tracking is None
 
 
-def test_the_table_in_the_example_is_valid_in_place_of_a_line(tmp_path: Path) -> None:
+def test_the_table_in_the_example_is_valid_instead_of_gain_and_offset(tmp_path: Path) -> None:
     text = EXAMPLE.read_text()
     line = "gain_mm_per_count = -0.0001            # gap = offset + gain x counts\noffset_mm = 4.5\n"
     assert line in text
@@ -157,15 +157,15 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ("[publish]", "[publish", "not valid TOML: "),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line_with_its_place(tmp_path: Path, old: str, new: str, expected: str) -> None:
+def test_an_error_is_one_line_with_the_key(tmp_path: Path, old: str, new: str, expected: str) -> None:
     assert expected in changed(tmp_path, old, new)
 
 
-def test_how_much_more_is_wrong_is_said_too(tmp_path: Path) -> None:
+def test_the_number_of_further_errors_is_stated(tmp_path: Path) -> None:
     assert complaint(configs.write(tmp_path, configs.surface().replace("_mm", "_um"))).endswith(" more)")
 
 
-def test_a_file_that_cannot_be_read_is_said_to_be(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
     assert complaint(tmp_path / "absent.toml") == "cannot be read (No such file or directory)"
     assert complaint(tmp_path) == "cannot be read (Is a directory)"
     binary = tmp_path / "binary.toml"
@@ -196,7 +196,7 @@ def test_surfaces_on_one_bus_agree_on_its_line(tmp_path: Path) -> None:
     )
 
 
-def test_what_is_for_modbus_is_refused_for_a_serial_device(tmp_path: Path) -> None:
+def test_keys_of_modbus_are_refused_for_a_serial_device(tmp_path: Path) -> None:
     text = configs.surface(source=configs.serial("/dev/x")).replace("register = 0", "register = 0\nunit = 2", 1)
     assert "unit, host and type are for Modbus" in complaint(configs.write(tmp_path, text))
     text = configs.surface(source=configs.rtu("/dev/x")).replace("register = 0", 'register = 0\nhost = "x"', 1)
@@ -222,7 +222,7 @@ def test_a_device_of_ours_takes_whole_rates_only(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "content", [None, b"", b"two words\n", b"\xff"], ids=["absent", "empty", "two words", "binary"]
 )
-def test_a_token_that_is_none_is_refused_with_what_to_do(tmp_path: Path, content: bytes | None) -> None:
+def test_an_invalid_token_is_refused_with_a_remedy(tmp_path: Path, content: bytes | None) -> None:
     config: Config = load(configs.write(tmp_path, configs.surface()))
     token = tmp_path / "beamtouch.token"
     token.unlink()

@@ -37,7 +37,7 @@ def test_nothing_drifts_however_much_has_passed(kind: Filter) -> None:
     np.testing.assert_array_equal(after, untouched)  # to the bit, after a million large ones
 
 
-def test_a_restart_forgets_what_was() -> None:
+def test_a_restart_forgets_earlier_values() -> None:
     chain = Chain(stages(LowPass(kind="low-pass", cutoff_hz=1.0, spike_mm=0.1), RATE_HZ), 1)
     chain.apply(column(7, 7, 7))
     chain.restart()

@@ -120,7 +120,7 @@ async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(kind: s
     assert number == (kind == "answers only values")
 
 
-async def test_check_says_what_cannot_be_proven_of_a_unit(tmp_path: Path) -> None:
+async def test_check_states_what_cannot_be_proven_of_a_unit(tmp_path: Path) -> None:
     with terminal() as line:
         async with rtu_units(line, {1: StampingUnit(values_only(lambda _number, frame: [(0.0, frame)]))}):
             config = configs.write(tmp_path, plain(configs.rtu(line.path)).replace("register = 1", "register = 9"))

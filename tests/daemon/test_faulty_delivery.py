@@ -102,7 +102,7 @@ async def test_killed_twenty_times_all_that_was_spooled_arrives(tmp_path: Path) 
 SMALL_DISK = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))"
 
 
-async def test_on_a_full_disk_memory_keeps_what_the_spool_cannot(tmp_path: Path) -> None:
+async def test_on_a_full_disk_samples_stay_in_memory(tmp_path: Path) -> None:
     with cable(tmp_path) as usb:
         device = SerialDevice(usb.plug())
         port = free_port()
@@ -169,7 +169,7 @@ async def more_readings(device: SerialDevice, number: int) -> None:
             await asyncio.sleep(0.02)
 
 
-async def test_on_a_disk_that_is_full_from_the_start_and_without_a_service_the_loss_is_said(tmp_path: Path) -> None:
+async def test_the_loss_is_reported_if_the_disk_is_full_from_the_start_and_the_service_is_away(tmp_path: Path) -> None:
     with small_disk(tmp_path, size_kib=64) as disk:
         disk.fill()
         with cable(tmp_path) as usb:
@@ -218,7 +218,7 @@ async def test_one_bad_row_costs_its_own_samples_and_live_delivery_nothing(tmp_p
         assert [number for _, number in names(late(service))] == [n for n in range(252) if n not in missing]
 
 
-async def test_what_waits_for_a_surface_that_is_not_configured_any_more_is_delivered(tmp_path: Path) -> None:
+async def test_spooled_samples_of_a_removed_surface_are_delivered(tmp_path: Path) -> None:
     with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
         spool.put("press", batch_of(0, 7), monotonic())
     with cable(tmp_path) as usb:

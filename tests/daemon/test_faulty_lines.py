@@ -17,7 +17,7 @@ from .service import Service, serving
 pytestmark = pytest.mark.anyio
 
 
-async def test_of_a_bad_serial_line_come_only_values_that_were_sent_each_once(tmp_path: Path) -> None:
+async def test_a_bad_serial_line_delivers_only_values_that_were_sent_and_each_once(tmp_path: Path) -> None:
     with cable(tmp_path) as usb:
         line = usb.plug()
         mangler = Mangler(line)

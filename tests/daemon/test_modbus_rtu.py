@@ -161,7 +161,7 @@ class BackError(Exception):
     """A unit answers again."""
 
 
-async def test_a_dead_unit_costs_the_others_under_a_tenth_and_comes_back_within_2_s() -> None:
+async def test_a_dead_unit_costs_other_units_under_a_tenth_and_returns_within_2_s() -> None:
     timeout_ms = 100.0
 
     def see(reading: Reading) -> None:

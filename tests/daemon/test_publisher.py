@@ -29,7 +29,7 @@ async def test_samples_arrive_once_and_in_order_with_their_age_at_sending() -> N
     assert bench.publisher.published == 5
 
 
-async def test_samples_are_collected_for_the_length_of_a_batch() -> None:
+async def test_samples_are_collected_for_batch_ms() -> None:
     begin_s = monotonic()
     async with serving(Service()) as service, Bench(service, batch_s=0.1) as bench:
         for number in range(50):
@@ -41,7 +41,7 @@ async def test_samples_are_collected_for_the_length_of_a_batch() -> None:
 
 
 @pytest.mark.parametrize("status", [500, 503, 401, 302])
-async def test_what_the_service_does_not_take_now_is_sent_again_with_its_new_age(status: int) -> None:
+async def test_samples_that_the_service_refuses_now_are_sent_again_with_their_new_age(status: int) -> None:
     service = Service()
     service.statuses = [status, status]
     async with serving(service), Bench(service) as bench:
@@ -148,9 +148,7 @@ async def test_a_backlog_goes_out_in_batches_of_bounded_size_without_pause() -> 
     assert max(len(batch.samples) for _, batch, _ in service.batches) == 1000
 
 
-async def test_what_waits_on_the_disk_does_not_hold_up_the_present_while_it_is_refused(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_refused_spooled_samples_do_not_delay_new_ones(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     refused: list[int] = []
 
     def is_late(batch: Batch) -> bool:

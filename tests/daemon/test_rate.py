@@ -113,7 +113,7 @@ async def test_neither_lost_readings_nor_bursts_are_taken_for_another_rate(
     assert all(map(is_plain, batches))
 
 
-async def test_a_bus_that_cannot_be_polled_so_often_is_marked(tmp_path: Path) -> None:
+async def test_a_bus_that_is_too_slow_for_its_rate_is_marked(tmp_path: Path) -> None:
     def slow(_number: int, frame: bytes) -> Pieces:
         return [(0.02, frame)]
 

@@ -120,7 +120,7 @@ async def test_loads_that_are_typed_at_a_terminal_are_recorded_and_wrong_answers
         ("150 10000", "is more than 20 N"),
     ],
 )
-async def test_a_wrong_answer_from_a_pipe_ends_it_and_keeps_what_was_recorded(
+async def test_a_wrong_answer_from_a_pipe_ends_the_recording_and_keeps_earlier_loads(
     tmp_path: Path, wrong: str, said: str
 ) -> None:
     done = await on_beam(f"150 10\n{wrong}\n250 5\n\n", tmp_path, "--seconds", 0.2)
@@ -202,7 +202,7 @@ async def test_loads_that_are_given_wait_for_a_sign_and_are_appended(tmp_path: P
     assert {row["load"] for row in rows_of(path)} == {"1", "2", "3"}
 
 
-def test_a_source_that_fails_ends_it_and_what_was_recorded_stays(tmp_path: Path) -> None:
+def test_a_source_that_fails_ends_the_recording_and_keeps_the_file(tmp_path: Path) -> None:
     path = tmp_path / "loads.csv"
     config = configs.write(tmp_path, configs.surface(source=configs.tcp(9)))  # nothing listens at discard
     done = record(config, path, "150 10\n")

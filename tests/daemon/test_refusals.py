@@ -68,9 +68,7 @@ PROXY = ""
         (504, PROXY),
     ],
 )
-async def test_what_may_be_taken_another_time_is_kept_in_memory_or_on_disk(
-    tmp_path: Path, status: int, kind: str
-) -> None:
+async def test_a_batch_refused_for_now_is_kept_in_memory_or_on_disk(tmp_path: Path, status: int, kind: str) -> None:
     refuses = True
 
     async def attempt(spool: Spool | None) -> None:

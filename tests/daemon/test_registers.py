@@ -66,7 +66,7 @@ def test_byte_orders_are_named_after_where_each_byte_stands(order: ByteOrder) ->
     assert Value(0, "u32", order).decode(contents) == 0x01020304
 
 
-def test_a_register_that_is_missing_and_a_number_that_is_none_are_no_value() -> None:
+def test_a_missing_register_and_nan_are_no_value() -> None:
     assert Value(3).decode({2: 1}) is None
     assert Value(3, "u32").decode({3: 1}) is None
     for strange in (math.nan, math.inf):

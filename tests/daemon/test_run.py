@@ -45,7 +45,7 @@ async def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path:
     assert "Traceback" not in outcome.err
 
 
-async def test_one_surface_that_fails_costs_the_others_nothing_and_does_not_fill_the_log(tmp_path: Path) -> None:
+async def test_a_failing_surface_costs_others_nothing_and_does_not_fill_the_log(tmp_path: Path) -> None:
     with terminal() as line:
         SerialDevice(line)
         async with serving(Service()) as service:
@@ -92,7 +92,7 @@ async def test_a_device_that_comes_back_is_read_again_and_the_outage_is_counted(
 
 
 @pytest.mark.parametrize("spool_mb", [0, 200])
-async def test_without_a_service_a_stop_gives_up_soon_and_says_what_became_of_the_samples(
+async def test_without_a_service_a_stop_ends_soon_and_reports_the_fate_of_the_samples(
     tmp_path: Path, spool_mb: int
 ) -> None:
     with terminal() as line:
@@ -114,7 +114,7 @@ async def test_without_a_service_a_stop_gives_up_soon_and_says_what_became_of_th
     assert sum(value for name, value in summary.items() if name.startswith("samples_")) == summary[kept]
 
 
-async def test_what_was_spooled_is_delivered_by_the_next_start_beside_the_present(tmp_path: Path) -> None:
+async def test_spooled_samples_are_delivered_after_the_next_start_alongside_new_ones(tmp_path: Path) -> None:
     with terminal() as line:
         device, port = SerialDevice(line), free_port()
         url = f"http://127.0.0.1:{port}"

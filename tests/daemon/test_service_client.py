@@ -60,7 +60,7 @@ async def test_a_certificate_is_trusted_where_it_is_named_and_nowhere_else(tmp_p
     [(None, "cannot read .*No such file"), (b"", "no PEM certificate"), (b"no PEM", "no PEM certificate")],
     ids=["missing", "empty", "something else"],
 )
-def test_a_certificate_that_is_none_is_refused_in_one_line(tmp_path: Path, content: bytes | None, said: str) -> None:
+def test_an_invalid_certificate_is_refused_in_one_line(tmp_path: Path, content: bytes | None, said: str) -> None:
     path = configs.write(tmp_path, configs.surface(source=configs.serial("/dev/null")))
     path.write_text(path.read_text().replace("[publish]", '[publish]\ncertificate_file = "service.pem"'))
     if content is not None:

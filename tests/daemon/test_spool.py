@@ -79,7 +79,7 @@ def test_a_damaged_file_is_put_aside_and_not_lost(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("spool.damaged-*"))) == 1
 
 
-def test_a_folder_that_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:
+def test_a_missing_folder_is_an_error_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(SpoolError, match="cannot be opened"):
         Spool(tmp_path / "absent" / "spool", ROOM)
 

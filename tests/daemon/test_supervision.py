@@ -59,7 +59,7 @@ class Manager:
         return sum(line.startswith(word) for line in self.heard)
 
 
-async def test_the_manager_hears_of_the_start_of_progress_of_a_reload_and_of_the_end(tmp_path: Path) -> None:
+async def test_the_service_manager_is_told_of_start_progress_reload_and_stop(tmp_path: Path) -> None:
     with closing(Manager(tmp_path)) as manager:
         environment = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "400000"}
         async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
@@ -168,7 +168,7 @@ async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_pat
     assert found["beamtouch_rate_wrong", "bench"] in {0, 1}
 
 
-async def test_a_port_for_metrics_that_is_taken_is_said_in_one_line(tmp_path: Path) -> None:
+async def test_an_occupied_metrics_port_is_an_error_in_one_line(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         config = configs.write(tmp_path, configs.surface())
         port = taken.getsockname()[1]

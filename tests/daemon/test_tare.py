@@ -95,7 +95,7 @@ def test_a_channel_that_is_not_good_is_refused() -> None:
         tare.rest_gaps(values, CHARACTERISTIC, CHANNELS, None)
 
 
-def test_what_is_saved_is_what_is_loaded(tmp_path: Path) -> None:
+def test_a_saved_tare_file_loads_again(tmp_path: Path) -> None:
     path = tmp_path / "bench.tare.json"
     tare_file.save(path, "bench", 200, {"s1": 2.4, "s2": 2.6})
     tare_file.save(path, "bench", 200, {"s1": 2.5, "s2": 2.7})
@@ -117,7 +117,7 @@ def test_without_a_file_nothing_is_overridden(tmp_path: Path) -> None:
     ],
     ids=["empty", "cut off", "other channels", "no number"],
 )
-def test_a_file_that_does_not_fit_is_refused_with_what_to_do(tmp_path: Path, content: str) -> None:
+def test_a_tare_file_that_does_not_fit_is_refused_with_a_remedy(tmp_path: Path, content: str) -> None:
     path = tmp_path / "bench.tare.json"
     path.write_text(content)
     with pytest.raises(ConfigError, match="delete it or run beamtouch-daemon tare again"):

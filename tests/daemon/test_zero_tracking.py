@@ -91,7 +91,7 @@ def test_a_channel_that_is_not_good_holds_all_zeros_and_for_a_second_more() -> N
     assert np.all(np.isfinite(state.zero_mm))
 
 
-def test_a_disturbance_keeps_the_zeros_and_begins_the_second_anew() -> None:
+def test_a_disturbance_keeps_the_zeros_and_restarts_the_second() -> None:
     _, state = track(np.full((50, 1), 0.004), fresh(1), RULES)
     zeros, _ = track(np.full((30, 1), 0.004), state.disturbed(), RULES)
     assert np.flatnonzero(np.diff(zeros[:, 0])).tolist() == list(range(19, 29))

@@ -32,7 +32,7 @@ def test_a_low_pass_passes_white_noise_at_root_a_over_2_minus_a(factor: float) -
     assert np.std(smoothed[1000:]) == pytest.approx(math.sqrt(factor / (2 - factor)), rel=0.02)
 
 
-def test_of_a_step_1_minus_a_to_the_n_remains_after_a_low_pass() -> None:
+def test_after_n_readings_a_low_pass_leaves_1_minus_a_to_the_n_of_a_step() -> None:
     smoothed, _ = low_pass(column(0, *[1] * 20), fresh(1, 1), 0.3)
     np.testing.assert_allclose(1 - smoothed[:, 0], 0.7 ** np.arange(21), rtol=1e-12)
 
