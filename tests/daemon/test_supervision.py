@@ -78,7 +78,7 @@ async def test_the_service_manager_is_told_of_start_progress_reload_and_stop(tmp
 
 
 def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> None:
-    def line(acquired_s: float, published_s: float, waiting: int, rate_hz: float = 100.0) -> SurfaceWorker:
+    def worker(acquired_s: float, published_s: float, waiting: int, rate_hz: float = 100.0) -> SurfaceWorker:
         found = SimpleNamespace(
             surface=SimpleNamespace(rate_hz=rate_hz),
             outbox=[None] * waiting,
@@ -89,11 +89,11 @@ def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> No
 
     now_s, long_ago_s = 1000.0, 1000.0 - PATIENCE_S - 1
     hangs: Callable[[SurfaceWorker, float], bool] = SurfaceWorker.hangs
-    assert not hangs(line(now_s, now_s, 5), now_s)
-    assert hangs(line(long_ago_s, now_s, 5), now_s)  # reading stands still
-    assert hangs(line(now_s, long_ago_s, 5), now_s)  # samples wait, and nobody sends them
-    assert not hangs(line(now_s, long_ago_s, 0), now_s)  # nothing to send
-    assert not hangs(line(long_ago_s, now_s, 0, rate_hz=0.1), now_s)  # it reads that seldom
+    assert not hangs(worker(now_s, now_s, 5), now_s)
+    assert hangs(worker(long_ago_s, now_s, 5), now_s)  # reading stands still
+    assert hangs(worker(now_s, long_ago_s, 5), now_s)  # samples wait, and nobody sends them
+    assert not hangs(worker(now_s, long_ago_s, 0), now_s)  # nothing to send
+    assert not hangs(worker(long_ago_s, now_s, 0, rate_hz=0.1), now_s)  # it reads that seldom
 
 
 async def test_a_new_configuration_restarts_what_changed_and_a_wrong_one_changes_nothing(tmp_path: Path) -> None:
