@@ -20,7 +20,7 @@ from .service import Service, serving
 
 pytestmark = pytest.mark.anyio
 
-DECLARED_HZ = 200.0
+CONFIGURED_HZ = 200.0
 
 
 class KeepingDevice(SerialDevice):
@@ -82,17 +82,17 @@ async def test_a_device_at_another_rate_is_marked_until_it_keeps_its_rate(
 ) -> None:
     with terminal() as line:
         device = KeepingDevice(line, factor)
-        surface = configs.surface(source=configs.serial(line.path), rate_hz=DECLARED_HZ)
+        surface = configs.surface(source=configs.serial(line.path), rate_hz=CONFIGURED_HZ)
         async with running(tmp_path, surface) as (service, daemon):
             await until(service, is_marked)
             device.factor = 1.0
-            device.restart(round(DECLARED_HZ))
+            device.restart(round(CONFIGURED_HZ))
             await until(service, is_plain)
             outcome = await daemon.stop()
     (complaint,) = complaints(outcome)
     said = re.search(r"sends ([\d.]+) .*, rate_hz is 200: filter windows .* set rate_hz = (\d+)", complaint)
     assert said is not None, complaint
-    assert [float(number) for number in said.groups()] == pytest.approx([factor * DECLARED_HZ] * 2, rel=0.03)
+    assert [float(number) for number in said.groups()] == pytest.approx([factor * CONFIGURED_HZ] * 2, rel=0.03)
     assert f"times {windows} than configured" in complaint
     assert "readings per second, as configured" in outcome.err
 
@@ -105,9 +105,9 @@ async def test_neither_lost_readings_nor_bursts_are_taken_for_another_rate(
 ) -> None:
     with terminal() as line:
         KeepingDevice(line, 1.0, lose_every, burst_s)
-        surface = configs.surface(source=configs.serial(line.path), rate_hz=DECLARED_HZ)
+        surface = configs.surface(source=configs.serial(line.path), rate_hz=CONFIGURED_HZ)
         async with running(tmp_path, surface) as (service, daemon):
-            await service.until(round(4.5 * DECLARED_HZ * (2 / 3 if lose_every else 1)), within_s=60)
+            await service.until(round(4.5 * CONFIGURED_HZ * (2 / 3 if lose_every else 1)), within_s=60)
             outcome, batches = await daemon.stop(), [batch for _, batch, _ in service.batches]
     assert complaints(outcome) == []
     assert all(map(is_plain, batches))
