@@ -1,12 +1,12 @@
-"""Filters over deflections: pure functions of arrays, with the state handed in and out.
+"""Filters of deflections: pure functions of arrays that take a state and return the next one.
 
-Values have shape (readings, channels), oldest first. The state of a filter holds the rows that it still needs, NaN
-where there is nothing; `fresh` makes an empty one. The answer is the same, to the bit, for any split of the stream:
-every value is computed from the same rows in the same order, and no sum runs on, so nothing drifts.
+Values have shape (readings, channels), oldest first. The state of a filter contains the rows that it still needs, and
+NaN for rows that do not exist yet; `fresh` returns an empty state. Any split of the stream gives the same result, to
+the bit: every value is computed from the same rows in the same order. There are no running sums, so nothing drifts.
 
-NaN stands for a reading of a channel that is not good. It gives NaN, and never touches a later value: a moving average
-leaves it out and goes on with the good readings in its window, an adaptive mean too, and a low-pass starts anew at the
-next good reading.
+NaN marks a reading of a channel that is not good. Its result is NaN, and it never affects a later value: a moving
+average and an adaptive mean continue with the good readings in the window, and a low-pass restarts at the next good
+reading.
 """
 
 import math
@@ -16,24 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_daemon.config.signal import Adaptive, Filter, LowPass, MovingAverage
-
 FloatArray = NDArray[np.float64]
 Step = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
-"""Takes values and state, returns filtered values and the state after them."""
+"""Takes values and a state; returns filtered values and the next state."""
 
 SPIKE_MEMORY = 2
 LOW_PASS_MEMORY = 1
-ENOUGH = 0.75
-"""Part of the window that good readings must fill before a channel has a value.
-
-Its noise is then 1.15 times what it is when still, at most. With more, as that of a single reading at the start, a beam
-at rest could look like a touch.
-"""
 
 
 def fresh(rows: int, channels: int) -> FloatArray:
-    """Return the state of a filter that has seen nothing."""
+    """Return the initial state of a filter."""
     return np.full((rows, channels), np.nan)
 
 
@@ -42,9 +34,9 @@ def moving_average(
 ) -> tuple[FloatArray, FloatArray]:
     """Average the last `window` readings; `state` holds the last `window` - 1.
 
-    White noise comes out at 1/sqrt(window) of its standard deviation, a step is through after `window` readings. At the
-    start, and after a bad reading, the average is over the good readings that the window holds; NaN where those are
-    fewer than `needed`.
+    The standard deviation of white noise is divided by sqrt(window); a step is complete after `window` readings. At the
+    start, and after a bad reading, the average is over the good readings in the window, or NaN if there are fewer than
+    `needed`.
     """
     rows = np.concatenate([state, values])
     count = len(values)
@@ -68,8 +60,8 @@ def smoothing(cutoff_hz: float, rate_hz: float) -> float:
 def low_pass(values: FloatArray, state: FloatArray, factor: float) -> tuple[FloatArray, FloatArray]:
     """Apply y += a (x - y) with a = `factor`; `state` holds the last y.
 
-    White noise comes out at sqrt(a / (2 - a)) of its standard deviation, of a step (1 - a)**n remains after n readings.
-    The first good reading is taken as it is.
+    The standard deviation of white noise is multiplied by sqrt(a / (2 - a)). After n readings, (1 - a)**n of a step
+    remains. The first good reading passes unchanged.
     """
     smoothed = np.empty_like(values)
     last = state[0]
@@ -82,8 +74,8 @@ def low_pass(values: FloatArray, state: FloatArray, factor: float) -> tuple[Floa
 def spike(values: FloatArray, state: FloatArray, limit_mm: float) -> tuple[FloatArray, FloatArray]:
     """Replace a reading further than `limit_mm` from the median of the last three by that median.
 
-    `state` holds the last two readings as they came. A step passes one reading later, a single spike never, and noise
-    below the limit passes untouched. Until three good readings in a row are there, nothing is replaced.
+    `state` holds the last two unfiltered readings. A step passes one reading later, a single spike never passes, and
+    noise below the limit passes unchanged. Nothing is replaced before three good readings in a row.
     """
     rows = np.concatenate([state, values])
     oldest, older, newest = rows[:-2], rows[1:-1], rows[2:]
@@ -95,20 +87,20 @@ def spike(values: FloatArray, state: FloatArray, limit_mm: float) -> tuple[Float
 def adaptive(values: FloatArray, state: FloatArray, window: int, step_mm: float) -> tuple[FloatArray, FloatArray]:
     """Average the readings since the last step, at most `window` of them; the window is at least 2.
 
-    A reading further than `step_mm` from the mean so far waits: its channel keeps that mean, and the next reading
-    decides. If that one is as far the same way, it was a step, and the means of all channels begin anew with these two
-    readings, so that all channels have equal noise. Else it was a spike, which never enters. If spikes are all that a
-    window holds, the next reading is taken as it is.
+    A reading further than `step_mm` from the mean is held back: its channel keeps the mean, and the next reading
+    decides. If the next one is as far in the same direction, it was a step, and the means of all channels restart with
+    these two readings, so that all channels have equal noise. Otherwise it was a spike, which never enters the mean. If
+    a window contains nothing but spikes, the next reading passes unchanged.
 
-    White noise comes out at 1/sqrt(n) of its standard deviation s, n being the readings since the step. A mean of n
-    readings mistakes noise for a step where two readings in a row are far from it the same way; with k = `step_mm` / s,
-    that happens less often, per reading and channel, than exp(-k^2 n / (n + 2)), as then the mean of the two, too, is
-    further than `step_mm` from the mean of the n, and their difference has the variance s^2 (1/2 + 1/n).
+    The standard deviation s of white noise is divided by sqrt(n), with n readings since the step. Noise looks like a
+    step if two readings in a row are far from the mean in the same direction. With k = `step_mm` / s, the probability
+    per reading and channel is below exp(-k^2 n / (n + 2)): the mean of the two readings is then also further than
+    `step_mm` from the mean of the n, and their difference has the variance s^2 (1/2 + 1/n).
 
-    `state` holds the last `window` - 1 readings as they entered the mean, NaN before its beginning and where one waits
-    or was left out, and in its last row the last reading as it came.
+    `state` holds the last `window` - 1 readings as they entered the mean: NaN before its start, and for readings that
+    are held back or left out. Its last row is the last unfiltered reading.
     """
-    rows = np.concatenate([state[:-1], values])  # overwritten, reading by reading, with what enters
+    rows = np.concatenate([state[:-1], values])  # overwritten with the readings that enter the mean
     newest = state[-1]
     averaged = np.empty_like(values)
     for row, value in enumerate(values):
@@ -127,7 +119,7 @@ def adaptive(values: FloatArray, state: FloatArray, window: int, step_mm: float)
 
 
 def _mean(rows: FloatArray) -> FloatArray:
-    """Return the mean of the good values of each column, NaN where there are none."""
+    """Return the mean of the good values of each column, NaN if there are none."""
     good = ~np.isnan(rows)
     number = good.sum(axis=0)
     total = np.where(good, rows, 0.0).sum(axis=0)
@@ -138,33 +130,15 @@ def _mean(rows: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Stage:
-    """One filter with its numbers filled in."""
+    """One filter with its parameters."""
 
     memory: int
-    """Rows of state."""
+    """Number of rows of its state."""
     step: Step
 
 
-def stages(settings: Filter, rate_hz: float) -> tuple[Stage, ...]:
-    """Return the filters that the configuration asks for, in the order in which they apply."""
-    chosen = []
-    if (limit_mm := settings.spike_mm) is not None:
-        chosen.append(Stage(SPIKE_MEMORY, lambda values, state: spike(values, state, limit_mm)))
-    if isinstance(settings, MovingAverage):
-        window = settings.window
-        needed = math.ceil(ENOUGH * window)
-        chosen.append(Stage(window - 1, lambda values, state: moving_average(values, state, window, needed)))
-    elif isinstance(settings, LowPass):
-        factor = smoothing(settings.cutoff_hz, rate_hz)
-        chosen.append(Stage(LOW_PASS_MEMORY, lambda values, state: low_pass(values, state, factor)))
-    elif isinstance(settings, Adaptive):
-        most, step_mm = settings.window, settings.step_mm
-        chosen.append(Stage(most, lambda values, state: adaptive(values, state, most, step_mm)))
-    return tuple(chosen)
-
-
 class Chain:
-    """Filters one after the other, and their state."""
+    """Several filters in succession, and their states."""
 
     def __init__(self, chosen: tuple[Stage, ...], channels: int) -> None:
         self._stages = chosen
@@ -172,7 +146,7 @@ class Chain:
         self.restart()
 
     def restart(self) -> None:
-        """Forget everything, so that no value from before can reach one from after."""
+        """Reset all states, so that no earlier value affects a later one."""
         self._states = [fresh(stage.memory, self._channels) for stage in self._stages]
 
     def apply(self, values: FloatArray) -> FloatArray:

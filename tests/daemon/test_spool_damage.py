@@ -13,7 +13,7 @@ from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.delivery.spool_connection import SpoolError
 from beamtouch_daemon.delivery.spool_row import row_of
 
-from .test_spool import ROOM, batch_of, drained
+from .spools import ROOM, batch_of, drained
 
 PAGE = 4096
 

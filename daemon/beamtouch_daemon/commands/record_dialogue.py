@@ -1,6 +1,7 @@
-"""The person's side of `record`: what is asked, and what the answers mean.
+"""The dialogue of `record`: its questions, and what the answers mean.
 
-On a terminal a wrong answer is asked for again. Anywhere else nobody would see the question, so it ends the recording.
+On a terminal, a wrong answer repeats the question. Without a terminal nobody would see the question, so a wrong answer
+ends the recording.
 """
 
 import asyncio
@@ -9,41 +10,45 @@ import sys
 import threading
 from dataclasses import replace
 
-from beamtouch_daemon.commands.record import LoadRefusedError, TakeBack, require_stated
+from beamtouch_daemon.commands.load_recorder import LoadRefusedError, require_stated
 from beamtouch_daemon.commands.record_table import Load
-from beamtouch_daemon.config import settings as config
+from beamtouch_daemon.config.settings import ConfigError, Loads
 
 ACCEPT, UNDO = "accept", "undo"
-"""Words of the dialogue: record all the same, and take back the last load."""
+"""Words of the dialogue: record a load without checks, and remove the last load."""
 HELP = f"""\
-Put a load on the beam, then answer. Besides the answers that are asked for:
-  {UNDO:7} takes back the last load
-  {ACCEPT:7} after a load, or alone where the load is given: records it whatever speaks against it"""
+Put a load on the beam, then answer. Two more answers are possible:
+  {UNDO:7} removes the last load
+  {ACCEPT:7} after a load (or alone, with --at) records it without checks"""
+
+
+class Undo:
+    """The answer that removes the last load."""
 
 
 class Dialogue:
-    """Asks for loads, one line each, or for a sign that a given load is on."""
+    """Asks for a load, one line each, or for Enter once a given load is on the beam."""
 
-    def __init__(self, given: list[Load] | None, known: config.Loads | None) -> None:
-        self.missing: set[Load] = set()
-        """Loads that were refused and not recorded since."""
+    def __init__(self, given: list[Load] | None, known: Loads | None) -> None:
+        self.not_recorded: set[Load] = set()
+        """Loads that were refused and have not been recorded since."""
         self._given = given
         self._done = 0
-        """How many of the given loads had their turn."""
+        """Number of given loads that had their turn."""
         self._known = known
         self._is_terminal = sys.stdin.isatty()
         self._lines: asyncio.Queue[str] = asyncio.Queue()
         self._loop = asyncio.get_running_loop()
-        # A thread, as standard input may be a terminal, a pipe or a file, and only a blocking read serves all three.
+        # Standard input may be a terminal, a pipe or a file. Only a blocking read, in a thread, works for all three.
         threading.Thread(target=self._read, daemon=True).start()
 
-    async def next_load(self, number: int) -> Load | TakeBack | None:
+    async def next_load(self, number: int) -> Load | Undo | None:
         """Return the next load once it is on the beam; None at the end.
 
         Raises
         ------
         ConfigError
-            A wrong answer that does not come from a terminal.
+            A wrong answer, without a terminal.
         """
         while self._given is None or self._done < len(self._given):
             line = await self._ask(self._question(number))
@@ -54,35 +59,35 @@ class Dialogue:
             except (ValueError, LoadRefusedError) as error:
                 if not self._is_terminal:
                     message = f"standard input: {line.strip()!r}: {error}; {number - 1} loads are recorded"
-                    raise config.ConfigError(message) from None
+                    raise ConfigError(message) from None
                 self.say(str(error))
         return None
 
     def recorded(self, load: Load, text: str) -> None:
         """Say that a load was recorded."""
-        self.missing.discard(replace(load, is_accepted=False))
+        self.not_recorded.discard(replace(load, is_accepted=False))
         self.say(text)
 
     def refused(self, load: Load, reason: str) -> None:
-        """Say that a load was not recorded; on a terminal one that was given is asked for again."""
-        self.missing.add(load)
-        self.say(f"{load} left out: {reason}; put it on again, or answer with {ACCEPT} to record it all the same")
+        """Say that a load was not recorded; on a terminal, ask for a given load again."""
+        self.not_recorded.add(load)
+        self.say(f"{load} not recorded: {reason}; put it on again, or answer {ACCEPT} to record it without checks")
         if self._given is not None and self._is_terminal:
             self._done -= 1
 
     def say(self, text: str) -> None:
-        """Print a line to the person."""
+        """Print a line."""
         print(text, file=sys.stderr, flush=True)
 
     def _question(self, number: int) -> str:
         if self._given is None:
-            return f"load {number}: put it on; position in mm and force in N (empty line: done; {UNDO}): "
+            return f"load {number}: put it on, then enter position in mm and force in N (empty line: done; {UNDO}): "
         return f"load {number}: put {self._given[self._done]} on, then press Enter ({UNDO}): "
 
-    def _answer(self, words: list[str]) -> Load | TakeBack:
+    def _answer(self, words: list[str]) -> Load | Undo:
         if words == [UNDO]:
             self._done = max(0, self._done - 1)
-            return TakeBack()
+            return Undo()
         if self._given is None:
             load = load_of(words)
             require_stated(load, self._known)
@@ -107,12 +112,12 @@ class Dialogue:
             line = sys.stdin.readline()
             try:
                 self._loop.call_soon_threadsafe(self._lines.put_nowait, line)
-            except RuntimeError:  # the loop has ended, so nobody waits
+            except RuntimeError:  # the loop has ended
                 return
 
 
 def load_of(words: list[str]) -> Load:
-    """Read a position and a force, and perhaps that they are accepted; ValueError says what is wrong in one line."""
+    """Return the load that the words state: position, force, and perhaps ACCEPT; ValueError with one line if wrong."""
     is_accepted = words[2:] == [ACCEPT]
     try:
         position, force = (float(word.replace(",", ".")) for word in (words[:2] if is_accepted else words))

@@ -17,44 +17,44 @@ CHANNEL_COLUMNS = ("counts", "deflection_mm", "quality")
 
 @dataclass(frozen=True)
 class Load:
-    """A known load, as the person at the beam says."""
+    """A known load, as the user states it."""
 
     position_mm: float
     force_n: float
     is_accepted: bool = False
-    """Whether it is recorded whatever speaks against it."""
+    """Whether it is recorded without checks."""
 
     def __str__(self) -> str:
         return f"{self.force_n:g} N at {self.position_mm:g} mm"
 
 
 class Table:
-    """A file with a row per sample; each load is there whole or not at all."""
+    """A file with a row per sample; it contains each load completely or not at all."""
 
     def __init__(self, file: TextIO, channels: Sequence[str]) -> None:
         self._file = file
         self._channels = channels
         self._begun: list[tuple[int, int, Load]] = []
-        """Where each load begins in the file, its number, and the load."""
+        """Position in the file, number and load of each recorded load."""
         self.loads = 0
-        """The number of the last load in the file, 0 without any."""
+        """Number of the last load in the file; 0 if there is none."""
 
     def header(self) -> list[str]:
         """Return the column names."""
         return [*LOAD_COLUMNS, *(f"{name}_{column}" for name in self._channels for column in CHANNEL_COLUMNS)]
 
     def write_header(self) -> None:
-        """Begin the file."""
+        """Write the first line of the file."""
         self._write([self.header()])
 
     def read(self) -> bool:
-        """Take in what is in the file already; False if it has other columns, ValueError if it is not a recording."""
+        """Read an existing file; return False if it has other columns. ValueError if it is not a recording."""
         if next(csv.reader([self._file.readline()]), []) != self.header():
             return False
         while line := self._read_line():
             start, row = line[0], next(csv.reader([line[1]]))
             if len(row) != len(self.header()) or not line[1].endswith("\n"):
-                message = "a row is not complete"
+                message = "a row is incomplete"
                 raise ValueError(message)
             if (number := int(row[1])) > self.loads:
                 self._begun.append((start, number, Load(float(row[2]), float(row[3]))))
@@ -69,7 +69,7 @@ class Table:
         self.loads += 1
         self._begun.append((start, self.loads, load))
 
-    def take_back(self) -> Load | None:
+    def remove_last(self) -> Load | None:
         """Remove the last load and return it; None if there is none."""
         if not self._begun:
             return None
@@ -80,7 +80,7 @@ class Table:
         return load
 
     def _read_line(self) -> tuple[int, str] | None:
-        """Return where the next line begins, and the line; None at the end."""
+        """Return the position of the next line, and the line; None at the end."""
         start = self._file.tell()
         line = self._file.readline()
         return (start, line) if line else None
@@ -106,14 +106,14 @@ def table(path: Path, channels: Sequence[str], *, append: bool) -> Iterator[Tabl
     Raises
     ------
     ConfigError
-        It is there already and is not to be appended to, has other columns, or cannot be written.
+        The file exists and `append` is false, or it has other columns, or it cannot be written.
     """
     try:
         if append and path.exists():
             with path.open("r+", newline="", encoding="utf-8") as file:
                 made = Table(file, channels)
                 if not made.read():
-                    message = f"{path}: has other columns than this surface; write to another file"
+                    message = f"{path}: its columns are not those of this surface; write to another file"
                     raise ConfigError(message)
                 yield made
             return
@@ -122,10 +122,10 @@ def table(path: Path, channels: Sequence[str], *, append: bool) -> Iterator[Tabl
             made.write_header()
             yield made
     except FileExistsError:
-        message = f"{path}: is there already; add --append, or name another file"
+        message = f"{path}: already exists; add --append or name another file"
         raise ConfigError(message) from None
     except (ValueError, UnicodeDecodeError):
-        message = f"{path}: is not a recording; write to another file"
+        message = f"{path}: not a recording; write to another file"
         raise ConfigError(message) from None
     except OSError as error:
         message = f"{path}: {error.strerror}"

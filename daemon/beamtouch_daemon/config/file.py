@@ -1,4 +1,4 @@
-"""Reading the configuration: one TOML file in, or one line that says what is wrong with it."""
+"""Reads the configuration file; any error becomes one line that names the key."""
 
 import tomllib
 from pathlib import Path
@@ -8,6 +8,8 @@ from pydantic import ValidationError
 from beamtouch_daemon.config.settings import Config, ConfigError, reason_of
 from beamtouch_daemon.config.sources import ModbusTcp
 
+RENAMED = {"most_mm": "max_mm", "most_force_n": "max_force_n"}
+"""Keys of older versions, with their present names."""
 _KINDS = {"modbus-tcp", "modbus-rtu", "serial", "none", "moving-average", "low-pass", "adaptive"}
 
 
@@ -28,7 +30,7 @@ def load(path: Path) -> Config:
 
 
 def require_ports(config: Config) -> None:
-    """Raise ConfigError if a serial port of a surface is not there."""
+    """Raise ConfigError if a serial port in the configuration does not exist."""
     for name, surface in config.surfaces.items():
         if isinstance(surface.source, ModbusTcp):
             continue
@@ -42,14 +44,16 @@ def require_ports(config: Config) -> None:
 
 
 def _describe(error: ValidationError) -> str:
-    """Return one complaint in one line: key path, what is wrong, and how many more there are."""
+    """Return the first complaint in one line: key path, what is wrong, and the number of further complaints."""
     complaints = error.errors(include_url=False, include_context=False)
-    # A misspelt key is also a missing one; its spelling is what the user can see.
+    # A misspelt key is also a missing one. The user can see the spelling, so it comes first.
     first, *others = sorted(complaints, key=lambda complaint: complaint["type"] != "extra_forbidden")
     where = _key_path(first["loc"])
     match first["type"]:
         case "extra_forbidden":
-            text = f"unknown key {where}; remove it or correct its spelling"
+            key = str(first["loc"][-1])
+            remedy = f"{key} is now {RENAMED[key]}" if key in RENAMED else "remove it or correct its spelling"
+            text = f"unknown key {where}; {remedy}"
         case "missing":
             text = f"{where} is missing; add it"
         case _:
@@ -58,7 +62,7 @@ def _describe(error: ValidationError) -> str:
 
 
 def _key_path(location: tuple[int | str, ...]) -> str:
-    """Return the path as it stands in the file: pydantic adds the kind of a source or filter, which is no key."""
+    """Return the path as in the file, without the kind of a source or filter, which pydantic adds."""
     path = ""
     for previous, part in zip(("", *location), location, strict=False):
         if isinstance(part, int):

@@ -1,7 +1,4 @@
-"""What the daemon's configuration holds: strict, every key known, units in the names.
-
-`config_file` reads it. Whatever is wrong with it ends in a `ConfigError`.
-"""
+"""The daemon's configuration: unknown keys are refused, and names state their units. `config.file` reads it."""
 
 import ssl
 from collections import Counter
@@ -29,7 +26,7 @@ class ConfigError(Exception):
 
 
 def reason_of(error: OSError | UnicodeDecodeError) -> str:
-    """Return in a few words why a file cannot be read."""
+    """Return the reason why a file cannot be read, in a few words."""
     return (error.strerror if isinstance(error, OSError) else None) or "not text"
 
 
@@ -43,33 +40,33 @@ def _http_url(value: str) -> str:
 
 
 class Publish(Strict):
-    """Where samples go."""
+    """The service that receives the samples, and the buffers in front of it."""
 
     url: Annotated[str, AfterValidator(_http_url)]
     """Address of the service, without a path."""
     token_file: RelativePath
-    """Holds the service's bearer token and nothing else."""
+    """File with the service's bearer token and nothing else."""
     certificate_file: RelativePath | None = None
-    """PEM of the certificates to trust with https; unset: those of the system."""
+    """Certificates to trust with https (PEM); default: those of the system."""
     batch_ms: Annotated[FiniteFloat, Field(ge=1, le=10_000)] = 4.0
-    """Samples of a surface are collected for this long and sent together."""
+    """Longest time to collect samples for one request."""
     queue_samples: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
-    """Samples of each surface kept in memory; beyond it the oldest are dropped and counted."""
+    """Limit of undelivered samples per surface in memory; beyond it the oldest are dropped and counted."""
     spool_file: RelativePath = Path("beamtouch-daemon.spool")
-    """Keeps on disk what cannot be delivered."""
+    """Keeps undelivered samples on disk."""
     spool_mb: Annotated[FiniteFloat, Field(ge=0, le=100_000)] = 200.0
-    """Size of the spool; beyond it the oldest samples are dropped and counted. 0: no spool."""
+    """Limit of the spool's size; beyond it the oldest samples are dropped and counted. 0: no spool."""
 
 
 class Metrics(Strict):
-    """What Prometheus may ask, on this machine only."""
+    """Metrics for Prometheus, on this machine only."""
 
     port: NetworkPort | None = None
-    """GET http://127.0.0.1:PORT/metrics; unset: no metrics."""
+    """GET http://127.0.0.1:PORT/metrics; default: no metrics."""
 
 
 def place_of(source: Source, channel: Channel) -> tuple[str, int, int]:
-    """Return where a channel's counts are: host, unit, and the first register; ValueError if that is not said right."""
+    """Return host, unit and first register of a channel; ValueError if the configuration does not say them."""
     message = ""
     module = None if isinstance(source, SerialLine) or source.module is None else module_of(source.module)
     if isinstance(source, SerialLine) and (channel.input, channel.unit, channel.host, channel.type) != (None,) * 4:
@@ -92,12 +89,12 @@ def place_of(source: Source, channel: Channel) -> tuple[str, int, int]:
 
 
 class Loads(Strict):
-    """Which known loads `record` takes; it refuses others."""
+    """The loads that the model covers; `record` refuses others."""
 
     position_mm: Pair
-    """From the left end: where the model knows loads."""
-    most_force_n: Positive
-    """The largest force that the model knows."""
+    """Range of positions, from the left end of the beam."""
+    max_force_n: Positive
+    """Largest force."""
 
 
 class Surface(Strict):
@@ -106,17 +103,17 @@ class Surface(Strict):
     rate_hz: Annotated[FiniteFloat, Field(gt=0, le=10_000)]
     """Readings per second."""
     tare_file: RelativePath | None = None
-    """Rest gaps measured by `tare`; NAME.tare.json beside the configuration unless stated."""
+    """Rest gaps that `tare` measured; default: NAME.tare.json beside the configuration."""
     noise_mm: Positive | None = None
-    """Standard deviation of one reading; `tare` refuses a surface that moves more. Unset: judged from the readings.
+    """Standard deviation of one reading; default: estimated from the readings.
 
-    It also says after how many equal readings a channel is stuck.
+    `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is stuck.
     """
     source: Source
     filter: Filter = NoFilter()
     zero_tracking: ZeroTracking | None = None
     loads: Loads | None = None
-    """Unset: `record` knows neither the beam nor the forces."""
+    """Default: `record` checks neither positions nor forces."""
     channels: Annotated[tuple[Channel, ...], Field(strict=False, min_length=1, max_length=MAX_CHANNELS)]
 
     @model_validator(mode="after")
@@ -130,14 +127,14 @@ class Surface(Strict):
     @model_validator(mode="after")
     def _rate_is_possible(self) -> Self:
         module = getattr(self.source, "module", None)
-        most_hz = None if module is None else module_of(module).most_hz
+        max_hz = None if module is None else module_of(module).max_hz
         message = ""
         if isinstance(self.filter, LowPass) and self.filter.cutoff_hz >= self.rate_hz / 2:
             message = f"filter.cutoff_hz must lie below half of rate_hz, {self.rate_hz / 2} Hz"
         elif isinstance(self.source, SerialLine) and (self.rate_hz < 1 or self.rate_hz != int(self.rate_hz)):
             message = "rate_hz must be a whole number for a serial source"
-        elif most_hz is not None and self.rate_hz > most_hz:
-            message = f"rate_hz: {module} converts {most_hz:g} times a second; more would read old values again"
+        elif max_hz is not None and self.rate_hz > max_hz:
+            message = f"rate_hz: {module} converts {max_hz:g} times a second; a higher rate would read old values again"
         if message:
             raise ValueError(message)
         return self
@@ -158,7 +155,7 @@ class Surface(Strict):
 
 
 class Config(Strict):
-    """The whole file. Relative paths in it are relative to the `directory` in the validation context."""
+    """The whole file. Relative paths in it start from the `directory` in the validation context."""
 
     publish: Publish
     metrics: Metrics = Metrics()
@@ -190,15 +187,15 @@ class Config(Strict):
 
     @property
     def spool_file(self) -> Path:
-        """Where undelivered samples are kept."""
+        """Path of the spool."""
         return self._directory / self.publish.spool_file
 
     def tare_file(self, name: str) -> Path:
-        """Where the rest gaps of surface `name` are kept."""
+        """Return the path of the tare file of surface `name`."""
         return self._directory / (self.surfaces[name].tare_file or f"{name}.tare.json")
 
     def read_certificates(self) -> str | None:
-        """Return the certificates to trust as PEM, None for those of the system; ConfigError if they are none."""
+        """Return the certificates to trust (PEM), None for those of the system; ConfigError if they cannot be used."""
         if self.publish.certificate_file is None:
             return None
         path = self._directory / self.publish.certificate_file
@@ -210,19 +207,21 @@ class Config(Strict):
         try:
             ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=pem)
         except (ssl.SSLError, ValueError) as error:
-            message = f"publish.certificate_file: {path} holds no certificate in PEM; name that of the service"
+            message = f"publish.certificate_file: {path} contains no PEM certificate; name the service's"
             raise ConfigError(message) from error
         return pem
 
     def read_token(self) -> str:
-        """Return the bearer token; ConfigError if there is none."""
+        """Return the bearer token; ConfigError if it cannot be read."""
         path = self._directory / self.publish.token_file
         try:
             token = path.read_text(encoding="ascii").strip()
         except (OSError, UnicodeDecodeError) as error:
-            message = f"publish.token_file: cannot read {path} ({reason_of(error)}); put the service's token into it"
+            message = (
+                f"publish.token_file: cannot read {path} ({reason_of(error)}); it must contain the service's token"
+            )
             raise ConfigError(message) from error
         if not token or not token.isprintable() or " " in token:
-            message = f"publish.token_file: {path} must hold the service's token and nothing else"
+            message = f"publish.token_file: {path} must contain the service's token and nothing else"
             raise ConfigError(message)
         return token

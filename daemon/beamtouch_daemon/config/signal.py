@@ -1,4 +1,4 @@
-"""What the configuration says of the way from counts to samples: filters, zero tracking, channels."""
+"""Settings of the signal chain from counts to samples: filters, zero tracking, channels."""
 
 import math
 from itertools import pairwise
@@ -24,7 +24,7 @@ Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
 
 class _Spike(Strict):
     spike_mm: Positive | None = None
-    """A deflection further than this from the median of the last three is replaced by that median."""
+    """Replace a deflection by the median of the last three if it differs from it by more than this."""
 
 
 class NoFilter(_Spike):
@@ -34,74 +34,74 @@ class NoFilter(_Spike):
 
 
 class MovingAverage(_Spike):
-    """The mean of the last readings."""
+    """Mean of the last `window` readings."""
 
     kind: Literal["moving-average"]
     window: Annotated[int, Field(ge=1, le=10_000)] = 4
-    """Readings in the mean."""
+    """Number of readings in the mean."""
 
 
 class LowPass(_Spike):
-    """A single pole."""
+    """Low-pass with a single pole."""
 
     kind: Literal["low-pass"]
     cutoff_hz: Positive
-    """Where the gain has fallen by 3 dB."""
+    """Frequency of the -3 dB point."""
 
 
 class Adaptive(_Spike):
-    """The mean of the readings since the last step."""
+    """Mean of the readings since the last step."""
 
     kind: Literal["adaptive"]
     window: Annotated[int, Field(ge=2, le=10_000)]
-    """Readings in the mean, at most."""
+    """Largest number of readings in the mean."""
     step_mm: Positive
-    """The mean begins anew when two readings running differ from it by more than this, with the same sign."""
+    """The mean restarts when two successive readings differ from it by more than this, with the same sign."""
 
 
 Filter = Annotated[NoFilter | MovingAverage | LowPass | Adaptive, Field(discriminator="kind")]
 
 
 class ZeroTracking(Strict):
-    """Follows a slow drift of the rest gaps while nothing happens."""
+    """Follows a slow drift of the rest gaps while nothing touches the beam."""
 
     band_mm: Positive
-    """Only while no channel deflects by more than this. A load within it, in all channels, is taken for drift."""
+    """Zeros move only while no channel deflects by more than this. A load below it in all channels counts as drift."""
     rate_mm_per_min: Positive
-    """The fastest drift that is followed."""
-    most_mm: Positive
-    """The most that is ever taken off a channel, either way."""
+    """Fastest drift that is followed."""
+    max_mm: Positive
+    """Largest total correction of a channel, either way."""
 
 
 class Channel(Strict):
-    """One sensor: where its counts are, and what they mean."""
+    """One sensor: the address of its counts, and their meaning."""
 
     name: ChannelName
     register_: Annotated[int | None, Field(alias="register", ge=0, le=65_535)] = None
     """Modbus: address of the first register, from 0. Serial: index in the frame, from 0."""
     input: Annotated[int, Field(ge=0, le=63)] | None = None
-    """Number of the input, from 0, instead of `register`: where the source names its module."""
+    """Number of the input, from 0, instead of `register`; only if the source names its module."""
     unit: Annotated[int, Field(ge=0, le=255)] | None = None
-    """Modbus: another unit than the source's."""
+    """Modbus: unit of this channel; default: the source's."""
     host: Annotated[str, Field(min_length=1)] | None = None
-    """Modbus TCP: another device than the source's."""
+    """Modbus TCP: device of this channel; default: the source's."""
     type: Encoding | None = None
-    """Modbus: how the counts lie in their registers; u16 unless stated or known of the module."""
+    """Modbus: data type of the counts; default: the module's, or u16."""
     gain_mm_per_count: Annotated[FiniteFloat, AfterValidator(_nonzero)] | None = None
     """gap = offset + gain x counts."""
     offset_mm: FiniteFloat | None = None
     table: Annotated[tuple[Pair, ...], Field(strict=False)] | None = None
-    """[counts, gap] pairs in place of gain and offset, straight in between; counts beyond them are out-of-range."""
+    """[counts, gap] points instead of gain and offset, joined by straight lines; out-of-range beyond the ends."""
     rest_gap_mm: FiniteFloat
     """Gap with nothing on the beam; the tare file overrides it."""
     range_mm: Pair
-    """Linear range of the sensor; a gap outside it is out-of-range."""
+    """Linear range of the sensor; gaps outside it are out-of-range."""
     adc_bits: Annotated[int, Field(ge=1, le=16)] = 16
     """Counts of 0 and of 2**adc_bits - 1 are saturated."""
     counts_range: Pair | None = None
-    """These counts and those beyond them are saturated, in place of what `adc_bits` says."""
+    """Counts at these ends and beyond are saturated; overrides `adc_bits`."""
     stuck_after_ms: Positive | None = None
-    """A channel is stuck when its counts have not changed for longer; unset: judged from the surface's `noise_mm`."""
+    """A channel is stuck when its counts have not changed for longer; default: from the surface's `noise_mm`."""
 
     @model_validator(mode="after")
     def _ranges_in_order(self) -> Self:
@@ -127,12 +127,12 @@ class Channel(Strict):
 
     @property
     def points(self) -> tuple[tuple[float, float], ...]:
-        """Where each piece of the characteristic begins: counts and gap [mm]."""
+        """Counts and gap [mm] at the beginning of each piece of the characteristic."""
         return self.table or ((0.0, self.offset_mm or 0.0),)
 
     @property
     def slopes(self) -> tuple[float, ...]:
-        """The slope of each piece [mm per count]; the last piece of a table goes on beyond its end."""
+        """Slope of each piece [mm per count]; the last piece of a table continues beyond its end."""
         if self.table is None:
             return (self.gain_mm_per_count or math.nan,)
         inner = tuple((b[1] - a[1]) / (b[0] - a[0]) for a, b in pairwise(self.table))
@@ -141,7 +141,7 @@ class Channel(Strict):
 
 def _check_table(table: tuple[tuple[float, float], ...]) -> None:
     if len(table) < 2:
-        message = f"table has {len(table)} of the at least 2 points [counts, gap_mm]"
+        message = f"table needs at least 2 points [counts, gap_mm], not {len(table)}"
         raise ValueError(message)
     for before, after in pairwise(table):
         if not before[0] < after[0]:

@@ -1,4 +1,4 @@
-"""Where readings come from, as the configuration states it."""
+"""Settings of the sources: Modbus TCP, Modbus RTU and the serial protocol."""
 
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -11,7 +11,7 @@ Milliseconds = Annotated[FiniteFloat, Field(ge=1, le=60_000)]
 NetworkPort = Annotated[int, Field(ge=1, le=65_535)]
 Baud = Annotated[int, Field(ge=300, le=12_000_000)]
 ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
-"""Order of the four bytes of a 32-bit value, A the most significant; of 16 bits AB, or BA with the last two."""
+"""Order of the four bytes of a 32-bit value, A the most significant; BADC and DCBA also swap 16-bit values."""
 
 
 def _known(name: str) -> str:
@@ -20,22 +20,22 @@ def _known(name: str) -> str:
 
 
 class Strict(BaseModel):
-    """Every key known, no value converted, nothing changed afterwards."""
+    """Settings that refuse unknown keys, convert no types and cannot be changed."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class Modbus(Strict):
-    """What Modbus TCP and RTU share."""
+    """Settings of Modbus TCP and RTU."""
 
     module: Annotated[str, AfterValidator(_known)] | None = None
-    """A module that is known by name; its channels then say `input` instead of `register`."""
+    """Name of a known module; its channels may then state `input` instead of `register`."""
     function: Literal[3, 4] | None = None
-    """4, unless stated: input registers. 3: holding registers."""
+    """4: input registers (default). 3: holding registers."""
     max_registers: Annotated[int, Field(ge=1, le=125)] | None = None
-    """The most that one request may ask for; 125, unless stated or known of the module."""
+    """Limit of registers in one request; default: the module's, or 125."""
     bridge_registers: Annotated[int, Field(ge=0, le=124)] = 0
-    """So many registers in a row that nobody needs are read along to save a request; a unit must have them."""
+    """Up to this many unused registers are read along to save a request; the unit must have them."""
     byte_order: ByteOrder = "ABCD"
 
     @model_validator(mode="after")
@@ -48,30 +48,30 @@ class Modbus(Strict):
 
     @property
     def function_code(self) -> int:
-        """The function that reads the registers."""
+        """Number of the function that reads the registers."""
         known = None if self.module is None else module_of(self.module).function
         return self.function or known or 4
 
     @property
-    def most_registers(self) -> int:
-        """The most registers of one request."""
+    def max_request_registers(self) -> int:
+        """Limit of registers in one request."""
         known = None if self.module is None else module_of(self.module).max_registers
         return self.max_registers or known or 125
 
 
 class ModbusTcp(Modbus):
-    """Registers behind Modbus TCP."""
+    """A device with Modbus TCP."""
 
     kind: Literal["modbus-tcp"]
     host: Annotated[str, Field(min_length=1)]
     port: NetworkPort = 502
     unit: Annotated[int, Field(ge=0, le=255)] = 1
     timeout_ms: Milliseconds = 200.0
-    """How long to wait for the connection, and for each reply."""
+    """Timeout of the connection, and of each reply."""
 
 
 class ModbusRtu(Modbus):
-    """Registers of units on a serial bus, 8 data bits. Several surfaces may share one, with the same line settings."""
+    """Units on a serial bus with 8 data bits. Surfaces may share a bus if they state the same line settings."""
 
     kind: Literal["modbus-rtu"]
     port: Annotated[str, Field(min_length=1)]
@@ -81,13 +81,13 @@ class ModbusRtu(Modbus):
     stop_bits: Literal[1, 2] = 1
     unit: Annotated[int, Field(ge=1, le=247)] = 1
     timeout_ms: Milliseconds = 100.0
-    """How long to wait for each reply. A unit that does not answer is asked again after 13 times as long."""
+    """Timeout of each reply. A unit that does not answer is asked again after 13 timeouts."""
     silence_ms: Annotated[FiniteFloat, Field(ge=0, le=1000)] | None = None
-    """Between frames; as the standard says unless stated: 3.5 characters, and 1.75 ms above 19200 baud."""
+    """Silence between frames; default, as in the standard: 3.5 characters, or 1.75 ms above 19200 baud."""
 
     @property
     def line(self) -> tuple[object, ...]:
-        """What all users of one bus must agree on."""
+        """Line settings, which must be equal for all users of a bus."""
         return (self.baud, self.parity, self.stop_bits, self.silence_ms)
 
 
@@ -99,7 +99,7 @@ class SerialLine(Strict):
     """Path of the serial device."""
     baud: Baud = 1_000_000
     oversampling: Annotated[int, Field(ge=1, le=255)] = 1
-    """Conversions that the device averages in one reading."""
+    """Number of conversions that the device averages in one reading."""
 
 
 RelativePath = Annotated[Path, Field(strict=False)]

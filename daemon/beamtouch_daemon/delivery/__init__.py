@@ -1,1 +1,1 @@
-"""TODO."""
+"""Samples to the service: outbox, spool, client."""

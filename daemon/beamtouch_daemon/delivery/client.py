@@ -1,4 +1,4 @@
-"""HTTP to the service: one connection that is kept, and the answers in the words of the publisher."""
+"""HTTP client of the service: one persistent connection, and a verdict on each batch."""
 
 import json
 import ssl
@@ -12,30 +12,29 @@ from yarl import URL
 
 REQUEST_TIMEOUT_S = 2.0
 MAX_DETAIL = 200
-"""Characters of the service's explanation in the log."""
-
+"""Longest explanation of the service in the log, in characters."""
 
 PROBLEM = "urn:beamtouch:problem:"
 TOO_LARGE = PROBLEM + "too-large"
 MISSING_CHANNELS = PROBLEM + "missing-channels"
 NEVER_ACCEPTED = {PROBLEM + "malformed-json", PROBLEM + "invalid-request"}
-"""Types of problems that decide what becomes of a batch; only the service sends them, and no proxy before it."""
+"""Problem types that decide the fate of a batch. Only the service sends them, never a proxy in front of it."""
 
 
 class Verdict(Enum):
-    """What an answer means for the batch."""
+    """Meaning of an answer for the batch."""
 
     TAKEN = "taken"
     LATER = "later"
-    """The service, or something before it, takes nothing now: the same batch again after a while."""
+    """The service, or a proxy in front of it, takes nothing now: send the same batch again later."""
     UNFIT = "unfit"
-    """It does not fit the model that the surface has now; others may."""
+    """The batch does not fit the surface's current model; other batches may."""
     ODD = "odd"
-    """An answer that nobody foresaw; it may be about this batch or about all of them."""
+    """Unexpected answer, which may concern this batch or all batches."""
     TOO_LARGE = "too large"
-    """Part of it may be taken."""
+    """Smaller parts of the batch may be taken."""
     NEVER = "never"
-    """It is no batch to the service, and never will be."""
+    """The service will never take this batch."""
 
 
 _TAKES_NOTHING = {
@@ -53,12 +52,12 @@ _TAKES_NOTHING = {
 
 
 class UnreachableError(Exception):
-    """There was no answer; whether the service has seen the request is not known."""
+    """There was no answer; the service may or may not have seen the request."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What the service says to a batch."""
+    """Answer of the service to a batch."""
 
     status: int
     content: bytes
@@ -70,12 +69,12 @@ class Answer:
 
     @property
     def type(self) -> str:
-        """The type of the problem; empty where it is none of the service."""
+        """Type of the problem; empty if the answer is not a problem of the service."""
         return str(self._problem.get("type", ""))
 
     @property
     def verdict(self) -> Verdict:
-        """What becomes of the batch: by the type of the problem, as a status may also be that of a proxy."""
+        """The verdict, by the type of the problem, because a bare status may come from a proxy."""
         if self.is_success:
             return Verdict.TAKEN
         if self.status == HTTPStatus.REQUEST_ENTITY_TOO_LARGE:
@@ -89,7 +88,7 @@ class Answer:
 
     @property
     def explanation(self) -> str:
-        """The status and what the service says of it, in one line."""
+        """Status and explanation, in one line."""
         if self.status == HTTPStatus.UNAUTHORIZED:
             return "status 401: wrong token; correct publish.token_file and restart"
         detail = str(self._problem.get("detail", ""))[:MAX_DETAIL]
@@ -105,10 +104,10 @@ class Answer:
 
 
 class ServiceClient:
-    """A client of the service at `url` that shows `token`; made while the event loop runs, and to be closed.
+    """Client of the service at `url`, with a bearer token. Create it in the event loop, and close it.
 
-    Over https it trusts these certificates (PEM), or without any those of the system. Proxies in the environment are
-    not for it, and it goes nowhere but to this address.
+    With https it trusts the given certificates (PEM), or those of the system. It ignores proxies in the environment
+    and follows no redirects.
     """
 
     def __init__(self, url: str, token: str, certificates: str | None = None) -> None:

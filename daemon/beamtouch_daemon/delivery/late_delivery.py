@@ -1,7 +1,7 @@
-"""Delivery of what waits on the disk for one surface, beside the present and never before it.
+"""Delivery of one surface's spooled samples, alongside new ones and never ahead of them.
 
-Batches go out oldest first. Some cannot go now while others can: the service has a model of other channels, or answers
-one batch with an error. Those are passed over, and the first of each kind is tried again now and then.
+Batches are sent oldest first. The service may refuse some of them for now: those for a model with other channels, or
+one that it answers with an error. They are passed over, and the first of each kind is tried again now and then.
 """
 
 import asyncio
@@ -18,39 +18,39 @@ from beamtouch_daemon.faults import Backoff, Fault
 from beamtouch_service.samples import Batch, Sample
 
 RETRY_S = 1.0
-"""The longest wait before the next batch is tried, where the last was not taken."""
+"""Longest wait after a batch that was not taken."""
 DISK_REST_S = 1.0
-"""A disk that failed is left alone for so long."""
+"""Pause after the disk failed."""
 IDLE_S = 0.1
-"""How often to look whether there is something to deliver, at least."""
+"""Longest time between two checks for spooled batches."""
 SWEEP_S = 0.2
-"""What was delivered is deleted from the disk this often, all at once: each time takes three waits for the disk."""
+"""Delivered batches are deleted together, this often, as each transaction waits for the disk three times."""
 PASSED_REST_S = 5.0
-"""How long a batch rests that was passed over."""
+"""Pause before a batch that was passed over is tried again."""
 MAX_PASSED = 20
-"""Kinds of batches that are passed over at the same time, at most."""
+"""Limit of the kinds of batches that are passed over at the same time."""
 ODD_ANSWERS = 3
-"""A batch is passed over after so many answers that nobody foresaw, one after the other."""
+"""A batch is passed over after this many unexpected answers in a row."""
 
 _log = logging.getLogger(__name__)
 _Kind = tuple[str, ...] | int
 
 
 class LateDelivery:
-    """Sends one surface's batches from the disk.
+    """Sends the spooled batches of one surface.
 
     Parameters
     ----------
     client
-        Of the service.
+        Client of the service.
     surface
-        Its name.
+        Name of the surface.
     disk
         The spool.
     pace_s
-        The rest after each batch, for what is newer.
+        Pause after each batch, which leaves time for new samples.
     is_held
-        Whether the service takes nothing of this surface now, as far as is known from its new samples.
+        Returns whether the service has refused the surface's new samples, so that trying is useless.
     """
 
     def __init__(
@@ -64,24 +64,24 @@ class LateDelivery:
         self._pace_s = pace_s
         self._is_held = is_held
         self._cursor = 0
-        """The number of the last batch that was delivered or passed over."""
+        """Number of the last batch that was delivered or passed over."""
         self._passed: dict[_Kind, int] = {}
-        """The number of the first batch of each kind that was passed over."""
+        """Number of the first batch of each kind that was passed over."""
         self._try_passed_s = 0.0
         self._odd = 0
-        self._backoff = Backoff(most_s=RETRY_S)
-        self._fault = Fault(_log, f"{surface}: publishing what waits on the disk")
+        self._backoff = Backoff(max_s=RETRY_S)
+        self._fault = Fault(_log, f"{surface}: publishing spooled samples")
         self._disk_fault = Fault(_log, f"{surface}: spool")
         self._sweep_s = 0.0
 
     async def run(self) -> None:
-        """Deliver for ever."""
+        """Deliver until cancelled."""
         while True:
             rest_s = await self._turn()
             await asyncio.sleep(rest_s)
 
     async def _turn(self) -> float:
-        """Send a batch if there is one and it is time; return how long to rest [s]."""
+        """Send the next batch, if there is one; return how long to pause [s]."""
         await self._sweep()
         if self._disk.spool.waiting[self._surface] <= 0 or self._is_held():
             return max(self._pace_s, IDLE_S)
@@ -115,7 +115,7 @@ class LateDelivery:
         return self._pace_s
 
     def _kind(self, oldest: Spooled, verdict: Verdict) -> _Kind | None:
-        """Return what such batches are passed over by; None if this one has to be sent again first."""
+        """Return the kind under which to pass the batch over; None if it must be sent again first."""
         if verdict in {Verdict.TAKEN, Verdict.NEVER}:
             return ()
         if len(self._passed) >= MAX_PASSED:
@@ -125,7 +125,7 @@ class LateDelivery:
         return oldest.number if self._odd >= ODD_ANSWERS else None
 
     async def _try_passed(self) -> float:
-        """Try again the batch that was passed over first; once it is taken, go on from there."""
+        """Try the first batch that was passed over; continue from there once it is taken."""
         self._try_passed_s = monotonic() + PASSED_REST_S
         kind, number = next(iter(self._passed.items()))
         del self._passed[kind]
@@ -144,7 +144,7 @@ class LateDelivery:
         parcel = Parcel(batch.samples, lambda part: _part(batch, part))
         verdict = await parcel.send(self._client, surface, self._fault)
         if parcel.left:
-            return verdict  # what was taken of it is sent again, which changes nothing
+            return verdict  # the parts that were taken are sent again, which changes nothing
         self.delivered += parcel.taken
         if not parcel.taken:
             (_, reason), *_ = parcel.refused
@@ -159,7 +159,7 @@ class LateDelivery:
         return await self._disk.call(lambda: self._disk.spool.oldest(self._surface, after))
 
     async def _sweep(self) -> None:
-        """Delete what was delivered. Nothing waits for that: on a disk that cannot be written it stays a while."""
+        """Delete delivered batches. Delivery continues even if the disk cannot be written."""
         if not self._disk.spool.unremoved or monotonic() < self._sweep_s:
             return
         try:
@@ -173,7 +173,7 @@ class LateDelivery:
 
 
 def _part(batch: Batch, samples: Sequence[Sample]) -> Batch:
-    """Return some samples of a batch as one, with their own age."""
+    """Return a batch with some of its samples, and their age."""
     earlier_us = batch.samples[-1].acquired_unix_us - samples[-1].acquired_unix_us
     age_ms = batch.newest_age_ms + max(0.0, earlier_us / 1e3)
     return batch.model_copy(update={"samples": list(samples), "newest_age_ms": age_ms})

@@ -1,4 +1,4 @@
-"""The samples of one surface that wait for delivery, in memory."""
+"""The samples of one surface that wait in memory for delivery."""
 
 import asyncio
 import contextlib
@@ -13,12 +13,12 @@ _log = logging.getLogger(__name__)
 
 
 class Outbox:
-    """The samples that wait for delivery, bounded: when it is full the oldest are dropped and counted."""
+    """Bounded queue of samples: when it is full, the oldest are dropped and counted."""
 
-    def __init__(self, most: int, name: str) -> None:
+    def __init__(self, max_samples: int, name: str) -> None:
         self.dropped = 0
         """Samples that will never be delivered."""
-        self._most = most
+        self._max_samples = max_samples
         self._waiting: deque[Taken] = deque()
         self._changed = asyncio.Event()
         self._closed = asyncio.Event()
@@ -38,27 +38,27 @@ class Outbox:
         self._trim()
         self._changed.set()
 
-    def take(self, most: int) -> list[Taken]:
-        """Remove and return up to `most` samples, oldest first."""
-        return [self._waiting.popleft() for _ in range(min(most, len(self._waiting)))]
+    def take(self, max_samples: int) -> list[Taken]:
+        """Remove and return up to `max_samples` samples, oldest first."""
+        return [self._waiting.popleft() for _ in range(min(max_samples, len(self._waiting)))]
 
     def put_back(self, samples: Sequence[Taken]) -> None:
-        """Return samples taken before, because they could not be delivered; they may be dropped for newer ones."""
+        """Put undelivered samples back at the front; if there is no room, the oldest are dropped."""
         self._waiting.extendleft(reversed(samples))
         self._trim()
 
     def drop(self, number: int) -> None:
-        """Count samples as dropped that were taken and cannot be delivered."""
+        """Count taken samples that cannot be delivered as dropped."""
         self.dropped += number
         self._tally.add(number)
 
     def close(self) -> None:
-        """Say that no more samples will come, and that nobody should wait any longer than needed."""
+        """Announce that no more samples will come, and end all pauses."""
         self._closed.set()
         self._changed.set()
 
     async def filled(self) -> bool:
-        """Wait until there is a sample; False if there is none and never will be."""
+        """Wait until there is a sample; return False if the outbox is closed and empty."""
         while not self._waiting and not self._closed.is_set():
             self._changed.clear()
             await self._changed.wait()
@@ -71,7 +71,7 @@ class Outbox:
                 await self._closed.wait()
 
     def _trim(self) -> None:
-        excess = len(self._waiting) - self._most
+        excess = len(self._waiting) - self._max_samples
         if excess > 0:
             self.take(excess)
             self.drop(excess)

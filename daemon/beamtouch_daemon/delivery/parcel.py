@@ -1,4 +1,4 @@
-"""Samples on their way to the service: sent as one batch, and in parts where that is too large."""
+"""Samples on their way to the service: one batch, or parts of it if the service finds it too large."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -13,36 +13,36 @@ _T = TypeVar("_T")
 
 
 class Parcel(Generic[_T]):
-    """Samples, oldest first, and what became of them.
+    """Samples, oldest first, and their fate.
 
     Parameters
     ----------
     items
-        The samples, or what they are made of.
+        The samples, or objects that contain them.
     batch_of
-        Makes a batch of some of them, with the age that it has then.
+        Returns a batch of some of them, with its present age.
     """
 
     def __init__(self, items: Sequence[_T], batch_of: Callable[[Sequence[_T]], Batch]) -> None:
         self.taken = 0
         """Samples that the service has acknowledged."""
         self.refused: list[tuple[Batch, str]] = []
-        """What it will never take, and why."""
+        """Batches that the service will never take, with its reason."""
         self._batch_of = batch_of
         self._parts = [list(items)]
 
     @property
     def left(self) -> list[_T]:
-        """What was neither taken nor refused for good."""
+        """Samples that were neither taken nor refused for good."""
         return [item for part in reversed(self._parts) for item in part]
 
     async def send(self, client: ServiceClient, surface: str, fault: Fault) -> Verdict:
-        """Send what is left, until that is nothing, or the service does not take it now.
+        """Send what is left until nothing is, or until the service takes no more.
 
         Returns
         -------
         Verdict
-            On the last part: TAKEN or NEVER if nothing is left, else why.
+            The verdict on the last part: TAKEN or NEVER if nothing is left, otherwise the reason.
         """
         verdict = Verdict.TAKEN
         while self._parts:
@@ -71,7 +71,7 @@ class Parcel(Generic[_T]):
 
 
 def _verdict(answer: Answer, samples: int) -> Verdict:
-    """Return the verdict; a single sample cannot be split, and only the service says that one is too large."""
+    """Return the verdict. A single sample cannot be split; only the service, not a proxy, may call it too large."""
     if answer.verdict is not Verdict.TOO_LARGE or samples > 1:
         return answer.verdict
     return Verdict.NEVER if answer.type == TOO_LARGE else Verdict.LATER

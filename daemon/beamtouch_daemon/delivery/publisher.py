@@ -1,8 +1,8 @@
-"""Delivery of one surface's samples to the service: the present first, what waits on the disk beside it.
+"""Delivery of one surface's samples to the service: new samples first, spooled ones alongside.
 
-Three tasks, none of which waits for another: this one sends what is new; the spooler puts on the disk what the service
-does not take; late delivery sends what waits there. What was answered with nothing is sent again, which changes
-nothing.
+Three tasks work independently. This one sends new samples. The spooler writes samples to disk that the service does not
+take. Late delivery sends the spooled samples. A batch without an answer is sent again; if the service has it already,
+that changes nothing.
 """
 
 import asyncio
@@ -23,16 +23,16 @@ from beamtouch_service.samples import MAX_SAMPLES, Batch
 
 MAX_BATCH = min(1000, MAX_SAMPLES)
 MAX_BATCH_VALUES = 16_000
-"""Samples in one request, and values in them, at most: under half of the MiB that the service takes."""
+"""Limits of samples and of values in one request: under half of the MiB that the service accepts."""
 LAST_SEND_S = 1.0
-"""How long the service may take for an answer while the daemon stops, before the samples go to the disk."""
+"""While the daemon stops, samples are spooled if the service does not answer within this time."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Sender:
-    """What a batch says of where it comes from."""
+    """Origin of a batch."""
 
     surface: str
     channels: list[str]
@@ -40,24 +40,24 @@ class Sender:
 
 
 class Publisher:
-    """Sends one surface's samples. Without a disk, what cannot be delivered waits in the outbox."""
+    """Sends one surface's samples. Without a spool, undelivered samples wait in the outbox."""
 
     def __init__(
         self, client: ServiceClient, sender: Sender, outbox: Outbox, batch_s: float, disk: Disk | None = None
     ) -> None:
         self.turned_s = monotonic()
-        """When there was progress last, on the monotonic clock; also that nothing can be delivered is progress."""
+        """Time of the last progress on the monotonic clock; a failed attempt to deliver is progress too."""
         self._client = client
         self._sender = sender
         self._outbox = outbox
         self._batch_s = batch_s
         self._disk = disk
-        self._most = min(MAX_BATCH, MAX_BATCH_VALUES // len(sender.channels))
+        self._max_samples = min(MAX_BATCH, MAX_BATCH_VALUES // len(sender.channels))
         self._published = 0
         self._is_refused = False
-        """Whether the service takes no samples of this surface, whatever they are."""
+        """Whether the service takes no samples of this surface at all."""
         self._fault = Fault(_log, f"{sender.surface}: publishing")
-        self._spooler = Spooler(disk, sender.surface, outbox, self._batch, self._most)
+        self._spooler = Spooler(disk, sender.surface, outbox, self._batch, self._max_samples)
         self._late = disk and LateDelivery(client, sender.surface, disk, batch_s, lambda: self._is_refused)
 
     @property
@@ -67,21 +67,21 @@ class Publisher:
 
     @property
     def spooled(self) -> int:
-        """Samples that wait on the disk."""
+        """Samples in the spool."""
         return self._disk.spool.waiting[self._sender.surface] if self._disk else 0
 
     @property
     def helpers(self) -> list[Callable[[], Awaitable[None]]]:
-        """What is to run beside `run`, each in a task of its own, for ever."""
+        """Functions to run alongside `run`, each in its own task, until cancelled."""
         return [self._spooler.run, self._late.run] if self._late else []
 
     async def run(self) -> None:
-        """Deliver until the outbox is closed and empty; what cannot be delivered then stays on the disk."""
-        backoff = Backoff(most_s=RETRY_S)
+        """Deliver until the outbox is closed and empty; undelivered samples stay in the spool."""
+        backoff = Backoff(max_s=RETRY_S)
         next_s = monotonic()
         while await self._outbox.filled() and not self._outbox.is_closed:
             self.turned_s = monotonic()
-            if len(self._outbox) < self._most:
+            if len(self._outbox) < self._max_samples:
                 await self._outbox.pause(next_s - monotonic())
             next_s = monotonic() + self._batch_s
             if await self._deliver():
@@ -94,11 +94,11 @@ class Publisher:
         await self._finish()
 
     def give_up(self) -> None:
-        """Count as dropped what was refused for good and is not on the disk."""
+        """Count refused batches that are not in the spool as dropped."""
         self._spooler.give_up()
 
     async def _finish(self) -> None:
-        """Deliver what is left, or put it on the disk, whichever is possible first; until cancelled."""
+        """Deliver or spool the remaining samples, whichever works first; until cancelled."""
         while len(self._outbox) or self._spooler.is_busy:
             self.turned_s = monotonic()
             is_delivered = False
@@ -110,16 +110,16 @@ class Publisher:
                 await asyncio.sleep(BACKOFF_MIN_S)
 
     async def _deliver(self) -> bool:
-        """Send what waits in memory; return False if it has to be sent again."""
-        samples = self._outbox.take(self._most)
+        """Send samples from memory; return False if some must be sent again."""
+        samples = self._outbox.take(self._max_samples)
         if not samples:
-            self._is_refused = False  # there is nothing new to ask the service with
+            self._is_refused = False  # no new sample can tell
             return True
         parcel = Parcel(samples, lambda part: self._batch(part, monotonic()))
         verdict = Verdict.LATER
         try:
             verdict = await parcel.send(self._client, self._sender.surface, self._fault)
-        finally:  # also when cancelled: what may not have arrived stays counted
+        finally:  # also when cancelled, so that every sample stays counted
             self._published += parcel.taken
             self._outbox.put_back(parcel.left)
             for batch, reason in parcel.refused:

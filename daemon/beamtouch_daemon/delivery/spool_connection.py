@@ -1,4 +1,4 @@
-"""The connection to the spool's file: opened again after any error, and the file replaced when it is damaged."""
+"""The connection to the spool's file. It reopens the file after an error and replaces a damaged file."""
 
 import logging
 import sqlite3
@@ -27,18 +27,18 @@ class SpoolConnection:
     Parameters
     ----------
     path
-        Made if it is not there.
+        Created if it does not exist.
     reserve_bytes
-        Room to take on the disk, and to release when it is full.
+        Room to reserve on the disk, and to release when the disk is full.
     on_open
-        Called when the file was opened, again after damage, with the numbers of rows that were lost, by surface.
+        Called after each opening, with the number of rows that were lost by damage, by surface.
     without
-        Numbers of rows that need not be rescued.
+        Returns the numbers of rows that need not be rescued.
 
     Raises
     ------
     SpoolError
-        It cannot be opened or made, or another process uses it.
+        It cannot be opened or created, or another process uses it.
     """
 
     def __init__(
@@ -49,24 +49,24 @@ class SpoolConnection:
         without: Callable[[], set[int]],
     ) -> None:
         self.put_aside: Path | None = None
-        """Where a damaged file was moved to."""
+        """New path of a damaged file."""
         self._path = path
         self._reserve_bytes = reserve_bytes
         self._on_open = on_open
         self._without = without
         self._damage: str | None = None
-        """What was found wrong with the file while it was in use."""
+        """Damage that was found while the file was in use."""
         self._database: sqlite3.Connection | None = None
         self._connect()
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a connection; there is none once the file was found to be damaged."""
+        """Whether there is a connection; damage closes it."""
         return self._database is not None
 
     @contextmanager
     def access(self, doing: str) -> Iterator[sqlite3.Connection]:
-        """Use the file in a transaction; raises SpoolError. One that turns out to be damaged is replaced next time."""
+        """Use the file in a transaction; SpoolError if it fails. A damaged file is replaced at the next access."""
         database = self._database or self._connect()
         try:
             with database:
@@ -79,7 +79,7 @@ class SpoolConnection:
             raise SpoolError(message) from error
 
     def reserve(self) -> None:
-        """Take room on the disk, as far as there is any."""
+        """Reserve room on the disk, if there is any."""
         spool_file.reserve(self._path, self._reserve_bytes)
 
     def release(self) -> bool:
@@ -113,7 +113,7 @@ class SpoolConnection:
         except spool_file.DamagedError as error:
             aside = self.put_aside = spool_rescue.put_aside(self._path, int(time.time()))
             self._damage = None
-            words = "the spool is damaged (%s); it is kept as %s, and what can be read of it goes into a new one"
+            words = "the spool is damaged (%s); it is kept as %s, and its readable rows go into a new one"
             _log.error(words, error, aside)
         database = spool_file.opened(self._path)
         try:
@@ -127,5 +127,5 @@ class SpoolConnection:
         if code == sqlite3.SQLITE_BUSY:
             return SpoolError(f"{self._path} is in use by another process")
         if code == sqlite3.SQLITE_FULL:
-            return SpoolFullError(f"{self._path} cannot be made: the disk is full")
-        return SpoolError(f"{self._path} cannot be opened ({error}); name a file in a folder that can be written")
+            return SpoolFullError(f"{self._path} cannot be created: the disk is full")
+        return SpoolError(f"{self._path} cannot be opened ({error}); choose a file in a writable folder")

@@ -1,4 +1,4 @@
-"""Statements on the tables of the spool; each runs in the transaction of its caller, and may raise sqlite3 errors."""
+"""SQL statements of the spool. Each runs in its caller's transaction and may raise sqlite3 errors."""
 
 import sqlite3
 from collections import Counter
@@ -24,7 +24,7 @@ def delete(database: sqlite3.Connection, number: int) -> int:
 
 
 def delete_oldest(database: sqlite3.Connection, excess: int) -> list[Entry]:
-    """Delete the oldest batches of all until so many bytes are free; return them."""
+    """Delete the oldest batches of all surfaces until `excess` bytes are free; return them."""
     deleted: list[Entry] = []
     while sum(length for _, _, _, length, _ in deleted) < excess:
         query = "SELECT id, name, samples, length, waits FROM entry ORDER BY id LIMIT 1"
@@ -37,7 +37,7 @@ def delete_oldest(database: sqlite3.Connection, excess: int) -> list[Entry]:
 
 
 def next_number(database: sqlite3.Connection, surface: str, after: int) -> int | None:
-    """Return the number of the oldest batch of a surface above `after` that waits."""
+    """Return the number of the oldest waiting batch of a surface above `after`; None if there is none."""
     query = "SELECT id FROM entry WHERE surface = ? AND id > ? AND waits ORDER BY id LIMIT 1"
     found = database.execute(query, (surface, after)).fetchone()
     return found[0] if found else None
@@ -51,29 +51,29 @@ def row(database: sqlite3.Connection, number: int) -> tuple[Any, ...] | None:
 
 
 def samples_of(database: sqlite3.Connection, number: int) -> int:
-    """Return how many samples a batch has: at least one where its count is damaged, none if it is gone."""
+    """Return the number of samples of a batch: 1 if its count is damaged, 0 if it is gone."""
     found = database.execute("SELECT samples FROM entry WHERE id = ?", (number,)).fetchone()
     return found[0] if found else 0
 
 
 def set_aside(database: sqlite3.Connection, number: int, reason: str) -> None:
-    """Note that a batch does not wait any more, and why."""
+    """Mark a batch as set aside, with the reason."""
     database.execute("INSERT OR REPLACE INTO aside VALUES (?, ?)", (number, reason))
 
 
-def trim_aside(database: sqlite3.Connection, most_bytes: float) -> int:
-    """Delete the oldest of those set aside beyond a size, but for the newest; return the bytes that are free then."""
+def trim_aside(database: sqlite3.Connection, max_bytes: float) -> int:
+    """Delete the oldest batches set aside beyond a size, but keep the newest; return the freed bytes."""
     query = "SELECT aside.id, length FROM aside CROSS JOIN entry ON entry.id = aside.id ORDER BY aside.id DESC"
     total = freed = 0
     for place, (number, length) in enumerate(database.execute(query).fetchall()):
         total += length
-        if place and total > most_bytes:
+        if place and total > max_bytes:
             freed += delete(database, number)
     return freed
 
 
 def set_nameless_aside(database: sqlite3.Connection, reason: str) -> int:
-    """Set aside all batches whose surface has no valid name, as nobody asks for them; return their samples."""
+    """Set aside all batches whose surface has no valid name; return the number of their samples."""
     total = 0
     for (name,) in database.execute("SELECT DISTINCT name FROM entry").fetchall():
         if name is None or not NAME.fullmatch(name.decode(errors="replace")):

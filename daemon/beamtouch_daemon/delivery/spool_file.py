@@ -1,7 +1,7 @@
 """The SQLite file of the spool: opened for one process, and usable on a full disk.
 
 A delete must need no new room, or a full disk could never be emptied. So the file has a rollback journal that keeps its
-length (a write-ahead log would have to grow), and the journal is long enough for a delete from the start.
+length, where a write-ahead log would have to grow. From the start the journal is long enough for a delete.
 """
 
 import os
@@ -10,11 +10,12 @@ from contextlib import suppress
 from pathlib import Path
 
 JOURNAL_BYTES = 65_536
-"""Room in the journal from the start: several times what the removal of one batch takes."""
+"""Initial length of the journal: several times what the removal of one batch needs."""
 RESERVE_BYTES = 4_000_000
 RESERVE_SHARE = 0.1
 MIN_RESERVE_BYTES = 32_000
-"""Room on the disk for what waits in memory when the daemon stops on a full one: at most, of what is free, at least."""
+"""Reserved room for samples in memory when the daemon stops on a full disk: upper limit, share of the free room, lower
+limit."""
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS batch (
@@ -35,7 +36,7 @@ CREATE VIEW IF NOT EXISTS entry AS SELECT
     id NOT IN (SELECT id FROM aside) AS waits
 FROM batch;
 """
-"""Batches, the numbers of those that are set aside, and the batches as they are counted."""
+"""Tables of batches and of those set aside, and a view that counts damaged rows too."""
 _DAMAGE = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
 
 
@@ -44,14 +45,14 @@ class DamagedError(sqlite3.DatabaseError):
 
 
 def opened(path: Path) -> sqlite3.Connection:
-    """Open the file, or make it; texts come out as bytes, as a damaged one may be no text.
+    """Open or create the file. Texts come out as bytes, because a damaged text may not decode.
 
     Raises
     ------
     DamagedError
         The file is no database, or its structure is damaged.
     sqlite3.DatabaseError
-        It cannot be opened or made.
+        It cannot be opened or created.
     """
     database = sqlite3.connect(path, timeout=1.0, check_same_thread=False)
     try:
@@ -64,10 +65,10 @@ def opened(path: Path) -> sqlite3.Connection:
             "secure_delete = OFF",
         ):
             database.execute(f"PRAGMA {setting}")
-        database.execute("BEGIN EXCLUSIVE")  # takes the lock, which is kept
+        database.execute("BEGIN EXCLUSIVE")  # takes the lock and keeps it
         database.commit()
         columns = {name for _, name, *_ in database.execute("PRAGMA table_info(batch)")}
-        if columns and b"checksum" not in columns:  # made by an older version
+        if columns and b"checksum" not in columns:  # created by an older version
             database.execute("ALTER TABLE batch ADD COLUMN checksum INTEGER")
         database.executescript(_SCHEMA)
         found = database.execute("PRAGMA quick_check").fetchone()
@@ -78,19 +79,19 @@ def opened(path: Path) -> sqlite3.Connection:
         if is_damage(error) and not isinstance(error, DamagedError):
             raise DamagedError(*error.args) from error
         raise
-    with suppress(OSError):  # without that room, deletes wait for a disk that has some
+    with suppress(OSError):  # without this room, deletes fail while the disk is full
         _lengthen(path.with_name(f"{path.name}-journal"), JOURNAL_BYTES)
     return database
 
 
-def reserve(path: Path, most_bytes: int) -> None:
-    """Take room on the disk beside the file, up to `most_bytes` and a tenth of what is free; less, if that fails."""
+def reserve(path: Path, max_bytes: int) -> None:
+    """Reserve room beside the file, up to `max_bytes` and a tenth of the free room; do nothing if that fails."""
     ballast = _ballast(path)
     with suppress(OSError):
         disk = os.statvfs(path)
-        size = min(RESERVE_BYTES, most_bytes, round(disk.f_bavail * disk.f_frsize * RESERVE_SHARE))
+        size = min(RESERVE_BYTES, max_bytes, round(disk.f_bavail * disk.f_frsize * RESERVE_SHARE))
         if size >= MIN_RESERVE_BYTES and not ballast.exists():
-            ballast.write_bytes(os.urandom(size))  # zeros would take no room on some disks
+            ballast.write_bytes(os.urandom(size))  # some file systems store no zeros
 
 
 def release(path: Path) -> bool:
@@ -112,6 +113,6 @@ def is_damage(error: sqlite3.Error) -> bool:
 
 
 def _lengthen(path: Path, size: int) -> None:
-    """Make a file at least `size` bytes long, in room that it really has."""
+    """Make a file at least `size` bytes long, with real content."""
     with path.open("ab") as file:
         file.write(bytes(max(0, size - file.tell())))

@@ -1,4 +1,4 @@
-"""What becomes of a damaged spool: the file is put aside, and every row that can be read goes into a new one."""
+"""Rescue of a damaged spool: the file is renamed, and every readable row goes into a new one."""
 
 import sqlite3
 from collections import Counter
@@ -8,19 +8,19 @@ from pathlib import Path
 from typing import Any
 
 DAMAGED_FILES = 3
-"""Damaged files that are kept; older ones are deleted, as each may be as large as the spool."""
+"""Number of damaged files to keep; older ones are deleted, as each may be as large as the spool."""
 COLUMNS = 7
-"""Of a batch, its number first and its checksum last."""
+"""Columns of a batch, from its number to its checksum."""
 _NUMBERS = (
     "SELECT id, surface FROM batch NOT INDEXED ORDER BY id",
     "SELECT id, surface FROM batch NOT INDEXED ORDER BY id DESC",
     "SELECT id, surface FROM batch INDEXED BY by_surface",
 )
-"""Both ends of the table, and its index: each is read up to the first page that is damaged."""
+"""Both ends of the table, and its index; each is read up to the first damaged page."""
 
 
 def put_aside(path: Path, stamp: int) -> Path:
-    """Move a damaged file out of the way, with its journal; return its new name. Raises OSError."""
+    """Rename a damaged file and its journal; return the new path. Raises OSError."""
     aside = path.with_name(f"{path.name}.damaged-{stamp}")
     while aside.exists():
         stamp += 1
@@ -37,12 +37,12 @@ def put_aside(path: Path, stamp: int) -> Path:
 
 
 def rescue(damaged: Path, database: sqlite3.Connection, without: set[int]) -> Counter[str]:
-    """Copy every row that can still be read from a damaged file into a new one, without those of some numbers.
+    """Copy every readable row of a damaged file into a new one, except those with the numbers `without`.
 
     Returns
     -------
     Counter
-        How many rows could not be copied, by surface; those of unknown surfaces under an empty name.
+        Number of rows that could not be copied, by surface; rows of unknown surfaces under an empty name.
 
     Raises
     ------
@@ -54,13 +54,13 @@ def rescue(damaged: Path, database: sqlite3.Connection, without: set[int]) -> Co
         for surface, row in _rows(damaged, without):
             try:
                 database.execute("INSERT INTO batch VALUES (?, ?, ?, ?, ?, ?, ?)", row or ())
-            except (sqlite3.IntegrityError, sqlite3.ProgrammingError):  # a value is missing, or the whole row
+            except (sqlite3.IntegrityError, sqlite3.ProgrammingError):  # a value or the whole row is unreadable
                 lost[surface] += 1
     return lost
 
 
 def _rows(damaged: Path, without: set[int]) -> Iterator[tuple[str, tuple[Any, ...] | None]]:
-    """Yield the surface and the columns of every row, None for one that cannot be read."""
+    """Yield the surface and the columns of every row; None for columns that cannot be read."""
     with closing(sqlite3.connect(damaged)) as database:
         database.text_factory = _text
         with suppress(sqlite3.DatabaseError):

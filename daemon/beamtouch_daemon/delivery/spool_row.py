@@ -1,4 +1,4 @@
-"""A row of the spool and the batch in it: a row that changed on the disk is found out, never delivered."""
+"""Conversion between a batch and its row in the spool. A row that changed on the disk is detected, never delivered."""
 
 import math
 import re
@@ -12,22 +12,22 @@ from pydantic import ValidationError
 from beamtouch_service.samples import Batch
 
 MARGIN_S = 3600.0
-"""A batch from before this boot of the machine is given out to be at least so much older than the boot."""
+"""A batch from before this boot counts as at least this much older than the boot."""
 NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
-"""The name of a surface."""
+"""Valid names of surfaces."""
 
 
 class BadRowError(Exception):
-    """The row does not hold the batch that was put in it; the text says why."""
+    """The row no longer contains the batch that was written; the text says why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spooled:
-    """A batch as it comes back."""
+    """A batch from the spool."""
 
     number: int
     batch: Batch
-    """With the age that its newest sample has now."""
+    """The batch, with the present age of its newest sample."""
 
 
 def row_of(surface: str, batch: Batch, machine_boot: str, newest_monotonic_s: float) -> tuple[Any, ...]:
@@ -43,37 +43,37 @@ def batch_of(row: tuple[Any, ...], number: int, this_boot: str) -> Spooled:
     Raises
     ------
     BadRowError
-        A value changed since it was written, or the content is no batch.
+        A value changed since it was written, or the content is not a batch.
     """
     surface, samples, machine_boot, newest_monotonic_s, content, checksum = row
     kinds = (bytes, int, bytes, float, bytes)
     if not all(isinstance(value, kind) for value, kind in zip(row[:5], kinds, strict=True)):
-        message = "a column is of another type"
+        message = "a column has the wrong type"
         raise BadRowError(message)
-    # A row of an older version has no checksum; its content is checked all the same.
+    # A row of an older version has no checksum; but its content is checked too.
     if checksum is not None and checksum != _checksum(
         surface, samples, machine_boot, newest_monotonic_s, content.decode(errors="surrogateescape")
     ):
-        message = "the checksum does not hold"
+        message = "the checksum does not match"
         raise BadRowError(message)
     try:
         batch = Batch.model_validate_json(content)
     except ValidationError as error:
         found = error.errors(include_url=False, include_input=False, include_context=False)[0]
-        message = f"the content is no batch ({found['msg']})"
+        message = f"the content is not a batch ({found['msg']})"
         raise BadRowError(message) from error
     if len(batch.samples) != samples or not NAME.fullmatch(surface.decode(errors="replace")):
-        message = "the columns do not fit the content"
+        message = "the columns do not match the content"
         raise BadRowError(message)
     now_s = time.monotonic()
     if machine_boot.decode(errors="replace") != this_boot:
-        # Taken before this boot: by how much, only the wall clock knows, and that may have been set since.
+        # From before this boot. Only the wall clock knows how old, and it may have been set since.
         stated_s = time.time() - batch.samples[-1].acquired_unix_us / 1e6
         age_s = max(stated_s, now_s + MARGIN_S)
     elif math.isfinite(newest_monotonic_s) and newest_monotonic_s <= now_s:
         age_s = now_s - newest_monotonic_s
     else:
-        message = "its time is not one since the machine was started"
+        message = "its time is not within this boot"
         raise BadRowError(message)
     return Spooled(number, batch.model_copy(update={"newest_age_ms": age_s * 1e3}))
 

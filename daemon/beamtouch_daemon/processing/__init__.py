@@ -1,1 +1,1 @@
-"""TODO."""
+"""Readings to samples: characteristic, quality, zero, filters. Pure."""

@@ -1,4 +1,4 @@
-"""From counts to gap to deflection, and what each channel is worth."""
+"""The characteristic of the channels: counts to gap to deflection, and the quality of each count."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_daemon.config.signal import Channel
+from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Quality
 
-FloatArray = NDArray[np.float64]
 QUALITIES = tuple(Quality)
 """A quality code is an index into this tuple; 0 is good."""
 
@@ -18,18 +18,18 @@ _CODE = {quality: np.int8(code) for code, quality in enumerate(QUALITIES)}
 
 
 @dataclass(frozen=True)
-class Calibration:
-    """The characteristic of every channel; each field has shape (channels,) unless it says otherwise."""
+class Characteristic:
+    """The characteristics of all channels; each field has shape (channels,) unless stated otherwise."""
 
     counts: FloatArray
-    """Where each straight piece of the characteristic begins [counts], shape (channels, pieces), padded with inf."""
+    """Beginning of each straight piece [counts], shape (channels, pieces), padded with inf."""
     gaps: FloatArray
-    """The gap there [mm], shape (channels, pieces)."""
+    """Gap at the beginning of each piece [mm], shape (channels, pieces)."""
     slopes: FloatArray
-    """The slope of each piece [mm per count], shape (channels, pieces)."""
+    """Slope of each piece [mm per count], shape (channels, pieces)."""
     table_low: FloatArray
     table_high: FloatArray
-    """Counts beyond these lie outside the table; infinite without one."""
+    """Ends of the table [counts]; infinite without a table."""
     rest_gap: FloatArray
     """[mm]"""
     low: FloatArray
@@ -38,11 +38,11 @@ class Calibration:
     """Upper end of the linear range [mm]."""
     saturated_low: FloatArray
     saturated_high: FloatArray
-    """These counts and those beyond them are saturated."""
+    """Counts at these ends and beyond are saturated."""
 
     @classmethod
     def of(cls, channels: Sequence[Channel], rest_gap_mm: Mapping[str, float] | None = None) -> Self:
-        """Take the characteristics from the configuration; `rest_gap_mm`, by channel name, overrides its rest gaps."""
+        """Return the characteristics of the configuration; `rest_gap_mm`, by channel name, overrides its rest gaps."""
         rest = rest_gap_mm or {}
         saturated = [channel.counts_range or (0.0, 2.0**channel.adc_bits - 1) for channel in channels]
         ends = [(c.table[0][0], c.table[-1][0]) if c.table else (-np.inf, np.inf) for c in channels]
@@ -61,16 +61,16 @@ class Calibration:
 
     @property
     def steepest(self) -> FloatArray:
-        """The largest change of the gap with one count [mm per count], shape (channels,)."""
+        """Largest change of the gap with one count [mm per count], shape (channels,)."""
         steepest: FloatArray = np.where(np.isfinite(self.slopes), np.abs(self.slopes), 0.0).max(axis=1)
         return steepest
 
     def gap(self, counts: FloatArray) -> FloatArray:
         """Return gaps [mm] of counts, shape (readings, channels); NaN, a missing count, stays NaN.
 
-        Beyond a table its end pieces go on, so that the record shows which way a channel left it.
+        Beyond the ends of a table its end pieces continue, so that the record shows which way a channel left it.
         """
-        if self.counts.shape[1] == 1:  # no table anywhere: the same, quicker
+        if self.counts.shape[1] == 1:  # without a table: the same result, faster
             lines: FloatArray = self.gaps[:, 0] + self.slopes[:, 0] * (counts - self.counts[:, 0])
             return lines
         piece = (counts[..., np.newaxis] >= self.counts[:, 1:]).sum(axis=-1)
@@ -86,7 +86,7 @@ class Calibration:
     def quality(self, counts: FloatArray) -> NDArray[np.int8]:
         """Return a quality code per count, shape (readings, channels).
 
-        A count at the end of the ADC is saturated whatever gap it stands for: the sensor may be anywhere beyond.
+        A count at an end of the ADC is saturated, whatever its gap: the sensor may be anywhere beyond.
         """
         gap = self.gap(counts)
         codes = np.full(counts.shape, _CODE[Quality.GOOD], dtype=np.int8)
@@ -98,7 +98,7 @@ class Calibration:
 
 
 def _rows(ragged: Sequence[Sequence[float]]) -> FloatArray:
-    """Return rows of unequal length as one array, filled up with inf, which no count reaches."""
+    """Return rows of unequal length as one array, padded with inf, which no count reaches."""
     rows = np.full((len(ragged), max(map(len, ragged))), np.inf)
     for row, values in zip(rows, ragged, strict=True):
         row[: len(values)] = values

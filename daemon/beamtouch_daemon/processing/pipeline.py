@@ -1,4 +1,4 @@
-"""From readings to samples: calibration, quality, zero, filter, sequence number."""
+"""Turns readings into samples: characteristic, quality, zero, filter, sequence number."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import stuck, zero_tracking
-from beamtouch_daemon.processing.characteristic import QUALITIES, Calibration
+from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
+from beamtouch_daemon.processing.filters import stages
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.filters import Chain, stages
+from beamtouch_models.filters import Chain, FloatArray
 from beamtouch_service.samples import Note, Quality, Sample
 
-FloatArray = NDArray[np.float64]
-
 GAP_PERIODS = 3.0
-"""Readings further apart than this many periods have a gap between them, and the filter starts anew."""
+"""The filter restarts if two readings are further apart than this many periods."""
 
 _GOOD = QUALITIES.index(Quality.GOOD)
 _MISSING = QUALITIES.index(Quality.MISSING)
@@ -26,21 +25,21 @@ _STUCK = QUALITIES.index(Quality.STUCK)
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """A sample, and the newest reading in it."""
+    """A sample and the newest reading in it."""
 
     reading: Reading
     sample: Sample
     notes: tuple[Note, ...] = ()
-    """What was known of the surface then."""
+    """Notes on the surface at that time."""
 
     @property
     def monotonic_s(self) -> float:
-        """When it was taken, on the monotonic clock of this host; the age is computed from it at sending [s]."""
+        """Time of the reading on the monotonic clock of this host [s]; determines the age when the sample is sent."""
         return self.reading.monotonic_s
 
 
 def counts_of(readings: Sequence[Reading]) -> FloatArray:
-    """Return the counts, shape (readings, channels), NaN where a channel is missing or no number."""
+    """Return the counts, shape (readings, channels), NaN where a count is missing or not finite."""
     counts = np.array(
         [[np.nan if count is None else count for count in reading.counts] for reading in readings], dtype=np.float64
     )
@@ -49,20 +48,20 @@ def counts_of(readings: Sequence[Reading]) -> FloatArray:
 
 
 class Pipeline:
-    """The way of one surface's readings, in order.
+    """Turns the readings of one surface into samples, in order.
 
-    A channel that is not good passes with its own unfiltered deflection, for the record, and never enters the filter.
-    After a gap in the readings the filter starts anew, so that an old value is never passed for a new one; what is
-    known of stuck channels and of the zeros stays. Until the filter has enough readings of a channel, it is missing;
-    until it has of any, there are no samples: the last one before a short gap stands until there is a better one.
+    A channel that is not good passes with its unfiltered deflection, for the record, and never enters the filter. After
+    a gap in the readings the filter restarts, so that no old value passes for a new one. The states of the stuck check
+    and of the zeros survive the gap. A channel is missing until its filter has enough readings. No samples are emitted
+    until at least one channel's filter has filled, so the newest sample before a short gap stays in use until then.
     """
 
     def __init__(self, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None) -> None:
         channels = len(surface.channels)
-        self._calibration = Calibration.of(surface.channels, rest_gap_mm)
+        self._characteristic = Characteristic.of(surface.channels, rest_gap_mm)
         self._chain = Chain(stages(surface.filter, surface.rate_hz), channels)
         self._longest_runs = stuck.longest_runs(
-            surface.channels, self._calibration.steepest, surface.noise_mm, surface.rate_hz
+            surface.channels, self._characteristic.steepest, surface.noise_mm, surface.rate_hz
         )
         self._judges_runs = bool(np.isfinite(self._longest_runs).any())
         self._runs = stuck.fresh(channels)
@@ -74,7 +73,7 @@ class Pipeline:
         self._sequence = 0
 
     def restart(self) -> None:
-        """Start the filter anew, as after a gap; sequence numbers go on."""
+        """Restart the filter, as after a gap; sequence numbers continue."""
         self._chain.restart()
         self._zero = self._zero.disturbed()
         self._last_s = None
@@ -82,25 +81,25 @@ class Pipeline:
     def process(
         self, readings: Sequence[Reading], unix_minus_monotonic_s: float, notes: tuple[Note, ...] = ()
     ) -> list[Taken]:
-        """Return one sample per reading, but none as long as the filter has too few readings of every channel.
+        """Return one sample per reading, or none while the filter has too few readings of every channel.
 
         Parameters
         ----------
         readings
             At least one, oldest first.
         unix_minus_monotonic_s
-            Wall clock less monotonic clock now [s]; it dates the samples for the record.
+            Wall clock minus monotonic clock now [s]; dates the samples for the record.
         notes
-            What is known of the surface; the samples carry it.
+            Notes on the surface, which the samples carry.
         """
         times = np.array([reading.monotonic_s for reading in readings])
         counts = counts_of(readings)
         codes = self._quality(counts)
-        raw = self._calibration.deflection(self._calibration.gap(counts))
+        raw = self._characteristic.deflection(self._characteristic.gap(counts))
         values = np.empty_like(raw)
         for part in self._without_gaps(times):
             values[part] = self._values(raw[part], codes[part] == _GOOD)
-        unsettled = (codes == _GOOD) & np.isnan(values)  # the filter has too few readings yet
+        unsettled = (codes == _GOOD) & np.isnan(values)  # the filter has too few readings
         codes[unsettled] = _MISSING
         waits = unsettled.any(axis=1) & ~(codes == _GOOD).any(axis=1)
         return [
@@ -110,14 +109,14 @@ class Pipeline:
         ]
 
     def _quality(self, counts: FloatArray) -> NDArray[np.int8]:
-        codes = self._calibration.quality(counts)
+        codes = self._characteristic.quality(counts)
         if self._judges_runs:
             lengths, self._runs = stuck.runs(counts, self._runs)
             codes[(codes == _GOOD) & (lengths > self._longest_runs)] = _STUCK
         return codes
 
     def _without_gaps(self, times: FloatArray) -> Iterator[slice]:
-        """Yield the parts of some readings between which there are gaps, having started anew before each."""
+        """Yield the parts between gaps in the readings; restart the filter before each."""
         before = times[0] if self._last_s is None else self._last_s
         self._last_s = float(times[-1])
         starts = np.flatnonzero(np.diff(times, prepend=before) > self._gap_s).tolist()
@@ -128,7 +127,7 @@ class Pipeline:
             yield slice(start, end)
 
     def _values(self, raw: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
-        """Return the deflections to publish of readings without a gap."""
+        """Return the deflections to publish, of readings without a gap."""
         if self._zero_rules is not None:
             zeros, self._zero = zero_tracking.track(np.where(good, raw, np.nan), self._zero, self._zero_rules)
             raw = raw - zeros

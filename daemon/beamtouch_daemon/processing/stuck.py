@@ -1,25 +1,23 @@
 """Stuck channels: counts that have not changed for longer than noise allows.
 
-Of a value in the middle of a count, with Gaussian noise of s counts, a reading gives that count with the chance
-q = erf(0.5 / (s sqrt(2))); of any other value with less. So n equal readings in a row come about by chance with q^n at
-most, and a run longer than n = ln(1e-12) / ln(q) is not noise. Counts with a fraction, from readings that are means of
-several conversions, repeat less often than whole ones, so the same n is on the safe side.
+Let the noise be Gaussian with a standard deviation of s counts. A value in the middle of a count then reads as that
+count with probability q = erf(0.5 / (s sqrt(2))), and any other value with a lower probability. So n equal readings in
+a row have a probability of at most q^n, and a run longer than n = ln(1e-12) / ln(q) is not noise. Means of several
+conversions have fractions and repeat less often, so the same n is safe for them too.
 """
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_daemon.config.signal import Channel
-
-FloatArray = NDArray[np.float64]
+from beamtouch_models.filters import FloatArray
 
 CHANCE = 1e-12
-"""The chance of a run that noise makes and that is taken for a stuck channel."""
+"""Probability that noise alone makes a channel look stuck."""
 LONGEST_S = 10.0
-"""If noise allows longer runs than this, as it is small beside a count, a channel is not judged by it."""
+"""If the noise is so small that longer runs than this are normal, the channel is not judged by its noise."""
 
 ROUNDING = 1 / math.sqrt(12)
 """Standard deviation of rounding to whole counts [counts]; Widrow & Kollar, Quantization Noise, 2008, sec. 1.2."""
@@ -28,14 +26,14 @@ ROUNDING = 1 / math.sqrt(12)
 def longest_runs(
     channels: Sequence[Channel], steepest_mm: FloatArray, noise_mm: float | None, rate_hz: float
 ) -> FloatArray:
-    """Return how many equal counts in a row each channel may give, shape (channels,); inf where it is not judged.
+    """Return the longest normal run of equal counts of each channel, shape (channels,); inf if it is not judged.
 
     Parameters
     ----------
     channels
-        Those with `stuck_after_ms` are judged by it.
+        Channels with `stuck_after_ms` are judged by that time.
     steepest_mm
-        The largest change of the gap with one count [mm], shape (channels,): where the noise is the fewest counts.
+        Largest change of the gap with one count [mm], shape (channels,), where the noise in counts is smallest.
     noise_mm
         Standard deviation of one reading [mm], None if unknown.
     rate_hz
@@ -52,9 +50,9 @@ def longest_runs(
 
 
 def longest_run(noise_counts: float, rate_hz: float) -> float:
-    """Return how many equal counts in a row the noise of a reading [counts] allows; inf where nothing can be said.
+    """Return the longest run of equal counts that the noise of a reading [counts] allows; inf if it gives no limit.
 
-    The noise of a reading contains that of rounding to whole counts, which by itself makes no count change.
+    The noise of a reading includes that of rounding to whole counts, which alone changes no count.
     """
     if noise_counts <= ROUNDING:
         return math.inf
@@ -67,26 +65,26 @@ def longest_run(noise_counts: float, rate_hz: float) -> float:
 
 
 def fresh(channels: int) -> FloatArray:
-    """Return the state of `runs` that has seen nothing."""
+    """Return the initial state of `runs`."""
     return np.stack([np.full(channels, np.nan), np.zeros(channels)])
 
 
 def runs(counts: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how many equal counts in a row each reading ends, itself included, and the state after them.
+    """Return the length of the run of equal counts that each reading ends, and the state after them.
 
-    A missing count, NaN, neither adds to a run nor ends it. It is the same for any split of the stream.
+    A missing count (NaN) neither extends a run nor ends it. Any split of the stream gives the same result.
 
     Parameters
     ----------
     counts
         Shape (readings, channels), oldest first.
     state
-        Shape (2, channels): the last count that was there, and the length of the run it ended.
+        Shape (2, channels): the last count that was not missing, and the length of its run.
     """
     rows = np.concatenate([state[:1], counts])
     there = ~np.isnan(rows)
     latest = np.maximum.accumulate(np.where(there, np.arange(len(rows))[:, np.newaxis], 0))
-    held = np.take_along_axis(rows, latest, axis=0)  # each count, or the last one before it that was there
+    held = np.take_along_axis(rows, latest, axis=0)  # each count, or the last one before it that was not missing
     arrived = np.cumsum(there[1:], axis=0)
     begins = there[1:] & (counts != held[:-1])
     before = np.maximum.accumulate(np.where(begins, arrived - 1.0, -state[1]), axis=0)

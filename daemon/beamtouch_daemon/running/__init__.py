@@ -1,1 +1,1 @@
-"""TODO."""
+"""The running daemon: a worker per surface, supervision, metrics, systemd."""

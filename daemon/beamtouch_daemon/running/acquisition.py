@@ -1,4 +1,4 @@
-"""Readings of one surface into its outbox, across any number of sessions with its device."""
+"""Reads one surface and puts its samples into the outbox, across any number of sessions with its device."""
 
 import asyncio
 import logging
@@ -16,12 +16,12 @@ from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_service.samples import Note
 
 REOPEN_S = 0.5
-"""The longest wait before a source is opened again; opening disturbs nobody."""
+"""Longest wait before a source is opened again; opening costs other users nothing."""
 _log = logging.getLogger(__name__)
 
 
 class Acquisition:
-    """Reads one surface for ever."""
+    """Reads one surface until cancelled."""
 
     def __init__(
         self, name: str, surface: Surface, rest_gap_mm: dict[str, float], outbox: Outbox, buses: Buses
@@ -31,23 +31,23 @@ class Acquisition:
         self.lost = 0
         """Due but not taken."""
         self.last_s: float | None = None
-        """When the last reading was taken, on the monotonic clock."""
+        """Time of the newest reading, on the monotonic clock."""
         self.turned_s = time.monotonic()
-        """When there was progress last: a reading, or a session that failed as it should."""
+        """Time of the last progress on the monotonic clock: a reading, or a session that ended with an error."""
         self._name = name
         self._rate_hz = surface.rate_hz
         self._polled = not isinstance(surface.source, SerialLine)
         self.meter = rate.RateMeter(surface.rate_hz, counts_lost=not self._polled)
-        """The rate of the readings."""
+        """Measures the rate of the readings."""
         self._source: Source = source_of(surface, name, buses)
         self._outbox = outbox
         self._pipeline = Pipeline(surface, rest_gap_mm)
-        self._backoff = Backoff(most_s=REOPEN_S)
+        self._backoff = Backoff(max_s=REOPEN_S)
         self._fault = Fault(_log, name)
         self._tally = Tally(_log, f"{name}: %d readings lost")
 
     async def run(self) -> None:
-        """Read for ever; whatever a session dies of, the next one is tried after a while."""
+        """Read until cancelled; a session that fails is followed by another one."""
         while True:
             try:
                 await self._session()
@@ -68,7 +68,7 @@ class Acquisition:
                 self._take(readings)
 
     def _resume(self, reading: Reading) -> None:
-        """Count what was missed between the sessions, by the clock."""
+        """Count the readings that were lost between two sessions, by the clock."""
         if self.last_s is None:
             _log.info("%s: reading", self._name)
         else:
@@ -90,7 +90,7 @@ class Acquisition:
         if verdict is None:
             return
         if verdict.fits:
-            _log.info("%s: %.4g readings per second, as declared", self._name, verdict.measured_hz)
+            _log.info("%s: %.4g readings per second, as configured", self._name, verdict.measured_hz)
         else:
             _log.warning("%s: %s", self._name, rate.complaint(verdict, self._rate_hz, polled=self._polled))
 

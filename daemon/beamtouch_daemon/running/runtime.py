@@ -1,4 +1,4 @@
-"""The daemon at work, from its first signal handler to its last: the one place where its parts meet."""
+"""The running daemon: signals, the spool, the metrics, and the supervisor of all surfaces."""
 
 import asyncio
 import contextlib
@@ -6,6 +6,7 @@ import logging
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -24,41 +25,53 @@ from beamtouch_daemon.running.systemd import ServiceManager
 from beamtouch_daemon.tasks import cancel
 
 WATCH_S = 1.0
-"""Progress is looked at this often at least."""
+"""Longest time between two checks for progress."""
 _log = logging.getLogger(__name__)
 
 
-async def run(path: Path) -> dict[str, Summary]:
-    """Read and publish all surfaces of a configuration file until SIGTERM or SIGINT; SIGHUP reads it again.
+@dataclass(frozen=True)
+class Ended:
+    """The end of a run."""
 
-    Returns
-    -------
-    dict
-        What became of the readings, by surface.
+    summaries: dict[str, Summary]
+    """By surface."""
+    is_interrupted: bool
+    """Whether SIGINT (Ctrl-C) ended it."""
+
+
+async def run(path: Path) -> Ended:
+    """Read and publish all surfaces of a configuration file until SIGTERM or SIGINT; SIGHUP reads the file again.
 
     Raises
     ------
     ConfigError
-        The configuration, or something that it names, cannot be used; nothing was read or published.
+        The configuration, or a file or port that it names, cannot be used; nothing was read or published.
     """
     config = config_file.load(path)
     config_file.require_ports(config)
     stop, reload = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(_on_loop_error)
+    signals: list[signal.Signals] = []
+
+    def on_signal(number: signal.Signals) -> None:
+        signals.append(number)
+        stop.set()
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stop.set)
+        loop.add_signal_handler(number, on_signal, number)
     loop.add_signal_handler(signal.SIGHUP, reload.set)
     failure: ConfigError | None = None
     with _disk(config) as disk:
         async with asyncio.TaskGroup() as group:
             supervisor = Supervisor(group, disk)
             try:
-                with metrics.served(config.metrics.port, lambda: supervisor.lines, supervisor.spooled_elsewhere):
+                with metrics.served(config.metrics.port, lambda: supervisor.workers, supervisor.spooled_elsewhere):
                     await supervisor.apply(config)
-                    return await _serve(path, config, supervisor, group, (stop, reload))
+                    summaries = await _serve(path, config, supervisor, group, (stop, reload))
+                    return Ended(summaries, signals[0] is signal.SIGINT)
             except ConfigError as error:
-                failure = error  # raised inside, it would come out in a group
+                failure = error  # raised here, it would be wrapped in an exception group
     raise failure
 
 
@@ -67,15 +80,15 @@ async def _serve(
     config: Config,
     supervisor: Supervisor,
     group: asyncio.TaskGroup,
-    told: tuple[asyncio.Event, asyncio.Event],
+    events: tuple[asyncio.Event, asyncio.Event],
 ) -> dict[str, Summary]:
-    """Keep the lines going until told to stop."""
-    stop, reload = told
+    """Keep the workers running until the stop event."""
+    stop, reload = events
     manager = ServiceManager()
     manager.ready(_status(config))
     helpers = {
         group.create_task(_watch(supervisor, manager)),
-        group.create_task(_reload_when_told(path, config, supervisor, manager, reload)),
+        group.create_task(_reload_on_event(path, config, supervisor, manager, reload)),
     }
     await stop.wait()
     manager.stopping()
@@ -84,10 +97,10 @@ async def _serve(
 
 
 async def _watch(supervisor: Supervisor, manager: ServiceManager) -> None:
-    """Tell the manager of progress, and only of progress: a line that hangs ends in a restart."""
+    """Report progress to the service manager. While a worker hangs, nothing is reported, so the manager restarts us."""
     pause_s = min(WATCH_S, (manager.watchdog_s or WATCH_S) / 4)
     while True:
-        hanging = [line.name for line in supervisor.lines if line.hangs(monotonic())]
+        hanging = [worker.name for worker in supervisor.workers if worker.hangs(monotonic())]
         if hanging:
             _log.error("no progress on %s", ", ".join(hanging))
         else:
@@ -95,37 +108,37 @@ async def _watch(supervisor: Supervisor, manager: ServiceManager) -> None:
         await asyncio.sleep(pause_s)
 
 
-async def _reload_when_told(
-    path: Path, config: Config, supervisor: Supervisor, manager: ServiceManager, told: asyncio.Event
+async def _reload_on_event(
+    path: Path, config: Config, supervisor: Supervisor, manager: ServiceManager, reload: asyncio.Event
 ) -> None:
-    """Read the configuration again whenever `told`; one that is wrong changes nothing."""
+    """Read the configuration again after each `reload` event; a wrong configuration changes nothing."""
     while True:
-        await told.wait()
-        told.clear()
+        await reload.wait()
+        reload.clear()
         manager.reloading()
         try:
             new = config_file.load(path)
             config_file.require_ports(new)
-            fixed = _takes_a_restart(config, new)
+            changed = _needing_restart(config, new)
             started = await supervisor.apply(new)
         except ConfigError as error:
-            _log.error("the configuration is not read again, the old one holds: %s", error)
+            _log.error("the new configuration is wrong, the old one stays in use: %s", error)
         else:
-            _log.info("configuration read again; started anew: %s", ", ".join(started) or "nothing")
-            if fixed:
-                _log.warning("changed, and takes a restart: %s", ", ".join(fixed))
+            _log.info("configuration read again; restarted: %s", ", ".join(started) or "nothing")
+            if changed:
+                _log.warning("changes that need a restart of the daemon: %s", ", ".join(changed))
             config = new
         manager.ready(_status(config))
 
 
-def _takes_a_restart(old: Config, new: Config) -> list[str]:
-    """Return the keys that differ and are only read at the start."""
-    fixed = {
+def _needing_restart(old: Config, new: Config) -> list[str]:
+    """Return the keys that have changed and are only read at the start."""
+    changed = {
         "publish.spool_file": old.spool_file != new.spool_file,
         "publish.spool_mb": old.publish.spool_mb != new.publish.spool_mb,
         "metrics.port": old.metrics != new.metrics,
     }
-    return [name for name, differs in fixed.items() if differs]
+    return [name for name, differs in changed.items() if differs]
 
 
 def _status(config: Config) -> str:
@@ -140,8 +153,8 @@ def _disk(config: Config) -> Iterator[Disk | None]:
         return
     try:
         spool = Spool(config.spool_file, round(config.publish.spool_mb * 1e6))
-    except SpoolFullError as error:  # what is new is delivered all the same
-        _log.error("%s; without a spool until the next start, samples wait in memory only", error)
+    except SpoolFullError as error:  # new samples can still be delivered
+        _log.error("%s; until the next start, undelivered samples are kept in memory only", error)
         yield None
         return
     except SpoolError as error:
@@ -152,7 +165,7 @@ def _disk(config: Config) -> Iterator[Disk | None]:
 
 
 def _on_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """Pass over what pymodbus raises into the loop when a frame cannot be decoded: the request then times out."""
+    """Ignore errors that pymodbus raises in the loop for a frame it cannot decode: the request then times out."""
     if isinstance(context.get("exception"), ModbusException):
         _log.debug("undecodable frame: %s", context["exception"])
     else:

@@ -1,28 +1,28 @@
-"""All lines of a configuration: started, replaced by those of a new configuration, stopped."""
+"""Starts, replaces and stops the workers as the configuration says."""
 
 import asyncio
 import logging
 from collections.abc import Iterable, Iterator
 
+from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.late_delivery import LateDelivery
 from beamtouch_daemon.delivery.spooler import Disk
-from beamtouch_daemon.processing import tare
-from beamtouch_daemon.running.surface_worker import Line, Shared, Summary
+from beamtouch_daemon.running.surface_worker import Shared, Summary, SurfaceWorker
 from beamtouch_daemon.tasks import cancel, keep_going
 
 _log = logging.getLogger(__name__)
 
 
 class Supervisor:
-    """Keeps one line going per surface.
+    """Keeps one worker running per surface.
 
     Parameters
     ----------
     group
-        In which the lines' tasks run.
+        Runs the workers' tasks.
     disk
         The spool, if there is one.
     """
@@ -30,23 +30,23 @@ class Supervisor:
     def __init__(self, group: asyncio.TaskGroup, disk: Disk | None) -> None:
         self._group = group
         self._disk = disk
-        self._lines: dict[str, Line] = {}
+        self._workers: dict[str, SurfaceWorker] = {}
         self._ended: dict[str, Summary] = {}
         self._shared: Shared | None = None
         self._secrets: tuple[str, str | None] = "", None
         self._leftovers: set[asyncio.Task[None]] = set()
-        """Deliver what waits on the disk for surfaces that are not configured any more."""
+        """Tasks that deliver the spooled samples of surfaces that are no longer configured."""
 
     @property
-    def lines(self) -> Iterable[Line]:
-        """Those at work."""
-        return self._lines.values()
+    def workers(self) -> Iterable[SurfaceWorker]:
+        """The workers that run now."""
+        return self._workers.values()
 
     async def apply(self, config: Config) -> list[str]:
-        """Make the lines those of `config`; return the names of those that were started.
+        """Replace the workers by those of `config`; return the surfaces whose workers were started.
 
-        A line whose surface, rest gaps and publication are as before goes on undisturbed. All that can be wrong with
-        the configuration is read before anything changes.
+        A worker continues undisturbed if its surface, its rest gaps and [publish] have not changed. The whole
+        configuration is checked before anything changes.
 
         Raises
         ------
@@ -54,7 +54,7 @@ class Supervisor:
             The token or a tare file cannot be used; nothing changed.
         """
         secrets = config.read_token(), config.read_certificates()
-        rest = {name: tare.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
+        rest = {name: tare_file.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
         old = self._shared
         if old is None or old.publish != config.publish or self._secrets != secrets:
             client = ServiceClient(config.publish.url, *secrets)
@@ -63,47 +63,47 @@ class Supervisor:
             shared = old
         kept = {
             name
-            for name, line in self._lines.items()
-            if shared is old and config.surfaces.get(name) == line.surface and rest[name] == line.rest_gap_mm
+            for name, worker in self._workers.items()
+            if shared is old and config.surfaces.get(name) == worker.surface and rest[name] == worker.rest_gap_mm
         }
         await cancel(self._leftovers)
-        await asyncio.gather(*(self._end(name) for name in set(self._lines) - kept))
+        await asyncio.gather(*(self._end(name) for name in set(self._workers) - kept))
         if old is not None and shared is not old:
             await old.client.close()
         self._shared, self._secrets = shared, secrets
         _forget_buses(shared, config)
         started = [name for name in config.surfaces if name not in kept]
         for name in started:
-            self._lines[name] = Line(name, config.surfaces[name], rest[name], shared)
-            self._lines[name].start(self._group)
+            self._workers[name] = SurfaceWorker(name, config.surfaces[name], rest[name], shared)
+            self._workers[name].start(self._group)
         self._leftovers = set(self._deliver_leftovers(shared))
         return started
 
     async def stop(self) -> dict[str, Summary]:
-        """Stop all lines; return what became of the readings since the start, by surface."""
+        """Stop all workers; return the counts since the start, by surface."""
         await cancel(self._leftovers)
-        await asyncio.gather(*(self._end(name) for name in list(self._lines)))
+        await asyncio.gather(*(self._end(name) for name in list(self._workers)))
         if self._shared is not None:
             await self._shared.client.close()
         return self._ended
 
     def spooled_elsewhere(self) -> dict[str, int]:
-        """Return the samples on disk of surfaces that are not configured."""
+        """Return the spooled samples of surfaces that are not configured, by surface."""
         waiting = dict(self._disk.spool.waiting) if self._disk else {}
-        return {name: samples for name, samples in waiting.items() if samples > 0 and name not in self._lines}
+        return {name: samples for name, samples in waiting.items() if samples > 0 and name not in self._workers}
 
     def _deliver_leftovers(self, shared: Shared) -> Iterator[asyncio.Task[None]]:
         for name, samples in self.spooled_elsewhere().items():
-            assert shared.disk is not None  # noqa: S101 - narrows the type; without a disk nothing is on it
-            _log.info("%s: not configured any more; %d samples on disk are delivered all the same", name, samples)
+            assert shared.disk is not None  # noqa: S101 - narrows the type: without a disk nothing is spooled
+            _log.info("%s: no longer configured; its %d spooled samples are delivered", name, samples)
             late = LateDelivery(shared.client, name, shared.disk, shared.publish.batch_ms / 1e3, lambda: False)
             yield self._group.create_task(keep_going(name, late.run))
 
     async def _end(self, name: str) -> None:
-        line = self._lines[name]
-        await line.stop()
-        del self._lines[name]
-        counts, before = line.summary(), self._ended.get(name, Summary())
+        worker = self._workers[name]
+        await worker.stop()
+        del self._workers[name]
+        counts, before = worker.summary(), self._ended.get(name, Summary())
         self._ended[name] = Summary(
             before.readings + counts.readings,
             before.readings_lost + counts.readings_lost,
@@ -115,7 +115,7 @@ class Supervisor:
 
 
 def _forget_buses(shared: Shared, config: Config) -> None:
-    """Forget the buses that are not used as they were. The others know what their units still owe."""
+    """Forget buses that are unused or have new settings. The others still know which answers their units owe."""
     used = {
         settings.port: settings.line
         for settings in (surface.source for surface in config.surfaces.values())

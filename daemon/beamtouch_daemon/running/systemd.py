@@ -1,4 +1,4 @@
-"""Words to the service manager: ready, reloading, stopping, and that there is progress (sd_notify, systemd 252)."""
+"""Notifications to the service manager: ready, reloading, stopping, alive (sd_notify, systemd 252)."""
 
 import os
 import socket
@@ -6,29 +6,29 @@ from time import monotonic_ns
 
 
 class ServiceManager:
-    """The manager that started this process, if one did and wants to hear; else nothing is sent."""
+    """The manager that started this process. Without one, or if it wants no notifications, nothing is sent."""
 
     def __init__(self) -> None:
         self._address = os.environ.get("NOTIFY_SOCKET", "")
         watchdog_us = os.environ.get("WATCHDOG_USEC", "")
         is_mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.watchdog_s = int(watchdog_us) / 1e6 if watchdog_us.isdecimal() and is_mine else None
-        """It restarts this process when it hears nothing for so long; None: it does not watch."""
+        """Silence after which the manager restarts this process [s]; None: never."""
 
     def ready(self, status: str) -> None:
-        """Say that the start, or a reload, is complete."""
+        """Report that the start, or a reload, is complete."""
         self._send(f"READY=1\nSTATUS={status}")
 
     def reloading(self) -> None:
-        """Say that the configuration is being read again."""
+        """Report that the configuration is being read again."""
         self._send(f"RELOADING=1\nMONOTONIC_USEC={monotonic_ns() // 1000}")
 
     def stopping(self) -> None:
-        """Say that the end has begun."""
+        """Report that the daemon is stopping."""
         self._send("STOPPING=1")
 
     def alive(self) -> None:
-        """Say that there is progress."""
+        """Report progress."""
         self._send("WATCHDOG=1")
 
     def _send(self, text: str) -> None:
@@ -39,4 +39,4 @@ class ServiceManager:
             try:
                 sender.sendto(text.encode(), address)
             except OSError:
-                return  # a manager that is gone cannot be told
+                return  # the manager is gone

@@ -87,7 +87,7 @@ def _loads(metadata: Metadata) -> str:
     return f"""\
 [surfaces.{json.dumps(metadata.name)}.loads]     # those that `record` takes: what the model was made for
 position_mm = [{metadata.ranges.position_mm[0]!r}, {metadata.ranges.position_mm[1]!r}]
-most_force_n = {metadata.ranges.force_n[1]!r}
+max_force_n = {metadata.ranges.force_n[1]!r}
 """
 
 

@@ -1,4 +1,4 @@
-"""Analog input modules that are known by name: where their inputs are, as their manuals say. A TOML file each."""
+"""Known analog input modules: a TOML file each, with the registers that the manual states."""
 
 import tomllib
 from functools import lru_cache
@@ -8,26 +8,26 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 Encoding = Literal["u16", "i16", "u32", "i32", "f32"]
-"""How a value lies in its registers; 32 bits take two of them."""
+"""Data type of a value; 32 bits take two registers."""
 
 
 class Module(BaseModel):
-    """What is known of a module."""
+    """Properties of a module."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
     about: str
     kind: Literal["modbus-tcp", "modbus-rtu"] | None = None
-    """How it is reached; None: either way."""
+    """Required kind of source; None: any."""
     inputs: Annotated[int, Field(ge=1)]
     first_register: Annotated[int, Field(ge=0, le=65_535)]
-    """Register of input 0; the others follow without a gap."""
+    """Register of input 0; the other inputs follow without a gap."""
     function: Literal[3, 4]
     type: Encoding
     max_registers: Annotated[int, Field(ge=1, le=125)]
-    """The most that one request may ask for."""
-    most_hz: Annotated[FiniteFloat, Field(gt=0)] | None = None
-    """How often it converts; None: not known, or as often as it is asked."""
+    """Limit of registers in one request."""
+    max_hz: Annotated[FiniteFloat, Field(gt=0)] | None = None
+    """Conversions per second of each input; None: unknown, or on each request."""
 
     def register_of(self, number: int) -> int:
         """Return the register of an input, counted from 0."""
@@ -35,7 +35,7 @@ class Module(BaseModel):
 
 
 def words_of(encoding: Encoding) -> int:
-    """Return how many registers a value takes."""
+    """Return the number of registers of a value."""
     return 1 if encoding in {"u16", "i16"} else 2
 
 
@@ -47,9 +47,9 @@ def names() -> list[str]:
 
 @lru_cache
 def module_of(name: str) -> Module:
-    """Return what is known of a module; ValueError if its name is not known."""
+    """Return a module; ValueError if its name is unknown."""
     if name not in names():
-        message = f"there is no module {name}; there are {', '.join(names())}"
+        message = f"there is no module {name}; choose one of {', '.join(names())}"
         raise ValueError(message)
     text = (resources.files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
     return Module.model_validate(tomllib.loads(text))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beamtouch_daemon.config.signal import Channel
-from beamtouch_daemon.processing.characteristic import QUALITIES, Calibration
+from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_service.samples import Quality
 
 
@@ -24,20 +24,20 @@ def channel(**changes: object) -> Channel:
 
 
 def quality_of(counts: float, **changes: object) -> Quality:
-    (code,) = Calibration.of([channel(**changes)]).quality(np.array([[counts]])).ravel().tolist()
+    (code,) = Characteristic.of([channel(**changes)]).quality(np.array([[counts]])).ravel().tolist()
     return QUALITIES[code]
 
 
 def test_deflection_is_the_rest_gap_less_the_gap() -> None:
-    calibration = Calibration.of([channel()])
-    gap = calibration.gap(np.array([[2000.0], [2300.0]]))
+    characteristic = Characteristic.of([channel()])
+    gap = characteristic.gap(np.array([[2000.0], [2300.0]]))
     np.testing.assert_allclose(gap[:, 0], [2.5, 2.2])  # 4.5 - 0.001 x 2300
-    np.testing.assert_allclose(calibration.deflection(gap)[:, 0], [0.0, 0.3])  # nearer to the sensor is positive
+    np.testing.assert_allclose(characteristic.deflection(gap)[:, 0], [0.0, 0.3])  # nearer to the sensor is positive
 
 
 def test_a_tared_rest_gap_overrides_the_configured_one_for_its_channel() -> None:
-    calibration = Calibration.of([channel(name="s1"), channel(name="s2")], {"s2": 2.4})
-    assert calibration.rest_gap.tolist() == [2.5, 2.4]
+    characteristic = Characteristic.of([channel(name="s1"), channel(name="s2")], {"s2": 2.4})
+    assert characteristic.rest_gap.tolist() == [2.5, 2.4]
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_the_end_of_the_adc_is_saturated_even_inside_the_range() -> None:
 
 
 def test_a_missing_count_has_no_gap() -> None:
-    assert np.isnan(Calibration.of([channel()]).gap(np.array([[math.nan]])))
+    assert np.isnan(Characteristic.of([channel()]).gap(np.array([[math.nan]])))
 
 
 TABLE = [[500, 4.0], [1500, 2.0], [3500, 1.0]]
@@ -76,9 +76,9 @@ def with_table(table: object = TABLE, **changes: object) -> Channel:
 
 
 def test_a_table_is_met_in_its_points_to_the_bit_and_straight_in_between_and_beyond() -> None:
-    calibration = Calibration.of([with_table()])
+    characteristic = Characteristic.of([with_table()])
     counts = np.array([[500.0], [1500.0], [3500.0], [1000.0], [2500.0], [0.0], [4000.0]])
-    gap = calibration.gap(counts)[:, 0]
+    gap = characteristic.gap(counts)[:, 0]
     assert gap[:3].tolist() == [4.0, 2.0, 1.0]
     np.testing.assert_allclose(gap[3:], [3.0, 1.5, 5.0, 0.75], rtol=1e-14)
 
@@ -86,16 +86,16 @@ def test_a_table_is_met_in_its_points_to_the_bit_and_straight_in_between_and_bey
 def test_a_table_agrees_with_plain_interpolation_beside_a_channel_with_a_line() -> None:
     rng = np.random.default_rng(3)
     points = np.column_stack([np.sort(rng.uniform(0, 60_000, 30)), np.sort(rng.uniform(1, 4, 30))])
-    both = Calibration.of([channel(), with_table(points.tolist(), adc_bits=16), with_table()])
+    both = Characteristic.of([channel(), with_table(points.tolist(), adc_bits=16), with_table()])
     counts = rng.uniform(points[0, 0], points[-1, 0], (1000, 3))
     np.testing.assert_allclose(both.gap(counts)[:, 1], np.interp(counts[:, 1], *points.T), rtol=1e-13)
     np.testing.assert_array_equal(both.gap(counts)[:, 0], 4.5 - 0.001 * counts[:, 0])
-    np.testing.assert_array_equal(both.gap(counts)[:, 2], Calibration.of([with_table()]).gap(counts[:, 2:])[:, 0])
+    np.testing.assert_array_equal(both.gap(counts)[:, 2], Characteristic.of([with_table()]).gap(counts[:, 2:])[:, 0])
 
 
 def test_counts_outside_the_table_are_out_of_range_whatever_the_range_says() -> None:
     counts = np.array([[499.9], [500.0], [3500.0], [3500.1], [math.nan]])
-    codes = Calibration.of([with_table(range_mm=[0.1, 9.0])]).quality(counts)[:, 0]
+    codes = Characteristic.of([with_table(range_mm=[0.1, 9.0])]).quality(counts)[:, 0]
     assert [QUALITIES[code] for code in codes] == [
         Quality.OUT_OF_RANGE,
         Quality.GOOD,
@@ -106,13 +106,13 @@ def test_counts_outside_the_table_are_out_of_range_whatever_the_range_says() -> 
 
 
 def test_the_steepest_piece_of_each_channel_is_known() -> None:
-    np.testing.assert_allclose(Calibration.of([channel(), with_table()]).steepest, [0.001, 0.002])
+    np.testing.assert_allclose(Characteristic.of([channel(), with_table()]).steepest, [0.001, 0.002])
 
 
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"table": [[1, 2.0]]}, "table has 1 of the at least 2 points"),
+        ({"table": [[1, 2.0]]}, "table needs at least 2 points"),
         ({"table": [[1, 2.0], [1, 3.0]]}, "counts must increase, but 1 follows 1"),
         ({"table": [[1, 2.0], [2, 3.0], [3, 2.5]]}, "gaps must all increase or all decrease, but 2.5 mm follows 3 mm"),
         ({"table": [[1, 2.0], [2, 2.0]]}, "gaps must all increase or all decrease"),
@@ -124,7 +124,7 @@ def test_the_steepest_piece_of_each_channel_is_known() -> None:
         ({"counts_range": [5, 5]}, "counts_range must be"),
     ],
 )
-def test_a_characteristic_that_is_none_is_refused(changes: dict[str, object], said: str) -> None:
+def test_an_invalid_characteristic_is_refused(changes: dict[str, object], said: str) -> None:
     with pytest.raises(ValueError, match=said):
         with_table(**changes)
 
