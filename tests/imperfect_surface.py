@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.modelfile import Metadata
+from beamtouch_models.metadata import Metadata
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.scene import parse_scene
 

@@ -10,12 +10,11 @@ from onnx import TensorProto, numpy_helper
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.modelfile import session_options
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.placement import place
 from beamtouch_models.scene import load_scene
+from beamtouch_models.session import runner, session_options
 from example_scenes import SCENES
 
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.calibration.loads import Loads
-from beamtouch_models.modelfile import Metadata
+from beamtouch_models.metadata import Metadata
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.scene import parse_scene
 from imperfect_surface import true_prior

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import onnx
 
-from beamtouch_models.modelfile import Metadata
+from beamtouch_models.metadata import Metadata
 
 
 def to_bytes(model: onnx.ModelProto, metadata: Metadata | None = None) -> bytes:

@@ -17,7 +17,8 @@ from beamtouch_models.building.report.beam_drawing import HEIGHT, MARGIN, WIDTH,
 from beamtouch_models.building.report.facts import Facts, gather
 from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import build as command
-from beamtouch_models.modelfile import Channel, ModelFile
+from beamtouch_models.metadata import Channel
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.placement import Placement, place, place_by_position_error
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.scene import Scene, load_scene, parse_scene

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.placement.components import discernible, log_eigenvalue_product, principal_components
-from beamtouch_models.scene import Beam
+from beamtouch_models.structure import Beam
 from example_scenes import UNIT_BEAM
 
 Array = NDArray[np.float64]

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.noise import choose_filter, noise_of, sensor_noise_mm
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.build import sensor_of
 from beamtouch_models.errors import SceneError
-from beamtouch_models.modelfile import FilterChoice
+from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.dynamics import first_frequency_hz, ringing_after_filter, sag_mm
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing.effects import effects_of, required
+from beamtouch_models.pricing.noise import choose_filter, noise_of, sensor_noise_mm
 from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.scene import Scene, load_scene
 from example_scenes import SCENES, paper_scene

@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.structure import Beam
+from beamtouch_models.structure import Beam
 from example_scenes import UNIT_BEAM
 
 

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.noise import reading_noise_mm
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.physics.beam import influence
+from beamtouch_models.pricing.noise import reading_noise_mm
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.building.measured import FALSE_ALARM_RATE, _for_odds, contact_threshold, measured
+from beamtouch_models.accuracy.rest import FALSE_ALARM_RATE, contact_threshold
+from beamtouch_models.building.measured import _for_odds, measured
 from beamtouch_models.estimators.estimator import estimator_of
-from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
+from beamtouch_models.session import runner
 from posterior_cases import answers_of, graph_of, prior_of
 
 

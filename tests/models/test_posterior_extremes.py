@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.limit import Array
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import sensor_of
 from beamtouch_models.building.held_limit import check_held
 from beamtouch_models.errors import NotGoodEnoughError
@@ -24,7 +24,7 @@ TINY = np.nextafter(np.float32(0), np.float32(1))
 """The smallest subnormal of float32."""
 
 
-def nonsense(prior: Prior) -> Array:
+def nonsense(prior: Prior) -> Floats:
     """Readings that no contact explains, and some that one just might."""
     largest = prior.force_n[1] * float(np.abs(prior.table(np.linspace(*prior.position_mm, 101))).max())
     channels = prior.channels
@@ -36,7 +36,7 @@ def nonsense(prior: Prior) -> Array:
     return np.array(rows)
 
 
-def check_sane(prior: Prior, answers: dict[str, Array]) -> None:
+def check_sane(prior: Prior, answers: dict[str, Floats]) -> None:
     """Every answer is a number, intervals hold their middle and lie in the range."""
     low, high = prior.position_mm
     slack = 1e-5 * prior.length_mm

@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 
 from beamtouch_models.errors import SceneError
-from beamtouch_models.modelfile import ModelFile, Sensor
+from beamtouch_models.metadata import Sensor
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.structure import Beam
 from beamtouch_models.rig.imperfections import Imperfections, load_imperfections
 from beamtouch_models.rig.pty_line import joined_line, named_line
 from beamtouch_models.rig.script import Load, Script, default_script, load_script
 from beamtouch_models.rig.serial_device import SerialDevice
 from beamtouch_models.rig.surface import VirtualSurface, counts_of_gap
 from beamtouch_models.scene import load_scene
+from beamtouch_models.structure import Beam
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Reading, Start, Stop
 from example_scenes import SCENES

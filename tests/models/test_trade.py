@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.figures import Figure
-from beamtouch_models.accuracy.noise import choose_filter
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.modelfile import FilterChoice
+from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import load_scene, parse_scene
 from beamtouch_models.trade.front import NotToBeHadError, most_accurate, pareto_front, quickest
 from beamtouch_models.trade.physics import physics_trade

@@ -5,7 +5,6 @@ contacts and noise is one over readings, of the average over the posterior of ea
 scatter (Rao-Blackwell), and estimator and accuracy limit share all of what is left.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +13,8 @@ from numpy.typing import NDArray
 from beamtouch_models.accuracy.figures import mean_of
 from beamtouch_models.accuracy.limit import CHUNK, Draws, draw_evenly, posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
-
-Array = NDArray[np.float64]
+from beamtouch_models.arrays import Floats
+from beamtouch_models.progress import Fraction, silent
 
 LIKELY = 16
 """Positions that stand for a posterior, each for an equal part of its probability."""
@@ -30,27 +29,27 @@ class Contacts:
     """Contacts and their readings, evenly spread, in parts as `figures` expects them."""
 
     drawn: Draws
-    likely_mm: Array
+    likely_mm: Floats
     """(draws, LIKELY) positions that could have caused each reading; (draws, 1), the true one, without noise."""
-    median_mm: Array | None
+    median_mm: Floats | None
     """Posterior medians (draws,); None without noise, where there is no posterior."""
-    deviation_mm: Array | None
+    deviation_mm: Floats | None
     """Mean distance of each posterior from its median (draws,)."""
 
     @property
-    def weight(self) -> Array:
+    def weight(self) -> Floats:
         """How much each contact counts in an average, (draws,)."""
         return np.broadcast_to(self.drawn.weight, len(self.likely_mm))
 
-    def error_mm(self, estimate_mm: NDArray[np.floating]) -> Array:
+    def error_mm(self, estimate_mm: NDArray[np.floating]) -> Floats:
         """|error| of estimates (draws,) for each likely position, as `likely_mm`."""
         return np.abs(estimate_mm.astype(np.float64)[:, None] - self.likely_mm)
 
-    def least_error_mm(self) -> Array | None:
+    def least_error_mm(self) -> Floats | None:
         """|error| of the posterior median, whose mean is the accuracy limit; None without noise."""
         return None if self.median_mm is None else self.error_mm(self.median_mm)
 
-    def mean_error_mm(self, estimate_mm: NDArray[np.floating]) -> Array:
+    def mean_error_mm(self, estimate_mm: NDArray[np.floating]) -> Floats:
         """Mean |error| of each estimate (draws,) over the posterior of its reading.
 
         That of the median is known; the likely positions only say how much worse an estimate is.
@@ -58,11 +57,11 @@ class Contacts:
         error, best = self.error_mm(estimate_mm), self.least_error_mm()
         if best is None or self.deviation_mm is None:
             return error[:, 0]
-        worse: Array = (error - best).mean(axis=1)
+        worse: Floats = (error - best).mean(axis=1)
         return self.deviation_mm + worse
 
 
-def simulated(prior: Prior, count: int, seed: int, progress: Callable[[float], None] = lambda _done: None) -> Contacts:
+def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent) -> Contacts:
     """Draw at least `count` contacts of a prior, evenly, with what their readings leave possible."""
     drawn = draw_evenly(prior, count, seed)
     if prior.noise_mm == 0:

@@ -7,9 +7,8 @@ which is exact for cubics: with four nodes in a standard deviation the mean dist
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beamtouch_models.arrays import Floats, Indices
 
 LEAST_LOG = -700.0
 """Log density, from its maximum, below which a density counts as equally small: its exponential is still a number."""
@@ -22,19 +21,19 @@ SHARP = 1.0
 class Densities:
     """Densities of which each has a grid of its own; all arrays are (densities, grid)."""
 
-    grids: Array
-    density: Array
+    grids: Floats
+    density: Floats
     """At the nodes, in units of one over the length of the grid."""
-    below: Array
+    below: Floats
     """Distribution function at the nodes."""
 
-    def quantiles(self, levels: Array) -> Array:
+    def quantiles(self, levels: Floats) -> Floats:
         """Quantiles (densities, levels) at levels (densities, levels) between 0 and 1."""
         cell, part = self._found(levels)
         low, high = (np.take_along_axis(self.grids, at, axis=1) for at in (cell, cell + 1))
         return low + part * (high - low)
 
-    def mean_distance(self) -> Array:
+    def mean_distance(self) -> Floats:
         """Mean distance from the median, (densities,)."""
         cell, part = self._found(np.full((len(self.grids), 1), 0.5))
         length = self.grids[:, -1:] - self.grids[:, :1]
@@ -55,10 +54,10 @@ class Densities:
         # Within the cell the density is a straight line.
         to_median = at + width * part * (start + width * part * (before / 2 + (after - before) * part / 6))
         beyond = 1 - (np.take_along_axis(self.grids, cell, axis=1) - self.grids[:, :1]) / length - width * part
-        distance: Array = (length * (2 * to_median - whole[:, -1:] + beyond))[:, 0]
+        distance: Floats = (length * (2 * to_median - whole[:, -1:] + beyond))[:, 0]
         return distance
 
-    def _found(self, levels: Array) -> tuple[NDArray[np.intp], Array]:
+    def _found(self, levels: Floats) -> tuple[Indices, Floats]:
         """Cell that each level lies in, and the part of the cell before its quantile."""
         rows, nodes = self.below.shape
         # One search for all: the functions one above the other rise from 0 to the number of rows.
@@ -74,7 +73,7 @@ class Densities:
         return cell, part
 
 
-def densities(grids: Array, log_density: Array) -> Densities:
+def densities(grids: Floats, log_density: Floats) -> Densities:
     """Densities from their logarithms at the nodes of increasing grids, both (densities, grid), up to a constant."""
     logs = np.maximum(log_density - log_density.max(axis=1, keepdims=True), LEAST_LOG)
     density = np.exp(logs)

@@ -1,19 +1,18 @@
 """A model beside the accuracy limit: errors, intervals, detection, each with its standard error. Pure; no I/O."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models.accuracy import cramer_rao
 from beamtouch_models.accuracy.contacts import Contacts, simulated
 from beamtouch_models.accuracy.figures import Figure, mean_of, quantile_of, ratio_of, share_of
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.measured import rest_exceeding
-from beamtouch_models.modelfile import Answers, ModelFile
-
-Array = NDArray[np.float64]
+from beamtouch_models.accuracy.rest import rest_exceeding
+from beamtouch_models.arrays import Floats
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.progress import Fraction, silent
+from beamtouch_models.session import Answers
 
 MIDDLE = (0.2, 0.8)
 """The part of the length that counts as its middle."""
@@ -59,9 +58,7 @@ class Evaluation:
     """Share of samples at rest that it calls a contact."""
 
 
-def evaluate(
-    model: ModelFile, prior: Prior, *, draws: int, seed: int, progress: Callable[[float], None] = lambda _done: None
-) -> Evaluation:
+def evaluate(model: ModelFile, prior: Prior, *, draws: int, seed: int, progress: Fraction = silent) -> Evaluation:
     """Measure a model on at least `draws` simulated contacts of a prior; its noise need not be that of the model."""
     contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done))
     drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.weight
@@ -99,17 +96,17 @@ def at_noise(prior: Prior, noise_mm: float) -> Prior:
     return replace(prior, noise_mm=noise_mm)
 
 
-def _answers(model: ModelFile, deflection_mm: Array) -> dict[str, Array]:
+def _answers(model: ModelFile, deflection_mm: Floats) -> dict[str, Floats]:
     return {name: values.astype(np.float64) for name, values in estimates(model, deflection_mm).items()}
 
 
-def estimates(model: ModelFile, deflection_mm: Array) -> Answers:
+def estimates(model: ModelFile, deflection_mm: Floats) -> Answers:
     """Answers of a model to deflections (samples, channels), all channels valid."""
     reading = deflection_mm.astype(np.float32)
     return model.estimate(reading, np.ones(reading.shape, np.bool_))
 
 
-def _errors(error: Array, best: Array | None, weight: Array, worst: Array) -> Errors:
+def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> Errors:
     return Errors(
         mean_mm=mean_of(error, weight),
         p95_mm=quantile_of(error, 0.95, weight),
@@ -120,7 +117,7 @@ def _errors(error: Array, best: Array | None, weight: Array, worst: Array) -> Er
     )
 
 
-def _over_all(contacts: Contacts, estimate_mm: Array, errors: Errors) -> Errors:
+def _over_all(contacts: Contacts, estimate_mm: Floats, errors: Errors) -> Errors:
     """Return errors over all contacts with means that use all that is known of each posterior."""
     weight, mean = contacts.weight, contacts.mean_error_mm(estimate_mm)
     if contacts.deviation_mm is None:
@@ -133,14 +130,14 @@ def _over_all(contacts: Contacts, estimate_mm: Array, errors: Errors) -> Errors:
     )
 
 
-def _coverage(answers: dict[str, Array], quantity: str, unit: str, truth: Array, weight: Array) -> Figure | None:
+def _coverage(answers: dict[str, Floats], quantity: str, unit: str, truth: Floats, weight: Floats) -> Figure | None:
     low, high = (answers.get(f"{quantity}_{end}_{unit}") for end in ("low", "high"))
     if low is None or high is None:
         return None
     return share_of((low[:, None] <= truth) & (truth <= high[:, None]), weight)
 
 
-def _width(answers: dict[str, Array], weight: Array) -> Figure | None:
+def _width(answers: dict[str, Floats], weight: Floats) -> Figure | None:
     if "position_low_mm" not in answers:
         return None
     return mean_of(answers["position_high_mm"] - answers["position_low_mm"], weight)

@@ -7,11 +7,9 @@ them. Within a part they may depend on each other, as evenly spread draws do: on
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models.accuracy.limit import SCRAMBLINGS as PARTS
-
-Array = NDArray[np.float64]
+from beamtouch_models.arrays import Bools, Floats
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class Figure:
         return Figure(self.value * factor, self.standard_error * factor)
 
 
-def ratio_of(above: Array, below: Array) -> Figure:
+def ratio_of(above: Floats, below: Floats) -> Figure:
     """Ratio of two means over the same draws; what both have in common does not widen its standard error."""
     parts = [np.array([part.mean() for part in np.array_split(values, PARTS)]) for values in (above, below)]
     ratio, mean = above.mean() / below.mean(), below.mean()
@@ -34,19 +32,19 @@ def ratio_of(above: Array, below: Array) -> Figure:
     return Figure(float(ratio), float(scatter / abs(mean)))
 
 
-def mean_of(values: Array, weight: Array | None = None) -> Figure:
+def mean_of(values: Floats, weight: Floats | None = None) -> Figure:
     """Mean of values (draws, ...), weighted by an array of the same shape."""
     weight = np.ones(values.shape) if weight is None else weight
     return ratio_of(values * weight, weight)
 
 
-def share_of(happened: NDArray[np.bool_], weight: Array | None = None) -> Figure:
+def share_of(happened: Bools, weight: Floats | None = None) -> Figure:
     """Share of cases, with a standard error that is not zero where none or all of them happened."""
     found = mean_of(happened.astype(np.float64), weight)
     return Figure(found.value, 1 / len(happened)) if found.value in (0.0, 1.0) else found
 
 
-def quantile_of(values: Array, level: float, weight: Array | None = None) -> Figure:
+def quantile_of(values: Floats, level: float, weight: Floats | None = None) -> Figure:
     """Quantile of values (draws, ...), weighted by an array of the same shape."""
     weight = np.ones(values.shape) if weight is None else weight
     pairs = zip(np.array_split(values, PARTS), np.array_split(weight, PARTS), strict=True)
@@ -54,7 +52,7 @@ def quantile_of(values: Array, level: float, weight: Array | None = None) -> Fig
     return Figure(_quantile(values, weight, level), float(np.std(parts, ddof=1) / PARTS**0.5))
 
 
-def _quantile(values: Array, weight: Array, level: float) -> float:
+def _quantile(values: Floats, weight: Floats, level: float) -> float:
     counted = weight > 0
     kept, weights = values[counted], weight[counted]
     order = np.argsort(kept)

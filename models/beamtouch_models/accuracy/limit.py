@@ -9,15 +9,13 @@ distribution functions.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtri
 
 from beamtouch_models.accuracy import cramer_rao
 from beamtouch_models.accuracy.densities import densities
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.errors import SceneError
-
-Array = NDArray[np.float64]
 
 GRID = 801
 """Positions over the whole range."""
@@ -37,11 +35,11 @@ LEAST_NOISE = 1e-12
 class Draws:
     """Simulated contacts: what happened and what the sensors said."""
 
-    position_mm: Array
-    force_n: Array
-    deflection_mm: Array
+    position_mm: Floats
+    force_n: Floats
+    deflection_mm: Floats
     """(draws, sensors), with noise."""
-    weight: Array | float = 1.0
+    weight: Floats | float = 1.0
     """(draws,), how much each counts in an average; 1 on average."""
 
 
@@ -62,12 +60,12 @@ def draw(prior: Prior, count: int, seed: int) -> Draws:
     return Draws(position, force, clean + rng.normal(scale=prior.noise_mm, size=clean.shape))
 
 
-def mean_error(prior: Prior, draws: Draws, estimate_mm: Array) -> MeanError:
+def mean_error(prior: Prior, draws: Draws, estimate_mm: Floats) -> MeanError:
     """Eq. 5 of the paper over all draws."""
     return _mean_of(np.abs(estimate_mm - draws.position_mm) / prior.length_mm * 100)
 
 
-def _mean_of(percent: Array) -> MeanError:
+def _mean_of(percent: Floats) -> MeanError:
     """Mean of errors in percent of the length, with its standard error from their scatter."""
     return MeanError(float(percent.mean()), float(percent.std(ddof=1) / np.sqrt(len(percent))))
 
@@ -111,7 +109,7 @@ def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
     return Draws(position, force, clean + prior.noise_mm * noise, weight)
 
 
-def _where_it_errs(prior: Prior, position_mm: Array) -> tuple[Array, Array]:
+def _where_it_errs(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:
     """Move evenly spread positions to where errors are large; with their weights, both (draws,)."""
     if prior.noise_mm == 0:
         return position_mm, np.ones(len(position_mm))
@@ -125,7 +123,7 @@ def _where_it_errs(prior: Prior, position_mm: Array) -> tuple[Array, Array]:
     return moved, 1 / often[cell]
 
 
-def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
     """Contacts and noise that fill their distributions evenly; `draws` is a power of two.
 
     Returns
@@ -138,21 +136,21 @@ def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple
     return low + (high - low) * points[:, 0], weak + (strong - weak) * points[:, 1], ndtri(points[:, 2:])
 
 
-def spread_noise(channels: int, draws: int, rng: np.random.Generator) -> Array:
+def spread_noise(channels: int, draws: int, rng: np.random.Generator) -> Floats:
     """Noise of variance 1 (draws, channels) that fills its distribution evenly; `draws` is a power of two."""
-    noise: Array = ndtri(_spread(channels, draws, rng))
+    noise: Floats = ndtri(_spread(channels, draws, rng))
     return noise
 
 
-def _spread(dimensions: int, draws: int, rng: np.random.Generator) -> Array:
+def _spread(dimensions: int, draws: int, rng: np.random.Generator) -> Floats:
     from scipy.stats.qmc import Sobol  # noqa: PLC0415  # takes long to import, and many commands need none
 
     # The middle of a point's last digit, so that no noise is infinite.
-    points: Array = np.clip(Sobol(dimensions, rng=rng).random(draws), 2.0**-32, 1 - 2.0**-32)
+    points: Floats = np.clip(Sobol(dimensions, rng=rng).random(draws), 2.0**-32, 1 - 2.0**-32)
     return points
 
 
-def posterior_median_mm(prior: Prior, deflection_mm: Array) -> Array:
+def posterior_median_mm(prior: Prior, deflection_mm: Floats) -> Floats:
     """Posterior median of the position for each row of `deflection_mm` (draws, channels); (draws,) in mm.
 
     The noise must be positive.
@@ -160,7 +158,7 @@ def posterior_median_mm(prior: Prior, deflection_mm: Array) -> Array:
     return posterior_quantiles(prior, deflection_mm)[0][:, 0]
 
 
-def posterior_quantiles(prior: Prior, deflection_mm: Array, levels: Array | None = None) -> tuple[Array, Array]:
+def posterior_quantiles(prior: Prior, deflection_mm: Floats, levels: Floats | None = None) -> tuple[Floats, Floats]:
     """Quantiles of the position and the posterior's mean distance from its median, for readings (draws, channels).
 
     `levels` are (draws, levels) between 0 and 1, the median alone where they are left out. Returns quantiles (draws,
@@ -193,7 +191,7 @@ def posterior_quantiles(prior: Prior, deflection_mm: Array, levels: Array | None
     return whole[:, :-1], whole[:, -1]
 
 
-def _resolved(prior: Prior, reading: Array, grids: Array, density: Array, levels: Array) -> Array:
+def _resolved(prior: Prior, reading: Floats, grids: Floats, density: Floats, levels: Floats) -> Floats:
     """Quantiles and last the mean distance (draws, levels + 1) of log densities, on finer grids where needed."""
     found = np.empty((len(reading), levels.shape[1] + 1))
     todo = np.arange(len(reading))
@@ -217,15 +215,15 @@ def _resolved(prior: Prior, reading: Array, grids: Array, density: Array, levels
     return found
 
 
-def _finer(grids: Array, density: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _finer(grids: Floats, density: Floats) -> tuple[Floats, Bools]:
     """Grids over the cells that hold a posterior, with two to spare, and whether those are a small part of its grid.
 
     A posterior in two pieces, as of a known force near either support, keeps both.
     """
     likely = np.asarray(density >= density.max(axis=1, keepdims=True) - NEGLIGIBLE)
     around = np.pad(likely, ((0, 0), (2, 2)))
-    cells: NDArray[np.bool_] = np.any([around[:, shift : shift + likely.shape[1] - 1] for shift in range(6)], axis=0)
-    narrow: NDArray[np.bool_] = np.asarray(cells.sum(axis=1) < density.shape[1] / 4)
+    cells: Bools = np.any([around[:, shift : shift + likely.shape[1] - 1] for shift in range(6)], axis=0)
+    narrow: Bools = np.asarray(cells.sum(axis=1) < density.shape[1] / 4)
     length = np.zeros((int(narrow.sum()), grids.shape[1]))
     np.cumsum(np.diff(grids[narrow], axis=1) * cells[narrow], axis=1, out=length[:, 1:])
     part = np.linspace(0, 1, FINE_GRID)
@@ -233,7 +231,7 @@ def _finer(grids: Array, density: Array) -> tuple[Array, NDArray[np.bool_]]:
     return np.array(finer), narrow
 
 
-def log_likelihood(force_n: tuple[float, float], size: Array, projection: Array, fit: Array) -> Array:
+def log_likelihood(force_n: tuple[float, float], size: Floats, projection: Floats, fit: Floats) -> Floats:
     """Log likelihood of readings at grid positions, in units of the noise; (draws, grid).
 
     Parameters
@@ -253,14 +251,14 @@ def log_likelihood(force_n: tuple[float, float], size: Array, projection: Array,
     flat = size * (high - low) < 1e-4
     length = np.where(flat, 1.0, size)
     span = _log_normal_interval(low * length - projection, high * length - projection) - np.log(length)
-    likelihood: Array = fit + np.where(flat, middle + np.log((high - low) / np.sqrt(2 * np.pi)), span)
+    likelihood: Floats = fit + np.where(flat, middle + np.log((high - low) / np.sqrt(2 * np.pi)), span)
     return likelihood
 
 
-def _log_normal_interval(low: Array, high: Array) -> Array:
+def _log_normal_interval(low: Floats, high: Floats) -> Floats:
     """Logarithm of Phi(high) - Phi(low), low < high, without cancellation in either tail."""
     flip = low + high > 0
     upper, lower = np.where(flip, -low, high), np.where(flip, -high, low)
     log_upper = log_ndtr(upper)
-    difference: Array = log_upper + np.log(-np.expm1(np.minimum(log_ndtr(lower) - log_upper, -1e-300)))
+    difference: Floats = log_upper + np.log(-np.expm1(np.minimum(log_ndtr(lower) - log_upper, -1e-300)))
     return difference

@@ -4,16 +4,14 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.modelfile import Departures, Metadata
+from beamtouch_models.arrays import Floats
+from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.structure import changed_beam
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.scene import Scene, parse_scene
-
-Array = NDArray[np.float64]
+from beamtouch_models.structure import changed_beam
 
 
 def physics_of(metadata: Metadata) -> Scene:
@@ -32,7 +30,7 @@ def prior_of_model(metadata: Metadata) -> Prior:
     return replace(departed(prior, physics, sensor_mm, metadata.calibration.departures), noise_mm=noise_mm)
 
 
-def departed(prior: Prior, physics: Scene, sensor_mm: Array, departures: Departures) -> Prior:
+def departed(prior: Prior, physics: Scene, sensor_mm: Floats, departures: Departures) -> Prior:
     """Return the prior of a surface that differs from its scene.
 
     Its deflections are linear in the force and hold the gains; `stated` adds the curve and the offsets.
@@ -42,16 +40,16 @@ def departed(prior: Prior, physics: Scene, sensor_mm: Array, departures: Departu
     gain = np.array(departures.gain)
     width_mm = physics.contact.width_mm
 
-    def influence_at(load_mm: Array) -> Array:
-        matrix: Array = gain * influence(beam, true_mm, load_mm, width_mm)
+    def influence_at(load_mm: Floats) -> Floats:
+        matrix: Floats = gain * influence(beam, true_mm, load_mm, width_mm)
         return matrix
 
     return replace(prior, influence_at=influence_at, stated=partial(stated_by, departures))
 
 
-def stated_by(departures: Departures, deflection_mm: Array) -> Array:
+def stated_by(departures: Departures, deflection_mm: Floats) -> Floats:
     """Return what the sensors state of deflections (loads, channels) that hold the gains, in mm."""
     # The root of y + curve y^2 = deflection that is 0 at 0, in the form that does not cancel.
     square = np.maximum(1 + 4 * departures.curve_per_mm * deflection_mm, 0.0)
-    reading: Array = 2 * deflection_mm / (1 + np.sqrt(square)) + np.array(departures.offset_mm)
+    reading: Floats = 2 * deflection_mm / (1 + np.sqrt(square)) + np.array(departures.offset_mm)
     return reading

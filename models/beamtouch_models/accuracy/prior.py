@@ -9,13 +9,11 @@ from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import scene_influence
 from beamtouch_models.scene import Scene
-
-Array = NDArray[np.float64]
 
 TABLE = 2001
 """Load positions of an influence table."""
@@ -32,13 +30,13 @@ class Prior:
     noise_mm: float
     """Standard deviation of a sample, per channel."""
     channels: int
-    influence_at: Callable[[Array], Array]
+    influence_at: Callable[[Floats], Floats]
     """From load positions in mm (loads,) to the influence matrix (loads, channels) in mm/N."""
-    stated: Callable[[Array], Array] = lambda deflection_mm: deflection_mm
+    stated: Callable[[Floats], Floats] = lambda deflection_mm: deflection_mm
     """From deflections (samples, channels) that are linear in the force to what the sensors state of them."""
 
     @classmethod
-    def of(cls, scene: Scene, sensor_mm: Array, noise_mm: float) -> Self:
+    def of(cls, scene: Scene, sensor_mm: Floats, noise_mm: float) -> Self:
         """Prior of a scene with sensors at `sensor_mm` (channels,) and `noise_mm` per sample."""
         return cls(
             length_mm=scene.beam.length_mm,
@@ -65,7 +63,7 @@ class Prior:
         kept = np.setdiff1d(np.arange(self.channels), missing)
         whole = self.stated
 
-        def stated(deflection_mm: Array) -> Array:
+        def stated(deflection_mm: Floats) -> Floats:
             every = np.zeros((len(deflection_mm), self.channels))
             every[:, kept] = deflection_mm
             return whole(every)[:, kept]

@@ -6,21 +6,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import onnx
 
-from beamtouch_models.accuracy.noise import choose_filter, noise_of, step_mm
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.held_limit import check_held, check_scale
 from beamtouch_models.building.measured import measured
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
 from beamtouch_models.export import to_bytes
-from beamtouch_models.modelfile import Channel, FilterChoice, Metadata, Ranges, Sensor
+from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges, Sensor
 from beamtouch_models.physics.beam import check_small_angles, max_deflection_mm, travel_mm
 from beamtouch_models.placement import Placement, fewest_sensors
 from beamtouch_models.pricing.effects import required
+from beamtouch_models.pricing.noise import choose_filter, noise_of, step_mm
+from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
-
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the fraction of the whole that is done."""
 
 DEFAULT_ADC_BITS = 16
 

@@ -4,7 +4,7 @@ import json
 import secrets
 from pathlib import Path
 
-from beamtouch_models.modelfile import FilterChoice, Metadata
+from beamtouch_models.metadata import FilterChoice, Metadata
 
 TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
 RIG_PORT = 5020

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from beamtouch_models.modelfile import Metadata, ModelFile
+from beamtouch_models.metadata import Metadata
+from beamtouch_models.modelfile import ModelFile
 
 
 def describe(model: ModelFile) -> dict[str, Any]:

@@ -1,17 +1,14 @@
 """The check of a finished estimator that is to be at the accuracy limit: a model that is not is never written."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.figures import ratio_of
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.estimators.estimator import Estimator
-from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-
-Array = NDArray[np.float64]
+from beamtouch_models.session import runner
 
 LEAST_NOISE, MOST_NOISE = 1e-6, 1e3
 """Noise of a sample over the largest deflection. Float32, in which a model takes its samples, resolves 6e-8; and with

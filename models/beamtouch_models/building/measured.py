@@ -4,26 +4,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 from onnx.utils import Extractor
-from scipy.special import chdtri
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.figures import mean_of, ratio_of
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.rest import FALSE_ALARM_RATE, ODDS, contact_threshold
 from beamtouch_models.estimators.estimator import Estimator
-from beamtouch_models.estimators.running import CHUNK, Run, runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.modelfile import Accuracy, Golden
+from beamtouch_models.metadata import Accuracy, Golden
+from beamtouch_models.session import Run, runner
 
-Array = NDArray[np.float64]
 ACCURACY_DRAWS = 4_096
-REST_DRAWS = 2**18
 GOLDEN_DRAWS = 8
-ODDS = "contact_log_odds"
-FALSE_ALARM_RATE = 1e-6
-"""Samples at rest that the threshold lets pass for a contact."""
 
 
 @dataclass(frozen=True)
@@ -51,49 +45,6 @@ def _for_odds(graph: onnx.ModelProto) -> onnx.ModelProto:
         return graph
     part: onnx.ModelProto = Extractor(graph).extract_model([one.name for one in graph.graph.input], [ODDS])
     return part
-
-
-def contact_threshold(prior: Prior, run: Run, seed: int, rate: float) -> float:
-    """Log odds that a sample at rest exceeds with probability `rate`; 0 where the estimator offers none."""
-    odds, weight = _rest(prior, run, seed, rate)
-    if odds is None:
-        return 0.0
-    order = np.argsort(-odds)
-    exceeded = np.cumsum(weight[order]) / len(odds)
-    return float(odds[order][np.searchsorted(exceeded, rate)])
-
-
-def rest_exceeding(prior: Prior, run: Run, seed: int, threshold: float) -> tuple[float, float]:
-    """Probability that a sample at rest exceeds a threshold of the log odds, and its standard error."""
-    odds, weight = _rest(prior, run, seed, FALSE_ALARM_RATE)
-    if odds is None:
-        message = "the estimator gives no log odds of contact"
-        raise ValueError(message)
-    found = mean_of(np.where(odds > threshold, weight, 0.0))
-    return found.value, found.standard_error
-
-
-def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Array | None, Array]:
-    """Log odds of samples at rest (draws,), or None where there are none, and the weight of each.
-
-    By importance sampling: rest is drawn with more noise than it has, so that rare samples are common, and each is
-    weighed by how likely it really is (Kahn & Marshall 1953, doi 10.1287/opre.1.5.263).
-    """
-    rngs = np.random.default_rng(seed).spawn(limit.SCRAMBLINGS)
-    # Noise of so many channels that is this large in all is as rare as `rate`.
-    widening = np.sqrt(max(1.0, chdtri(prior.channels, rate) / prior.channels))
-    each = REST_DRAWS // limit.SCRAMBLINGS
-    noise = widening * np.concatenate([limit.spread_noise(prior.channels, each, rng) for rng in rngs])
-    weight: Array = np.exp(-(noise**2).sum(axis=1) / 2 * (1 - widening**-2) + prior.channels * np.log(widening))
-    deflection = prior.stated(noise * prior.noise_mm).astype(np.float32)
-    odds = []
-    for start in range(0, REST_DRAWS, CHUNK):
-        part = deflection[start : start + CHUNK]
-        answers = run(part, np.ones(part.shape, np.bool_))
-        if ODDS not in answers:
-            return None, weight
-        odds.append(answers[ODDS].astype(np.float64))
-    return np.concatenate(odds), weight
 
 
 def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:

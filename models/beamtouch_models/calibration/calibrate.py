@@ -1,14 +1,13 @@
 """From recorded loads to a model of the real surface."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.model_prior import physics_of, prior_of_model
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measured import measured
 from beamtouch_models.calibration.fit import Fit, Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
@@ -18,10 +17,9 @@ from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.estimators.onnx_graph import with_linear_input
 from beamtouch_models.export import to_bytes
-from beamtouch_models.modelfile import Calibration, Departures, Metadata, ModelFile
-
-Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
+from beamtouch_models.metadata import Calibration, Departures, Metadata
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.progress import Fraction, Progress
 
 
 @dataclass(frozen=True)
@@ -31,9 +29,9 @@ class Calibrated:
     content: bytes
     metadata: Metadata
     fit: Fit
-    before_mm: Array
+    before_mm: Floats
     """(loads,) position error of the given model."""
-    after_mm: Array
+    after_mm: Floats
     """(loads,) position error of a fit without the load."""
     limit_mm: float
     """Mean error of the best estimate for such loads with the noise of a sample."""
@@ -44,8 +42,8 @@ class Checked:
     """A fit that is better than the given model, on loads that agree."""
 
     fit: Fit
-    before_mm: Array
-    after_mm: Array
+    before_mm: Floats
+    after_mm: Floats
 
 
 def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
@@ -126,7 +124,7 @@ def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
     return f"{what}{'; '.join(told)}; {end}; nothing was written"
 
 
-def _worse(loads: Loads, before: Array, after: Array) -> str:
+def _worse(loads: Loads, before: Floats, after: Floats) -> str:
     worst = int(after.argmax())
     return (
         "nothing was written: a model fitted to these loads would be no better. Left out one by one, they are located "
@@ -146,7 +144,7 @@ def _calibrated_prior(theory: Theory, found: Fit) -> Prior:
     return replace(prior, noise_mm=float(np.hypot(prior.noise_mm, _unexplained_mm(found))))
 
 
-def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Callable[[float], None]) -> Estimator:
+def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Fraction) -> Estimator:
     name: Name = metadata.estimator  # type: ignore[assignment]  # a file of another name would not have been built
     with_force = "force_n" in metadata.golden.answers
     made = estimator_of(name, prior, with_force=with_force, seed=metadata.seed, progress=progress)
@@ -154,7 +152,7 @@ def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Ca
     return replace(made, graph=graph)
 
 
-def _errors_of_model(metadata: Metadata, loads: Loads) -> Array:
+def _errors_of_model(metadata: Metadata, loads: Loads) -> Floats:
     """Position errors (loads,) by the surface as the given model has it."""
     departures = None if metadata.calibration is None else metadata.calibration.departures
     prior = prior_of_model(metadata)

@@ -5,21 +5,19 @@ departures are taken in one by one, each only if it lowers the error of loads th
 the leverages; Allen 1974, doi 10.1080/00401706.1974.10489157).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from beamtouch_models.accuracy.model_prior import departed, stated_by
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.calibration.loads import Loads
-from beamtouch_models.modelfile import Departures, Metadata
+from beamtouch_models.metadata import Departures, Metadata
+from beamtouch_models.progress import Fraction
 from beamtouch_models.scene import Scene
-
-Array = NDArray[np.float64]
 
 GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES = 0.04, 1.5, 0.1, 0.1, 0.03, 3.0
 """Plausible departures (one deviation): relative gain, sensor position, fixity, relative rigidity, how far the
@@ -38,10 +36,10 @@ class Theory:
     """The surface as its scene and its model have it."""
 
     physics: Scene
-    sensor_mm: Array
+    sensor_mm: Floats
     prior: Prior
     max_deflection_mm: float
-    influences: dict[tuple[float, ...], Array] = field(default_factory=dict, repr=False, compare=False)
+    influences: dict[tuple[float, ...], Floats] = field(default_factory=dict, repr=False, compare=False)
     """Influence matrices that were computed of late."""
 
     @classmethod
@@ -75,7 +73,7 @@ class Theory:
         """Length of the vector of all departures."""
         return 4 + 3 * len(self.sensor_mm)
 
-    def departures(self, vector: Array) -> Departures:
+    def departures(self, vector: Floats) -> Departures:
         """What a vector stands for."""
         channels = len(self.sensor_mm)
         rigidity, gain, position, curve, fixity, offset = np.split(
@@ -98,7 +96,7 @@ class Theory:
         """The surface with departures."""
         return departed(self.prior, self.physics, self.sensor_mm, departures)
 
-    def stated_mm(self, vector: Array, loads: Loads) -> Array:
+    def stated_mm(self, vector: Floats, loads: Loads) -> Floats:
         """What its sensors state of loads, (loads, channels)."""
         departures = self.departures(vector)
         # Gains, offsets and the curve leave the beam as it is, so its influence is often the same again.
@@ -118,16 +116,16 @@ class Fit:
 
     theory: Theory
     kinds: tuple[str, ...]
-    vector: Array
+    vector: Floats
     unexplained_mm: float
     """Standard deviation of what is left, beyond the noise of the recording."""
     residual_mm: float
     """Standard deviation of what is left, per degree of freedom."""
     freedom: float
     """Degrees of freedom that are left: deflections less the departures that they decide."""
-    left_out_mm: Array
+    left_out_mm: Floats
     """(loads, channels) stated less predicted, each load left out of the fit; NaN where nothing was stated."""
-    covariance: Array
+    covariance: Floats
     """(departures, departures) of the errors of the vector, in its units; 0 where not fitted."""
 
     @property
@@ -136,7 +134,7 @@ class Fit:
         return float(np.sqrt(np.nanmean(self.left_out_mm**2)))
 
     @property
-    def spread(self) -> Array:
+    def spread(self) -> Floats:
         """(departures,) standard errors, in the units of the vector; 0 where not fitted."""
         return np.sqrt(np.diag(self.covariance))
 
@@ -147,7 +145,7 @@ class Fit:
 
 
 def fit(
-    theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Array | None = None, *, rounds: int = ROUNDS
+    theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Floats | None = None, *, rounds: int = ROUNDS
 ) -> Fit:
     """Fit some kinds of departures; the others stay as the scene has them."""
     free = np.concatenate([np.arange(theory.size)[theory.kinds[kind]] for kind in kinds]) if kinds else np.arange(0)
@@ -157,7 +155,7 @@ def fit(
     stated = np.isfinite(loads.stated_mm)
     unexplained, jacobian = 0.0, np.zeros((int(stated.sum()), len(free)))
 
-    def residuals(part: Array) -> Array:
+    def residuals(part: Floats) -> Floats:
         vector[free] = part
         left = (loads.stated_mm - theory.stated_mm(vector, loads))[stated]
         return np.concatenate([left / np.hypot(loads.deviation_mm[stated], unexplained), part])
@@ -183,7 +181,7 @@ def fit(
     return Fit(theory, kinds, vector.copy(), unexplained, float(np.sqrt(variance)), freedom, left_out, covariance)
 
 
-def supported_fit(theory: Theory, loads: Loads, progress: Callable[[float], None]) -> Fit:
+def supported_fit(theory: Theory, loads: Loads, progress: Fraction) -> Fit:
     """Fit the kinds of departures that lower the error of left-out loads."""
     best, open_kinds = fit(theory, loads, ()), list(theory.kinds)
     while open_kinds:
@@ -197,20 +195,20 @@ def supported_fit(theory: Theory, loads: Loads, progress: Callable[[float], None
     return best
 
 
-def _bounds(theory: Theory, free: NDArray[np.intp]) -> tuple[Array, Array]:
+def _bounds(theory: Theory, free: Indices) -> tuple[Floats, Floats]:
     low, high = np.full(theory.size, -8.0), np.full(theory.size, 8.0)
     if "fixity" in theory.kinds:
         low[theory.kinds["fixity"]], high[theory.kinds["fixity"]] = 0.0, MOST_FIXITY / FIXITY
     return low[free], high[free]
 
 
-def _hat(jacobian: Array) -> Array:
+def _hat(jacobian: Floats) -> Floats:
     """What the fit makes of each residual from each, with plausible sizes of variance 1 on the departures."""
-    matrix: Array = jacobian @ np.linalg.solve(jacobian.T @ jacobian + np.eye(jacobian.shape[1]), jacobian.T)
+    matrix: Floats = jacobian @ np.linalg.solve(jacobian.T @ jacobian + np.eye(jacobian.shape[1]), jacobian.T)
     return matrix
 
 
-def _left_out(residual: Array, jacobian: Array, load: NDArray[np.intp]) -> Array:
+def _left_out(residual: Floats, jacobian: Floats, load: Indices) -> Floats:
     """Residuals of each load were it left out of the fit, all its channels together."""
     hat, left_out = _hat(jacobian), residual.copy()
     for one in np.unique(load):

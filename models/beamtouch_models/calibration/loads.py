@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.errors import InputError
-from beamtouch_models.modelfile import Metadata
-
-Array = NDArray[np.float64]
+from beamtouch_models.metadata import Metadata
 
 FEWEST_POSITIONS = 4
 SMALLEST_SPREAD = 0.4
@@ -28,15 +26,15 @@ class LoadsError(InputError):
 class Loads:
     """Known loads and what the sensors stated of them."""
 
-    number: NDArray[np.intp]
+    number: Indices
     """(loads,) as in the file."""
-    position_mm: Array
-    force_n: Array
-    stated_mm: Array
+    position_mm: Floats
+    force_n: Floats
+    stated_mm: Floats
     """(loads, channels) mean deflection; NaN where a channel was not good."""
-    deviation_mm: Array
+    deviation_mm: Floats
     """(loads, channels) standard deviation of that mean."""
-    lines: NDArray[np.intp]
+    lines: Indices
     """(loads, 2) first and last line of the file that belong to each load, counted from 1."""
 
     def without(self, index: int) -> "Loads":
@@ -44,7 +42,7 @@ class Loads:
         kept = np.arange(len(self.number)) != index
         return self[kept]
 
-    def __getitem__(self, kept: NDArray[np.bool_]) -> "Loads":
+    def __getitem__(self, kept: Bools) -> "Loads":
         return Loads(
             self.number[kept],
             self.position_mm[kept],

@@ -6,18 +6,16 @@ Regression, 1982, sec. 2.2).
 Two wrong loads can hide each other, so pairs are left out together where one load less does not make the rest agree.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.fit import ROUNDS, Fit, Theory, fit
 from beamtouch_models.calibration.loads import Loads
-
-Array = NDArray[np.float64]
+from beamtouch_models.progress import Fraction, silent
 
 CHANCE = 1e-4
 """Probability that one of the loads of an honest recording is called mistaken."""
@@ -60,9 +58,7 @@ class _Trial:
         return all(_contradicts(self.fitted, loads, index) for index in self.left_out)
 
 
-def mistaken(
-    theory: Theory, loads: Loads, progress: Callable[[float], None] = lambda _done: None
-) -> tuple[Suspect, ...]:
+def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple[Suspect, ...]:
     """Find loads that contradict the others.
 
     Returns
@@ -92,7 +88,7 @@ def mistaken(
     return tuple(_suspect(trial.fitted, loads, *trial.left_out, certain=certain) for trial in like_it)
 
 
-def _best_pair(theory: Theory, loads: Loads, indices: list[int], progress: Callable[[float], None]) -> _Trial:
+def _best_pair(theory: Theory, loads: Loads, indices: list[int], progress: Fraction) -> _Trial:
     every = combinations(range(len(loads.number)), 2)
     pairs = [pair for pair in every if not set(pair).isdisjoint(indices)]
     trials = []
@@ -124,7 +120,7 @@ def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
     return bool(chance < CHANCE / len(loads.number))
 
 
-def _slope(fitted: Fit, load: Loads, predicted: Array, step: float = 1e-3) -> Array:
+def _slope(fitted: Fit, load: Loads, predicted: Floats, step: float = 1e-3) -> Floats:
     """Change of a load's prediction with each entry of the vector, (channels, departures)."""
     nearby = [fitted.theory.stated_mm(fitted.vector + step * one, load)[0] for one in np.eye(fitted.theory.size)]
     return (np.stack(nearby, axis=1) - predicted[:, None]) / step

@@ -5,9 +5,9 @@ import json
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models import modelfile
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.calibration.fit import Fit
 from beamtouch_models.calibration.loads import read_loads
@@ -83,7 +83,7 @@ def _lines(found: Calibrated, identity: str) -> list[tuple[str, str]]:
     ]
 
 
-def _standard_errors(fit: Fit) -> dict[str, NDArray[np.float64]]:
+def _standard_errors(fit: Fit) -> dict[str, Floats]:
     """Standard errors by kind, in the units of the departures."""
     near, at = fit.theory.departures(fit.vector + 1e-3), fit.departures
     units = {

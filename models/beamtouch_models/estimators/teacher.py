@@ -3,15 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.estimators.running import runner
-from beamtouch_models.modelfile import FORCE_OUTPUTS, POSITION_OUTPUTS
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
+from beamtouch_models.session import runner
 
 REST_SHARE, WEAK_SHARE = 0.1, 0.15
 """Shares of the examples without a contact, and with a weak contact, at which the odds change sign."""
@@ -25,18 +22,18 @@ MOST_ODDS = 30.0
 class Lessons:
     """Readings and answers. The columns of the answers are the median and the ends of the 95 % interval."""
 
-    deflection_mm: Array
+    deflection_mm: Floats
     """(samples, channels), with noise."""
     valid: Bools
     touched: Bools
     """Whether a contact with a force in the range touches."""
-    true_position_mm: Array
-    true_force_n: Array
-    position: Array
+    true_position_mm: Floats
+    true_force_n: Floats
+    position: Floats
     """(samples, 3) mm"""
-    force: Array
+    force: Floats
     """(samples, 3) N"""
-    log_odds: Array
+    log_odds: Floats
 
 
 def may_miss_one(prior: Prior) -> bool:

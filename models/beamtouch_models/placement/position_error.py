@@ -6,20 +6,18 @@ are one array operation. The second is the accuracy limit of a few contacts on a
 for every layout (common random numbers). Neither bounds how much better another layout could be.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models.accuracy.densities import densities
 from beamtouch_models.accuracy.limit import accuracy_limit, log_likelihood, spread_contacts
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.physics.beam import scene_influence
-from beamtouch_models.placement.layout import Candidates, Indices
+from beamtouch_models.placement.layout import Candidates
+from beamtouch_models.progress import Fraction
 from beamtouch_models.scene import Scene
-
-Array = NDArray[np.float64]
 
 GRID = 257
 DRAWS = 256
@@ -35,16 +33,16 @@ class Surrogate:
 
     scene: Scene
     rules: Candidates
-    position_mm: Array
+    position_mm: Floats
     """(grid,) over the scene's range."""
-    shapes: Array
+    shapes: Floats
     """(grid, candidates), deflection per newton over the noise."""
-    clean: Array
+    clean: Floats
     """(draws, candidates), deflection over the noise."""
-    noise: Array
+    noise: Floats
     """(draws, sensors), with variance 1."""
 
-    def scores(self, layouts: Indices) -> Array:
+    def scores(self, layouts: Indices) -> Floats:
         """Return minus the mean |position error| in mm of layouts (population, sensors); -inf if a rule is broken."""
         allowed = self.rules.allowed(layouts)
         pairs = zip(layouts, allowed, strict=True)
@@ -57,7 +55,7 @@ class Surrogate:
         density = log_likelihood(self.scene.contact.force_range_n, size, projection, projection**2 / 2)
         return float(densities(np.broadcast_to(self.position_mm, density.shape), density).mean_distance().mean())
 
-    def cramer_rao_mm(self, sums: Array) -> Array:
+    def cramer_rao_mm(self, sums: Floats) -> Floats:
         """Return the mean Cramer-Rao bound on the error (...), limited by the range, from `sums` (3, grid, ...)."""
         slope, mixed, size = sums
         low, high = self.scene.contact.force_range_n
@@ -67,7 +65,7 @@ class Surrogate:
             # A slope along the deflection itself cannot be distinguished from a change of the force.
             information = np.maximum(slope - mixed**2 / np.maximum(size, np.finfo(np.float64).tiny), 0)
         span = self.position_mm[-1] - self.position_mm[0]
-        bound: Array = (1 / np.sqrt(information * square + 12 / span**2)).mean(axis=0)
+        bound: Floats = (1 / np.sqrt(information * square + 12 / span**2)).mean(axis=0)
         return bound
 
     def cramer_rao_layout(self, start: Indices) -> Indices:
@@ -112,7 +110,7 @@ def decided(
     layouts: list[Indices],
     noise_mm: float,
     seed: int,
-    progress: Callable[[float], None],
+    progress: Fraction,
 ) -> Indices:
     """Return the layout with the smallest accuracy limit; `layouts` lists the most promising first."""
     distinct = list({tuple(layout): layout for layout in layouts}.values())[:FINALISTS]

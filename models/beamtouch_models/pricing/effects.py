@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from beamtouch_models.accuracy.noise import choose_filter, noise_of, sensor_noise_mm
 from beamtouch_models.errors import SceneError
-from beamtouch_models.placement.layout import candidates
+from beamtouch_models.physics.beam import sensor_positions_mm
+from beamtouch_models.pricing.noise import choose_filter, noise_of, sensor_noise_mm
 from beamtouch_models.pricing.prices import EFFECTS, NEGLIGIBLE, Effect, Pricing, changed
 from beamtouch_models.scene import Scene
 
@@ -31,7 +31,7 @@ def effects_of(scene: Scene) -> list[Effect]:
     if noise_mm == 0:
         message = "sensors: a noise of 0 puts no price on anything; state the noise of a reading"
         raise SceneError(message)
-    allowed = candidates(scene).position_mm
+    allowed = sensor_positions_mm(scene)
     chosen = np.linspace(0, len(allowed) - 1, min(len(allowed), MOST_POSITIONS)).round().astype(np.intp)
     pricing = Pricing(scene, noise_mm, allowed[chosen])
     return _judged([effect(pricing) for effect in EFFECTS])

@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from beamtouch_models.accuracy.noise import choose_filter, step_mm
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics import dynamics
 from beamtouch_models.physics.beam import load_positions_mm, scene_influence
+from beamtouch_models.pricing.noise import choose_filter, step_mm
 from beamtouch_models.scene import Scene
 
-Array = NDArray[np.float64]
 Verdict = Literal["in", "out", "not stated", "not modelled"]
 
 NEGLIGIBLE = 0.1
@@ -48,9 +47,9 @@ class Pricing:
     scene: Scene
     noise_mm: float
     """Noise of a sample."""
-    sensor_mm: Array
+    sensor_mm: Floats
 
-    def deflection_mm(self, scene: Scene) -> Array:
+    def deflection_mm(self, scene: Scene) -> Floats:
         """Return the deflection (loads, sensors) at the largest force."""
         return scene.contact.force_range_n[1] * scene_influence(scene, self.sensor_mm, load_positions_mm(scene))
 
@@ -58,7 +57,7 @@ class Pricing:
         """Return the largest difference in deflection between two scenes, in units of the noise."""
         return self.in_noise(self.deflection_mm(having) - self.deflection_mm(lacking))
 
-    def in_noise(self, deflection_mm: Array) -> float:
+    def in_noise(self, deflection_mm: Floats) -> float:
         """Return the largest deflection in units of the noise; raises SceneError beyond the range of float64."""
         with np.errstate(over="ignore"):
             price = float(np.abs(deflection_mm).max(initial=0.0) / self.noise_mm)

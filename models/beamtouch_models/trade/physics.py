@@ -7,13 +7,13 @@ import numpy as np
 
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.figures import Figure, ratio_of
-from beamtouch_models.accuracy.noise import choose_filter, noise_of
 from beamtouch_models.accuracy.prior import TABLE, Prior
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.estimators.running import runner
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing.effects import effects_of, required
+from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.scene import Scene
+from beamtouch_models.session import runner
 
 REPEATS = 5
 

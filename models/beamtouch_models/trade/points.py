@@ -4,26 +4,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models.accuracy.contacts import Contacts, simulated_enough
 from beamtouch_models.accuracy.figures import Figure, mean_of, ratio_of
-from beamtouch_models.accuracy.noise import noise_of, reading_noise_mm, window_filter
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats, Floats32
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
-from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.modelfile import FilterChoice
+from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import check_small_angles
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing.effects import required
+from beamtouch_models.pricing.noise import noise_of, reading_noise_mm, window_filter
+from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.scene import MIN_SENSORS, Scene
+from beamtouch_models.session import runner
 from beamtouch_models.trade.quantised import quantised
 from beamtouch_models.trade.timing import ROUNDS, Times, inference_times
-
-Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 WINDOWS = (1, 2, 4, 8, 16)
 LONGEST_MS = 100.0
@@ -155,7 +153,7 @@ def measured_points(
                 failures.append(Failure(name, count, chosen, str(error)))
                 continue
             made += found
-            points += _timed(scene, found, FIRST_ROUNDS, lambda _done: None)
+            points += _timed(scene, found, FIRST_ROUNDS, silent)
             keep(Trade(tuple(points), tuple(failures), 2 * total))
     if not made:
         raise SceneError(failures[0].reason)
@@ -174,7 +172,7 @@ def _contacts(scene: Scene, count: int, chosen: FilterChoice, draws: int, seed: 
 def _made(scene: Scene, name: Name, chosen: FilterChoice, prior: Prior, contacts: Contacts, seed: int) -> list[_Made]:
     """An estimator as it is and with 8-bit weights; raises SceneError where it does not answer in numbers."""
     best, weight = contacts.deviation_mm, contacts.weight
-    one = estimator_of(name, prior, with_force=scene.wants_force, seed=seed, progress=lambda _done: None)
+    one = estimator_of(name, prior, with_force=scene.wants_force, seed=seed, progress=silent)
     reading = contacts.drawn.deflection_mm.astype(np.float32)
     found = []
     for graph in (one.graph, quantised(one.graph)):
@@ -188,16 +186,16 @@ def _made(scene: Scene, name: Name, chosen: FilterChoice, prior: Prior, contacts
     return found
 
 
-def _timed(scene: Scene, made: Sequence[_Made], rounds: int, progress: Callable[[float], None]) -> list[Point]:
+def _timed(scene: Scene, made: Sequence[_Made], rounds: int, progress: Fraction) -> list[Point]:
     readings = [(one.content, _reading(one.prior)) for one in made]
     times = inference_times(readings, progress, rounds)
     return [_point(scene, one, time) for one, time in zip(made, times, strict=True)]
 
 
-def _reading(prior: Prior) -> NDArray[np.float32]:
+def _reading(prior: Prior) -> Floats32:
     """A contact a third along the range, with the middle force."""
     low, high = prior.position_mm
-    clean: Array = sum(prior.force_n) / 2 * prior.influence_at(np.array([low + (high - low) / 3]))[0]
+    clean: Floats = sum(prior.force_n) / 2 * prior.influence_at(np.array([low + (high - low) / 3]))[0]
     return clean.astype(np.float32)
 
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import onnxruntime as ort
-from numpy.typing import NDArray
 
-from beamtouch_models.modelfile import session_options
+from beamtouch_models.arrays import Floats32
+from beamtouch_models.progress import Fraction, silent
+from beamtouch_models.session import session_options
 
 ROUNDS, CALLS = 40, 50
 BATCH, BATCH_CALLS = 1000, 1
@@ -26,8 +27,8 @@ class Times:
 
 
 def inference_times(
-    graphs: Sequence[tuple[bytes, NDArray[np.float32]]],
-    progress: Callable[[float], None] = lambda _done: None,
+    graphs: Sequence[tuple[bytes, Floats32]],
+    progress: Fraction = silent,
     rounds: int = ROUNDS,
 ) -> list[Times]:
     """Time graphs, each with a reading (channels,) of a contact."""
@@ -49,7 +50,7 @@ def inference_times(
     ]
 
 
-def _session(content: bytes, reading: NDArray[np.float32]) -> tuple[Callable[[], object], Callable[[], object]]:
+def _session(content: bytes, reading: Floats32) -> tuple[Callable[[], object], Callable[[], object]]:
     session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
     feeds = [
         {"deflection_mm": np.tile(reading, (batch, 1)), "valid": np.ones((batch, len(reading)), np.bool_)}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import httpx2
 import onnx
 
-from beamtouch_models.modelfile import POSITION_OUTPUTS
+from beamtouch_models.metadata import POSITION_OUTPUTS
 from beamtouch_service import cli
 from service.conftest import ADMIN_TOKEN
 
@@ -174,7 +174,7 @@ def test_check_says_in_one_line_what_is_wrong(
         file.truncate(2_000_000_000)
     for path, complaint in (
         (tmp_path / "large.onnx", "it is larger than 4 MiB"),
-        (Path("/dev/zero"), "it is no file but something else"),
+        (Path("/dev/zero"), "it is not a regular file"),
         (tmp_path / "nowhere.onnx", "No such file or directory"),
         (tmp_path / "text.onnx", "damaged or not an ONNX file"),
         (build_model(outputs=("position_mm",)), "it has no output contact_log_odds"),

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from html import escape
 
 from beamtouch_models.charts import fill, opening, round_ticks, stroke
-from beamtouch_models.modelfile import Channel, Metadata
-from beamtouch_models.physics.structure import Beam
+from beamtouch_models.metadata import Channel, Metadata
 from beamtouch_models.scene import Scene
+from beamtouch_models.structure import Beam
 
 WIDTH, HEIGHT, MARGIN = 900, 236, 48
 BEAM_Y = 92

@@ -8,7 +8,7 @@ from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
 from beamtouch_models.building.report.markup import chart_figure, details, figure, heading, paragraph, table, tiles
 from beamtouch_models.charts import Chart, Series
-from beamtouch_models.modelfile import Accuracy
+from beamtouch_models.metadata import Accuracy
 from beamtouch_models.pricing.prices import NEGLIGIBLE
 
 CHARTED = 8

@@ -3,7 +3,7 @@
 import math
 
 from beamtouch_models.errors import SceneError
-from beamtouch_models.modelfile import FilterChoice, Noise
+from beamtouch_models.metadata import FilterChoice, Noise
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.scene import Scene
 
