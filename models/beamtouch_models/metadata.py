@@ -17,7 +17,9 @@ _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, validate_by_name=True, validate_by_alias=True, serialize_by_alias=True
+    )
 
 
 class Channel(_Strict):
@@ -108,8 +110,8 @@ class Calibration(_Strict):
     fitted: list[str]
     """Which kinds of departures the loads support; the others are as the scene says."""
     loads: int
-    unexplained_mm: float = Field(ge=0)
-    """What is left of a stated deflection, beyond its noise, when its load is left out of the fit; in the noise."""
+    residual_mm: float = Field(ge=0, alias="unexplained_mm")
+    """Standard deviation that a fit leaves in the deflections of a left-out load, beyond noise; part of the noise."""
     error_before_mm: float
     error_after_mm: float
     """Each load answered by a model that was fitted without it."""

@@ -124,10 +124,10 @@ class Scene(Strict):
     def _on_the_beam(self) -> Self:
         low, high = self.contact.position_mm
         if low < 0 or high > self.beam.length_mm:
-            message = f"contact.position_mm = {[low, high]} leaves the beam, 0..{self.beam.length_mm:g} mm"
+            message = f"contact.position_mm = {[low, high]} reaches beyond the beam, 0..{self.beam.length_mm:g} mm"
             raise ValueError(message)
         if any(not 0 <= position <= self.beam.length_mm for position in self.sensors.fixed_mm):
-            message = f"sensors.fixed_mm leaves the beam, 0..{self.beam.length_mm:g} mm"
+            message = f"sensors.fixed_mm reaches beyond the beam, 0..{self.beam.length_mm:g} mm"
             raise ValueError(message)
         if self.sensors.count != "auto" and self.sensors.count_range[0] > self.sensors.count_range[1]:
             message = "sensors.count: the first must not exceed the second"

@@ -10,8 +10,8 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.figures import ratio_of
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.estimators.estimator import NAMES, estimator_of
 from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.graph import posterior_graph

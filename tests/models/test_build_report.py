@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamtouch_models.accuracy.model_prior import physics_of
 from beamtouch_models.building.build import Built
 from beamtouch_models.building.report import facts as facts_module
 from beamtouch_models.building.report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
@@ -29,7 +30,8 @@ pytestmark = pytest.mark.long
 
 
 def built_of(path: Path, model: ModelFile, scene: Scene) -> Built:
-    return Built(path.read_bytes(), model.metadata, place(scene, len(model.metadata.layout), 0))
+    physics = required(scene, model.metadata.filter)
+    return Built(path.read_bytes(), model.metadata, place(scene, len(model.metadata.layout), 0), physics)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -135,7 +137,9 @@ def test_layouts_are_compared_on_the_same_contacts(facts: Facts) -> None:
 def test_a_layout_of_its_own_is_listed_too(facts: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 100)
     noise_mm = facts.model.metadata.noise.sample_mm
-    layouts = facts_module._layouts(required(facts.scene), np.array([50.0, 150.0, 250.0, 350.0]), noise_mm, 0)
+    layouts = facts_module._layouts(
+        physics_of(facts.model.metadata), np.array([50.0, 150.0, 250.0, 350.0]), noise_mm, 0
+    )
     assert [layout.taken for layout in layouts] == [False] * (len(layouts) - 1) + [True]
     assert layouts[-1].name == "the model's"
 

@@ -89,7 +89,7 @@ def test_the_file_says_what_was_fitted_and_rebuilds_from_itself(calibrated: Cali
     assert calibration.loads == 10
     assert calibration.fitted == list(calibrated.fit.kinds)
     prior = prior_of_model(fresh.metadata)
-    assert prior.noise_mm == pytest.approx(np.hypot(bench.metadata.noise.sample_mm, calibration.unexplained_mm))
+    assert prior.noise_mm == pytest.approx(np.hypot(bench.metadata.noise.sample_mm, calibration.residual_mm))
     drawn = limit.draw(prior, 2000, 3)
     stated = prior.stated(drawn.deflection_mm).astype(np.float32)
     answers = fresh.estimate(stated, np.ones(stated.shape, np.bool_))

@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import LIKELY, simulated, simulated_enough
-from beamtouch_models.accuracy.figures import Figure, mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
 from posterior_cases import prior_of
 
 SEEDS = 50
@@ -18,7 +18,7 @@ CASES = [
 ]
 
 
-def figures_of(case: tuple[str, int, float, bool], count: int, seed: int) -> dict[str, Figure]:
+def figures_of(case: tuple[str, int, float, bool], count: int, seed: int) -> dict[str, Measurement]:
     """Figures of an estimator that is a little off, and states an interval that is a little short."""
     name, sensors, noise, known = case
     prior = prior_of(name, sensors, noise, known=known)

@@ -193,7 +193,7 @@ def test_a_small_file_that_asks_for_much_memory_is_refused(bench_model: Path, tm
         with_burden(bench_model, path, node, doubled, summed, shape=np.array([2**28], np.int64), **constants)
         code, said, most_mib = ran(path)
         (line,) = said.splitlines()
-        assert (code, f"{kind}.onnx: its graph cannot be run on one sample" in line) == (2, True)
+        assert (code, f"{kind}.onnx: its graph fails on a single sample" in line) == (2, True)
         assert most_mib < 400
 
 

@@ -242,7 +242,7 @@ def test_wrong_imperfections_are_one_line(bench_model: Path, tmp_path: Path, tex
 
 def test_a_fixed_support_takes_no_fixity() -> None:
     cantilever, _ = load_scene(SCENES / "cantilever.toml")
-    with pytest.raises(SceneError, match="fixed already"):
+    with pytest.raises(SceneError, match="already fixed"):
         Imperfections(fixity=(0.1, 0.0)).applied_to(cantilever)
 
 

@@ -12,11 +12,12 @@ from beamtouch_models import modelfile
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.dynamics import first_frequency_hz
+from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.ringing import Mode, Ringing, ringing_of
 from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import VirtualSurface
-from beamtouch_models.scene import load_scene
+from beamtouch_models.scene import Scene, load_scene
 from example_scenes import SCENES, paper_scene
 
 scene, _ = load_scene(SCENES / "bench.toml")
@@ -108,24 +109,28 @@ def test_without_a_damping_ratio_a_surface_follows_at_once(bench_model: Path) ->
     np.testing.assert_allclose(found[1:], 1.0, atol=0.03)
 
 
+def ringing(scene: Scene) -> Ringing | None:
+    return ringing_of(scene, choose_filter(scene), 0.01)
+
+
 def test_a_scene_rings_unless_its_noise_makes_ringing_negligible() -> None:
-    assert ringing_of(scene, 0.01) is not None
+    assert ringing(scene) is not None
     heavy_noise = scene.model_dump()
     heavy_noise["sensors"]["noise_percent_of_max"] = None
     heavy_noise["sensors"]["noise_mm"] = 100.0
-    assert ringing_of(type(scene).model_validate(heavy_noise), 0.01) is None
+    assert ringing(type(scene).model_validate(heavy_noise)) is None
     with pytest.raises(SceneError, match="density_kg_m3"):
-        ringing_of(paper_scene(), 0.01)
+        ringing(paper_scene())
 
 
 def test_without_noise_every_beam_rings() -> None:
     quiet = scene.model_dump()
     quiet["sensors"]["noise_percent_of_max"] = None
     quiet["sensors"]["noise_mm"] = 0.0
-    assert ringing_of(type(scene).model_validate(quiet), 0.01) is not None
+    assert ringing(type(scene).model_validate(quiet)) is not None
 
 
 @pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_shipped_scene_can_ring(path: Path) -> None:
     other, _ = load_scene(path)
-    assert ringing_of(other, 0.01) is not None
+    assert ringing(other) is not None

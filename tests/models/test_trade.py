@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.figures import Figure
+from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.pricing.noise import choose_filter
@@ -30,7 +30,7 @@ from example_scenes import PAPER, SCENES
 from posterior_cases import answers_of, prior_of
 
 COMMAND = str(Path(sys.executable).parent / "design-sensors")
-NONE = Figure(0.0, 0.0)
+NONE = Measurement(0.0, 0.0)
 
 
 def point(latency_ms: float, error_mm: float, sensors: int) -> Point:

@@ -6,9 +6,9 @@ import numpy as np
 
 from beamtouch_models.accuracy import cramer_rao
 from beamtouch_models.accuracy.contacts import Contacts, simulated
-from beamtouch_models.accuracy.figures import Figure, mean_of, quantile_of, ratio_of, share_of
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.rest import rest_exceeding
+from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Fraction, silent
@@ -24,14 +24,14 @@ LEAST_SHARE = 1e-3
 class Errors:
     """|position error| over contacts of a stretch of the beam, in mm."""
 
-    mean_mm: Figure
-    p95_mm: Figure
+    mean_mm: Measurement
+    p95_mm: Measurement
     worst_mm: float
     """Of the contacts that were drawn; more draws find worse ones."""
-    limit_mean_mm: Figure | None
+    limit_mean_mm: Measurement | None
     """None where the noise is 0, in which there is no limit."""
-    limit_p95_mm: Figure | None
-    ratio: Figure | None
+    limit_p95_mm: Measurement | None
+    ratio: Measurement | None
     """Mean over mean of the limit, on the same contacts."""
 
 
@@ -47,14 +47,14 @@ class Evaluation:
     middle: Errors | None
     """Over the middle of the length; None where no contact of the range lies there."""
     cramer_rao_mean_mm: float | None
-    position_coverage: Figure | None
+    position_coverage: Measurement | None
     """Share of contacts that lie in their stated interval; None where the model states none."""
-    position_width_mm: Figure | None
-    force_coverage: Figure | None
-    force_error_n: Figure | None
-    missed: Figure | None
+    position_width_mm: Measurement | None
+    force_coverage: Measurement | None
+    force_error_n: Measurement | None
+    missed: Measurement | None
     """Share of contacts that the model does not call one."""
-    false_alarms: Figure | None
+    false_alarms: Measurement | None
     """Share of samples at rest that it calls a contact."""
 
 
@@ -130,21 +130,23 @@ def _over_all(contacts: Contacts, estimate_mm: Floats, errors: Errors) -> Errors
     )
 
 
-def _coverage(answers: dict[str, Floats], quantity: str, unit: str, truth: Floats, weight: Floats) -> Figure | None:
+def _coverage(
+    answers: dict[str, Floats], quantity: str, unit: str, truth: Floats, weight: Floats
+) -> Measurement | None:
     low, high = (answers.get(f"{quantity}_{end}_{unit}") for end in ("low", "high"))
     if low is None or high is None:
         return None
     return share_of((low[:, None] <= truth) & (truth <= high[:, None]), weight)
 
 
-def _width(answers: dict[str, Floats], weight: Floats) -> Figure | None:
+def _width(answers: dict[str, Floats], weight: Floats) -> Measurement | None:
     if "position_low_mm" not in answers:
         return None
     return mean_of(answers["position_high_mm"] - answers["position_low_mm"], weight)
 
 
-def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Figure | None:
+def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Measurement | None:
     if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
         return None
     share, standard_error = rest_exceeding(prior, model.estimate, seed, model.metadata.contact_threshold)
-    return Figure(share, standard_error)
+    return Measurement(share, standard_error)

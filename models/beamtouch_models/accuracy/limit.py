@@ -27,7 +27,7 @@ CHUNK = 200
 SCRAMBLINGS = 16
 UNIFORM = 0.5
 """Share of evenly spread contacts that are drawn as they occur; a weight is at most one over it."""
-LEAST_NOISE = 1e-12
+MIN_NOISE = 1e-12
 """Smallest noise of a sample over the largest deflection: below it, rounding in float64 shows in the posterior."""
 
 
@@ -171,7 +171,7 @@ def posterior_quantiles(prior: Prior, deflection_mm: Floats, levels: Floats | No
     grid = np.linspace(*prior.position_mm, GRID)
     influence = prior.influence_at(grid)
     largest = prior.force_n[1] * float(np.abs(influence).max())
-    if not prior.noise_mm >= LEAST_NOISE * largest:
+    if not prior.noise_mm >= MIN_NOISE * largest:
         message = (
             f"sensors: a noise of {prior.noise_mm:g} mm is too small to compute with beside a deflection of "
             f"{largest:.3g} mm; state a larger one"

@@ -1,4 +1,4 @@
-"""What a model was made from, out of its own file; and the same of a surface that departs from its scene."""
+"""The prior of a model, rebuilt from its file, and the prior of a surface that departs from its scene."""
 
 from dataclasses import replace
 from functools import partial
@@ -15,25 +15,25 @@ from beamtouch_models.structure import changed_beam
 
 
 def physics_of(metadata: Metadata) -> Scene:
-    """Return the scene of a model with the effects that it requires; SceneError where it is not a scene."""
-    return required(parse_scene(metadata.scene, f"the scene in {metadata.name}"))
+    """Return the scene that a model was built with, of required effects only; SceneError if it is not a scene."""
+    return required(parse_scene(metadata.scene, f"the scene in {metadata.name}"), metadata.filter).scene
 
 
-def prior_of_model(metadata: Metadata) -> Prior:
-    """Rebuild the prior of a model; raises SceneError where its scene is not one."""
-    physics = physics_of(metadata)
+def prior_of_model(metadata: Metadata, physics: Scene | None = None) -> Prior:
+    """Rebuild the prior of a model; pass the scene of `physics_of` if it is known. Raises SceneError as that does."""
+    physics = physics or physics_of(metadata)
     sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
     prior = Prior.of(physics, sensor_mm, metadata.noise.sample_mm)
     if metadata.calibration is None:
         return prior
-    noise_mm = float(np.hypot(prior.noise_mm, metadata.calibration.unexplained_mm))
+    noise_mm = float(np.hypot(prior.noise_mm, metadata.calibration.residual_mm))
     return replace(departed(prior, physics, sensor_mm, metadata.calibration.departures), noise_mm=noise_mm)
 
 
 def departed(prior: Prior, physics: Scene, sensor_mm: Floats, departures: Departures) -> Prior:
     """Return the prior of a surface that differs from its scene.
 
-    Its deflections are linear in the force and hold the gains; `stated` adds the curve and the offsets.
+    Its deflections are linear in the force and hold the gains; `stated` adds curve and offsets.
     """
     beam = changed_beam(physics.beam, departures.rigidity, departures.fixity)
     true_mm = np.clip(sensor_mm + np.array(departures.position_offset_mm), 0.0, beam.length_mm)
@@ -48,7 +48,7 @@ def departed(prior: Prior, physics: Scene, sensor_mm: Floats, departures: Depart
 
 
 def stated_by(departures: Departures, deflection_mm: Floats) -> Floats:
-    """Return what the sensors state of deflections (loads, channels) that hold the gains, in mm."""
+    """Return measured deflections (loads, channels) in mm, from deflections that include the gains."""
     # The root of y + curve y^2 = deflection that is 0 at 0, in the form that does not cancel.
     square = np.maximum(1 + 4 * departures.curve_per_mm * deflection_mm, 0.0)
     reading: Floats = 2 * deflection_mm / (1 + np.sqrt(square)) + np.array(departures.offset_mm)

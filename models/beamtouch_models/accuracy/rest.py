@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.special import chdtri
 
-from beamtouch_models.accuracy.figures import mean_of
 from beamtouch_models.accuracy.limit import SCRAMBLINGS, spread_noise
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import mean_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.session import CHUNK, Run
 

@@ -15,7 +15,7 @@ from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges, Sensor
 from beamtouch_models.physics.beam import check_small_angles, max_deflection_mm, travel_mm
 from beamtouch_models.placement import Placement, fewest_sensors
-from beamtouch_models.pricing.effects import required
+from beamtouch_models.pricing.effects import Physics, required
 from beamtouch_models.pricing.noise import choose_filter, noise_of, step_mm
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
@@ -44,6 +44,8 @@ class Built:
     content: bytes
     metadata: Metadata
     placement: Placement
+    physics: Physics
+    """The physics that the model was built with, and the price of each effect."""
 
 
 def build(
@@ -81,12 +83,12 @@ def build(
         raise SceneError(message)
     check_scale(noise.sample_mm, max_deflection_mm(scene))
     sensor = sensor_of(scene)
-    # Physics ends here: what follows has only the effects that the scene requires.
-    physics = required(scene)
-    noise = noise_of(physics, chosen)
+    # Physics ends here: everything below knows only the effects that the scene requires.
+    physics = required(scene, chosen)
+    noise = physics.noise
     progress("placing the sensors", 0.0)
-    placement = fewest_sensors(physics, noise.sample_mm, count, seed)
-    prior = Prior.of(physics, np.array(placement.positions_mm), noise.sample_mm)
+    placement = fewest_sensors(physics.scene, noise.sample_mm, count, seed)
+    prior = Prior.of(physics.scene, np.array(placement.positions_mm), noise.sample_mm)
     made = estimator_of(
         choices.estimator,
         prior,
@@ -115,7 +117,7 @@ def build(
         golden=found.golden,
         scene=text,
     )
-    return Built(to_bytes(made.graph, metadata), metadata, placement)
+    return Built(to_bytes(made.graph, metadata), metadata, placement, physics)
 
 
 def sensor_of(scene: Scene) -> Sensor:

@@ -3,20 +3,20 @@
 import numpy as np
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.figures import ratio_of
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.export import to_bytes
 from beamtouch_models.session import runner
 
-LEAST_NOISE, MOST_NOISE = 1e-6, 1e3
+MIN_NOISE, MAX_NOISE = 1e-6, 1e3
 """Noise of a sample over the largest deflection. Float32, in which a model takes its samples, resolves 6e-8; and with
 a thousand times the deflection a sample tells nothing."""
-LEAST_DEFLECTION_MM, MOST_DEFLECTION_MM = 1e-9, 1e9
+MIN_DEFLECTION_MM, MAX_DEFLECTION_MM = 1e-9, 1e9
 """Largest deflection of a beam that sensors measure, with room: squares of it are numbers in float32."""
 DRAWS = 1000
-MOST_RATIO, LEAST_COVERAGE = 1.2, 0.9
+MAX_RATIO, MIN_COVERAGE = 1.2, 0.9
 """Bounds of the mean error over the limit, and of the share of positions in intervals that state 95 %."""
 SURE = 4.0
 """Standard errors by which a bound must be missed."""
@@ -24,19 +24,19 @@ SURE = 4.0
 
 def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
     """Refuse a deflection, or a noise of a sample beside it, that no model can carry; raises SceneError."""
-    if not LEAST_DEFLECTION_MM <= max_deflection_mm <= MOST_DEFLECTION_MM:
+    if not MIN_DEFLECTION_MM <= max_deflection_mm <= MAX_DEFLECTION_MM:
         message = (
             f"beam: the largest deflection is {max_deflection_mm:.3g} mm, which no sensor measures; check its "
             "length and rigidity, and contact.force_n"
         )
         raise SceneError(message)
-    if noise_mm > MOST_NOISE * max_deflection_mm:
+    if noise_mm > MAX_NOISE * max_deflection_mm:
         message = (
             f"sensors: a sample's noise of {noise_mm:.3g} mm hides the largest deflection, {max_deflection_mm:.3g} mm; "
             "take better sensors or a softer beam"
         )
         raise SceneError(message)
-    if noise_mm < LEAST_NOISE * max_deflection_mm:
+    if noise_mm < MIN_NOISE * max_deflection_mm:
         message = (
             f"sensors: a sample's noise of {noise_mm:.3g} mm is less than 1e-4 % of the largest deflection, "
             f"{max_deflection_mm:.3g} mm, more than a model's float32 can carry; state the noise of a real sensor"
@@ -65,8 +65,8 @@ def check_held(made: Estimator, prior: Prior, seed: int) -> None:
     ratio = ratio_of(error, best)
     low, high = answers["position_low_mm"], answers["position_high_mm"]
     coverage = float(((low <= drawn.position_mm) & (drawn.position_mm <= high)).mean())
-    spread = (LEAST_COVERAGE * (1 - LEAST_COVERAGE) / DRAWS) ** 0.5
-    if ratio.value - SURE * ratio.standard_error <= MOST_RATIO and coverage + SURE * spread >= LEAST_COVERAGE:
+    spread = (MIN_COVERAGE * (1 - MIN_COVERAGE) / DRAWS) ** 0.5
+    if ratio.value - SURE * ratio.standard_error <= MAX_RATIO and coverage + SURE * spread >= MIN_COVERAGE:
         return
     message = (
         f"nothing was written: with {prior.noise_mm:.3g} mm of noise the model's error is {ratio.value:.3g} times the "

@@ -8,9 +8,9 @@ from onnx.utils import Extractor
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
-from beamtouch_models.accuracy.figures import mean_of, ratio_of
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.rest import FALSE_ALARM_RATE, ODDS, contact_threshold
+from beamtouch_models.accuracy.statistics import mean_of, ratio_of
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Accuracy, Golden

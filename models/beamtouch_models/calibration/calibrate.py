@@ -20,6 +20,7 @@ from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Calibration, Departures, Metadata
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Fraction, Progress
+from beamtouch_models.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
     if suspects:
         raise LoadsError(_contradiction(loads, suspects))
     found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
-    before = _errors_of_model(model.metadata, loads)
+    before = _errors_of_model(theory.physics, model.metadata, loads)
     after = np.empty(len(loads.number))
     for index in range(len(after)):
         progress("leaving out one load after the other", 0.5 + 0.2 * index / len(after))
@@ -89,7 +90,7 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
         departures=found.departures,
         fitted=list(found.kinds),
         loads=len(loads.number),
-        unexplained_mm=_unexplained_mm(found),
+        residual_mm=_residual_mm(found),
         error_before_mm=float(before.mean()),
         error_after_mm=float(after.mean()),
     )
@@ -134,14 +135,14 @@ def _worse(loads: Loads, before: Floats, after: Floats) -> str:
     )
 
 
-def _unexplained_mm(found: Fit) -> float:
+def _residual_mm(found: Fit) -> float:
     """What a prediction is off by beyond the noise of the recording; it widens the intervals."""
-    return float(max(found.unexplained_mm, found.error_mm if found.kinds else 0.0))
+    return float(max(found.residual_mm, found.error_mm if found.kinds else 0.0))
 
 
 def _calibrated_prior(theory: Theory, found: Fit) -> Prior:
     prior = theory.prior_with(found.departures)
-    return replace(prior, noise_mm=float(np.hypot(prior.noise_mm, _unexplained_mm(found))))
+    return replace(prior, noise_mm=float(np.hypot(prior.noise_mm, _residual_mm(found))))
 
 
 def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Fraction) -> Estimator:
@@ -152,10 +153,10 @@ def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Fr
     return replace(made, graph=graph)
 
 
-def _errors_of_model(metadata: Metadata, loads: Loads) -> Floats:
+def _errors_of_model(physics: Scene, metadata: Metadata, loads: Loads) -> Floats:
     """Position errors (loads,) by the surface as the given model has it."""
     departures = None if metadata.calibration is None else metadata.calibration.departures
-    prior = prior_of_model(metadata)
+    prior = prior_of_model(metadata, physics)
     return np.array([_error(prior, departures, loads, index) for index in range(len(loads.number))])
 
 

@@ -22,12 +22,12 @@ from beamtouch_models.scene import Scene
 GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES = 0.04, 1.5, 0.1, 0.1, 0.03, 3.0
 """Plausible departures (one deviation): relative gain, sensor position, fixity, relative rigidity, how far the
 characteristic bends at full travel, relative, and the offset in units of the noise of a sample."""
-MOST_FIXITY = 0.9
+MAX_FIXITY = 0.9
 WORTH = 0.95
 """A kind of departure is taken if it lowers the error of left-out loads at least to this part."""
 ROUNDS = 3
 """Of estimating what is left unexplained, unless it stays the same."""
-MOST_INFLUENCES = 64
+MAX_INFLUENCES = 64
 """Bounds the memory of influence matrices."""
 
 
@@ -80,7 +80,7 @@ class Theory:
             vector, np.cumsum([1, channels, channels, 1, 2]).tolist()
         )
         left, right = (
-            float(np.clip(FIXITY * value, 0.0, MOST_FIXITY)) if hinged else 0.0
+            float(np.clip(FIXITY * value, 0.0, MAX_FIXITY)) if hinged else 0.0
             for value, hinged in zip(fixity, self.hinged, strict=True)
         )
         return Departures(
@@ -103,7 +103,7 @@ class Theory:
         ungained = departures.model_copy(update={"gain": [1.0] * len(departures.gain)})
         parts = (ungained.rigidity, *ungained.fixity, *ungained.position_offset_mm, *loads.position_mm.tolist())
         if parts not in self.influences:
-            if len(self.influences) >= MOST_INFLUENCES:
+            if len(self.influences) >= MAX_INFLUENCES:
                 self.influences.clear()
             self.influences[parts] = self.prior_with(ungained).influence_at(loads.position_mm)
         deflection_mm = loads.force_n[:, None] * np.array(departures.gain) * self.influences[parts]
@@ -117,9 +117,9 @@ class Fit:
     theory: Theory
     kinds: tuple[str, ...]
     vector: Floats
-    unexplained_mm: float
-    """Standard deviation of what is left, beyond the noise of the recording."""
     residual_mm: float
+    """Standard deviation of what is left, beyond the noise of the recording."""
+    scatter_mm: float
     """Standard deviation of what is left, per degree of freedom."""
     freedom: float
     """Degrees of freedom that are left: deflections less the departures that they decide."""
@@ -198,7 +198,7 @@ def supported_fit(theory: Theory, loads: Loads, progress: Fraction) -> Fit:
 def _bounds(theory: Theory, free: Indices) -> tuple[Floats, Floats]:
     low, high = np.full(theory.size, -8.0), np.full(theory.size, 8.0)
     if "fixity" in theory.kinds:
-        low[theory.kinds["fixity"]], high[theory.kinds["fixity"]] = 0.0, MOST_FIXITY / FIXITY
+        low[theory.kinds["fixity"]], high[theory.kinds["fixity"]] = 0.0, MAX_FIXITY / FIXITY
     return low[free], high[free]
 
 

@@ -71,9 +71,9 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
     for index in range(count):
         progress(index / count)
         singles.append(_without(theory, loads, (index,), rounds=1))
-    singles.sort(key=lambda trial: trial.fitted.residual_mm)
+    singles.sort(key=lambda trial: trial.fitted.scatter_mm)
     best = _without(theory, loads, singles[0].left_out)
-    if best.fitted.unexplained_mm > AGREED_NOISES * theory.prior.noise_mm and count > FEWEST_FOR_PAIRS:
+    if best.fitted.residual_mm > AGREED_NOISES * theory.prior.noise_mm and count > FEWEST_FOR_PAIRS:
         pair = _best_pair(theory, loads, [trial.left_out[0] for trial in singles[:PAIRED]], progress)
         if pair.contradicts(loads):
             return tuple(_suspect(pair.fitted, loads, index, certain=True) for index in pair.left_out)
@@ -81,7 +81,7 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
         return ()
     like_it = [best]
     for trial in singles[1:]:
-        if trial.fitted.residual_mm <= LIKE_THE_BEST * singles[0].fitted.residual_mm:
+        if trial.fitted.scatter_mm <= LIKE_THE_BEST * singles[0].fitted.scatter_mm:
             whole = _without(theory, loads, trial.left_out)
             like_it += [whole] if whole.contradicts(loads) else []
     certain = len(like_it) == 1
@@ -95,7 +95,7 @@ def _best_pair(theory: Theory, loads: Loads, indices: list[int], progress: Fract
     for number, pair in enumerate(pairs):
         progress(number / len(pairs))
         trials.append(_without(theory, loads, pair, rounds=1))
-    return _without(theory, loads, min(trials, key=lambda trial: trial.fitted.residual_mm).left_out)
+    return _without(theory, loads, min(trials, key=lambda trial: trial.fitted.scatter_mm).left_out)
 
 
 def _without(theory: Theory, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> _Trial:
@@ -113,7 +113,7 @@ def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
     if not np.sqrt(np.mean(off**2)) >= FAR_NOISES * theory.prior.noise_mm:
         return False
     slope = _slope(fitted, load, predicted)[valid]
-    scatter = np.maximum(load.deviation_mm[0][valid], fitted.residual_mm)
+    scatter = np.maximum(load.deviation_mm[0][valid], fitted.scatter_mm)
     total = np.diag(scatter**2) + slope @ fitted.covariance @ slope.T
     ratio = float(off @ np.linalg.solve(total, off)) / len(off)
     chance = f_distribution.sf(ratio, len(off), fitted.freedom)

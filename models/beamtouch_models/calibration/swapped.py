@@ -16,15 +16,15 @@ def swapped(theory: Theory, loads: Loads) -> tuple[int, int] | None:
     """Return two channels that, exchanged, make loads agree which otherwise do not; None where there are none."""
     kinds = tuple(theory.kinds)
     asis = fit(theory, loads, kinds)
-    if asis.unexplained_mm <= POOR_NOISES * theory.prior.noise_mm:
+    if asis.residual_mm <= POOR_NOISES * theory.prior.noise_mm:
         return None
     scatter = {}
     for pair in combinations(range(len(theory.sensor_mm)), 2):
         order = list(range(len(theory.sensor_mm)))
         order[pair[0]], order[pair[1]] = pair[1], pair[0]
         other = replace(loads, stated_mm=loads.stated_mm[:, order], deviation_mm=loads.deviation_mm[:, order])
-        scatter[pair] = fit(theory, other, kinds).residual_mm
+        scatter[pair] = fit(theory, other, kinds).scatter_mm
     if not scatter:
         return None
     best = min(scatter, key=scatter.__getitem__)
-    return best if BETTER * scatter[best] < asis.residual_mm else None
+    return best if BETTER * scatter[best] < asis.scatter_mm else None

@@ -14,7 +14,6 @@ from beamtouch_models.commands import inspect
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import SceneError
 from beamtouch_models.export import write_whole
-from beamtouch_models.pricing.effects import effects_of
 from beamtouch_models.scene import load_scene
 
 
@@ -49,7 +48,7 @@ def run(options: argparse.Namespace) -> None:
             f"         beamtouch-daemon run {options.daemon_config}",
             file=sys.stderr,
         )
-    for effect in effects_of(scene):
+    for effect in built.physics.effects:
         if effect.verdict == "not modelled" and effect.having is not None:
             print(f"note:    {effect.name} is worth {effect.price:.2g} of the noise: {effect.reason}", file=sys.stderr)
     inspect.show(modelfile.load_bytes(built.content, str(options.output)), as_json=options.json)

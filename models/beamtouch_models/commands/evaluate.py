@@ -14,8 +14,8 @@ from rich.table import Table
 
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy.evaluation import Errors, Evaluation, at_noise, evaluate
-from beamtouch_models.accuracy.figures import Figure
 from beamtouch_models.accuracy.model_prior import prior_of_model
+from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import InputError
 
@@ -80,7 +80,7 @@ def _show(console: Console, model: modelfile.ModelFile, found: Evaluation) -> No
         cells = []
         for errors in (found.span, found.middle):
             value = None if errors is None else pick(errors)
-            scaled = value.scaled(percent) if isinstance(value, Figure) else value and value * percent
+            scaled = value.scaled(percent) if isinstance(value, Measurement) else value and value * percent
             cells += [_text(value), _text(scaled)]
         table.add_row(label, *cells)
     ratios = [_text(None if errors is None else errors.ratio) for errors in (found.span, found.middle)]
@@ -90,7 +90,7 @@ def _show(console: Console, model: modelfile.ModelFile, found: Evaluation) -> No
         console.print(f" {label:<18} {text}  {remark}".rstrip(), highlight=False)
 
 
-_ROWS: tuple[tuple[str, Callable[[Errors], Figure | float | None]], ...] = (
+_ROWS: tuple[tuple[str, Callable[[Errors], Measurement | float | None]], ...] = (
     ("mean", lambda errors: errors.mean_mm),
     ("95th percentile", lambda errors: errors.p95_mm),
     ("worst", lambda errors: errors.worst_mm),
@@ -117,7 +117,7 @@ def _lines(found: Evaluation) -> list[tuple[str, str, str]]:
     return [*lines, ("Cramer-Rao", f"{found.cramer_rao_mean_mm:.4g}", "mm, mean |error| of an unbiased estimate")]
 
 
-def _text(value: Figure | float | None) -> str:
+def _text(value: Measurement | float | None) -> str:
     if value is None:
         return "-"
-    return f"{value.value:.4g} +- {value.standard_error:.2g}" if isinstance(value, Figure) else f"{value:.4g}"
+    return f"{value.value:.4g} +- {value.standard_error:.2g}" if isinstance(value, Measurement) else f"{value:.4g}"

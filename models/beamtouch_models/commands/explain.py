@@ -25,8 +25,9 @@ def run(options: argparse.Namespace) -> None:
     """Price the effects, measure the time that each costs, and print both."""
     scene, _ = load_scene(options.scene)
     check_small_angles(scene)
-    noise = noise_of(scene, choose_filter(scene))
-    effects = [(effect, _cost_us(effect)) for effect in effects_of(scene)]
+    chosen = choose_filter(scene)
+    noise = noise_of(scene, chosen)
+    effects = [(effect, _cost_us(effect)) for effect in effects_of(scene, chosen)]
     if not options.json:
         _print_table(effects, noise.sample_mm)
         return

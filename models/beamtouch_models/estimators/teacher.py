@@ -14,7 +14,7 @@ REST_SHARE, WEAK_SHARE = 0.1, 0.15
 """Shares of the examples without a contact, and with a weak contact, at which the odds change sign."""
 MISSING_SHARE = 0.2
 """Share of the examples in which one channel is missing, if a position can be found without it."""
-MOST_ODDS = 30.0
+MAX_ODDS = 30.0
 """Log odds are clipped to this value; beyond it, contact or rest is certain."""
 
 
@@ -64,5 +64,5 @@ def lessons(prior: Prior, rng: np.random.Generator, size: int, *, contacts_only:
         force,
         np.stack([columns[name] for name in POSITION_OUTPUTS[:3]], axis=1),
         np.stack([columns[name] for name in FORCE_OUTPUTS], axis=1),
-        np.clip(columns[POSITION_OUTPUTS[3]], -MOST_ODDS, MOST_ODDS),
+        np.clip(columns[POSITION_OUTPUTS[3]], -MAX_ODDS, MAX_ODDS),
     )

@@ -17,7 +17,7 @@ from beamtouch_models.structure import SHEAR_COEFFICIENT, Beam
 
 SHORTEST = 1e-9
 """Shortest element, in units of the beam's length; closer nodes cannot be distinguished."""
-MOST_ELEMENTS = 20_000
+MAX_ELEMENTS = 20_000
 LARGEST_CORRECTION = 1e-10
 """Relative change of the solution in the last refinement, above which the solution is inaccurate."""
 UNEVEN = (
@@ -88,7 +88,7 @@ def _nodes(beam: Beam, foundation: float) -> Floats:
     slip = float(_shear_compliance(beam).max())
     longest = LONGEST / max((foundation / (4 * softest)) ** 0.25, (foundation * slip) ** 0.5)
     pieces = np.maximum(np.ceil(gaps / beam.length_mm / longest), 1)
-    if not pieces.sum() <= MOST_ELEMENTS:
+    if not pieces.sum() <= MAX_ELEMENTS:
         raise SceneError(_too_stiff(beam))
     stretches = [
         np.linspace(start, end, int(count), endpoint=False)

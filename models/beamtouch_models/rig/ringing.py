@@ -7,6 +7,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
+from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import dynamics
 from beamtouch_models.pricing.effects import effects_of
 from beamtouch_models.pricing.noise import sensor_noise_mm
@@ -64,8 +65,8 @@ class Ringing:
         return deflection
 
 
-def ringing_of(scene: Scene, damping_ratio: float) -> Ringing | None:
-    """Return the ringing of a scene; None if its price is negligible, so that deflections follow the load at once.
+def ringing_of(scene: Scene, chosen: FilterChoice, damping_ratio: float) -> Ringing | None:
+    """Return the ringing of a scene; None if its price behind a filter is negligible, and deflections follow at once.
 
     Raises
     ------
@@ -77,7 +78,7 @@ def ringing_of(scene: Scene, damping_ratio: float) -> Ringing | None:
         message = "damping_ratio needs beam.density_kg_m3, beam.width_mm and beam.thickness_mm in the scene"
         raise SceneError(message)
     if sensor_noise_mm(scene) > 0:  # without noise nothing is negligible
-        (priced,) = (effect for effect in effects_of(scene) if effect.name == "dynamics")
+        (priced,) = (effect for effect in effects_of(scene, chosen) if effect.name == "dynamics")
         if priced.verdict == "out":
             return None
     return Ringing(Mode(frequency, damping_ratio))

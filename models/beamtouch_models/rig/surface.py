@@ -32,7 +32,9 @@ class VirtualSurface:
         self._noise_mm = sensor_noise_mm(scene)
         self._rng = np.random.default_rng(seed)
         damping_ratio = imperfections.damping_ratio
-        self._ringing: Ringing | None = None if damping_ratio is None else ringing_of(self._scene, damping_ratio)
+        self._ringing: Ringing | None = (
+            None if damping_ratio is None else ringing_of(self._scene, model.filter, damping_ratio)
+        )
 
     def counts(self, load: Load, seconds: float) -> list[int]:
         """Convert all channels once under a load and return their counts (channels,).

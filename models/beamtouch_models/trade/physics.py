@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.accuracy.contacts import simulated_enough
-from beamtouch_models.accuracy.figures import Figure, ratio_of
 from beamtouch_models.accuracy.prior import TABLE, Prior
+from beamtouch_models.accuracy.statistics import Measurement, ratio_of
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.placement import fewest_sensors
-from beamtouch_models.pricing.effects import effects_of, required
+from beamtouch_models.pricing.effects import required
 from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.scene import Scene
 from beamtouch_models.session import runner
@@ -26,7 +26,7 @@ class LeftOut:
     price: float
     """Largest change of a deflection that it causes, over the noise of a sample."""
     verdict: str
-    error_over_limit: Figure
+    error_over_limit: Measurement
     """Of an estimator that knows nothing of it, on contacts of the whole physics."""
     influence_ms: float
     """Time of an influence table without it."""
@@ -35,9 +35,10 @@ class LeftOut:
 
 def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
     """Leave out each effect that can be left out, one at a time."""
-    noise_mm = noise_of(scene, choose_filter(scene)).sample_mm
+    chosen = choose_filter(scene)
+    noise_mm, physics = noise_of(scene, chosen).sample_mm, required(scene, chosen)
     count = scene.sensors.count_range[0]
-    layout = np.array(fewest_sensors(required(scene), noise_mm, count, seed).positions_mm)
+    layout = np.array(fewest_sensors(physics.scene, noise_mm, count, seed).positions_mm)
     whole = Prior.of(scene, layout, noise_mm)
     contacts = simulated_enough(whole, draws, seed + 1)
     best = contacts.deviation_mm
@@ -46,7 +47,7 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
     reading = contacts.drawn.deflection_mm.astype(np.float32)
     with_ms = _table_ms(whole)
     found = []
-    for effect in effects_of(scene):
+    for effect in physics.effects:
         if effect.leave_out is None or effect.price is None:
             continue
         without = Prior.of(effect.leave_out(scene), layout, noise_mm)

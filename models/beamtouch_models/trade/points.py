@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
 
 from beamtouch_models.accuracy.contacts import Contacts, simulated_enough
-from beamtouch_models.accuracy.figures import Figure, mean_of, ratio_of
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats, Floats32
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
@@ -15,8 +16,8 @@ from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import check_small_angles
 from beamtouch_models.placement import fewest_sensors
-from beamtouch_models.pricing.effects import required
-from beamtouch_models.pricing.noise import noise_of, reading_noise_mm, window_filter
+from beamtouch_models.pricing.effects import Physics, required
+from beamtouch_models.pricing.noise import reading_noise_mm, window_filter
 from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.scene import MIN_SENSORS, Scene
 from beamtouch_models.session import runner
@@ -42,12 +43,12 @@ class Point:
     sensors: int
     filter: FilterChoice
     quantised: bool
-    error_percent: Figure
+    error_percent: Measurement
     """Mean |position error|, of the length."""
     error_mm: float
-    limit_percent: Figure
+    limit_percent: Measurement
     """Of this layout and filter, on the same contacts."""
-    ratio: Figure
+    ratio: Measurement
     times: Times
     poll_ms: float
     """From the instant of a reading until the daemon has it."""
@@ -83,9 +84,9 @@ class _Made:
     filter: FilterChoice
     prior: Prior
     quantised: bool
-    error_mm: Figure
-    best_mm: Figure
-    ratio: Figure
+    error_mm: Measurement
+    best_mm: Measurement
+    ratio: Measurement
 
     @property
     def content(self) -> bytes:
@@ -135,12 +136,13 @@ def measured_points(
         raise SceneError(message)
     layouts = [(count, chosen) for count in counts_of(scene) for chosen in windows_of(scene)]
     total = len(layouts) * len(estimators)
+    physics_of = cache(partial(required, scene))
     made: list[_Made] = []
     points: list[Point] = []
     failures: list[Failure] = []
     for number, (count, chosen) in enumerate(layouts):
         try:
-            contacts, prior = _contacts(scene, count, chosen, draws, seed)
+            contacts, prior = _contacts(physics_of(chosen), count, draws, seed)
         except SceneError as error:
             failures.append(Failure(None, count, chosen, str(error)))
             continue
@@ -161,11 +163,10 @@ def measured_points(
     return Trade(tuple(points), tuple(failures), 2 * total)
 
 
-def _contacts(scene: Scene, count: int, chosen: FilterChoice, draws: int, seed: int) -> tuple[Contacts, Prior]:
-    physics = required(scene)
-    noise_mm = noise_of(physics, chosen).sample_mm
-    layout = np.array(fewest_sensors(physics, noise_mm, count, seed).positions_mm)
-    prior = Prior.of(physics, layout, noise_mm)
+def _contacts(physics: Physics, count: int, draws: int, seed: int) -> tuple[Contacts, Prior]:
+    noise_mm = physics.noise.sample_mm
+    layout = np.array(fewest_sensors(physics.scene, noise_mm, count, seed).positions_mm)
+    prior = Prior.of(physics.scene, layout, noise_mm)
     return simulated_enough(prior, draws, seed + 1), prior
 
 

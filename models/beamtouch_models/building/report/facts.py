@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.accuracy.contacts import simulated
-from beamtouch_models.accuracy.figures import Figure, mean_of
 from beamtouch_models.accuracy.limit import MeanError, accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
 from beamtouch_models.modelfile import ModelFile, load_bytes
@@ -15,7 +15,6 @@ from beamtouch_models.physics.beam import load_positions_mm, scene_influence
 from beamtouch_models.placement import Placement, place, place_by_position_error, score_positions
 from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.placement.layout import equal_pitch_mm
-from beamtouch_models.pricing.effects import effects_of, required
 from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
@@ -39,7 +38,7 @@ class Profile:
     """Mean |error| of the posterior median."""
     held: Floats | None
     """Part of the contacts that the stated interval holds; None where the model states none."""
-    held_in: tuple[Figure, ...] | None
+    held_in: tuple[Measurement, ...] | None
     """The same over the whole range, in the first stretch and in the last."""
     width_mm: Floats | None
     """Mean width of the stated interval."""
@@ -85,7 +84,7 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
     progress("measuring for the report", 0.97)
     positions = np.array(built.placement.positions_mm)
     load = load_positions_mm(scene)
-    physics = required(scene)  # what the build worked with
+    physics = built.physics.scene
     model = load_bytes(built.content, "the model just built")
     seed = built.metadata.seed
     return Facts(
@@ -96,7 +95,7 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
         principal_components(scene_influence(physics, positions, load)),
         _profile(physics, model, positions, seed),
         _layouts(physics, positions, built.metadata.noise.sample_mm, seed),
-        tuple(effects_of(scene)),
+        built.physics.effects,
     )
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.figures import mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.accuracy.statistics import mean_of, quantile_of, ratio_of, share_of
 
 
 def test_figures_scatter_as_their_standard_errors_say() -> None:

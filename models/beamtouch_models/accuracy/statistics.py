@@ -13,43 +13,43 @@ from beamtouch_models.arrays import Bools, Floats
 
 
 @dataclass(frozen=True)
-class Figure:
+class Measurement:
     """A measured value and its standard error."""
 
     value: float
     standard_error: float
 
-    def scaled(self, factor: float) -> "Figure":
+    def scaled(self, factor: float) -> "Measurement":
         """Return the same in another unit."""
-        return Figure(self.value * factor, self.standard_error * factor)
+        return Measurement(self.value * factor, self.standard_error * factor)
 
 
-def ratio_of(above: Floats, below: Floats) -> Figure:
+def ratio_of(above: Floats, below: Floats) -> Measurement:
     """Ratio of two means over the same draws; what both have in common does not widen its standard error."""
     parts = [np.array([part.mean() for part in np.array_split(values, PARTS)]) for values in (above, below)]
     ratio, mean = above.mean() / below.mean(), below.mean()
     scatter = (parts[0] - ratio * parts[1]).std(ddof=1) / PARTS**0.5
-    return Figure(float(ratio), float(scatter / abs(mean)))
+    return Measurement(float(ratio), float(scatter / abs(mean)))
 
 
-def mean_of(values: Floats, weight: Floats | None = None) -> Figure:
+def mean_of(values: Floats, weight: Floats | None = None) -> Measurement:
     """Mean of values (draws, ...), weighted by an array of the same shape."""
     weight = np.ones(values.shape) if weight is None else weight
     return ratio_of(values * weight, weight)
 
 
-def share_of(happened: Bools, weight: Floats | None = None) -> Figure:
+def share_of(happened: Bools, weight: Floats | None = None) -> Measurement:
     """Share of cases, with a standard error that is not zero where none or all of them happened."""
     found = mean_of(happened.astype(np.float64), weight)
-    return Figure(found.value, 1 / len(happened)) if found.value in (0.0, 1.0) else found
+    return Measurement(found.value, 1 / len(happened)) if found.value in (0.0, 1.0) else found
 
 
-def quantile_of(values: Floats, level: float, weight: Floats | None = None) -> Figure:
+def quantile_of(values: Floats, level: float, weight: Floats | None = None) -> Measurement:
     """Quantile of values (draws, ...), weighted by an array of the same shape."""
     weight = np.ones(values.shape) if weight is None else weight
     pairs = zip(np.array_split(values, PARTS), np.array_split(weight, PARTS), strict=True)
     parts = [_quantile(*pair, level) for pair in pairs]
-    return Figure(_quantile(values, weight, level), float(np.std(parts, ddof=1) / PARTS**0.5))
+    return Measurement(_quantile(values, weight, level), float(np.std(parts, ddof=1) / PARTS**0.5))
 
 
 def _quantile(values: Floats, weight: Floats, level: float) -> float:
