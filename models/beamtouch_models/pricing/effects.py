@@ -47,7 +47,7 @@ def effects_of(scene: Scene, chosen: FilterChoice) -> tuple[Effect, ...]:
     """
     noise_mm = noise_of(scene, chosen).sample_mm
     if noise_mm == 0:
-        message = "sensors: effects are priced in units of the noise, so a noise of 0 is no unit; state the noise of a reading"
+        message = "sensors: with a noise of 0, effects have no price; state the noise of a reading"
         raise SceneError(message)
     allowed = sensor_positions_mm(scene)
     at = np.linspace(0, len(allowed) - 1, min(len(allowed), MAX_POSITIONS)).round().astype(np.intp)
