@@ -110,8 +110,10 @@ def test_the_interval_along_the_beam_is_shown_with_its_ends(facts: Facts) -> Non
     assert profile.held.mean() == pytest.approx(0.95, abs=0.01)
     assert profile.width_mm[[0, -1]].min() > 3 * profile.width_mm[len(profile.width_mm) // 2]
     words = " ".join(Tags(page(facts)).text)
-    assert f"held {profile.held.mean() * 100:.1f} % of the contacts" in words
-    assert f"{profile.held[0] * 100:.1f} % and {profile.held[-1] * 100:.1f} %" in words
+    assert profile.held_in is not None
+    whole, first, last = (f"{part.value * 100:.1f} ± {part.standard_error * 100:.1f} %" for part in profile.held_in)
+    assert f"held {whole} of the contacts" in words
+    assert f"{first} and {last}" in words
     silent = replace(facts, profile=replace(profile, held=None, width_mm=None))
     assert "Interval along the beam" in words
     assert "Interval along the beam" not in " ".join(Tags(page(silent)).text)

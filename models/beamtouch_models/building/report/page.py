@@ -29,7 +29,7 @@ def page(facts: Facts) -> str:
     third = slice(PROFILE_BINS // 3, 2 * PROFILE_BINS // 3)
     return template.render(
         facts=facts,
-        css=Markup(here.joinpath("style.css").read_text() + STYLE),  # noqa: S704  # our own style sheet
+        css=Markup(here.joinpath("style.css").read_text(encoding="utf-8") + STYLE),  # noqa: S704  # our own style sheet
         drawing=Markup(beam_drawing(facts.scene, facts.model.metadata)),  # noqa: S704
         charts=charts,
         rows={
