@@ -31,11 +31,11 @@ class Channel(_Strict):
 
 
 class Ranges(_Strict):
-    """What the model was made for; outside of it, it knows nothing."""
+    """The ranges that the model was made for; outside them its answers mean nothing."""
 
     position_mm: tuple[FiniteFloat, FiniteFloat]
     force_n: tuple[PositiveFloat, PositiveFloat]
-    """Equal ends: the force is known."""
+    """Equal if the force is known."""
 
 
 class Noise(_Strict):
@@ -43,7 +43,7 @@ class Noise(_Strict):
 
     reading_mm: float = Field(ge=0)
     sample_mm: float = Field(ge=0)
-    """After the filter; what the model was trained with."""
+    """After the filter; the model is made for this noise."""
 
 
 class FilterChoice(_Strict):
@@ -52,13 +52,13 @@ class FilterChoice(_Strict):
     kind: Literal["none", "moving-average"] = "none"
     window: int = Field(default=1, ge=1)
     spike_mm: PositiveFloat | None = None
-    """A reading further than this from the median of the last three is a spike; null: no spike filter."""
+    """Distance from the median of the last three readings that makes a reading a spike; null: no spike filter."""
     settling_ms: float = Field(default=0.0, ge=0)
-    """From the first reading of a new load to the first sample that knows only that load."""
+    """Time from the first reading of a new load to the first sample of that load alone."""
 
 
 class Sensor(_Strict):
-    """What every channel has in common."""
+    """The sensor and ADC of every channel."""
 
     rate_hz: PositiveFloat
     range_mm: tuple[PositiveFloat, PositiveFloat]
@@ -67,7 +67,7 @@ class Sensor(_Strict):
     adc_bits: int = Field(ge=6, le=16)
     gain_mm_per_count: FiniteFloat
     offset_mm: FiniteFloat
-    """gap in mm = offset + gain x counts, the nominal characteristic."""
+    """Nominal characteristic: gap in mm = offset + gain x counts."""
 
 
 class Accuracy(_Strict):
@@ -78,47 +78,47 @@ class Accuracy(_Strict):
     limit_percent: float
     limit_standard_error: float
     ratio_standard_error: float | None = None
-    """Of the ratio, both on the same contacts; None in a file that does not state it."""
+    """Standard error of `ratio`, whose terms share their contacts; None in older files."""
 
     @property
     def ratio(self) -> float:
-        """Error over the accuracy limit; 1 is the best that any estimator can do."""
+        """Error over the accuracy limit; no estimator gets below 1."""
         return self.error_percent / self.limit_percent if self.limit_percent else float("nan")
 
 
 class Departures(_Strict):
-    """How a real surface differs from its scene: what a calibration fits. Lists have an entry per channel."""
+    """Differences of a real surface from its scene, fitted by a calibration. Lists have an entry per channel."""
 
     position_offset_mm: list[FiniteFloat]
-    """True position of a sensor less that of the layout."""
+    """True position of each sensor minus its position in the layout."""
     gain: list[PositiveFloat]
-    """How many times as large a channel states a deflection."""
+    """Measured over true deflection."""
     offset_mm: list[FiniteFloat]
-    """What a channel states at rest."""
+    """Measured deflection at rest."""
     curve_per_mm: FiniteFloat = 0.0
-    """y + curve y^2 is in proportion to the deflection, y being what is stated less the offset."""
+    """Curvature of the characteristic: y + curve y^2 is proportional to the deflection; y is measured minus offset."""
     fixity: tuple[FiniteFloat, FiniteFloat] = (0.0, 0.0)
-    """Of the leftmost and of the rightmost support."""
+    """Fixity of the leftmost and the rightmost support."""
     rigidity: PositiveFloat = 1.0
     """Factor on E I."""
 
 
 class Calibration(_Strict):
-    """A fit to recorded loads; errors are means over them, in mm."""
+    """A fit to recorded loads. Errors are means over the loads, in mm."""
 
     departures: Departures
     fitted: list[str]
-    """Which kinds of departures the loads support; the others are as the scene says."""
+    """Kinds of departures that the loads support; the others are as in the scene."""
     loads: int
     residual_mm: float = Field(ge=0, alias="unexplained_mm")
     """Standard deviation that a fit leaves in the deflections of a left-out load, beyond noise; part of the noise."""
     error_before_mm: float
     error_after_mm: float
-    """Each load answered by a model that was fitted without it."""
+    """Error of each load by a fit without it."""
 
 
 class Golden(_Strict):
-    """Inputs with the answers that the graph gave when it was made."""
+    """Inputs with the answers that the graph gave when it was built."""
 
     deflection_mm: list[list[FiniteFloat]] = Field(min_length=1)
     valid: list[list[bool]] = Field(min_length=1)
@@ -126,45 +126,45 @@ class Golden(_Strict):
 
 
 class Metadata(_Strict):
-    """Everything the file says of itself; each field is one metadata entry, as JSON, under `beamtouch.<field>`."""
+    """The metadata of a model file: each field is one entry, as JSON, named `beamtouch.<field>`."""
 
     schema_version: Literal[1] = SCHEMA_VERSION
     name: str = Field(pattern=_NAME)
-    """Of the scene; the surface's name unless a config gives another."""
+    """Name of the scene, and of the surface unless a configuration gives another."""
     estimator: str
     length_mm: PositiveFloat
     layout: Annotated[list[Channel], Field(min_length=1)]
     """In input order."""
     min_channels: int = Field(ge=1)
-    """With fewer working channels than this the model gives no position."""
+    """Smallest number of working channels with which the model gives a position."""
     ranges: Ranges
     max_deflection_mm: PositiveFloat
-    """The largest in the scene, anywhere on the beam, at the largest force."""
+    """Largest deflection in the scene, anywhere on the beam, at the largest force."""
     noise: Noise
     filter: FilterChoice
     sensor: Sensor
     contact_threshold: FiniteFloat
-    """Contact is stated when `contact_log_odds` exceeds this; without meaning where the graph gives none."""
+    """A sample is a contact if `contact_log_odds` exceeds this; unused if the graph does not give them."""
     seed: int
     accuracy: Accuracy
     calibration: Calibration | None = None
-    """None: the model is that of the scene."""
+    """None if the model was made from the scene alone."""
     golden: Golden
     scene: str
-    """The scene's TOML text, so that a model can be rebuilt from itself."""
+    """TOML text of the scene, so that the model can be rebuilt from its own file."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         names = [channel.name for channel in self.layout]
         if len(set(names)) != len(names):
-            message = "layout: a channel name occurs twice"
+            message = "layout: two channels have the same name"
             raise ValueError(message)
         if self.min_channels > len(names):
             message = f"min_channels: {self.min_channels} of {len(names)} channels"
             raise ValueError(message)
         rows: list[list[float] | list[bool]] = [*self.golden.deflection_mm, *self.golden.valid]
         if len(self.golden.valid) != len(self.golden.deflection_mm) or any(len(row) != len(names) for row in rows):
-            message = f"golden: its inputs are not rows of {len(names)} channels"
+            message = f"golden: every row of inputs must have {len(names)} channels"
             raise ValueError(message)
         return self
 
@@ -191,6 +191,6 @@ class Metadata(_Strict):
             message = f"metadata entry {METADATA_PREFIX}{where}: {reason}" if where else f"metadata: {reason}"
             raise ModelFileError(message) from None
         except (ValueError, RecursionError):
-            # Also numbers and nesting beyond what the parser takes.
+            # These include numbers and nesting beyond what the parser takes.
             message = "its metadata is not JSON"
             raise ModelFileError(message) from None

@@ -147,14 +147,14 @@ def test_a_mistyped_load_is_named_and_can_be_left_out(built_model: Callable[[str
     change_load(path, "6", "position_mm", "179")  # by 60 mm: it pressed at 119
     done = run_calibrate(model, path, output)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-    assert "load 6 (lines 1002 to 1201) says 179 mm and 2.25 N, but by the other loads" in done.stderr
-    place = re.search(r"pressed with (\S+) N at (\S+) mm", done.stderr)
+    assert "load 6 (lines 1002 to 1201) says 179 mm and 2.25 N, but the other loads" in done.stderr
+    place = re.search(r"place it at (\S+) mm with (\S+) N", done.stderr)
     assert place is not None
-    assert [float(number) for number in place.groups()] == pytest.approx([2.25, 119], rel=0.05)
+    assert [float(number) for number in place.groups()] == pytest.approx([119, 2.25], rel=0.05)
     assert not output.exists()
     missing = run_calibrate(model, path, output, "--leave-out", "77")
     assert (missing.returncode, missing.stderr.count("\n")) == (2, 1)
-    assert "there is no load 77 to leave out" in missing.stderr
+    assert "no load 77 to leave out" in missing.stderr
     done = run_calibrate(model, path, output, "--leave-out", "6", "--json")
     found = json.loads(done.stdout)
     assert found["loads_left_out"] == [6]

@@ -67,7 +67,7 @@ def test_a_wish_picks_the_best_that_meets_it(points: list[Point], wish: float) -
         assert most_accurate(points, wish).error_mm == min(one.error_mm for one in kept)
         assert most_accurate(points, wish).latency_ms <= wish
     else:
-        with pytest.raises(NotToBeHadError, match="the quickest takes"):
+        with pytest.raises(NotToBeHadError, match="the fastest takes"):
             most_accurate(points, wish)
     kept = [one for one in points if one.error_mm <= wish]
     if kept:
@@ -177,7 +177,7 @@ def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Sign
     found = json.loads((out / "trade.json").read_text())
     done = len(found["points"])
     assert (process.returncode, stdout) == (130, "")
-    assert stderr == f"design-sensors: interrupted; {done} of 24 points are done, in {out}\n"
+    assert stderr == f"design-sensors: interrupted; {done} of 24 points are in {out}\n"
     assert 0 < done < found["planned_points"] == 24
     assert all(one["latency_ms"] > 0 and one["error_percent"]["value"] > 0 for one in found["points"])
     assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg"}

@@ -11,15 +11,15 @@ import numpy as np
 from beamtouch_models.arrays import Floats, Indices
 
 LEAST_LOG = -700.0
-"""Log density, from its maximum, below which a density counts as equally small: its exponential is still a number."""
+"""Smallest log density, relative to the maximum; its exponential is still above zero in float64."""
 
 SHARP = 1.0
-"""Change of a log density's slope from cell to cell, times their length, of what the grid does not resolve."""
+"""Change of a log density's slope between cells, times the cell length, beyond which the grid does not resolve it."""
 
 
 @dataclass(frozen=True)
 class Densities:
-    """Densities of which each has a grid of its own; all arrays are (densities, grid)."""
+    """Densities, each on its own grid; all arrays are (densities, grid)."""
 
     grids: Floats
     density: Floats
@@ -58,9 +58,9 @@ class Densities:
         return distance
 
     def _found(self, levels: Floats) -> tuple[Indices, Floats]:
-        """Cell that each level lies in, and the part of the cell before its quantile."""
+        """Return the cell of each level, and the fraction of the cell below its quantile."""
         rows, nodes = self.below.shape
-        # One search for all: the functions one above the other rise from 0 to the number of rows.
+        # A single search serves all rows: stacked, the functions rise from 0 to the number of rows.
         stacked = self.below + np.arange(rows)[:, None]
         above = np.searchsorted(stacked.ravel(), (levels + np.arange(rows)[:, None]).ravel()).reshape(levels.shape)
         cell = np.clip(above - 1 - nodes * np.arange(rows)[:, None], 0, nodes - 2)
@@ -79,10 +79,10 @@ def densities(grids: Floats, log_density: Floats) -> Densities:
     density = np.exp(logs)
     step = np.diff(grids, axis=1) / (grids[:, -1:] - grids[:, :1])
     slope = np.divide(np.diff(logs, axis=1), step, out=np.zeros_like(step), where=step > 0)
-    # The logarithm of a posterior is nearly a parabola, whose derivative the mean slope is.
+    # The log of a posterior is nearly a parabola: its derivative at a node is the mean of the adjacent slopes.
     gradient = np.pad((slope[:, :-1] + slope[:, 1:]) / 2, ((0, 0), (1, 1)))
     gradient[:, 0], gradient[:, -1] = slope[:, 0], slope[:, -1]
-    # It is not at a cliff, as where the end of the force range cuts a posterior off: the plain trapezoid stays there.
+    # At a cliff, where the end of the force range cuts a posterior off, it is not: use the plain trapezoidal rule.
     bends = np.abs(np.diff(slope, axis=1)) * np.maximum(step[:, 1:], step[:, :-1]) > SHARP
     sharp = np.pad(bends, ((0, 0), (1, 1)), mode="edge")
     bend = np.where(sharp[:, 1:] | sharp[:, :-1], 0.0, np.diff(gradient * density, axis=1))

@@ -1,4 +1,4 @@
-"""A model beside the accuracy limit: errors, intervals, detection, each with its standard error. Pure; no I/O."""
+"""Evaluation of a model: errors beside the accuracy limit, intervals, detection, with standard errors. Pure."""
 
 from dataclasses import dataclass, replace
 
@@ -15,9 +15,9 @@ from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.session import Answers
 
 MIDDLE = (0.2, 0.8)
-"""The part of the length that counts as its middle."""
+"""Bounds of the middle of the beam, over its length."""
 LEAST_SHARE = 1e-3
-"""A stretch that holds fewer of the contacts has no figures of its own."""
+"""Smallest share of contacts for which a stretch gets its own errors."""
 
 
 @dataclass(frozen=True)
@@ -27,17 +27,17 @@ class Errors:
     mean_mm: Measurement
     p95_mm: Measurement
     worst_mm: float
-    """Of the contacts that were drawn; more draws find worse ones."""
+    """Largest error of the drawn contacts; it grows with the number of draws."""
     limit_mean_mm: Measurement | None
-    """None where the noise is 0, in which there is no limit."""
+    """None if the noise is 0, so that there is no limit."""
     limit_p95_mm: Measurement | None
     ratio: Measurement | None
-    """Mean over mean of the limit, on the same contacts."""
+    """Mean error over the mean of the limit, on the same contacts."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """All that is measured of a model at one noise."""
+    """The evaluation of a model at one noise."""
 
     noise_mm: float
     draws: int
@@ -45,21 +45,21 @@ class Evaluation:
     span: Errors
     """Over the whole range of contacts."""
     middle: Errors | None
-    """Over the middle of the length; None where no contact of the range lies there."""
+    """Over the middle of the beam; None if the contact range lies outside it."""
     cramer_rao_mean_mm: float | None
     position_coverage: Measurement | None
-    """Share of contacts that lie in their stated interval; None where the model states none."""
+    """Share of contacts inside their interval; None if the model gives no interval."""
     position_width_mm: Measurement | None
     force_coverage: Measurement | None
     force_error_n: Measurement | None
     missed: Measurement | None
-    """Share of contacts that the model does not call one."""
+    """Share of contacts that are not detected."""
     false_alarms: Measurement | None
-    """Share of samples at rest that it calls a contact."""
+    """Share of samples at rest that are taken for a contact."""
 
 
 def evaluate(model: ModelFile, prior: Prior, *, draws: int, seed: int, progress: Fraction = silent) -> Evaluation:
-    """Measure a model on at least `draws` simulated contacts of a prior; its noise need not be that of the model."""
+    """Measure a model on at least `draws` simulated contacts of a prior, at the noise of the prior."""
     contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done))
     drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.weight
     weight = np.broadcast_to(counts[:, None], likely.shape)
@@ -101,7 +101,7 @@ def _answers(model: ModelFile, deflection_mm: Floats) -> dict[str, Floats]:
 
 
 def estimates(model: ModelFile, deflection_mm: Floats) -> Answers:
-    """Answers of a model to deflections (samples, channels), all channels valid."""
+    """Return the answers of a model to deflections (samples, channels), all channels valid."""
     reading = deflection_mm.astype(np.float32)
     return model.estimate(reading, np.ones(reading.shape, np.bool_))
 
@@ -118,7 +118,7 @@ def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -
 
 
 def _over_all(contacts: Contacts, estimate_mm: Floats, errors: Errors) -> Errors:
-    """Return errors over all contacts with means that use all that is known of each posterior."""
+    """Return errors over all contacts, with means over each posterior where that is known."""
     weight, mean = contacts.weight, contacts.mean_error_mm(estimate_mm)
     if contacts.deviation_mm is None:
         return errors

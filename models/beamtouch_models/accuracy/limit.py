@@ -1,7 +1,7 @@
-"""The accuracy limit: the mean position error that no estimator can beat, for what is known of a surface.
+"""The accuracy limit: the mean position error that no estimator can beat, given the prior of a surface.
 
-Position and force are drawn uniformly from their ranges, noise is added, and the posterior median of position is
-taken: of all estimators it has the smallest mean absolute error. The force is integrated out exactly: for a given
+Position and force are drawn uniformly from their ranges, noise is added, and the posterior median estimates the
+position: of all estimators it has the smallest mean absolute error. The force is integrated out exactly: for a given
 position the likelihood is Gaussian in the force, so its integral over the range is a difference of normal
 distribution functions.
 """
@@ -22,25 +22,25 @@ GRID = 801
 FINE_GRID = 129
 ROUNDS = 12
 NEGLIGIBLE = 40.0
-"""What is this much less likely, in log units, than the most likely position is no part of a posterior."""
+"""Difference to the largest log density beyond which a position is not part of a posterior."""
 CHUNK = 200
 SCRAMBLINGS = 16
 UNIFORM = 0.5
-"""Share of evenly spread contacts that are drawn as they occur; a weight is at most one over it."""
+"""Share of evenly spread contacts that are drawn uniformly; the largest weight is one over it."""
 MIN_NOISE = 1e-12
 """Smallest noise of a sample over the largest deflection: below it, rounding in float64 shows in the posterior."""
 
 
 @dataclass(frozen=True)
 class Draws:
-    """Simulated contacts: what happened and what the sensors said."""
+    """Simulated contacts with their readings."""
 
     position_mm: Floats
     force_n: Floats
     deflection_mm: Floats
     """(draws, sensors), with noise."""
     weight: Floats | float = 1.0
-    """(draws,), how much each counts in an average; 1 on average."""
+    """(draws,), weight of each contact in an average; 1 on average."""
 
 
 @dataclass(frozen=True)
@@ -71,16 +71,16 @@ def _mean_of(percent: Floats) -> MeanError:
 
 
 def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
-    """Accuracy limit, from at least that many simulated contacts.
+    """Return the accuracy limit, from at least `draws` simulated contacts.
 
-    The average is that of `mean_error`, with less scatter: for each reading it takes the mean of |error| over the
-    posterior instead of the one error that was drawn, and contacts and noise are spread evenly (scrambled Sobol
-    points; Owen 1997, doi 10.1214/aos/1031594731). The standard error is that between independent scramblings.
+    The mean is that of `mean_error`, with less scatter: each reading counts with the mean |error| over its posterior
+    instead of the one drawn error, and contacts and noise are spread evenly (scrambled Sobol points; Owen 1997,
+    doi 10.1214/aos/1031594731). The standard error comes from the scatter of independent scramblings.
 
     Raises
     ------
     SceneError
-        The noise is 0: there is no limit to state.
+        The noise is 0, so that there is no limit.
     """
     if not 0 < prior.noise_mm < np.inf:
         message = (
@@ -93,11 +93,11 @@ def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
 
 
 def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
-    """Draw at least that many contacts as `draw` does, but spread evenly over their distribution.
+    """Draw at least `count` contacts like `draw`, but spread evenly over their distribution.
 
-    They come in SCRAMBLINGS parts of equal length, one after another, each spread by itself and independent of the
-    others: from the scatter of their means comes a standard error. Half of the contacts are drawn where errors are
-    large by the Cramer-Rao bound, as beside a support, and count less each: else a few of them would decide a mean.
+    They come in SCRAMBLINGS consecutive parts of equal length. The parts are independent, so the scatter of their
+    means gives a standard error. Half of the contacts are drawn where the Cramer-Rao bound is large, for example next
+    to a support, with smaller weights; otherwise a few contacts would dominate a mean.
     """
     rngs = np.random.default_rng(seed).spawn(SCRAMBLINGS)
     each = 2 ** max(0, int(np.ceil(np.log2(count / SCRAMBLINGS))))
@@ -110,7 +110,7 @@ def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
 
 
 def _where_it_errs(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:
-    """Move evenly spread positions to where errors are large; with their weights, both (draws,)."""
+    """Concentrate evenly spread positions where errors are large; returns positions and weights, both (draws,)."""
     if prior.noise_mm == 0:
         return position_mm, np.ones(len(position_mm))
     error_mm = cramer_rao.mean_errors_mm(prior)
@@ -124,7 +124,7 @@ def _where_it_errs(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:
 
 
 def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
-    """Contacts and noise that fill their distributions evenly; `draws` is a power of two.
+    """Return contacts and noise spread evenly over their distributions; `draws` is a power of two.
 
     Returns
     -------
@@ -137,21 +137,21 @@ def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple
 
 
 def spread_noise(channels: int, draws: int, rng: np.random.Generator) -> Floats:
-    """Noise of variance 1 (draws, channels) that fills its distribution evenly; `draws` is a power of two."""
+    """Return noise of variance 1 (draws, channels) spread evenly over its distribution; `draws` is a power of two."""
     noise: Floats = ndtri(_spread(channels, draws, rng))
     return noise
 
 
 def _spread(dimensions: int, draws: int, rng: np.random.Generator) -> Floats:
-    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # takes long to import, and many commands need none
+    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # slow to import, and many commands do not need it
 
-    # The middle of a point's last digit, so that no noise is infinite.
+    # Keep points off 0 and 1, where the noise would be infinite.
     points: Floats = np.clip(Sobol(dimensions, rng=rng).random(draws), 2.0**-32, 1 - 2.0**-32)
     return points
 
 
 def posterior_median_mm(prior: Prior, deflection_mm: Floats) -> Floats:
-    """Posterior median of the position for each row of `deflection_mm` (draws, channels); (draws,) in mm.
+    """Return the posterior median of the position for each row of `deflection_mm` (draws, channels); (draws,) in mm.
 
     The noise must be positive.
     """
@@ -159,13 +159,13 @@ def posterior_median_mm(prior: Prior, deflection_mm: Floats) -> Floats:
 
 
 def posterior_quantiles(prior: Prior, deflection_mm: Floats, levels: Floats | None = None) -> tuple[Floats, Floats]:
-    """Quantiles of the position and the posterior's mean distance from its median, for readings (draws, channels).
+    """Return quantiles of the position, and the mean distance from the median, for readings (draws, channels).
 
-    `levels` are (draws, levels) between 0 and 1, the median alone where they are left out. Returns quantiles (draws,
-    levels) and distances (draws,), in mm.
+    `levels` are (draws, levels) between 0 and 1, by default the median alone. Returns quantiles (draws, levels) and
+    distances (draws,), in mm.
 
-    One grid over the range serves all draws; where a posterior is narrow it is computed again on a grid of its own,
-    until the grid resolves it.
+    All draws share one grid over the range; narrow posteriors are computed again on grids of their own until the grid
+    resolves them.
     """
     levels = np.full((len(deflection_mm), 1), 0.5) if levels is None else levels
     grid = np.linspace(*prior.position_mm, GRID)
@@ -173,8 +173,8 @@ def posterior_quantiles(prior: Prior, deflection_mm: Floats, levels: Floats | No
     largest = prior.force_n[1] * float(np.abs(influence).max())
     if not prior.noise_mm >= MIN_NOISE * largest:
         message = (
-            f"sensors: a noise of {prior.noise_mm:g} mm is too small to compute with beside a deflection of "
-            f"{largest:.3g} mm; state a larger one"
+            f"sensors: a noise of {prior.noise_mm:g} mm is too small to compute with next to a deflection "
+            f"of {largest:.3g} mm; state a larger one"
         )
         raise SceneError(message)
     shapes = influence / prior.noise_mm
@@ -192,7 +192,7 @@ def posterior_quantiles(prior: Prior, deflection_mm: Floats, levels: Floats | No
 
 
 def _resolved(prior: Prior, reading: Floats, grids: Floats, density: Floats, levels: Floats) -> Floats:
-    """Quantiles and last the mean distance (draws, levels + 1) of log densities, on finer grids where needed."""
+    """Return quantiles and mean distance (draws, levels + 1) of log densities, on finer grids where needed."""
     found = np.empty((len(reading), levels.shape[1] + 1))
     todo = np.arange(len(reading))
     for _ in range(ROUNDS):
@@ -207,7 +207,7 @@ def _resolved(prior: Prior, reading: Floats, grids: Floats, density: Floats, lev
         size = np.linalg.norm(shapes, axis=2)
         direction = shapes / np.where(size > 0, size, 1.0)[:, :, None]
         projection = np.einsum("dgs,ds->dg", direction, reading[todo])
-        # The misfit itself, not a difference of squares: with little noise those are large and nearly equal.
+        # Compute the misfit directly: with little noise a difference of squares would cancel.
         misfit = reading[todo, None, :] - projection[:, :, None] * direction
         density = log_likelihood(prior.force_n, size, projection, -np.einsum("dgs,dgs->dg", misfit, misfit) / 2)
     last = densities(grids, density)
@@ -216,9 +216,9 @@ def _resolved(prior: Prior, reading: Floats, grids: Floats, density: Floats, lev
 
 
 def _finer(grids: Floats, density: Floats) -> tuple[Floats, Bools]:
-    """Grids over the cells that hold a posterior, with two to spare, and whether those are a small part of its grid.
+    """Return finer grids over the cells of each posterior, with a margin of two cells, and which posteriors are narrow.
 
-    A posterior in two pieces, as of a known force near either support, keeps both.
+    A posterior in two pieces, such as that of a known force near either support, keeps both.
     """
     likely = np.asarray(density >= density.max(axis=1, keepdims=True) - NEGLIGIBLE)
     around = np.pad(likely, ((0, 0), (2, 2)))
@@ -232,22 +232,22 @@ def _finer(grids: Floats, density: Floats) -> tuple[Floats, Bools]:
 
 
 def log_likelihood(force_n: tuple[float, float], size: Floats, projection: Floats, fit: Floats) -> Floats:
-    """Log likelihood of readings at grid positions, in units of the noise; (draws, grid).
+    """Return the log likelihood of readings at grid positions, in units of the noise; (draws, grid).
 
     Parameters
     ----------
-    force_n : the range, equal ends where the force is known
+    force_n : the range of forces, with equal ends if the force is known
     size : (grid,) or (draws, grid), length of the vector of deflections per newton
     projection : (draws, grid), of the reading on the direction of that vector
-    fit : (draws, grid), minus half the squared misfit, or half the squared projection where that will do
+    fit : (draws, grid), minus half the squared misfit, or half the squared projection if that is accurate enough
 
-    Constants that do not depend on the position are left out.
+    Terms that do not depend on the position are left out.
     """
     low, high = force_n
     middle = -((projection - (low + high) / 2 * size) ** 2) / 2
     if low == high:
         return fit + middle
-    # Where the force hardly matters, as beside a support, the integral is its midpoint times its width.
+    # Where the force hardly matters, as next to a support, use the midpoint rule.
     flat = size * (high - low) < 1e-4
     length = np.where(flat, 1.0, size)
     span = _log_normal_interval(low * length - projection, high * length - projection) - np.log(length)
@@ -256,7 +256,7 @@ def log_likelihood(force_n: tuple[float, float], size: Floats, projection: Float
 
 
 def _log_normal_interval(low: Floats, high: Floats) -> Floats:
-    """Logarithm of Phi(high) - Phi(low), low < high, without cancellation in either tail."""
+    """Return log(Phi(high) - Phi(low)) for low < high, without cancellation in either tail."""
     flip = low + high > 0
     upper, lower = np.where(flip, -low, high), np.where(flip, -high, low)
     log_upper = log_ndtr(upper)

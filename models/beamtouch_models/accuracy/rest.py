@@ -1,4 +1,4 @@
-"""How often a beam at rest is taken for a contact, and the threshold that makes it as rare as wanted."""
+"""The threshold of contact, and the probability that a beam at rest exceeds it."""
 
 import numpy as np
 from scipy.special import chdtri
@@ -16,7 +16,7 @@ FALSE_ALARM_RATE = 1e-6
 
 
 def contact_threshold(prior: Prior, run: Run, seed: int, rate: float) -> float:
-    """Log odds that a sample at rest exceeds with probability `rate`; 0 where the estimator offers none."""
+    """Return the log odds that a sample at rest exceeds with probability `rate`; 0 if the estimator gives no odds."""
     odds, weight = _rest(prior, run, seed, rate)
     if odds is None:
         return 0.0
@@ -26,7 +26,7 @@ def contact_threshold(prior: Prior, run: Run, seed: int, rate: float) -> float:
 
 
 def rest_exceeding(prior: Prior, run: Run, seed: int, threshold: float) -> tuple[float, float]:
-    """Probability that a sample at rest exceeds a threshold of the log odds, and its standard error."""
+    """Return the probability that the log odds of a sample at rest exceed a threshold, and its standard error."""
     odds, weight = _rest(prior, run, seed, FALSE_ALARM_RATE)
     if odds is None:
         message = "the estimator gives no log odds of contact"
@@ -36,13 +36,13 @@ def rest_exceeding(prior: Prior, run: Run, seed: int, threshold: float) -> tuple
 
 
 def _rest(prior: Prior, run: Run, seed: int, rate: float) -> tuple[Floats | None, Floats]:
-    """Log odds of samples at rest (draws,), or None where there are none, and the weight of each.
+    """Return log odds of samples at rest, (draws,) or None if the estimator gives none, and their weights.
 
-    By importance sampling: rest is drawn with more noise than it has, so that rare samples are common, and each is
-    weighed by how likely it really is (Kahn & Marshall 1953, doi 10.1287/opre.1.5.263).
+    Importance sampling: samples are drawn with more noise than they have, so that rare ones become common, and their
+    weights restore the true distribution (Kahn & Marshall 1953, doi 10.1287/opre.1.5.263).
     """
     rngs = np.random.default_rng(seed).spawn(SCRAMBLINGS)
-    # Noise of so many channels that is this large in all is as rare as `rate`.
+    # Noise of this total size, over all channels, occurs with probability `rate`.
     widening = np.sqrt(max(1.0, chdtri(prior.channels, rate) / prior.channels))
     each = REST_DRAWS // SCRAMBLINGS
     noise = widening * np.concatenate([spread_noise(prior.channels, each, rng) for rng in rngs])

@@ -1,7 +1,7 @@
-"""Measured figures with their standard errors, from values that come in independent parts. Pure.
+"""Means, ratios and quantiles with their standard errors. Pure.
 
-Values are (draws, ...) and in PARTS parts of (almost) equal length, one after another, as `limit.draw_evenly` has
-them. Within a part they may depend on each other, as evenly spread draws do: only the scatter between parts counts.
+Values are (draws, ...), in PARTS consecutive parts of (almost) equal length, as `limit.draw_evenly` returns them.
+Values within a part may be correlated, as evenly spread draws are; standard errors come from the scatter of the parts.
 """
 
 from dataclasses import dataclass
@@ -20,12 +20,12 @@ class Measurement:
     standard_error: float
 
     def scaled(self, factor: float) -> "Measurement":
-        """Return the same in another unit."""
+        """Return the measurement in another unit."""
         return Measurement(self.value * factor, self.standard_error * factor)
 
 
 def ratio_of(above: Floats, below: Floats) -> Measurement:
-    """Ratio of two means over the same draws; what both have in common does not widen its standard error."""
+    """Return the ratio of two means over the same draws; their common scatter cancels in its standard error."""
     parts = [np.array([part.mean() for part in np.array_split(values, PARTS)]) for values in (above, below)]
     ratio, mean = above.mean() / below.mean(), below.mean()
     scatter = (parts[0] - ratio * parts[1]).std(ddof=1) / PARTS**0.5
@@ -33,19 +33,19 @@ def ratio_of(above: Floats, below: Floats) -> Measurement:
 
 
 def mean_of(values: Floats, weight: Floats | None = None) -> Measurement:
-    """Mean of values (draws, ...), weighted by an array of the same shape."""
+    """Return the mean of values (draws, ...), weighted by an array of the same shape."""
     weight = np.ones(values.shape) if weight is None else weight
     return ratio_of(values * weight, weight)
 
 
 def share_of(happened: Bools, weight: Floats | None = None) -> Measurement:
-    """Share of cases, with a standard error that is not zero where none or all of them happened."""
+    """Return the share of cases; its standard error is not zero even if none or all of them happened."""
     found = mean_of(happened.astype(np.float64), weight)
     return Measurement(found.value, 1 / len(happened)) if found.value in (0.0, 1.0) else found
 
 
 def quantile_of(values: Floats, level: float, weight: Floats | None = None) -> Measurement:
-    """Quantile of values (draws, ...), weighted by an array of the same shape."""
+    """Return a quantile of values (draws, ...), weighted by an array of the same shape."""
     weight = np.ones(values.shape) if weight is None else weight
     pairs = zip(np.array_split(values, PARTS), np.array_split(weight, PARTS), strict=True)
     parts = [_quantile(*pair, level) for pair in pairs]

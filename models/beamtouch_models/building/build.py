@@ -1,4 +1,4 @@
-"""From a scene to a model file: filter, layout, estimator, accuracy beside the limit, golden answers."""
+"""The build of a model: filter, physics, layout, estimator, measured accuracy, golden answers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,13 +25,13 @@ DEFAULT_ADC_BITS = 16
 
 @dataclass(frozen=True)
 class Choices:
-    """What a build does not take from the scene."""
+    """Choices of a build that the scene does not make."""
 
     estimator: Name = NAMES[0]
     filter: FilterChoice | None = None
-    """None: the one that takes all of the latency."""
+    """None: the filter that uses all of the latency."""
     finish: Callable[[onnx.ModelProto], onnx.ModelProto] = lambda graph: graph
-    """What is done to the estimator's graph before it is measured."""
+    """Applied to the estimator's graph before it is measured."""
 
 
 DEFAULTS = Choices()
@@ -62,24 +62,24 @@ def build(
 
     Parameters
     ----------
-    scene, text, name : the scene, the TOML it was read from, and the name of the surface
-    count : number of sensors; None takes the scene's
-    seed : of everything random; the same seed gives the same bytes
-    progress : told what is being done
-    choices : what to build other than the default
+    scene, text, name : the scene, its TOML text, and the name of the surface
+    count : number of sensors; None: as the scene states
+    seed : seed of all random numbers; the same seed gives the same bytes
+    progress : called with the current step
+    choices : choices other than the default ones
 
     Raises
     ------
     SceneError
         The scene cannot be built; the message says why.
     NotGoodEnoughError
-        The model does not reach the accuracy limit, or its intervals hold too little.
+        The model misses the accuracy limit, or its intervals hold too few of the true positions.
     """
     check_small_angles(scene)
     chosen = choices.filter or choose_filter(scene)
     noise = noise_of(scene, chosen)
     if noise.sample_mm == 0:
-        message = "sensors: a noise of 0 leaves no interval to state; state the noise of a reading"
+        message = "sensors: with a noise of 0 there are no intervals; state the noise of a reading"
         raise SceneError(message)
     check_scale(noise.sample_mm, max_deflection_mm(scene))
     sensor = sensor_of(scene)
@@ -121,7 +121,7 @@ def build(
 
 
 def sensor_of(scene: Scene) -> Sensor:
-    """Sensor, ADC and stand-off of a scene; raises SceneError where the beam's travel leaves the sensor's range."""
+    """Return sensor, ADC and stand-off of a scene; SceneError if the beam leaves the sensor's range."""
     low, high = scene.sensors.range_mm
     lift, travel = travel_mm(scene)
     standoff = scene.sensors.standoff_mm
@@ -131,7 +131,7 @@ def sensor_of(scene: Scene) -> Sensor:
         message = (
             f"the beam travels {travel + lift:.4g} mm and with a stand-off of {standoff:.4g} mm leaves "
             f"sensors.range_mm = [{low:g}, {high:g}]; make the beam stiffer, the force smaller, "
-            "or take a sensor with a longer range"
+            "or use a sensor with a longer range"
         )
         raise SceneError(message)
     bits = scene.sensors.adc_bits or DEFAULT_ADC_BITS

@@ -1,4 +1,4 @@
-"""What is measured of a finished estimator before it becomes a model file: accuracy, threshold, golden answers."""
+"""Measurements on a finished estimator for its metadata: accuracy, threshold of contact, golden answers."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ GOLDEN_DRAWS = 8
 
 @dataclass(frozen=True)
 class Measured:
-    """Fields of the metadata."""
+    """Fields of the metadata that are measured."""
 
     contact_threshold: float
     accuracy: Accuracy
@@ -30,7 +30,7 @@ class Measured:
 
 
 def measured(estimator: Estimator, prior: Prior, seed: int) -> Measured:
-    """Measure an estimator on simulated samples of its prior; draws with the three seeds after `seed`."""
+    """Measure an estimator on simulated samples of its prior, using the three seeds after `seed`."""
     run = runner(to_bytes(estimator.graph))
     return Measured(
         contact_threshold(prior, runner(to_bytes(_for_odds(estimator.graph))), seed + 1, FALSE_ALARM_RATE),
@@ -40,7 +40,7 @@ def measured(estimator: Estimator, prior: Prior, seed: int) -> Measured:
 
 
 def _for_odds(graph: onnx.ModelProto) -> onnx.ModelProto:
-    """Only what the log odds need, which takes less than half the time; all of a graph that offers none."""
+    """Return the part of a graph that computes the log odds, which is more than twice as fast; all if it has none."""
     if ODDS not in {output.name for output in graph.graph.output}:
         return graph
     part: onnx.ModelProto = Extractor(graph).extract_model([one.name for one in graph.graph.input], [ODDS])
@@ -48,7 +48,7 @@ def _for_odds(graph: onnx.ModelProto) -> onnx.ModelProto:
 
 
 def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
-    """Error of the exported graph and the accuracy limit, on the same contacts."""
+    """Return the error of the exported graph and the accuracy limit, on the same contacts."""
     contacts = simulated_enough(prior, ACCURACY_DRAWS, seed)
     best, weight = contacts.deviation_mm, contacts.weight
     if best is None:
@@ -67,7 +67,7 @@ def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
 
 
 def _golden(prior: Prior, run: Run, seed: int) -> Golden:
-    """A few contacts and a beam at rest, with what the graph answers."""
+    """Return the answers of the graph for a few contacts and a beam at rest."""
     drawn = limit.draw(prior, GOLDEN_DRAWS, seed)
     linear = np.concatenate([drawn.deflection_mm, np.zeros((1, prior.channels))])
     deflection = prior.stated(linear).astype(np.float32)

@@ -1,8 +1,8 @@
-"""The fit of a surface's departures from its scene to known loads, and of only those that the loads support.
+"""The fit of a surface's departures from its scene to known loads, limited to those that the loads support.
 
-Maximum a posteriori: least squares, with each departure held to its scene by how large it plausibly is. Kinds of
-departures are taken in one by one, each only if it lowers the error of loads that are left out of the fit (PRESS, from
-the leverages; Allen 1974, doi 10.1080/00401706.1974.10489157).
+Maximum a posteriori: least squares with a prior on each departure, of its plausible size. Kinds of departures are
+added one by one, each only if it lowers the error of loads that are left out of the fit (PRESS, from the leverages;
+Allen 1974, doi 10.1080/00401706.1974.10489157).
 """
 
 from dataclasses import dataclass, field
@@ -20,38 +20,38 @@ from beamtouch_models.progress import Fraction
 from beamtouch_models.scene import Scene
 
 GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES = 0.04, 1.5, 0.1, 0.1, 0.03, 3.0
-"""Plausible departures (one deviation): relative gain, sensor position, fixity, relative rigidity, how far the
-characteristic bends at full travel, relative, and the offset in units of the noise of a sample."""
+"""Standard deviations of plausible departures: relative gain, sensor position, fixity, relative rigidity, relative bend
+of the characteristic at full travel, and offset in units of the noise of a sample."""
 MAX_FIXITY = 0.9
 WORTH = 0.95
-"""A kind of departure is taken if it lowers the error of left-out loads at least to this part."""
+"""A kind of departure is added if it lowers the error of left-out loads to at most this fraction."""
 ROUNDS = 3
-"""Of estimating what is left unexplained, unless it stays the same."""
+"""Largest number of times that the residual is estimated."""
 MAX_INFLUENCES = 64
-"""Bounds the memory of influence matrices."""
+"""Number of influence matrices that are kept; it bounds their memory."""
 
 
 @dataclass(frozen=True)
 class Theory:
-    """The surface as its scene and its model have it."""
+    """The surface as its scene and its model describe it."""
 
     physics: Scene
     sensor_mm: Floats
     prior: Prior
     max_deflection_mm: float
     influences: dict[tuple[float, ...], Floats] = field(default_factory=dict, repr=False, compare=False)
-    """Influence matrices that were computed of late."""
+    """Influence matrices that were computed recently."""
 
     @classmethod
     def of(cls, physics: Scene, metadata: Metadata) -> "Theory":
-        """Take it from a model."""
+        """Return the theory of a model."""
         sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
         prior = Prior.of(physics, sensor_mm, metadata.noise.sample_mm)
         return cls(physics, sensor_mm, prior, metadata.max_deflection_mm)
 
     @cached_property
     def kinds(self) -> dict[str, slice]:
-        """Kinds of departures, and where each stands in the vector of all; all are in units of their plausible size."""
+        """Kinds of departures with their places in the vector of all, which has units of their plausible sizes."""
         channels = len(self.sensor_mm)
         sizes = {"rigidity": 1, "gain": channels, "position": channels, "curve": 1, "fixity": 2, "offset": channels}
         starts = np.cumsum([0, *sizes.values()]).tolist()
@@ -74,7 +74,7 @@ class Theory:
         return 4 + 3 * len(self.sensor_mm)
 
     def departures(self, vector: Floats) -> Departures:
-        """What a vector stands for."""
+        """Return the departures that a vector encodes."""
         channels = len(self.sensor_mm)
         rigidity, gain, position, curve, fixity, offset = np.split(
             vector, np.cumsum([1, channels, channels, 1, 2]).tolist()
@@ -93,13 +93,13 @@ class Theory:
         )
 
     def prior_with(self, departures: Departures) -> Prior:
-        """The surface with departures."""
+        """Return the prior of the surface with departures."""
         return departed(self.prior, self.physics, self.sensor_mm, departures)
 
     def stated_mm(self, vector: Floats, loads: Loads) -> Floats:
-        """What its sensors state of loads, (loads, channels)."""
+        """Return the deflections that its sensors measure under loads, (loads, channels)."""
         departures = self.departures(vector)
-        # Gains, offsets and the curve leave the beam as it is, so its influence is often the same again.
+        # Gains, offsets and the curve do not change the beam, so its influence matrix can often be reused.
         ungained = departures.model_copy(update={"gain": [1.0] * len(departures.gain)})
         parts = (ungained.rigidity, *ungained.fixity, *ungained.position_offset_mm, *loads.position_mm.tolist())
         if parts not in self.influences:
@@ -118,15 +118,15 @@ class Fit:
     kinds: tuple[str, ...]
     vector: Floats
     residual_mm: float
-    """Standard deviation of what is left, beyond the noise of the recording."""
+    """Standard deviation of the residuals beyond the noise of the recording."""
     scatter_mm: float
-    """Standard deviation of what is left, per degree of freedom."""
+    """Standard deviation of the residuals, per degree of freedom."""
     freedom: float
-    """Degrees of freedom that are left: deflections less the departures that they decide."""
+    """Remaining degrees of freedom: deflections minus the departures that they determine."""
     left_out_mm: Floats
-    """(loads, channels) stated less predicted, each load left out of the fit; NaN where nothing was stated."""
+    """(loads, channels) measured minus predicted, each load left out of the fit; NaN without a measurement."""
     covariance: Floats
-    """(departures, departures) of the errors of the vector, in its units; 0 where not fitted."""
+    """(departures, departures) covariance of the vector, in its units; 0 if not fitted."""
 
     @property
     def error_mm(self) -> float:
@@ -135,19 +135,19 @@ class Fit:
 
     @property
     def spread(self) -> Floats:
-        """(departures,) standard errors, in the units of the vector; 0 where not fitted."""
+        """(departures,) standard errors, in the units of the vector; 0 if not fitted."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def departures(self) -> Departures:
-        """What was fitted."""
+        """The fitted departures."""
         return self.theory.departures(self.vector)
 
 
 def fit(
     theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Floats | None = None, *, rounds: int = ROUNDS
 ) -> Fit:
-    """Fit some kinds of departures; the others stay as the scene has them."""
+    """Fit some kinds of departures; the others stay as in the scene."""
     free = np.concatenate([np.arange(theory.size)[theory.kinds[kind]] for kind in kinds]) if kinds else np.arange(0)
     vector = np.zeros(theory.size) if start is None else start.copy()
     vector[np.setdiff1d(np.arange(theory.size), free)] = 0.0
@@ -162,12 +162,12 @@ def fit(
 
     for _ in range(rounds):
         if len(free):
-            # The default method, "trf", never leaves a start on a bound, and a fixity starts on 0.
+            # The default method, "trf", cannot leave a start on a bound, and fixities start at 0.
             start_at = np.clip(vector[free], low, high)
             found = least_squares(residuals, start_at, bounds=(low, high), method="dogbox", ftol=1e-5, max_nfev=30)
             vector[free], jacobian = found.x, found.jac[: stated.sum()]
         left = (loads.stated_mm - theory.stated_mm(vector, loads))[stated]
-        # As many degrees of freedom go as the data, and not the plausible sizes, decide.
+        # Only departures that the data determine, rather than the prior, use up degrees of freedom.
         freedom = max(1.0, len(left) - float(np.trace(_hat(jacobian))))
         variance = float((left**2).sum() / freedom)
         before, unexplained = unexplained, float(np.sqrt(max(0.0, variance - (loads.deviation_mm[stated] ** 2).mean())))
@@ -203,13 +203,13 @@ def _bounds(theory: Theory, free: Indices) -> tuple[Floats, Floats]:
 
 
 def _hat(jacobian: Floats) -> Floats:
-    """What the fit makes of each residual from each, with plausible sizes of variance 1 on the departures."""
+    """Return the hat matrix of the residuals, with priors of variance 1 on the departures."""
     matrix: Floats = jacobian @ np.linalg.solve(jacobian.T @ jacobian + np.eye(jacobian.shape[1]), jacobian.T)
     return matrix
 
 
 def _left_out(residual: Floats, jacobian: Floats, load: Indices) -> Floats:
-    """Residuals of each load were it left out of the fit, all its channels together."""
+    """Return the residuals of each load when all its channels are left out of the fit."""
     hat, left_out = _hat(jacobian), residual.copy()
     for one in np.unique(load):
         rows = np.flatnonzero(load == one)

@@ -1,4 +1,4 @@
-"""What leaving an effect of physics out saves, and what it costs in accuracy."""
+"""The accuracy and computing time of a surface without each of its physical effects."""
 
 import time
 from dataclasses import dataclass
@@ -20,21 +20,21 @@ REPEATS = 5
 
 @dataclass(frozen=True)
 class LeftOut:
-    """An effect of a scene's physics, and the surface without it."""
+    """A surface without one of its physical effects."""
 
     effect: str
     price: float
-    """Largest change of a deflection that it causes, over the noise of a sample."""
+    """Price of the effect, in units of the noise of a sample."""
     verdict: str
     error_over_limit: Measurement
-    """Of an estimator that knows nothing of it, on contacts of the whole physics."""
+    """Ratio for an estimator without the effect, on contacts with all effects."""
     influence_ms: float
-    """Time of an influence table without it."""
+    """Time to compute an influence table without the effect."""
     influence_with_ms: float
 
 
 def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
-    """Leave out each effect that can be left out, one at a time."""
+    """Measure the surface without each effect that can be left out, one at a time."""
     chosen = choose_filter(scene)
     noise_mm, physics = noise_of(scene, chosen).sample_mm, required(scene, chosen)
     count = scene.sensors.count_range[0]
@@ -59,7 +59,7 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
 
 
 def _table_ms(prior: Prior) -> float:
-    """Median time of an influence table."""
+    """Return the median time to compute an influence table."""
     grid, times = np.linspace(*prior.position_mm, TABLE), []
     for _ in range(REPEATS):
         start = time.perf_counter()

@@ -1,4 +1,4 @@
-"""The points of the trade: estimator, sensors, filter, precision; each with its error and what it costs."""
+"""The points of the trade: estimator, sensors, filter and precision, each with its error and cost."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -26,13 +26,13 @@ from beamtouch_models.trade.timing import ROUNDS, Times, inference_times
 
 WINDOWS = (1, 2, 4, 8, 16)
 LONGEST_MS = 100.0
-"""Of a filter, where the scene states no latency."""
+"""Longest filter if the scene states no latency."""
 AROUND = 2
-"""How many sensors fewer, and one less how many more, than the scene states."""
+"""If the scene states a number of sensors, fewer ones down to AROUND less are measured, and one more."""
 FIRST_ROUNDS = 5
-"""Rounds of timing when a point is made, for results that are kept so far; at the end all are timed again, in turns."""
+"""Rounds of timing for intermediate results; at the end all points are timed again, in turns."""
 SERIAL_BAUD, FRAME_BYTES, BYTE_BITS = 1_000_000, 13, 10
-"""A reading on the serial line of PROTOCOL.md: so many bytes and two per channel, of ten bits each."""
+"""Transfer of a reading by PROTOCOL.md: FRAME_BYTES and two bytes per channel, of ten bits each."""
 
 
 @dataclass(frozen=True)
@@ -44,25 +44,25 @@ class Point:
     filter: FilterChoice
     quantised: bool
     error_percent: Measurement
-    """Mean |position error|, of the length."""
+    """Mean |position error| in percent of the length."""
     error_mm: float
     limit_percent: Measurement
-    """Of this layout and filter, on the same contacts."""
+    """Accuracy limit of this layout and filter, on the same contacts."""
     ratio: Measurement
     times: Times
     poll_ms: float
-    """From the instant of a reading until the daemon has it."""
+    """Time from a reading until the daemon has it."""
     bytes: int
     latency_ms: float
-    """From a touch to the first answer that knows only it: half a period on average, poll, filter, inference."""
+    """Time from a touch to the first answer for it alone: half a period on average, poll, filter, inference."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Points that could not be had."""
+    """A point, or all points of a layout, that could not be built."""
 
     estimator: Name | None
-    """None: the layout could not be had, with any estimator."""
+    """None if the layout failed, for every estimator."""
     sensors: int
     filter: FilterChoice
     reason: str
@@ -75,7 +75,7 @@ class Trade:
     points: tuple[Point, ...]
     failures: tuple[Failure, ...]
     planned: int
-    """Points that there are in the end, if none fails."""
+    """Number of points at the end, if none fails."""
 
 
 @dataclass(frozen=True)
@@ -94,13 +94,13 @@ class _Made:
 
 
 def windows_of(scene: Scene) -> list[FilterChoice]:
-    """Filters to consider: windows that double, up to the scene's latency."""
+    """Return the filters to measure: windows that double, up to the scene's latency."""
     most = (scene.requirements.latency_ms or LONGEST_MS) * scene.sensors.rate_hz / 1000
     return [window_filter(scene, window) for window in WINDOWS if window == 1 or window <= most + 1e-9]
 
 
 def counts_of(scene: Scene) -> list[int]:
-    """Numbers of sensors to consider: the scene's range, or some about the number that it states."""
+    """Return the numbers of sensors to measure: the scene's range, or numbers around the one that it states."""
     fewest, most = scene.sensors.count_range
     if fewest == most:
         fewest, most = max(MIN_SENSORS + 1, fewest - AROUND, len(scene.sensors.fixed_mm)), fewest + 1
@@ -116,23 +116,23 @@ def measured_points(
     progress: Progress,
     keep: Callable[[Trade], None] = lambda _trade: None,
 ) -> Trade:
-    """Make and measure every point.
+    """Build and measure every point.
 
     Parameters
     ----------
-    scene, estimators : what to build, and how positions are found
-    draws, seed : contacts per point, and of everything random
-    progress : told what is being done
-    keep : given what there is, after each estimator of a layout
+    scene, estimators : the scene, and the estimators to measure
+    draws, seed : contacts per point, and the seed of all random numbers
+    progress : called with the current point
+    keep : called with the points so far, after each estimator of a layout
 
     Raises
     ------
     SceneError
-        The scene cannot be built, with no number of sensors. A point that fails alone is among the failures.
+        No point can be built. If only some points fail, they are listed as failures.
     """
     check_small_angles(scene)
     if reading_noise_mm(scene) == 0:
-        message = "sensors: a noise of 0 leaves nothing to trade; state the noise of a reading"
+        message = "sensors: with a noise of 0 there is nothing to trade; state the noise of a reading"
         raise SceneError(message)
     layouts = [(count, chosen) for count in counts_of(scene) for chosen in windows_of(scene)]
     total = len(layouts) * len(estimators)
@@ -171,7 +171,7 @@ def _contacts(physics: Physics, count: int, draws: int, seed: int) -> tuple[Cont
 
 
 def _made(scene: Scene, name: Name, chosen: FilterChoice, prior: Prior, contacts: Contacts, seed: int) -> list[_Made]:
-    """An estimator as it is and with 8-bit weights; raises SceneError where it does not answer in numbers."""
+    """Return an estimator as it is and with 8-bit weights; SceneError if an answer is not finite."""
     best, weight = contacts.deviation_mm, contacts.weight
     one = estimator_of(name, prior, with_force=scene.wants_force, seed=seed, progress=silent)
     reading = contacts.drawn.deflection_mm.astype(np.float32)
@@ -180,7 +180,7 @@ def _made(scene: Scene, name: Name, chosen: FilterChoice, prior: Prior, contacts
         answers = runner(to_bytes(graph))(reading, np.ones(reading.shape, np.bool_))
         error = contacts.mean_error_mm(answers["position_mm"])
         if best is None or not np.isfinite(error).all():
-            message = "it answers some readings with no number"
+            message = "some of its answers are not finite"
             raise SceneError(message)
         figures = mean_of(error, weight), mean_of(best, weight), ratio_of(error * weight, best * weight)
         found.append(_Made(replace(one, graph=graph), chosen, prior, graph is not one.graph, *figures))
@@ -194,7 +194,7 @@ def _timed(scene: Scene, made: Sequence[_Made], rounds: int, progress: Fraction)
 
 
 def _reading(prior: Prior) -> Floats32:
-    """A contact a third along the range, with the middle force."""
+    """Return the reading of a contact at a third of the range, with the middle force."""
     low, high = prior.position_mm
     clean: Floats = sum(prior.force_n) / 2 * prior.influence_at(np.array([low + (high - low) / 3]))[0]
     return clean.astype(np.float32)

@@ -1,4 +1,4 @@
-"""Inference times of many graphs in one run, in turns, so that a noisy machine is as unkind to each."""
+"""Inference times of many graphs, measured in turns, so that other load on the machine affects all of them alike."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -20,10 +20,10 @@ class Times:
     """Inference times in microseconds."""
 
     p50_us: float
-    """Of one sample at a time."""
+    """Median for single samples."""
     p99_us: float
     batch_us: float
-    """Per sample, of a thousand at once."""
+    """Time per sample in batches of a thousand."""
 
 
 def inference_times(

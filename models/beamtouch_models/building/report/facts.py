@@ -1,4 +1,4 @@
-"""What the report says beyond the model's own words: error along the beam, components, other layouts. No text here."""
+"""The data of a report beyond the metadata: error along the beam, components, other layouts."""
 
 from dataclasses import dataclass
 
@@ -23,12 +23,12 @@ PROFILE_DRAWS = 8_192
 PROFILE_BINS = 24
 LAYOUT_DRAWS = 4_096
 SEED_SHIFT = 5
-"""The build draws with the seed and the four after it; the report measures on draws of its own."""
+"""The build uses its seed and the four after it; the report uses the next ones."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Error and interval of position along the beam, a value per stretch of equal length."""
+    """Error and interval of position along the beam, one value per stretch of equal length."""
 
     position_mm: Floats
     """(stretches,) middles."""
@@ -37,16 +37,16 @@ class Profile:
     limit_mm: Floats
     """Mean |error| of the posterior median."""
     held: Floats | None
-    """Part of the contacts that the stated interval holds; None where the model states none."""
+    """Share of contacts inside their interval; None if the model gives no interval."""
     held_in: tuple[Measurement, ...] | None
-    """The same over the whole range, in the first stretch and in the last."""
+    """This share over the whole range, in the first stretch and in the last."""
     width_mm: Floats | None
-    """Mean width of the stated interval."""
+    """Mean width of the interval."""
 
 
 @dataclass(frozen=True)
 class OtherLayout:
-    """A layout that might have been taken, with what it would reach."""
+    """A layout with its score and accuracy limit, for comparison."""
 
     name: str
     positions_mm: Floats
@@ -70,7 +70,7 @@ class Facts:
     profile: Profile
     layouts: tuple[OtherLayout, ...]
     effects: tuple[Effect, ...]
-    """Of physics, with their prices."""
+    """Physical effects with their prices."""
 
     @property
     def middle_force_n(self) -> float:
@@ -80,7 +80,7 @@ class Facts:
 
 
 def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
-    """Measure what the report shows; takes seconds. Deterministic by the seed of the build."""
+    """Measure the data of the report, which takes seconds; the same build gives the same data."""
     progress("measuring for the report", 0.97)
     positions = np.array(built.placement.positions_mm)
     load = load_positions_mm(scene)
@@ -126,7 +126,7 @@ def _profile(scene: Scene, model: ModelFile, positions: Floats, seed: int) -> Pr
 
 
 def _layouts(scene: Scene, taken: Floats, noise_mm: float, seed: int) -> tuple[OtherLayout, ...]:
-    """Compare the layout of the model with the others; all are measured on the same contacts."""
+    """Compare the model's layout with others, all on the same contacts."""
     named = {"equal pitch": equal_pitch_mm(scene, len(taken))}
     named["eigenvalue product"] = np.array(place(scene, len(taken), seed).positions_mm)
     by_error = place_by_position_error(scene, len(taken), seed, noise_mm)
