@@ -5,7 +5,7 @@ from collections.abc import Callable
 Fraction = Callable[[float], None]
 """Called with the fraction of a piece of work that is done, 0 to 1."""
 Progress = Callable[[str, float], None]
-"""Called with what is being done, and the fraction of the whole that is done."""
+"""Called with the current step, and the fraction of the whole that is done."""
 
 
 def silent(*_: object) -> None:
