@@ -120,7 +120,7 @@ def test_a_build_that_misses_the_limit_is_refused() -> None:
         made, graph=posterior_graph(prior, with_force=False, design=Design(512, temper=True, precise=True))
     )
     with pytest.raises(
-        NotGoodEnoughError, match="times the accuracy limit, and .* of positions lie in their 95 % intervals"
+        NotGoodEnoughError, match=r"times the accuracy limit, and .* of positions lie in their 95 % intervals"
     ):
         check_held(few, prior, 1)
 

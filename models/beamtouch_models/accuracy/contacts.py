@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.accuracy.limit import CHUNK, Draws, draw_evenly, posterior_quantiles
+from beamtouch_models.accuracy.limit import Draws, draw_evenly
+from beamtouch_models.accuracy.posterior import CHUNK, posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import mean_of
 from beamtouch_models.arrays import Floats

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.accuracy.densities import densities
-from beamtouch_models.accuracy.limit import accuracy_limit, log_likelihood, spread_contacts
+from beamtouch_models.accuracy.limit import accuracy_limit, spread_contacts
+from beamtouch_models.accuracy.posterior import log_likelihood
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.physics.beam import scene_influence
@@ -29,9 +30,10 @@ MAX_EXCHANGES = 200
 
 @dataclass(frozen=True)
 class Surrogate:
-    """The accuracy limit of a few contacts on a coarse grid, for layouts of one scene."""
+    """The accuracy limit of a few contacts on a coarse grid, for layouts of the same beam."""
 
-    scene: Scene
+    force_n: tuple[float, float]
+    """Range of forces, with equal ends if the force is known."""
     rules: Candidates
     position_mm: Floats
     """(grid,) over the scene's range."""
@@ -52,13 +54,13 @@ class Surrogate:
         shapes = self.shapes[:, layout]
         size = np.linalg.norm(shapes, axis=1)
         projection = (self.clean[:, layout] + self.noise) @ (shapes / np.where(size > 0, size, 1.0)[:, None]).T
-        density = log_likelihood(self.scene.contact.force_range_n, size, projection, projection**2 / 2)
+        density = log_likelihood(self.force_n, size, projection, projection**2 / 2)
         return float(densities(np.broadcast_to(self.position_mm, density.shape), density).mean_distance().mean())
 
     def cramer_rao_mm(self, sums: Floats) -> Floats:
         """Return the mean Cramer-Rao bound on the error (...), limited by the range, from `sums` (3, grid, ...)."""
         slope, mixed, size = sums
-        low, high = self.scene.contact.force_range_n
+        low, high = self.force_n
         square = (low * low + low * high + high * high) / 3
         information = slope
         if low < high:
@@ -95,7 +97,7 @@ def surrogate_of(scene: Scene, rules: Candidates, count: int, noise_mm: float, s
         Prior.of(scene, np.zeros(count), noise_mm), DRAWS, np.random.default_rng(seed)
     )
     return Surrogate(
-        scene,
+        scene.contact.force_range_n,
         rules,
         grid,
         scene_influence(scene, rules.position_mm, grid) / noise_mm,
