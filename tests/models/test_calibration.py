@@ -15,6 +15,7 @@ import pytest
 from beamtouch_models import cli, command_line, modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.model_prior import physics_of, prior_of_model
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checked_fit
 from beamtouch_models.calibration.fit import Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import LoadsError, read_loads
@@ -22,7 +23,6 @@ from beamtouch_models.calibration.mistaken import mistaken
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.imperfections import Imperfections
 from imperfect_surface import imperfections, true_prior, write_readings
-from posterior_cases import Array
 from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake
 
 pytestmark = pytest.mark.long
@@ -36,7 +36,7 @@ def quiet(_doing: str, _done: float) -> None:
     pass
 
 
-def readings(tmp_path: Path, model: ModelFile, real: Imperfections, *, seed: int = 1, **others: Array) -> Path:
+def readings(tmp_path: Path, model: ModelFile, real: Imperfections, *, seed: int = 1, **others: Floats) -> Path:
     path = tmp_path / "loads.csv"
     position, force = others.get("position", POSITIONS), others.get("force", FORCES)
     write_readings(path, model.metadata, true_prior(model.metadata, real), position, force, seed=seed)
@@ -72,7 +72,7 @@ def test_ten_loads_bring_the_error_to_the_limit(bench: ModelFile, calibrated: Ca
     assert calibrated.after_mm.mean() < 0.3 * calibrated.before_mm.mean()
 
 
-def test_what_differs_is_found(bench: ModelFile, calibrated: Calibrated) -> None:
+def test_the_departures_are_found(bench: ModelFile, calibrated: Calibrated) -> None:
     real, found = imperfections(4, bench.metadata), calibrated.fit.departures
     assert set(calibrated.fit.kinds) >= {"gain", "fixity", "curve"}
     assert found.fixity == pytest.approx(real.fixity, abs=0.02)
@@ -244,7 +244,7 @@ def test_a_fit_leaves_a_fixity_of_zero(bench: ModelFile) -> None:
         (lambda text: text.replace("good", "stuck"), "no good samples"),
     ],
 )
-def test_a_recording_that_cannot_serve_is_one_line(
+def test_an_unusable_recording_is_refused_in_one_line(
     bench_model: Path, bench: ModelFile, tmp_path: Path, change: object, said: str
 ) -> None:
     path = readings(tmp_path, bench, Imperfections())
@@ -258,7 +258,7 @@ def test_a_recording_that_cannot_serve_is_one_line(
     assert not output.exists()
 
 
-def test_the_command_says_what_it_found(bench_model: Path, bench: ModelFile, tmp_path: Path) -> None:
+def test_the_command_prints_the_departures(bench_model: Path, bench: ModelFile, tmp_path: Path) -> None:
     path = readings(tmp_path, bench, imperfections(3, bench.metadata))
     output = tmp_path / "real.onnx"
     command = [COMMAND, "calibrate", str(bench_model), str(path), "-o", str(output), "--json"]

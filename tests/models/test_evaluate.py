@@ -87,7 +87,7 @@ def test_a_bad_request_is_one_line(bench_model: Path, arguments: tuple[str, ...]
     assert said in done.stderr.splitlines()[-1]
 
 
-def test_what_is_not_a_model_is_one_line(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_model_is_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "no.onnx"
     path.write_text("no model")
     done = run(path)

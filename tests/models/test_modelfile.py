@@ -29,7 +29,7 @@ def rewritten(source: Path, target: Path, key: str, value: str | None) -> Path:
     return target
 
 
-def test_a_built_model_loads_and_says_what_it_is(bench: ModelFile) -> None:
+def test_a_built_model_loads_with_its_metadata(bench: ModelFile) -> None:
     assert bench.metadata.name == "bench"
     assert bench.identity.startswith("bench@")
     assert bench.channels == ["s1", "s2", "s3", "s4"]
@@ -74,7 +74,7 @@ def test_other_files_are_refused(tmp_path: Path, bench_model: Path) -> None:
         modelfile.load(tmp_path / "plain.onnx")
 
 
-def test_other_golden_answers_are_refused(tmp_path: Path, bench_model: Path, bench: ModelFile) -> None:
+def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, bench: ModelFile) -> None:
     golden = bench.metadata.golden.model_dump()
     golden["answers"]["position_mm"][3] += 0.6
     changed = rewritten(bench_model, tmp_path / "changed.onnx", "beamtouch.golden", json.dumps(golden))
@@ -148,7 +148,7 @@ def test_a_file_that_grows_while_it_is_read_is_refused(bench_model: Path, monkey
         modelfile.load(bench_model)
 
 
-def test_what_is_no_file_is_refused_unopened(tmp_path: Path) -> None:
+def test_a_path_that_is_not_a_regular_file_is_refused_unopened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.onnx")
     for path in (tmp_path / "pipe.onnx", tmp_path, Path("/dev/zero")):
         with pytest.raises(ModelFileError, match="it is not a regular file"):
@@ -213,6 +213,6 @@ def test_a_graph_that_never_ends_is_refused(bench_model: Path, tmp_path: Path, m
 
 
 @pytest.mark.parametrize("value", ["[" * 100_000, "9" * 5000])
-def test_metadata_that_the_parser_does_not_take_is_refused(bench_model: Path, tmp_path: Path, value: str) -> None:
+def test_metadata_beyond_the_limits_of_the_parser_is_refused(bench_model: Path, tmp_path: Path, value: str) -> None:
     with pytest.raises(ModelFileError, match="its metadata is not JSON"):
         modelfile.load(rewritten(bench_model, tmp_path / "changed.onnx", "beamtouch.seed", value))

@@ -138,7 +138,7 @@ def test_extreme_numbers_give_a_figure_or_one_line(command: str, examples: int, 
         ("requirements", "latency_ms", 1e300, "more than 10000 readings"),
     ],
 )
-def test_what_no_model_can_carry_is_refused_by_build(
+def test_build_refuses_scenes_that_no_model_can_carry(
     part: str, key: str, value: object, said: str, tmp_path: Path
 ) -> None:
     stated = scene(section=False)

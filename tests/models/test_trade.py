@@ -46,7 +46,7 @@ POINTS = st.lists(
 
 
 @given(POINTS)
-def test_the_front_is_what_nothing_beats(points: list[Point]) -> None:
+def test_the_front_has_the_points_that_no_other_dominates(points: list[Point]) -> None:
     front = pareto_front(points)
     assert front
     for one in points:
@@ -61,7 +61,7 @@ def test_the_front_is_what_nothing_beats(points: list[Point]) -> None:
 
 
 @given(POINTS, st.sampled_from([0.5, 1.0, 2.5]))
-def test_a_wish_picks_the_best_that_meets_it(points: list[Point], wish: float) -> None:
+def test_a_requirement_picks_the_best_point_that_meets_it(points: list[Point], wish: float) -> None:
     kept = [one for one in points if one.latency_ms <= wish]
     if kept:
         assert most_accurate(points, wish).error_mm == min(one.error_mm for one in kept)
@@ -78,7 +78,7 @@ def test_a_wish_picks_the_best_that_meets_it(points: list[Point], wish: float) -
             quickest(points, wish)
 
 
-def test_what_is_considered() -> None:
+def test_numbers_of_sensors_and_windows_follow_the_scene() -> None:
     bench, _ = load_scene(SCENES / "bench.toml")
     assert counts_of(bench) == [2, 3, 4, 5]
     assert [chosen.window for chosen in windows_of(bench)] == [1, 2, 4]
@@ -89,7 +89,7 @@ def test_what_is_considered() -> None:
 
 
 @pytest.mark.long
-def test_a_point_states_what_its_model_does() -> None:
+def test_a_point_states_the_error_and_latency_of_its_model() -> None:
     scene = parse_scene(PAPER, "paper")
     kept: list[Trade] = []
     trade = measured_points(scene, ("posterior",), draws=1024, seed=0, progress=lambda *_: None, keep=kept.append)
@@ -125,7 +125,7 @@ def test_quantised_weights_are_integers_and_cost_accuracy() -> None:
     assert plain < rough
 
 
-def test_physics_that_is_dear_cannot_be_left_out() -> None:
+def test_leaving_out_an_expensive_effect_costs_accuracy() -> None:
     scene, _ = load_scene(SCENES / "short-deep.toml")
     found = {effect.effect: effect for effect in physics_trade(scene, draws=400, seed=0)}
     assert found["shear"].verdict == "in"
@@ -184,7 +184,7 @@ def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Sign
     assert f"{done} of 24 points" in (out / "trade.md").read_text()
 
 
-def test_points_that_cannot_be_had_are_named_and_the_others_are_there(tmp_path: Path) -> None:
+def test_points_that_fail_are_named_and_the_others_are_kept(tmp_path: Path) -> None:
     scene = tmp_path / "narrow.toml"
     # Three sensors with 150 mm between them go on 400 mm, four do not.
     text = PAPER.replace("count = 2", "count = [3, 4]\nmin_distance_mm = 150")
@@ -203,7 +203,7 @@ def test_points_that_cannot_be_had_are_named_and_the_others_are_there(tmp_path: 
 @pytest.mark.parametrize(
     "wish", [["--latency-ms", "0"], ["--error-mm", "nan"], ["--error-mm", "1", "--latency-ms", "1"]]
 )
-def test_a_wish_that_makes_no_sense_is_refused_before_the_work(tmp_path: Path, wish: list[str]) -> None:
+def test_a_requirement_that_is_not_positive_is_refused_at_once(tmp_path: Path, wish: list[str]) -> None:
     command = [COMMAND, "trade", str(SCENES / "bench.toml"), "-o", str(tmp_path / "out"), *wish]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=30)
     assert (done.returncode, done.stdout) == (2, "")
