@@ -157,7 +157,7 @@ def test_the_command_writes_the_folder_and_builds_the_choice(tmp_path: Path) -> 
     assert picture.count("<circle") == len(expected) + 2  # two in the legend
     none = subprocess.run([*common, "--error-mm", "1e-6"], capture_output=True, text=True, check=False)
     assert (none.returncode, none.stdout, none.stderr.count("\n")) == (2, "", 1)
-    assert "nothing has a mean error of 1e-06 mm" in none.stderr
+    assert "no point has a mean error of 1e-06 mm" in none.stderr
 
 
 @pytest.mark.long
