@@ -1,8 +1,6 @@
 """The report of a build: one page that is whole, says what is so, and asks nothing of the network."""
 
 import re
-import subprocess
-import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,6 +22,7 @@ from beamtouch_models.placement import Placement, place, place_by_position_error
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 from example_scenes import PAPER, SCENES
+from in_process import Command
 from tags import Tags
 
 pytestmark = pytest.mark.long
@@ -111,9 +110,10 @@ def test_the_interval_along_the_beam_is_shown_if_the_model_has_one(facts: Facts)
     assert profile.width_mm[[0, -1]].min() > 3 * profile.width_mm[len(profile.width_mm) // 2]
     words = " ".join(Tags(page(facts)).text)
     assert profile.held_in is not None
+    assert [part.value for part in profile.held_in[1:]] == pytest.approx(profile.held[[0, -1]], abs=1e-9)
     whole, first, last = (f"{part.value * 100:.1f} ± {part.standard_error * 100:.1f} %" for part in profile.held_in)
     assert f"held {whole} of the contacts" in words
-    assert f"{first} and {last}" in words
+    assert f"{first} and {last}." in words
     silent = replace(facts, profile=replace(profile, held=None, width_mm=None))
     assert "Interval along the beam" in words
     assert "Interval along the beam" not in " ".join(Tags(page(silent)).text)
@@ -248,10 +248,9 @@ def test_build_writes_the_report(
     assert output.read_bytes() == bench_model.read_bytes()
 
 
-def test_a_report_in_a_missing_folder_is_refused_before_the_build(tmp_path: Path) -> None:
-    output = ["-o", str(tmp_path / "m.onnx"), "--report", str(tmp_path / "a/b.html")]
-    command_line = [sys.executable, "-m", "beamtouch_models.cli", "build", str(SCENES / "paper.toml"), *output]
-    done = subprocess.run(command_line, capture_output=True, text=True, check=False, timeout=60)
+def test_a_report_in_a_missing_folder_is_refused_before_the_build(design_sensors_here: Command, tmp_path: Path) -> None:
+    output = ("-o", tmp_path / "m.onnx", "--report", tmp_path / "a/b.html")
+    done = design_sensors_here("build", SCENES / "paper.toml", *output)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "no such folder" in done.stderr
     assert list(tmp_path.iterdir()) == []

@@ -13,6 +13,7 @@ import pytest
 
 from beamtouch_models import modelfile
 from example_scenes import PAPER, SCENES
+from in_process import Command
 
 
 def design_sensors(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -66,10 +67,13 @@ def test_inspect_for_a_person(bench_model: Path) -> None:
         ("count = 2", "count = 2\nfixed_mm = [100, 200, 300]", "more than the 2 to be placed"),
     ],
 )
-def test_a_bad_scene_is_one_line_exit_2_and_nothing_written(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_a_bad_scene_is_one_line_exit_2_and_nothing_written(
+    design_sensors_here: Command, tmp_path: Path, old: str, new: str, said: str
+) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text(PAPER.replace(old, new))
-    done = design_sensors("build", scene, "-o", tmp_path / "model.onnx", "--daemon-config", tmp_path / "daemon.toml")
+    output = ("-o", tmp_path / "model.onnx", "--daemon-config", tmp_path / "daemon.toml")
+    done = design_sensors_here("build", scene, *output)
     assert done.returncode == 2
     assert said in done.stderr
     assert done.stderr.count("\n") == 1
@@ -77,7 +81,7 @@ def test_a_bad_scene_is_one_line_exit_2_and_nothing_written(tmp_path: Path, old:
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
-def test_other_bad_input(tmp_path: Path, bench_model: Path) -> None:
+def test_other_bad_input(design_sensors_here: Command, tmp_path: Path, bench_model: Path) -> None:
     half = tmp_path / "half.onnx"
     half.write_bytes(bench_model.read_bytes()[: bench_model.stat().st_size // 2])
     cases = {
@@ -87,7 +91,7 @@ def test_other_bad_input(tmp_path: Path, bench_model: Path) -> None:
         "absent.toml": ("build", tmp_path / "absent.toml", "-o", tmp_path / "model.onnx"),
     }
     for said, arguments in cases.items():
-        done = design_sensors(*arguments)
+        done = design_sensors_here(*arguments)
         assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
         assert said in done.stderr
 

@@ -1,8 +1,6 @@
 """The reproduced figures: numbers against the paper, and against independent calculations."""
 
 import json
-import subprocess
-import sys
 from argparse import Namespace
 from functools import partial
 from pathlib import Path
@@ -24,6 +22,7 @@ from beamtouch_models.reproduction.printed import equation_1, printed_rows
 from beamtouch_models.reproduction.reproduce import Reproduction, reproduce
 from beamtouch_models.reproduction.search import EXPECTED_MM, figures_5_and_6, paper_search
 from beamtouch_models.reproduction.sensor import figure_2
+from in_process import Command
 from tags import Tags
 
 
@@ -209,9 +208,8 @@ def test_the_command_writes_the_folder_and_prints_the_table(
         assert "(seed 3)" in out
 
 
-def test_an_output_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
+def test_an_output_folder_that_is_a_file_is_refused(design_sensors_here: Command, tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
-    arguments = [sys.executable, "-m", "beamtouch_models.cli", "reproduce", "-o", str(tmp_path / "taken")]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=False, timeout=60)
+    done = design_sensors_here("reproduce", "-o", tmp_path / "taken")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "is a file; give a folder" in done.stderr

@@ -24,6 +24,7 @@ from beamtouch_models.structure import Beam
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Reading, Start, Stop
 from example_scenes import SCENES
+from in_process import Command
 
 scene, _ = load_scene(SCENES / "bench.toml")
 
@@ -230,12 +231,13 @@ def test_imperfections_change_the_counts_as_stated(bench: ModelFile, tmp_path: P
         ("gain = [", "imperfections.toml"),
     ],
 )
-def test_wrong_imperfections_are_one_line(bench_model: Path, tmp_path: Path, text: str, said: str) -> None:
+def test_wrong_imperfections_are_one_line(
+    rig_here: Command, bench_model: Path, tmp_path: Path, text: str, said: str
+) -> None:
     path = tmp_path / "imperfections.toml"
     path.write_text(text)
-    command = [str(Path(sys.executable).parent / "beamtouch-rig"), str(SCENES / "bench.toml"), "--model"]
-    arguments = [*command, str(bench_model), "--modbus-tcp", "127.0.0.1:0", "--imperfections", str(path)]
-    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60, check=False)
+    line = ("--modbus-tcp", "127.0.0.1:0")
+    done = rig_here(SCENES / "bench.toml", "--model", bench_model, *line, "--imperfections", path)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert said in done.stderr
 

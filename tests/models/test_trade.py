@@ -27,6 +27,7 @@ from beamtouch_models.trade.points import Point, Trade, counts_of, measured_poin
 from beamtouch_models.trade.quantised import quantised
 from beamtouch_models.trade.timing import Times
 from example_scenes import PAPER, SCENES
+from in_process import Command
 from posterior_cases import answers_of, prior_of
 
 COMMAND = str(Path(sys.executable).parent / "design-sensors")
@@ -184,13 +185,14 @@ def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Sign
     assert f"{done} of 24 points" in (out / "trade.md").read_text()
 
 
-def test_points_that_fail_are_named_and_the_others_are_kept(tmp_path: Path) -> None:
+def test_points_that_fail_are_named_and_the_others_are_kept(design_sensors_here: Command, tmp_path: Path) -> None:
     scene = tmp_path / "narrow.toml"
     # Three sensors with 150 mm between them go on 400 mm, four do not.
     text = PAPER.replace("count = 2", "count = [3, 4]\nmin_distance_mm = 150")
     scene.write_text(text + "\n[requirements]\nlatency_ms = 10\n")
-    command = [COMMAND, "trade", str(scene), "-o", str(tmp_path / "out"), "--draws", "128", "--estimators", "posterior"]
-    done = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True)
+    options = ("--draws", 128, "--estimators", "posterior", "--json")
+    done = design_sensors_here("trade", scene, "-o", tmp_path / "out", *options)
+    assert done.returncode == 0
     found = json.loads(done.stdout)
     assert {one["sensors"] for one in found["points"]} == {3}
     (failure,) = found["failures"]
@@ -203,8 +205,9 @@ def test_points_that_fail_are_named_and_the_others_are_kept(tmp_path: Path) -> N
 @pytest.mark.parametrize(
     "wish", [["--latency-ms", "0"], ["--error-mm", "nan"], ["--error-mm", "1", "--latency-ms", "1"]]
 )
-def test_a_requirement_that_is_not_positive_is_refused_at_once(tmp_path: Path, wish: list[str]) -> None:
-    command = [COMMAND, "trade", str(SCENES / "bench.toml"), "-o", str(tmp_path / "out"), *wish]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=30)
+def test_a_requirement_that_is_not_positive_is_refused_at_once(
+    design_sensors_here: Command, tmp_path: Path, wish: list[str]
+) -> None:
+    done = design_sensors_here("trade", SCENES / "bench.toml", "-o", tmp_path / "out", *wish)
     assert (done.returncode, done.stdout) == (2, "")
     assert not (tmp_path / "out").exists()

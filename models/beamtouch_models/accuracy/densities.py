@@ -75,19 +75,23 @@ class Densities:
 
 def densities(grids: Floats, log_density: Floats) -> Densities:
     """Densities from their logarithms at the nodes of increasing grids, both (densities, grid), up to a constant."""
-    logs = np.maximum(log_density - log_density.max(axis=1, keepdims=True), LEAST_LOG)
+    logs = log_density - log_density.max(axis=1, keepdims=True)
+    np.maximum(logs, LEAST_LOG, out=logs)
     density = np.exp(logs)
     step = np.diff(grids, axis=1) / (grids[:, -1:] - grids[:, :1])
-    slope = np.divide(np.diff(logs, axis=1), step, out=np.zeros_like(step), where=step > 0)
+    slope = np.diff(logs, axis=1) / np.where(step > 0, step, np.inf)
     # The log of a posterior is nearly a parabola: its derivative at a node is the mean of the adjacent slopes.
-    gradient = np.pad((slope[:, :-1] + slope[:, 1:]) / 2, ((0, 0), (1, 1)))
+    gradient = np.empty_like(density)
+    gradient[:, 1:-1] = (slope[:, :-1] + slope[:, 1:]) / 2
     gradient[:, 0], gradient[:, -1] = slope[:, 0], slope[:, -1]
+    bend = np.diff(gradient * density, axis=1)
     # At a cliff, where the end of the force range cuts a posterior off, it is not: use the plain trapezoidal rule.
-    bends = np.abs(np.diff(slope, axis=1)) * np.maximum(step[:, 1:], step[:, :-1]) > SHARP
-    sharp = np.pad(bends, ((0, 0), (1, 1)), mode="edge")
-    bend = np.where(sharp[:, 1:] | sharp[:, :-1], 0.0, np.diff(gradient * density, axis=1))
+    sharp = np.empty(density.shape, np.bool_)
+    sharp[:, 1:-1] = np.abs(np.diff(slope, axis=1)) * np.maximum(step[:, 1:], step[:, :-1]) > SHARP
+    sharp[:, 0], sharp[:, -1] = sharp[:, 1], sharp[:, -2]
+    bend[sharp[:, 1:] | sharp[:, :-1]] = 0.0
     mass = step * (density[:, 1:] + density[:, :-1]) / 2 - step**2 / 12 * bend
     below = np.zeros_like(density)
-    np.cumsum(np.maximum(mass, 0.0), axis=1, out=below[:, 1:])
+    np.cumsum(np.maximum(mass, 0.0, out=mass), axis=1, out=below[:, 1:])
     total = below[:, -1:].copy()
     return Densities(grids, density / total, below / total)

@@ -18,7 +18,7 @@ from beamtouch_models.errors import SceneError
 SCRAMBLINGS = 16
 """Number of independent parts of evenly spread draws."""
 UNIFORM = 0.5
-"""Share of evenly spread contacts that are drawn uniformly; the largest weight is one over it."""
+"""Share of evenly spread contacts that are drawn uniformly; the largest weight is about one over it."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
     noise = np.concatenate([contact[2] for contact in contacts])
     position, weight = _where_it_errs(prior, position)
     clean = force[:, None] * prior.influence_at(position)
-    return Draws(position, force, clean + prior.noise_mm * noise, weight)
+    return Draws(position, force, clean + prior.noise_mm * noise, weight / weight.mean())
 
 
 def _where_it_errs(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:

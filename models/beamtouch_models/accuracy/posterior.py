@@ -18,7 +18,8 @@ FINE_GRID = 129
 ROUNDS = 12
 NEGLIGIBLE = 40.0
 """Difference to the largest log density beyond which a position is not part of a posterior."""
-CHUNK = 200
+CHUNK = 100
+"""Readings per step, few enough for their grids to fit the cache of a core."""
 MIN_NOISE = 1e-12
 """Smallest noise of a sample over the largest deflection: below it, rounding in float64 shows in the posterior."""
 
