@@ -1,6 +1,6 @@
 """Means, ratios and quantiles with their standard errors. Pure.
 
-Values are (draws, ...), in PARTS consecutive parts of (almost) equal length, as `limit.draw_evenly` returns them.
+Values are (draws, ...), in SCRAMBLINGS consecutive parts of (almost) equal length, as `limit.draw_evenly` returns them.
 Values within a part may be correlated, as evenly spread draws are; standard errors come from the scatter of the parts.
 """
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.accuracy.limit import SCRAMBLINGS as PARTS
+from beamtouch_models.accuracy.limit import SCRAMBLINGS
 from beamtouch_models.arrays import Bools, Floats
 
 
@@ -26,9 +26,9 @@ class Measurement:
 
 def ratio_of(above: Floats, below: Floats) -> Measurement:
     """Return the ratio of two means over the same draws; their common scatter cancels in its standard error."""
-    parts = [np.array([part.mean() for part in np.array_split(values, PARTS)]) for values in (above, below)]
+    parts = [np.array([part.mean() for part in np.array_split(values, SCRAMBLINGS)]) for values in (above, below)]
     ratio, mean = above.mean() / below.mean(), below.mean()
-    scatter = (parts[0] - ratio * parts[1]).std(ddof=1) / PARTS**0.5
+    scatter = (parts[0] - ratio * parts[1]).std(ddof=1) / SCRAMBLINGS**0.5
     return Measurement(float(ratio), float(scatter / abs(mean)))
 
 
@@ -47,9 +47,9 @@ def share_of(happened: Bools, weight: Floats | None = None) -> Measurement:
 def quantile_of(values: Floats, level: float, weight: Floats | None = None) -> Measurement:
     """Return a quantile of values (draws, ...), weighted by an array of the same shape."""
     weight = np.ones(values.shape) if weight is None else weight
-    pairs = zip(np.array_split(values, PARTS), np.array_split(weight, PARTS), strict=True)
+    pairs = zip(np.array_split(values, SCRAMBLINGS), np.array_split(weight, SCRAMBLINGS), strict=True)
     parts = [_quantile(*pair, level) for pair in pairs]
-    return Measurement(_quantile(values, weight, level), float(np.std(parts, ddof=1) / PARTS**0.5))
+    return Measurement(_quantile(values, weight, level), float(np.std(parts, ddof=1) / SCRAMBLINGS**0.5))
 
 
 def _quantile(values: Floats, weight: Floats, level: float) -> float:
