@@ -76,19 +76,12 @@ def build(
         The model misses the accuracy limit, or its intervals hold too few of the true positions.
     """
     check_small_angles(scene)
-    chosen = choices.filter or choose_filter(scene)
-    noise = noise_of(scene, chosen)
-    if noise.sample_mm == 0:
-        message = "sensors: with a noise of 0 there are no intervals; state the noise of a reading"
-        raise SceneError(message)
-    check_scale(noise.sample_mm, max_deflection_mm(scene))
+    physics = _physics_of(scene, choices.filter or choose_filter(scene))
     sensor = sensor_of(scene)
-    # Physics ends here: everything below knows only the effects that the scene requires.
-    physics = required(scene, chosen)
-    noise = physics.noise
     progress("placing the sensors", 0.0)
-    placement = fewest_sensors(physics.scene, noise.sample_mm, count, seed)
-    prior = Prior.of(physics.scene, np.array(placement.positions_mm), noise.sample_mm)
+    # Physics ends here: everything below knows only the effects that the scene requires.
+    placement = fewest_sensors(physics.scene, physics.noise.sample_mm, count, seed)
+    prior = Prior.of(physics.scene, np.array(placement.positions_mm), physics.noise.sample_mm)
     made = estimator_of(
         choices.estimator,
         prior,
@@ -108,8 +101,8 @@ def build(
         min_channels=made.min_channels,
         ranges=Ranges(position_mm=scene.contact.position_mm, force_n=scene.contact.force_range_n),
         max_deflection_mm=max_deflection_mm(scene),
-        noise=noise,
-        filter=chosen,
+        noise=physics.noise,
+        filter=physics.filter,
         sensor=sensor,
         contact_threshold=found.contact_threshold,
         seed=seed,
@@ -118,6 +111,16 @@ def build(
         scene=text,
     )
     return Built(to_bytes(made.graph, metadata), metadata, placement, physics)
+
+
+def _physics_of(scene: Scene, chosen: FilterChoice) -> Physics:
+    """Return the required physics; SceneError if no model can carry the noise or the deflection."""
+    noise_mm = noise_of(scene, chosen).sample_mm
+    if noise_mm == 0:
+        message = "sensors: with a noise of 0 there are no intervals; state the noise of a reading"
+        raise SceneError(message)
+    check_scale(noise_mm, max_deflection_mm(scene))
+    return required(scene, chosen)
 
 
 def sensor_of(scene: Scene) -> Sensor:
