@@ -2,7 +2,19 @@
 
 from xdist.scheduler import LoadScopeScheduling
 
-TOGETHER = ("models/test_build_report.py", "models/test_calibration.py", "models/test_small_network.py")
+TOGETHER = (
+    "models/test_build_report.py",
+    "models/test_calibration.py",
+    "models/test_small_network.py",
+    "process/test_heads.py",
+    # Pages share a browser. One for all modules would keep its event loop running beside other tests.
+    "models/test_pictures.py",
+    "process/test_page.py",
+    "process/test_page_form.py",
+    "process/test_page_parser.py",
+    "process/test_page_token.py",
+    "system/test_page.py",
+)
 
 
 class Scheduling(LoadScopeScheduling):  # type: ignore[misc]  # xdist ships no types

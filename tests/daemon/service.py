@@ -42,7 +42,7 @@ class Service:
         """Every accepted sample of a surface, as often as it came, in order of arrival."""
         return [sample for name, batch, _ in self.batches if name == surface for sample in batch.samples]
 
-    async def until(self, number: int, surface: str = "bench", within_s: float = 10.0) -> None:
+    async def until(self, number: int, surface: str = "bench", within_s: float = 60.0) -> None:
         """Wait for the samples of a surface to be at least so many."""
         async with asyncio.timeout(within_s):
             while len(self.samples(surface)) < number:

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.physics.closed_forms import span_of
-from beamtouch_models.physics.structure import Beam
+from beamtouch_models.structure import Beam
 from exact_beam import ExactBeam, fixed, simple
 
 STEEL = {"length_mm": 400.0, "youngs_modulus_gpa": 210.0, "width_mm": 25.0, "thickness_mm": 30.0}

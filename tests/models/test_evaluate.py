@@ -12,6 +12,7 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.evaluation import at_noise, evaluate
 from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.modelfile import ModelFile
+from in_process import Command
 
 COMMAND = str(Path(sys.executable).parent / "design-sensors")
 
@@ -56,7 +57,7 @@ def test_more_noise_than_the_model_was_made_for(bench: ModelFile) -> None:
 
 
 @pytest.mark.long
-def test_one_json_object_and_a_table(bench_model: Path, bench: ModelFile) -> None:
+def test_one_json_object_and_a_table(design_sensors_here: Command, bench_model: Path, bench: ModelFile) -> None:
     done = run(bench_model, "--draws", 400, "--noise", 0.01, "--noise", 0, "--json")
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)
@@ -66,7 +67,7 @@ def test_one_json_object_and_a_table(bench_model: Path, bench: ModelFile) -> Non
     assert noisy["span"]["mean_percent"]["value"] == pytest.approx(noisy["span"]["mean_mm"]["value"] / 4)
     assert noisy["span"]["ratio"]["standard_error"] > 0
     assert silent["span"]["ratio"] is silent["false_alarms"] is silent["cramer_rao_mean_mm"] is None
-    table = run(bench_model, "--draws", 200)
+    table = design_sensors_here("evaluate", bench_model, "--draws", 200)
     assert table.returncode == 0
     assert "error over limit" in table.stdout
     assert "position interval" in table.stdout
@@ -80,15 +81,17 @@ def test_one_json_object_and_a_table(bench_model: Path, bench: ModelFile) -> Non
         (("--draws", "5"), "from 100"),
     ],
 )
-def test_a_bad_request_is_one_line(bench_model: Path, arguments: tuple[str, ...], said: str) -> None:
-    done = run(bench_model, *arguments)
+def test_a_bad_request_is_one_line(
+    design_sensors_here: Command, bench_model: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    done = design_sensors_here("evaluate", bench_model, *arguments)
     assert done.returncode == 2
     assert done.stdout == ""
     assert said in done.stderr.splitlines()[-1]
 
 
-def test_what_is_not_a_model_is_one_line(tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_model_is_refused_in_one_line(design_sensors_here: Command, tmp_path: Path) -> None:
     path = tmp_path / "no.onnx"
     path.write_text("no model")
-    done = run(path)
+    done = design_sensors_here("evaluate", path)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)

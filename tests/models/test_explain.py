@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from example_scenes import PAPER, SCENES
+from in_process import Command
 
 NAMES = [
     "shear",
@@ -43,8 +44,8 @@ def test_one_json_object_holds_every_effect() -> None:
     assert (unstated["price"], unstated["included"], unstated["cost_us"]) == (None, False, None)
 
 
-def test_a_table_lists_every_effect() -> None:
-    done = explain(SCENES / "wide-contact.toml")
+def test_a_table_lists_every_effect(design_sensors_here: Command) -> None:
+    done = design_sensors_here("explain", SCENES / "wide-contact.toml")
     assert done.returncode == 0
     rows = {line[: len("contact width")].strip(): line for line in done.stdout.splitlines()}
     assert set(NAMES) <= set(rows)
@@ -65,9 +66,11 @@ def test_a_table_lists_every_effect() -> None:
         ("position_mm", "width_mm = -1\nposition_mm", "contact.width_mm"),
     ],
 )
-def test_a_bad_scene_is_one_line_and_exit_2(tmp_path: Path, old: str, new: str, said: str) -> None:
+def test_a_bad_scene_is_one_line_and_exit_2(
+    design_sensors_here: Command, tmp_path: Path, old: str, new: str, said: str
+) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text(PAPER.replace(old, new, 1))
-    done = explain(scene, "--json")
+    done = design_sensors_here("explain", scene, "--json")
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert said in done.stderr

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from example_scenes import PAPER, SCENES
+from in_process import Command
 
 KEYS = {
     "positions_mm", "log_eigenvalue_product", "accuracy_limit_percent", "standard_error", "proven", "gap",
@@ -34,37 +35,43 @@ def test_five_sensors_are_proven_within_a_minute() -> None:
     assert found["wall_s"] < 60
 
 
-def test_the_defaults_are_the_scenes_number_of_sensors_the_product_and_the_exact_search() -> None:
-    found = json.loads(place(SCENES / "paper.toml", "--json").stdout)
+def test_the_defaults_are_the_scenes_number_of_sensors_the_product_and_the_exact_search(
+    design_sensors_here: Command,
+) -> None:
+    found = json.loads(design_sensors_here("place", SCENES / "paper.toml", "--json").stdout)
     assert (found["criterion"], found["search"], found["seed"]) == ("eigenvalue-product", "exact", 0)
     assert found["components"] == len(found["positions_mm"])
     assert 0 <= found["gap"] < 1e-3
 
 
-def test_the_table_shows_the_layout_of_the_papers_figure_5() -> None:
-    done = place(SCENES / "paper.toml", "--sensors", 8, "--components", 4, "--search", "paper", "--prove")
+def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: Command) -> None:
+    done = design_sensors_here(
+        "place", SCENES / "paper.toml", "--sensors", 8, "--components", 4, "--search", "paper", "--prove"
+    )
     assert done.returncode == 0, done.stderr
     assert "68, 69, 156, 157, 243, 244, 331, 332 mm" in done.stdout
     assert "ln -52.6760 (4 leading eigenvalues" in done.stdout
     assert "the best layout on the grid, proven" in done.stdout
 
 
-def test_position_error_has_no_gap() -> None:
+def test_position_error_has_no_gap(design_sensors_here: Command) -> None:
     found = json.loads(
-        place(SCENES / "paper.toml", "--sensors", 2, "--criterion", "position-error", "--prove", "--json").stdout
+        design_sensors_here(
+            "place", SCENES / "paper.toml", "--sensors", 2, "--criterion", "position-error", "--prove", "--json"
+        ).stdout
     )
     assert found["accuracy_limit_percent"] == pytest.approx(3.78, abs=0.08)
     assert (found["proven"], found["gap"]) == (False, None)
 
 
-def test_without_noise_there_is_a_layout_and_no_limit(tmp_path: Path) -> None:
+def test_without_noise_there_is_a_layout_and_no_limit(design_sensors_here: Command, tmp_path: Path) -> None:
     scene = tmp_path / "quiet.toml"
     scene.write_text(PAPER.replace("noise_percent_of_max = 2", "noise_mm = 0"))
-    found = json.loads(place(scene, "--json").stdout)
+    found = json.loads(design_sensors_here("place", scene, "--json").stdout)
     assert found["positions_mm"] == [122, 278]
     assert found["accuracy_limit_percent"] is found["standard_error"] is None
     assert math.isfinite(found["log_eigenvalue_product"])
-    assert "without noise there is no accuracy limit" in place(scene).stdout
+    assert "without noise there is no accuracy limit" in design_sensors_here("place", scene).stdout
 
 
 @pytest.mark.parametrize(
@@ -78,11 +85,11 @@ def test_without_noise_there_is_a_layout_and_no_limit(tmp_path: Path) -> None:
     ],
 )
 def test_a_scene_that_cannot_be_placed_gives_one_line_and_exit_2(
-    tmp_path: Path, old: str, new: str, arguments: tuple[object, ...], said: str
+    design_sensors_here: Command, tmp_path: Path, old: str, new: str, arguments: tuple[object, ...], said: str
 ) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text(PAPER.replace(old, new))
-    done = place(scene, *arguments)
+    done = design_sensors_here("place", scene, *arguments)
     assert done.returncode == 2
     assert said in done.stderr
     assert done.stderr.count("\n") == 1

@@ -1,8 +1,6 @@
 """The reproduced figures: numbers against the paper, and against independent calculations."""
 
 import json
-import subprocess
-import sys
 from argparse import Namespace
 from functools import partial
 from pathlib import Path
@@ -11,6 +9,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy.limit import MeanError
+from beamtouch_models.arrays import Floats
 from beamtouch_models.commands import reproduce as command
 from beamtouch_models.estimators.paper_network import PaperNetwork
 from beamtouch_models.reproduction import accuracy, search
@@ -18,11 +17,12 @@ from beamtouch_models.reproduction.accuracy import NOISES_PERCENT, Layout, Perfo
 from beamtouch_models.reproduction.components import figure_3, figure_4, figure_7, noise_errors
 from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT, figure_8
 from beamtouch_models.reproduction.finding import Figure, Row
-from beamtouch_models.reproduction.paper import LOADS_MM, Array, dimensionless, equal_pitch_mm
+from beamtouch_models.reproduction.paper import LOADS_MM, dimensionless, equal_pitch_mm
 from beamtouch_models.reproduction.printed import equation_1, printed_rows
 from beamtouch_models.reproduction.reproduce import Reproduction, reproduce
 from beamtouch_models.reproduction.search import EXPECTED_MM, figures_5_and_6, paper_search
 from beamtouch_models.reproduction.sensor import figure_2
+from in_process import Command
 from tags import Tags
 
 
@@ -41,11 +41,11 @@ def row_of(figure: Figure | tuple[Row, ...], start: str) -> Row:
     return row
 
 
-def eigenvalues(sensor_mm: Array) -> Array:
+def eigenvalues(sensor_mm: Floats) -> Floats:
     """Eigenvalues of eq. 2, descending, from eq. 1 with a Macaulay bracket and numpy's symmetric solver."""
     x, a = sensor_mm[None, :] / 400, LOADS_MM[:, None] / 400
     matrix = -((2 - a) * (a - 1) * a * x + (1 - a) * x**3 - np.maximum(x - a, 0) ** 3) / 6
-    found: Array = np.linalg.eigvalsh(matrix.T @ matrix / 399)[::-1]
+    found: Floats = np.linalg.eigvalsh(matrix.T @ matrix / 399)[::-1]
     return found
 
 
@@ -208,9 +208,8 @@ def test_the_command_writes_the_folder_and_prints_the_table(
         assert "(seed 3)" in out
 
 
-def test_an_output_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
+def test_an_output_folder_that_is_a_file_is_refused(design_sensors_here: Command, tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
-    arguments = [sys.executable, "-m", "beamtouch_models.cli", "reproduce", "-o", str(tmp_path / "taken")]
-    done = subprocess.run(arguments, capture_output=True, text=True, check=False, timeout=60)
+    done = design_sensors_here("reproduce", "-o", tmp_path / "taken")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "is a file; give a folder" in done.stderr

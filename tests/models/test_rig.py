@@ -11,18 +11,20 @@ import numpy as np
 import pytest
 
 from beamtouch_models.errors import SceneError
-from beamtouch_models.modelfile import ModelFile, Sensor
+from beamtouch_models.metadata import Sensor
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.physics.structure import Beam
 from beamtouch_models.rig.imperfections import Imperfections, load_imperfections
 from beamtouch_models.rig.pty_line import joined_line, named_line
 from beamtouch_models.rig.script import Load, Script, default_script, load_script
 from beamtouch_models.rig.serial_device import SerialDevice
 from beamtouch_models.rig.surface import VirtualSurface, counts_of_gap
 from beamtouch_models.scene import load_scene
+from beamtouch_models.structure import Beam
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Reading, Start, Stop
 from example_scenes import SCENES
+from in_process import Command
 
 scene, _ = load_scene(SCENES / "bench.toml")
 
@@ -229,19 +231,20 @@ def test_imperfections_change_the_counts_as_stated(bench: ModelFile, tmp_path: P
         ("gain = [", "imperfections.toml"),
     ],
 )
-def test_wrong_imperfections_are_one_line(bench_model: Path, tmp_path: Path, text: str, said: str) -> None:
+def test_wrong_imperfections_are_one_line(
+    rig_here: Command, bench_model: Path, tmp_path: Path, text: str, said: str
+) -> None:
     path = tmp_path / "imperfections.toml"
     path.write_text(text)
-    command = [str(Path(sys.executable).parent / "beamtouch-rig"), str(SCENES / "bench.toml"), "--model"]
-    arguments = [*command, str(bench_model), "--modbus-tcp", "127.0.0.1:0", "--imperfections", str(path)]
-    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60, check=False)
+    line = ("--modbus-tcp", "127.0.0.1:0")
+    done = rig_here(SCENES / "bench.toml", "--model", bench_model, *line, "--imperfections", path)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert said in done.stderr
 
 
 def test_a_fixed_support_takes_no_fixity() -> None:
     cantilever, _ = load_scene(SCENES / "cantilever.toml")
-    with pytest.raises(SceneError, match="fixed already"):
+    with pytest.raises(SceneError, match="already fixed"):
         Imperfections(fixity=(0.1, 0.0)).applied_to(cantilever)
 
 

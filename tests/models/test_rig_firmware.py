@@ -10,6 +10,7 @@ import pytest
 from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
+from in_process import Command
 
 RIG = str(Path(sys.executable).parent / "beamtouch-rig")
 
@@ -31,16 +32,20 @@ def ten_bits(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return path, model
 
 
-def test_the_firmware_needs_a_serial_line(ten_bits: tuple[Path, Path]) -> None:
+def test_the_firmware_needs_a_serial_line(rig_here: Command, ten_bits: tuple[Path, Path]) -> None:
     scene, model = ten_bits
-    said = refused(scene, "--model", model, "--modbus-tcp", "127.0.0.1:0", "--firmware", "board", "firmware.elf")
-    assert said == "beamtouch-rig: --firmware needs --serial\n"
+    done = rig_here(scene, "--model", model, "--modbus-tcp", "127.0.0.1:0", "--firmware", "board", "firmware.elf")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "beamtouch-rig: --firmware needs --serial\n"
 
 
-def test_the_scene_must_state_the_adc_of_the_firmware(built_model: Callable[[str], Path], tmp_path: Path) -> None:
+def test_the_scene_must_state_the_adc_of_the_firmware(
+    rig_here: Command, built_model: Callable[[str], Path], tmp_path: Path
+) -> None:
     serial = ("--serial", tmp_path / "line", "--firmware", "board", "firmware.elf")
-    said = refused(SCENES / "bench.toml", "--model", built_model("bench"), *serial)
-    assert said == "beamtouch-rig: the firmware's ADC has 10 bits; set sensors.adc_bits = 10 in the scene\n"
+    done = rig_here(SCENES / "bench.toml", "--model", built_model("bench"), *serial)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "beamtouch-rig: the firmware's ADC has 10 bits; set sensors.adc_bits = 10 in the scene\n"
 
 
 def test_a_missing_board_is_reported_in_one_line(ten_bits: tuple[Path, Path], tmp_path: Path) -> None:

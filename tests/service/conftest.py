@@ -1,6 +1,7 @@
 """Real model files, small enough to compute by hand, and the service around them."""
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -86,45 +87,47 @@ def _golden(model: onnx.ModelProto, channels: int) -> modelfile.Golden:
     return modelfile.Golden(deflection_mm=deflection, valid=valid, answers=answers)
 
 
+def write_model(
+    folder: Path,
+    name: str = "press-7",
+    channels: int = 3,
+    min_channels: int = 2,
+    outputs: tuple[str, ...] = modelfile.POSITION_OUTPUTS + modelfile.FORCE_OUTPUTS,
+    prefix: str = "s",
+) -> Path:
+    """Write a model file with channels s1, s2, ... (or of another prefix) on a beam of 400 mm."""
+    model = _graph(channels, outputs)
+    metadata = modelfile.Metadata(
+        name=name,
+        estimator="tiny",
+        length_mm=400,
+        layout=[modelfile.Channel(name=f"{prefix}{i + 1}", position_mm=100.0 * (i + 1)) for i in range(channels)],
+        min_channels=min_channels,
+        ranges=modelfile.Ranges(position_mm=(1, 399), force_n=(1, 20)),
+        max_deflection_mm=1,
+        noise=modelfile.Noise(reading_mm=0.01, sample_mm=0.01),
+        filter=modelfile.FilterChoice(),
+        sensor=modelfile.Sensor(
+            rate_hz=200, range_mm=(1, 4), standoff_mm=3, adc_bits=12, gain_mm_per_count=0.001, offset_mm=0
+        ),
+        contact_threshold=0,
+        seed=1,
+        accuracy=modelfile.Accuracy(
+            error_percent=1, error_standard_error=0.1, limit_percent=1, limit_standard_error=0.1
+        ),
+        golden=_golden(model, channels),
+        scene="",
+    )
+    helper.set_model_props(model, metadata.to_entries())
+    path = folder / f"{name}.onnx"
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
 @pytest.fixture
 def build_model(tmp_path: Path) -> BuildModel:
-    """Write a model file with channels s1, s2, ... (or of another prefix) on a beam of 400 mm."""
-
-    def build(
-        name: str = "press-7",
-        channels: int = 3,
-        min_channels: int = 2,
-        outputs: tuple[str, ...] = modelfile.POSITION_OUTPUTS + modelfile.FORCE_OUTPUTS,
-        prefix: str = "s",
-    ) -> Path:
-        model = _graph(channels, outputs)
-        metadata = modelfile.Metadata(
-            name=name,
-            estimator="tiny",
-            length_mm=400,
-            layout=[modelfile.Channel(name=f"{prefix}{i + 1}", position_mm=100.0 * (i + 1)) for i in range(channels)],
-            min_channels=min_channels,
-            ranges=modelfile.Ranges(position_mm=(1, 399), force_n=(1, 20)),
-            max_deflection_mm=1,
-            noise=modelfile.Noise(reading_mm=0.01, sample_mm=0.01),
-            filter=modelfile.FilterChoice(),
-            sensor=modelfile.Sensor(
-                rate_hz=200, range_mm=(1, 4), standoff_mm=3, adc_bits=12, gain_mm_per_count=0.001, offset_mm=0
-            ),
-            contact_threshold=0,
-            seed=1,
-            accuracy=modelfile.Accuracy(
-                error_percent=1, error_standard_error=0.1, limit_percent=1, limit_standard_error=0.1
-            ),
-            golden=_golden(model, channels),
-            scene="",
-        )
-        helper.set_model_props(model, metadata.to_entries())
-        path = tmp_path / f"{name}.onnx"
-        path.write_bytes(model.SerializeToString())
-        return path
-
-    return build
+    """`write_model` to the folder of the test."""
+    return partial(write_model, tmp_path)
 
 
 class Bench:
@@ -171,32 +174,33 @@ def make_bench() -> type[Bench]:
 MakeBatch = Callable[..., dict[str, Any]]
 
 
+def batch_of(
+    *rows: list[float | None],
+    sequence: int = 1,
+    age_ms: float = 0.0,
+    boot_id: str = "boot-0001",
+    channels: list[str] | None = None,
+    quality: list[str] | None = None,
+) -> dict[str, Any]:
+    """One batch of samples numbered from `sequence` on, one per row of deflections."""
+    rows = rows or ([0.5, 0.25, 0.125],)
+    samples = [
+        {
+            "sequence": sequence + i,
+            "acquired_unix_us": 1_795_218_046_123_456 + i * 5000,
+            "deflection_mm": row,
+            "quality": quality or ["good"] * len(row),
+        }
+        for i, row in enumerate(rows)
+    ]
+    names = channels or [f"s{i + 1}" for i in range(len(rows[0]))]
+    return {"boot_id": boot_id, "channels": names, "newest_age_ms": age_ms, "samples": samples}
+
+
 @pytest.fixture
 def make_batch() -> MakeBatch:
-    """One batch of samples numbered from `sequence` on, one per row of deflections."""
-
-    def make(
-        *rows: list[float | None],
-        sequence: int = 1,
-        age_ms: float = 0.0,
-        boot_id: str = "boot-0001",
-        channels: list[str] | None = None,
-        quality: list[str] | None = None,
-    ) -> dict[str, Any]:
-        rows = rows or ([0.5, 0.25, 0.125],)
-        samples = [
-            {
-                "sequence": sequence + i,
-                "acquired_unix_us": 1_795_218_046_123_456 + i * 5000,
-                "deflection_mm": row,
-                "quality": quality or ["good"] * len(row),
-            }
-            for i, row in enumerate(rows)
-        ]
-        names = channels or [f"s{i + 1}" for i in range(len(rows[0]))]
-        return {"boot_id": boot_id, "channels": names, "newest_age_ms": age_ms, "samples": samples}
-
-    return make
+    """`batch_of`, for tests that cannot import it."""
+    return batch_of
 
 
 @pytest.fixture

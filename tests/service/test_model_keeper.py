@@ -297,7 +297,7 @@ def test_what_is_no_file_is_never_opened(kept: ModelKeeper, caplog: pytest.LogCa
             os.close(os.open(kept.path, os.O_RDWR | os.O_NONBLOCK))
 
     asyncio.run(story())
-    assert "no file but something else" in str(kept.surface.model_error)
+    assert "not a regular file" in str(kept.surface.model_error)
     assert len(caplog.records) == 2
 
 

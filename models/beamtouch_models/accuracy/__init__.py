@@ -1,1 +1,1 @@
-"""TODO."""
+"""Priors, simulated contacts, the accuracy limit, and the evaluation of models."""

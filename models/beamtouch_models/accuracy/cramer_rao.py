@@ -7,16 +7,15 @@ Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, sec
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from beamtouch_models.accuracy.prior import Prior
-
-Array = NDArray[np.float64]
+from beamtouch_models.arrays import Floats
 
 POSITIONS, FORCES = 2001, 64
 
 
-def position_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLike) -> Array:
+def position_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLike) -> Floats:
     """Return the bound on the standard deviation of position at contacts (contacts,), in mm; may be infinite.
 
     It holds for unbiased estimates. Where it exceeds the range, as at a support, an estimate that uses the range is
@@ -31,7 +30,7 @@ def position_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLi
         slope = slope - shape * np.divide(along, size, out=np.zeros_like(size), where=size > 0)
     told = force * np.linalg.norm(slope, axis=1)
     with np.errstate(divide="ignore"):
-        bound: Array = prior.noise_mm / told
+        bound: Floats = prior.noise_mm / told
     return bound
 
 
@@ -43,7 +42,7 @@ def mean_error_mm(prior: Prior) -> float:
     return float(mean_errors_mm(prior).mean())
 
 
-def mean_errors_mm(prior: Prior) -> Array:
+def mean_errors_mm(prior: Prior) -> Floats:
     """The same over the forces alone, in the middle of POSITIONS equal parts of the range of positions."""
     low, high = prior.position_mm
     # Integrate over both ranges with the midpoint rule.
@@ -53,5 +52,5 @@ def mean_errors_mm(prior: Prior) -> Array:
     unit = position_deviation_mm(prior, positions, 1.0)
     gaussian = np.sqrt(2 / np.pi) * unit[:, None] / forces
     guess = ((positions - low) ** 2 + (high - positions) ** 2) / (2 * (high - low))
-    errors: Array = np.minimum(gaussian, guess[:, None]).mean(axis=1)
+    errors: Floats = np.minimum(gaussian, guess[:, None]).mean(axis=1)
     return errors

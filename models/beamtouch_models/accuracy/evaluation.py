@@ -1,44 +1,43 @@
-"""A model beside the accuracy limit: errors, intervals, detection, each with its standard error. Pure; no I/O."""
+"""Evaluation of a model: errors beside the accuracy limit, intervals, detection, with standard errors. Pure."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models.accuracy import cramer_rao
 from beamtouch_models.accuracy.contacts import Contacts, simulated
-from beamtouch_models.accuracy.figures import Figure, mean_of, quantile_of, ratio_of, share_of
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.measured import rest_exceeding
-from beamtouch_models.modelfile import Answers, ModelFile
-
-Array = NDArray[np.float64]
+from beamtouch_models.accuracy.rest import rest_exceeding
+from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.arrays import Floats
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.progress import Fraction, silent
+from beamtouch_models.session import Answers
 
 MIDDLE = (0.2, 0.8)
-"""The part of the length that counts as its middle."""
+"""Bounds of the middle of the beam, over its length."""
 LEAST_SHARE = 1e-3
-"""A stretch that holds fewer of the contacts has no figures of its own."""
+"""Smallest share of contacts for which a stretch gets its own errors."""
 
 
 @dataclass(frozen=True)
 class Errors:
     """|position error| over contacts of a stretch of the beam, in mm."""
 
-    mean_mm: Figure
-    p95_mm: Figure
+    mean_mm: Measurement
+    p95_mm: Measurement
     worst_mm: float
-    """Of the contacts that were drawn; more draws find worse ones."""
-    limit_mean_mm: Figure | None
-    """None where the noise is 0, in which there is no limit."""
-    limit_p95_mm: Figure | None
-    ratio: Figure | None
-    """Mean over mean of the limit, on the same contacts."""
+    """Largest error of the drawn contacts; it grows with the number of draws."""
+    limit_mean_mm: Measurement | None
+    """None if the noise is 0, so that there is no limit."""
+    limit_p95_mm: Measurement | None
+    ratio: Measurement | None
+    """Mean error over the mean of the limit, on the same contacts."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """All that is measured of a model at one noise."""
+    """The evaluation of a model at one noise."""
 
     noise_mm: float
     draws: int
@@ -46,23 +45,21 @@ class Evaluation:
     span: Errors
     """Over the whole range of contacts."""
     middle: Errors | None
-    """Over the middle of the length; None where no contact of the range lies there."""
+    """Over the middle of the beam; None if the contact range lies outside it."""
     cramer_rao_mean_mm: float | None
-    position_coverage: Figure | None
-    """Share of contacts that lie in their stated interval; None where the model states none."""
-    position_width_mm: Figure | None
-    force_coverage: Figure | None
-    force_error_n: Figure | None
-    missed: Figure | None
-    """Share of contacts that the model does not call one."""
-    false_alarms: Figure | None
-    """Share of samples at rest that it calls a contact."""
+    position_coverage: Measurement | None
+    """Share of contacts inside their interval; None if the model gives no interval."""
+    position_width_mm: Measurement | None
+    force_coverage: Measurement | None
+    force_error_n: Measurement | None
+    missed: Measurement | None
+    """Share of contacts that are not detected."""
+    false_alarms: Measurement | None
+    """Share of samples at rest that are taken for a contact."""
 
 
-def evaluate(
-    model: ModelFile, prior: Prior, *, draws: int, seed: int, progress: Callable[[float], None] = lambda _done: None
-) -> Evaluation:
-    """Measure a model on at least `draws` simulated contacts of a prior; its noise need not be that of the model."""
+def evaluate(model: ModelFile, prior: Prior, *, draws: int, seed: int, progress: Fraction = silent) -> Evaluation:
+    """Measure a model on at least `draws` simulated contacts of a prior, at the noise of the prior."""
     contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done))
     drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.weight
     weight = np.broadcast_to(counts[:, None], likely.shape)
@@ -99,17 +96,17 @@ def at_noise(prior: Prior, noise_mm: float) -> Prior:
     return replace(prior, noise_mm=noise_mm)
 
 
-def _answers(model: ModelFile, deflection_mm: Array) -> dict[str, Array]:
+def _answers(model: ModelFile, deflection_mm: Floats) -> dict[str, Floats]:
     return {name: values.astype(np.float64) for name, values in estimates(model, deflection_mm).items()}
 
 
-def estimates(model: ModelFile, deflection_mm: Array) -> Answers:
-    """Answers of a model to deflections (samples, channels), all channels valid."""
+def estimates(model: ModelFile, deflection_mm: Floats) -> Answers:
+    """Return the answers of a model to deflections (samples, channels), all channels valid."""
     reading = deflection_mm.astype(np.float32)
     return model.estimate(reading, np.ones(reading.shape, np.bool_))
 
 
-def _errors(error: Array, best: Array | None, weight: Array, worst: Array) -> Errors:
+def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> Errors:
     return Errors(
         mean_mm=mean_of(error, weight),
         p95_mm=quantile_of(error, 0.95, weight),
@@ -120,8 +117,8 @@ def _errors(error: Array, best: Array | None, weight: Array, worst: Array) -> Er
     )
 
 
-def _over_all(contacts: Contacts, estimate_mm: Array, errors: Errors) -> Errors:
-    """Return errors over all contacts with means that use all that is known of each posterior."""
+def _over_all(contacts: Contacts, estimate_mm: Floats, errors: Errors) -> Errors:
+    """Return errors over all contacts, with means over each posterior where that is known."""
     weight, mean = contacts.weight, contacts.mean_error_mm(estimate_mm)
     if contacts.deviation_mm is None:
         return errors
@@ -133,21 +130,23 @@ def _over_all(contacts: Contacts, estimate_mm: Array, errors: Errors) -> Errors:
     )
 
 
-def _coverage(answers: dict[str, Array], quantity: str, unit: str, truth: Array, weight: Array) -> Figure | None:
+def _coverage(
+    answers: dict[str, Floats], quantity: str, unit: str, truth: Floats, weight: Floats
+) -> Measurement | None:
     low, high = (answers.get(f"{quantity}_{end}_{unit}") for end in ("low", "high"))
     if low is None or high is None:
         return None
     return share_of((low[:, None] <= truth) & (truth <= high[:, None]), weight)
 
 
-def _width(answers: dict[str, Array], weight: Array) -> Figure | None:
+def _width(answers: dict[str, Floats], weight: Floats) -> Measurement | None:
     if "position_low_mm" not in answers:
         return None
     return mean_of(answers["position_high_mm"] - answers["position_low_mm"], weight)
 
 
-def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Figure | None:
+def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Measurement | None:
     if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
         return None
     share, standard_error = rest_exceeding(prior, model.estimate, seed, model.metadata.contact_threshold)
-    return Figure(share, standard_error)
+    return Measurement(share, standard_error)

@@ -1,48 +1,36 @@
-"""The accuracy limit: the mean position error that no estimator can beat, for what is known of a surface.
+"""The accuracy limit: the mean position error that no estimator can beat, given the prior of a surface.
 
-Position and force are drawn uniformly from their ranges, noise is added, and the posterior median of position is
-taken: of all estimators it has the smallest mean absolute error. The force is integrated out exactly: for a given
-position the likelihood is Gaussian in the force, so its integral over the range is a difference of normal
-distribution functions.
+Position and force are drawn uniformly from their ranges, noise is added, and the posterior median estimates the
+position: of all estimators it has the smallest mean absolute error.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import log_ndtr, ndtri
+from scipy.special import ndtri
 
 from beamtouch_models.accuracy import cramer_rao
-from beamtouch_models.accuracy.densities import densities
+from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 
-Array = NDArray[np.float64]
-
-GRID = 801
-"""Positions over the whole range."""
-FINE_GRID = 129
-ROUNDS = 12
-NEGLIGIBLE = 40.0
-"""What is this much less likely, in log units, than the most likely position is no part of a posterior."""
-CHUNK = 200
 SCRAMBLINGS = 16
+"""Number of independent parts of evenly spread draws."""
 UNIFORM = 0.5
-"""Share of evenly spread contacts that are drawn as they occur; a weight is at most one over it."""
-LEAST_NOISE = 1e-12
-"""Smallest noise of a sample over the largest deflection: below it, rounding in float64 shows in the posterior."""
+"""Share of evenly spread contacts that are drawn uniformly; the largest weight is about one over it."""
 
 
 @dataclass(frozen=True)
 class Draws:
-    """Simulated contacts: what happened and what the sensors said."""
+    """Simulated contacts with their readings."""
 
-    position_mm: Array
-    force_n: Array
-    deflection_mm: Array
+    position_mm: Floats
+    force_n: Floats
+    deflection_mm: Floats
     """(draws, sensors), with noise."""
-    weight: Array | float = 1.0
-    """(draws,), how much each counts in an average; 1 on average."""
+    weight: Floats | float = 1.0
+    """(draws,), weight of each contact in an average; 1 on average."""
 
 
 @dataclass(frozen=True)
@@ -62,27 +50,27 @@ def draw(prior: Prior, count: int, seed: int) -> Draws:
     return Draws(position, force, clean + rng.normal(scale=prior.noise_mm, size=clean.shape))
 
 
-def mean_error(prior: Prior, draws: Draws, estimate_mm: Array) -> MeanError:
+def mean_error(prior: Prior, draws: Draws, estimate_mm: Floats) -> MeanError:
     """Eq. 5 of the paper over all draws."""
     return _mean_of(np.abs(estimate_mm - draws.position_mm) / prior.length_mm * 100)
 
 
-def _mean_of(percent: Array) -> MeanError:
+def _mean_of(percent: Floats) -> MeanError:
     """Mean of errors in percent of the length, with its standard error from their scatter."""
     return MeanError(float(percent.mean()), float(percent.std(ddof=1) / np.sqrt(len(percent))))
 
 
 def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
-    """Accuracy limit, from at least that many simulated contacts.
+    """Return the accuracy limit, from at least `draws` simulated contacts.
 
-    The average is that of `mean_error`, with less scatter: for each reading it takes the mean of |error| over the
-    posterior instead of the one error that was drawn, and contacts and noise are spread evenly (scrambled Sobol
-    points; Owen 1997, doi 10.1214/aos/1031594731). The standard error is that between independent scramblings.
+    The mean is that of `mean_error`, with less scatter: each reading counts with the mean |error| over its posterior
+    instead of the one drawn error, and contacts and noise are spread evenly (scrambled Sobol points; Owen 1997,
+    doi 10.1214/aos/1031594731). The standard error comes from the scatter of independent scramblings.
 
     Raises
     ------
     SceneError
-        The noise is 0: there is no limit to state.
+        The noise is 0, so that there is no limit.
     """
     if not 0 < prior.noise_mm < np.inf:
         message = (
@@ -95,11 +83,11 @@ def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
 
 
 def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
-    """Draw at least that many contacts as `draw` does, but spread evenly over their distribution.
+    """Draw at least `count` contacts like `draw`, but spread evenly over their distribution.
 
-    They come in SCRAMBLINGS parts of equal length, one after another, each spread by itself and independent of the
-    others: from the scatter of their means comes a standard error. Half of the contacts are drawn where errors are
-    large by the Cramer-Rao bound, as beside a support, and count less each: else a few of them would decide a mean.
+    They come in SCRAMBLINGS consecutive parts of equal length. The parts are independent, so the scatter of their
+    means gives a standard error. Half of the contacts are drawn where the Cramer-Rao bound is large, for example next
+    to a support, with smaller weights; otherwise a few contacts would dominate a mean.
     """
     rngs = np.random.default_rng(seed).spawn(SCRAMBLINGS)
     each = 2 ** max(0, int(np.ceil(np.log2(count / SCRAMBLINGS))))
@@ -108,11 +96,11 @@ def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
     noise = np.concatenate([contact[2] for contact in contacts])
     position, weight = _where_it_errs(prior, position)
     clean = force[:, None] * prior.influence_at(position)
-    return Draws(position, force, clean + prior.noise_mm * noise, weight)
+    return Draws(position, force, clean + prior.noise_mm * noise, weight / weight.mean())
 
 
-def _where_it_errs(prior: Prior, position_mm: Array) -> tuple[Array, Array]:
-    """Move evenly spread positions to where errors are large; with their weights, both (draws,)."""
+def _where_it_errs(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:
+    """Concentrate evenly spread positions where errors are large; returns positions and weights, both (draws,)."""
     if prior.noise_mm == 0:
         return position_mm, np.ones(len(position_mm))
     error_mm = cramer_rao.mean_errors_mm(prior)
@@ -125,8 +113,8 @@ def _where_it_errs(prior: Prior, position_mm: Array) -> tuple[Array, Array]:
     return moved, 1 / often[cell]
 
 
-def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-    """Contacts and noise that fill their distributions evenly; `draws` is a power of two.
+def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+    """Return contacts and noise spread evenly over their distributions; `draws` is a power of two.
 
     Returns
     -------
@@ -138,129 +126,23 @@ def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple
     return low + (high - low) * points[:, 0], weak + (strong - weak) * points[:, 1], ndtri(points[:, 2:])
 
 
-def spread_noise(channels: int, draws: int, rng: np.random.Generator) -> Array:
-    """Noise of variance 1 (draws, channels) that fills its distribution evenly; `draws` is a power of two."""
-    noise: Array = ndtri(_spread(channels, draws, rng))
+def spread_noise(channels: int, draws: int, rng: np.random.Generator) -> Floats:
+    """Return noise of variance 1 (draws, channels) spread evenly over its distribution; `draws` is a power of two."""
+    noise: Floats = ndtri(_spread(channels, draws, rng))
     return noise
 
 
-def _spread(dimensions: int, draws: int, rng: np.random.Generator) -> Array:
-    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # takes long to import, and many commands need none
+def _spread(dimensions: int, draws: int, rng: np.random.Generator) -> Floats:
+    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # slow to import, and many commands do not need it
 
-    # The middle of a point's last digit, so that no noise is infinite.
-    points: Array = np.clip(Sobol(dimensions, rng=rng).random(draws), 2.0**-32, 1 - 2.0**-32)
+    # Keep points off 0 and 1, where the noise would be infinite.
+    points: Floats = np.clip(Sobol(dimensions, rng=rng).random(draws), 2.0**-32, 1 - 2.0**-32)
     return points
 
 
-def posterior_median_mm(prior: Prior, deflection_mm: Array) -> Array:
-    """Posterior median of the position for each row of `deflection_mm` (draws, channels); (draws,) in mm.
+def posterior_median_mm(prior: Prior, deflection_mm: Floats) -> Floats:
+    """Return the posterior median of the position for each row of `deflection_mm` (draws, channels); (draws,) in mm.
 
     The noise must be positive.
     """
     return posterior_quantiles(prior, deflection_mm)[0][:, 0]
-
-
-def posterior_quantiles(prior: Prior, deflection_mm: Array, levels: Array | None = None) -> tuple[Array, Array]:
-    """Quantiles of the position and the posterior's mean distance from its median, for readings (draws, channels).
-
-    `levels` are (draws, levels) between 0 and 1, the median alone where they are left out. Returns quantiles (draws,
-    levels) and distances (draws,), in mm.
-
-    One grid over the range serves all draws; where a posterior is narrow it is computed again on a grid of its own,
-    until the grid resolves it.
-    """
-    levels = np.full((len(deflection_mm), 1), 0.5) if levels is None else levels
-    grid = np.linspace(*prior.position_mm, GRID)
-    influence = prior.influence_at(grid)
-    largest = prior.force_n[1] * float(np.abs(influence).max())
-    if not prior.noise_mm >= LEAST_NOISE * largest:
-        message = (
-            f"sensors: a noise of {prior.noise_mm:g} mm is too small to compute with beside a deflection of "
-            f"{largest:.3g} mm; state a larger one"
-        )
-        raise SceneError(message)
-    shapes = influence / prior.noise_mm
-    size = np.linalg.norm(shapes, axis=1)
-    direction = shapes / np.where(size > 0, size, 1.0)[:, None]
-    found = []
-    for start in range(0, len(deflection_mm), CHUNK):
-        reading = deflection_mm[start : start + CHUNK] / prior.noise_mm
-        projection = reading @ direction.T
-        density = log_likelihood(prior.force_n, size, projection, projection**2 / 2)
-        grids = np.broadcast_to(grid, density.shape)
-        found.append(_resolved(prior, reading, grids, density, levels[start : start + CHUNK]))
-    whole = np.concatenate(found)
-    return whole[:, :-1], whole[:, -1]
-
-
-def _resolved(prior: Prior, reading: Array, grids: Array, density: Array, levels: Array) -> Array:
-    """Quantiles and last the mean distance (draws, levels + 1) of log densities, on finer grids where needed."""
-    found = np.empty((len(reading), levels.shape[1] + 1))
-    todo = np.arange(len(reading))
-    for _ in range(ROUNDS):
-        finer, narrow = _finer(grids, density)
-        done = densities(grids[~narrow], density[~narrow])
-        found[todo[~narrow], :-1] = done.quantiles(levels[todo[~narrow]])
-        found[todo[~narrow], -1] = done.mean_distance()
-        grids, todo = finer, todo[narrow]
-        if not len(todo):
-            return found
-        shapes = prior.influence_at(grids.ravel()).reshape(*grids.shape, -1) / prior.noise_mm
-        size = np.linalg.norm(shapes, axis=2)
-        direction = shapes / np.where(size > 0, size, 1.0)[:, :, None]
-        projection = np.einsum("dgs,ds->dg", direction, reading[todo])
-        # The misfit itself, not a difference of squares: with little noise those are large and nearly equal.
-        misfit = reading[todo, None, :] - projection[:, :, None] * direction
-        density = log_likelihood(prior.force_n, size, projection, -np.einsum("dgs,dgs->dg", misfit, misfit) / 2)
-    last = densities(grids, density)
-    found[todo] = np.column_stack([last.quantiles(levels[todo]), last.mean_distance()])
-    return found
-
-
-def _finer(grids: Array, density: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Grids over the cells that hold a posterior, with two to spare, and whether those are a small part of its grid.
-
-    A posterior in two pieces, as of a known force near either support, keeps both.
-    """
-    likely = np.asarray(density >= density.max(axis=1, keepdims=True) - NEGLIGIBLE)
-    around = np.pad(likely, ((0, 0), (2, 2)))
-    cells: NDArray[np.bool_] = np.any([around[:, shift : shift + likely.shape[1] - 1] for shift in range(6)], axis=0)
-    narrow: NDArray[np.bool_] = np.asarray(cells.sum(axis=1) < density.shape[1] / 4)
-    length = np.zeros((int(narrow.sum()), grids.shape[1]))
-    np.cumsum(np.diff(grids[narrow], axis=1) * cells[narrow], axis=1, out=length[:, 1:])
-    part = np.linspace(0, 1, FINE_GRID)
-    finer = [np.interp(part * along[-1], along, grid) for along, grid in zip(length, grids[narrow], strict=True)]
-    return np.array(finer), narrow
-
-
-def log_likelihood(force_n: tuple[float, float], size: Array, projection: Array, fit: Array) -> Array:
-    """Log likelihood of readings at grid positions, in units of the noise; (draws, grid).
-
-    Parameters
-    ----------
-    force_n : the range, equal ends where the force is known
-    size : (grid,) or (draws, grid), length of the vector of deflections per newton
-    projection : (draws, grid), of the reading on the direction of that vector
-    fit : (draws, grid), minus half the squared misfit, or half the squared projection where that will do
-
-    Constants that do not depend on the position are left out.
-    """
-    low, high = force_n
-    middle = -((projection - (low + high) / 2 * size) ** 2) / 2
-    if low == high:
-        return fit + middle
-    # Where the force hardly matters, as beside a support, the integral is its midpoint times its width.
-    flat = size * (high - low) < 1e-4
-    length = np.where(flat, 1.0, size)
-    span = _log_normal_interval(low * length - projection, high * length - projection) - np.log(length)
-    likelihood: Array = fit + np.where(flat, middle + np.log((high - low) / np.sqrt(2 * np.pi)), span)
-    return likelihood
-
-
-def _log_normal_interval(low: Array, high: Array) -> Array:
-    """Logarithm of Phi(high) - Phi(low), low < high, without cancellation in either tail."""
-    flip = low + high > 0
-    upper, lower = np.where(flip, -low, high), np.where(flip, -high, low)
-    log_upper = log_ndtr(upper)
-    difference: Array = log_upper + np.log(-np.expm1(np.minimum(log_ndtr(lower) - log_upper, -1e-300)))
-    return difference

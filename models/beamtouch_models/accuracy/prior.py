@@ -1,6 +1,6 @@
-"""What is known of a surface before a sample comes; all that an estimator or a limit is made from.
+"""The prior of a surface: everything that an estimator or an accuracy limit is made from.
 
-Physics ends here: a scene, a calibrated beam or a measured one all become the influence of a load at a position.
+Physics ends here: a scene, a calibrated beam and a measured beam all become an influence matrix.
 """
 
 from collections.abc import Callable
@@ -9,21 +9,19 @@ from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import scene_influence
 from beamtouch_models.scene import Scene
 
-Array = NDArray[np.float64]
-
 TABLE = 2001
-"""Load positions of an influence table."""
+"""Number of load positions in an influence table."""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Where and how hard something may touch, evenly likely within both ranges, and what the sensors then say."""
+    """The range of contacts, uniform in position and force, and the deflections that the sensors measure."""
 
     length_mm: float
     position_mm: tuple[float, float]
@@ -32,13 +30,13 @@ class Prior:
     noise_mm: float
     """Standard deviation of a sample, per channel."""
     channels: int
-    influence_at: Callable[[Array], Array]
+    influence_at: Callable[[Floats], Floats]
     """From load positions in mm (loads,) to the influence matrix (loads, channels) in mm/N."""
-    stated: Callable[[Array], Array] = lambda deflection_mm: deflection_mm
-    """From deflections (samples, channels) that are linear in the force to what the sensors state of them."""
+    stated: Callable[[Floats], Floats] = lambda deflection_mm: deflection_mm
+    """From deflections (samples, channels) that are linear in the force to measured deflections."""
 
     @classmethod
-    def of(cls, scene: Scene, sensor_mm: Array, noise_mm: float) -> Self:
+    def of(cls, scene: Scene, sensor_mm: Floats, noise_mm: float) -> Self:
         """Prior of a scene with sensors at `sensor_mm` (channels,) and `noise_mm` per sample."""
         return cls(
             length_mm=scene.beam.length_mm,
@@ -51,21 +49,21 @@ class Prior:
 
     @property
     def force_is_known(self) -> bool:
-        """Whether there is one force only."""
+        """Whether the force is known."""
         return self.force_n[0] == self.force_n[1]
 
     @cached_property
     def table(self) -> CubicSpline:
-        """Influence interpolated, off by less than 1e-7 of the largest; beam elements take much longer."""
+        """Interpolated influence, within 1e-7 of the largest value; beam elements take much longer."""
         grid = np.linspace(*self.position_mm, TABLE)
         return CubicSpline(grid, self.influence_at(grid))
 
     def without(self, *missing: int) -> Self:
-        """Return the prior of a surface that lacks these channels."""
+        """Return the prior of the surface without some channels."""
         kept = np.setdiff1d(np.arange(self.channels), missing)
         whole = self.stated
 
-        def stated(deflection_mm: Array) -> Array:
+        def stated(deflection_mm: Floats) -> Floats:
             every = np.zeros((len(deflection_mm), self.channels))
             every[:, kept] = deflection_mm
             return whole(every)[:, kept]

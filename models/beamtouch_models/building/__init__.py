@@ -1,1 +1,1 @@
-"""TODO."""
+"""The build: from a scene to a model file, with its report."""

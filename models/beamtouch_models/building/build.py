@@ -1,4 +1,4 @@
-"""From a scene to a model file: filter, layout, estimator, accuracy beside the limit, golden answers."""
+"""The build of a model: filter, physics, layout, estimator, measured accuracy, golden answers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -6,34 +6,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 import onnx
 
-from beamtouch_models.accuracy.noise import choose_filter, noise_of, step_mm
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.held_limit import check_held, check_scale
 from beamtouch_models.building.measured import measured
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
 from beamtouch_models.export import to_bytes
-from beamtouch_models.modelfile import Channel, FilterChoice, Metadata, Ranges, Sensor
+from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges, Sensor
 from beamtouch_models.physics.beam import check_small_angles, max_deflection_mm, travel_mm
 from beamtouch_models.placement import Placement, fewest_sensors
-from beamtouch_models.pricing.effects import required
+from beamtouch_models.pricing.effects import Physics, required
+from beamtouch_models.pricing.noise import choose_filter, noise_of, step_mm
+from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
-
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the fraction of the whole that is done."""
 
 DEFAULT_ADC_BITS = 16
 
 
 @dataclass(frozen=True)
 class Choices:
-    """What a build does not take from the scene."""
+    """Choices of a build that the scene does not make."""
 
     estimator: Name = NAMES[0]
     filter: FilterChoice | None = None
-    """None: the one that takes all of the latency."""
+    """None: the filter that uses all of the latency."""
     finish: Callable[[onnx.ModelProto], onnx.ModelProto] = lambda graph: graph
-    """What is done to the estimator's graph before it is measured."""
+    """Applied to the estimator's graph before it is measured."""
 
 
 DEFAULTS = Choices()
@@ -46,6 +44,8 @@ class Built:
     content: bytes
     metadata: Metadata
     placement: Placement
+    physics: Physics
+    """The physics that the model was built with, and the price of each effect."""
 
 
 def build(
@@ -62,33 +62,26 @@ def build(
 
     Parameters
     ----------
-    scene, text, name : the scene, the TOML it was read from, and the name of the surface
-    count : number of sensors; None takes the scene's
-    seed : of everything random; the same seed gives the same bytes
-    progress : told what is being done
-    choices : what to build other than the default
+    scene, text, name : the scene, its TOML text, and the name of the surface
+    count : number of sensors; None: as the scene states
+    seed : seed of all random numbers; the same seed gives the same bytes
+    progress : called with the current step
+    choices : choices other than the default ones
 
     Raises
     ------
     SceneError
         The scene cannot be built; the message says why.
     NotGoodEnoughError
-        The model does not reach the accuracy limit, or its intervals hold too little.
+        The model misses the accuracy limit, or its intervals hold too few of the true positions.
     """
     check_small_angles(scene)
-    chosen = choices.filter or choose_filter(scene)
-    noise = noise_of(scene, chosen)
-    if noise.sample_mm == 0:
-        message = "sensors: a noise of 0 leaves no interval to state; state the noise of a reading"
-        raise SceneError(message)
-    check_scale(noise.sample_mm, max_deflection_mm(scene))
+    physics = _physics_of(scene, choices.filter or choose_filter(scene))
     sensor = sensor_of(scene)
-    # Physics ends here: what follows has only the effects that the scene requires.
-    physics = required(scene)
-    noise = noise_of(physics, chosen)
     progress("placing the sensors", 0.0)
-    placement = fewest_sensors(physics, noise.sample_mm, count, seed)
-    prior = Prior.of(physics, np.array(placement.positions_mm), noise.sample_mm)
+    # Physics ends here: everything below knows only the effects that the scene requires.
+    placement = fewest_sensors(physics.scene, physics.noise.sample_mm, count, seed)
+    prior = Prior.of(physics.scene, np.array(placement.positions_mm), physics.noise.sample_mm)
     made = estimator_of(
         choices.estimator,
         prior,
@@ -108,8 +101,8 @@ def build(
         min_channels=made.min_channels,
         ranges=Ranges(position_mm=scene.contact.position_mm, force_n=scene.contact.force_range_n),
         max_deflection_mm=max_deflection_mm(scene),
-        noise=noise,
-        filter=chosen,
+        noise=physics.noise,
+        filter=physics.filter,
         sensor=sensor,
         contact_threshold=found.contact_threshold,
         seed=seed,
@@ -117,11 +110,21 @@ def build(
         golden=found.golden,
         scene=text,
     )
-    return Built(to_bytes(made.graph, metadata), metadata, placement)
+    return Built(to_bytes(made.graph, metadata), metadata, placement, physics)
+
+
+def _physics_of(scene: Scene, chosen: FilterChoice) -> Physics:
+    """Return the required physics; SceneError if no model can carry the noise or the deflection."""
+    noise_mm = noise_of(scene, chosen).sample_mm
+    if noise_mm == 0:
+        message = "sensors: with a noise of 0 there are no intervals; state the noise of a reading"
+        raise SceneError(message)
+    check_scale(noise_mm, max_deflection_mm(scene))
+    return required(scene, chosen)
 
 
 def sensor_of(scene: Scene) -> Sensor:
-    """Sensor, ADC and stand-off of a scene; raises SceneError where the beam's travel leaves the sensor's range."""
+    """Return sensor, ADC and stand-off of a scene; SceneError if the beam leaves the sensor's range."""
     low, high = scene.sensors.range_mm
     lift, travel = travel_mm(scene)
     standoff = scene.sensors.standoff_mm
@@ -131,7 +134,7 @@ def sensor_of(scene: Scene) -> Sensor:
         message = (
             f"the beam travels {travel + lift:.4g} mm and with a stand-off of {standoff:.4g} mm leaves "
             f"sensors.range_mm = [{low:g}, {high:g}]; make the beam stiffer, the force smaller, "
-            "or take a sensor with a longer range"
+            "or use a sensor with a longer range"
         )
         raise SceneError(message)
     bits = scene.sensors.adc_bits or DEFAULT_ADC_BITS

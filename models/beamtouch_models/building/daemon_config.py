@@ -1,10 +1,10 @@
-"""A daemon config for a model, ready to run against the rig. The daemon owns and checks the format."""
+"""The daemon's configuration for a model, ready to run against the rig. The daemon owns and checks the format."""
 
 import json
 import secrets
 from pathlib import Path
 
-from beamtouch_models.modelfile import FilterChoice, Metadata
+from beamtouch_models.metadata import FilterChoice, Metadata
 
 TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
 RIG_PORT = 5020
@@ -12,7 +12,7 @@ SERVICE_URL = "http://127.0.0.1:8420"
 
 
 def daemon_config(metadata: Metadata) -> str:
-    """Return the TOML text of a config with one surface, with the name and the characteristic that the model states."""
+    """Return the TOML text of a configuration with one surface, with the model's name and characteristic."""
     return "\n".join(
         [
             _head(metadata),
@@ -35,11 +35,11 @@ def write_token_if_absent(folder: Path) -> Path:
 def _head(metadata: Metadata) -> str:
     name = json.dumps(metadata.name)
     return f"""\
-# Acquisition for the surface {name}. Check it with `beamtouch-daemon check` on this file.
+# Acquisition of the surface {name}. Check this file with `beamtouch-daemon check`.
 
 [publish]
 url = "{SERVICE_URL}"
-token_file = "{TOKEN_FILE}"       # the same file that `beamtouch-service run --token-file` is given
+token_file = "{TOKEN_FILE}"       # the file that `beamtouch-service run --token-file` uses
 
 [surfaces.{name}]
 rate_hz = {metadata.sensor.rate_hz!r}
@@ -53,7 +53,7 @@ unit = 1
 # port = "/dev/ttyUSB0"
 # baud = 115200
 # unit = 1
-# kind = "serial"                     # or a device that speaks PROTOCOL.md:
+# kind = "serial"                     # or a device that implements PROTOCOL.md:
 # port = "/dev/ttyACM0"
 # baud = 1000000
 """
@@ -64,8 +64,8 @@ def _noise(metadata: Metadata) -> str:
     if metadata.noise.reading_mm == 0:
         return ""
     return (
-        f"noise_mm = {metadata.noise.reading_mm!r}        # of one reading; `tare` refuses a surface that moves more,\n"
-        "                                      # and a channel whose counts repeat for longer than it allows is stuck\n"
+        f"noise_mm = {metadata.noise.reading_mm!r}        # of a reading; `tare` refuses a surface that moves more,\n"
+        "                                      # and a channel whose counts repeat for too long counts as stuck\n"
     )
 
 
@@ -83,9 +83,9 @@ def _filter(metadata: Metadata) -> str:
 
 
 def _loads(metadata: Metadata) -> str:
-    """Return what `record` checks known loads against."""
+    """Return the limits of the known loads that `record` accepts."""
     return f"""\
-[surfaces.{json.dumps(metadata.name)}.loads]     # those that `record` takes: what the model was made for
+[surfaces.{json.dumps(metadata.name)}.loads]     # known loads that `record` accepts: the ranges of the model
 position_mm = [{metadata.ranges.position_mm[0]!r}, {metadata.ranges.position_mm[1]!r}]
 max_force_n = {metadata.ranges.force_n[1]!r}
 """

@@ -1,12 +1,13 @@
-"""What a model file says of itself, as data and as text."""
+"""The metadata of a model file, as data and as text."""
 
 from typing import Any
 
-from beamtouch_models.modelfile import Metadata, ModelFile
+from beamtouch_models.metadata import Metadata
+from beamtouch_models.modelfile import ModelFile
 
 
 def describe(model: ModelFile) -> dict[str, Any]:
-    """Return everything a model file says of itself, for JSON."""
+    """Return all metadata of a model file, for JSON."""
     metadata = model.metadata
     fields = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy"})
     return {
@@ -22,7 +23,7 @@ def describe(model: ModelFile) -> dict[str, Any]:
 
 
 def summary(model: ModelFile) -> str:
-    """Return the same as lines for a person, a figure with its unit and its reference."""
+    """Return the metadata as text, each number with its unit and reference."""
     metadata = model.metadata
     accuracy, noise, chosen, sensor = metadata.accuracy, metadata.noise, metadata.filter, metadata.sensor
     layout = ", ".join(f"{channel.name} {channel.position_mm:g}" for channel in metadata.layout)
@@ -38,12 +39,12 @@ def summary(model: ModelFile) -> str:
     rows = [
         ("model", f"{model.identity} ({metadata.estimator}, seed {metadata.seed})"),
         ("beam", f"{metadata.length_mm:g} mm, largest deflection {metadata.max_deflection_mm:.4g} mm"),
-        ("sensors", f"{layout} mm from the left end; works with at least {metadata.min_channels}"),
+        ("sensors", f"{layout} mm from the left end; at least {metadata.min_channels} must work"),
         ("contact", f"{low:g}..{high:g} mm, {force}"),
         ("sensor", f"{gap}, {sensor.adc_bits} bits, {sensor.rate_hz:g} Hz"),
         ("filter", "none" if chosen.kind == "none" else smoothing),
-        ("noise", f"{noise.reading_mm:.3g} mm a reading, {noise.sample_mm:.3g} mm a sample"),
-        ("error", f"{error} of the length, mean"),
+        ("noise", f"{noise.reading_mm:.3g} mm per reading, {noise.sample_mm:.3g} mm per sample"),
+        ("error", f"{error} of the length, on average"),
         ("limit", f"{best}; error over limit {ratio}"),
         ("outputs", ", ".join(model.outputs)),
         *_calibration(metadata),
@@ -55,6 +56,6 @@ def _calibration(metadata: Metadata) -> list[tuple[str, str]]:
     found = metadata.calibration
     if found is None:
         return []
-    kinds = ", ".join(found.fitted) or "nothing"
+    kinds = ", ".join(found.fitted) or "no departures"
     errors = f"{found.error_before_mm:.3g} mm before, {found.error_after_mm:.3g} mm after"
     return [("real", f"calibrated with {found.loads} loads: {kinds}; mean error of the loads {errors}")]

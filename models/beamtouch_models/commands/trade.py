@@ -1,4 +1,4 @@
-"""`design-sensors trade`: what speed, sensors and samples buy in accuracy."""
+"""`design-sensors trade`: measures accuracy against speed, number of sensors and filter."""
 
 import argparse
 import json
@@ -33,7 +33,7 @@ WIDTH_WITHOUT_TERMINAL = 180
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure every point, write the folder, print the front, and build the point that was asked for."""
+    """Measure every point, write the folder, print the front, and build the requested point."""
     for option, value in (("--latency-ms", options.latency_ms), ("--error-mm", options.error_mm)):
         if value is not None and not 0 < value < math.inf:
             message = f"{option} {value:g}: give a positive number"
@@ -62,13 +62,13 @@ def run(options: argparse.Namespace) -> None:
         print(json.dumps({"output": str(folder), "picked": chosen, **results}))
         return
     _show(front, len(points))
-    print(f"all of {len(points)} points in {folder}: trade.md, trade.svg, trade.json", file=sys.stderr)
+    print(f"all {len(points)} points are in {folder}: trade.md, trade.svg, trade.json", file=sys.stderr)
     if picked is not None:
         print(f"built {folder / f'{name}.onnx'}: {named(picked)}; {picked.error_mm:.3g} mm, {picked.latency_ms:.3g} ms")
 
 
 def _measured(scene: Scene, name: str, folder: Path, options: argparse.Namespace) -> tuple[Trade, list[LeftOut]]:
-    """Measure everything; what is done is in the folder at any time."""
+    """Measure all points and effects; the folder always has the results so far."""
     estimators = tuple(options.estimators or NAMES)
     kept: list[Trade] = []
 
@@ -82,14 +82,14 @@ def _measured(scene: Scene, name: str, folder: Path, options: argparse.Namespace
                 scene, estimators, draws=options.draws, seed=options.seed, progress=progress, keep=keep
             )
             keep(trade)
-            progress("leaving out physics", 1.0)
+            progress("leaving out effects", 1.0)
             return trade, physics_trade(scene, draws=options.draws, seed=options.seed)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(_interrupted(kept, folder)) from None
 
 
 def _write(folder: Path, name: str, trade: Trade, physics: list[LeftOut]) -> dict[str, Any]:
-    """Write what there is; each file is replaced as a whole. Returns what is in trade.json."""
+    """Write the results so far, each file as a whole; returns the content of trade.json."""
     front = pareto_front(trade.points)
     results = json_of(trade, front, physics)
     write_whole(folder / "trade.json", (json.dumps(results, indent=1) + "\n").encode())
@@ -100,14 +100,14 @@ def _write(folder: Path, name: str, trade: Trade, physics: list[LeftOut]) -> dic
 
 def _interrupted(kept: list[Trade], folder: Path) -> str:
     if not kept:
-        return "interrupted; no point is done, and nothing was written"
+        return "interrupted before the first point; nothing was written"
     (trade,) = kept
-    return f"interrupted; {len(trade.points)} of {trade.planned} points are done, in {folder}"
+    return f"interrupted; {len(trade.points)} of {trade.planned} points are in {folder}"
 
 
 @contextmanager
 def _termination_interrupts() -> Iterator[None]:
-    """Take SIGTERM for Ctrl-C, so that both end with a word on what was kept."""
+    """Treat SIGTERM like Ctrl-C, so that both report what was kept."""
 
     def interrupt(_signal: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt

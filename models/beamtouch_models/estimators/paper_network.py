@@ -8,16 +8,16 @@ Rumelhart, Hinton & Williams, Learning representations by back-propagating error
 doi 10.1038/323533a0.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 from threadpoolctl import threadpool_limits
 
-Array = NDArray[np.float64]
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.progress import Fraction, silent
 
 HIDDEN = 10
 LEARNING_RATE = 0.9
@@ -39,23 +39,23 @@ Outcome = Literal["reached", "stood still", "out of epochs"]
 class PaperNetwork:
     """A trained network, and the outcome of its training."""
 
-    full_scale_mm: Array
+    full_scale_mm: Floats
     """(sensors,) largest deflection in training; inputs from 0 to this value are scaled to -1 .. 1."""
     length_mm: float
-    hidden: Array
+    hidden: Floats
     """(sensors + 1, 10); the last row is the bias."""
-    output: Array
+    output: Floats
     """(11,); the last is the bias."""
     composite_error: float
     epochs: int
     outcome: Outcome
 
-    def estimate_mm(self, deflection_mm: Array) -> Array:
+    def estimate_mm(self, deflection_mm: Floats) -> Floats:
         """Return the position for each row of deflections (samples, sensors); (samples,) in mm from the left end."""
         scaled = 2 * deflection_mm / self.full_scale_mm - 1
         units = expit(scaled @ self.hidden[:-1] + self.hidden[-1])
         answer = expit(units @ self.output[:-1] + self.output[-1])
-        position: Array = (answer - TARGET_LOW) / (TARGET_HIGH - TARGET_LOW) * self.length_mm
+        position: Floats = (answer - TARGET_LOW) / (TARGET_HIGH - TARGET_LOW) * self.length_mm
         return position
 
 
@@ -63,18 +63,18 @@ class PaperNetwork:
 class _Stack:
     """Networks in training; those with fewer sensors have inputs that are always zero."""
 
-    index: NDArray[np.intp]
+    index: Indices
     """(networks,) index of each network among all that are trained."""
-    patterns: Array
+    patterns: Floats
     """(patterns, networks, inputs), the last input being 1."""
-    hidden: Array
+    hidden: Floats
     """(networks, inputs, 10)."""
-    output: Array
+    output: Floats
     """(networks, 11)."""
-    hidden_step: Array
-    output_step: Array
+    hidden_step: Floats
+    output_step: Floats
 
-    def keep(self, wanted: NDArray[np.bool_]) -> "_Stack":
+    def keep(self, wanted: Bools) -> "_Stack":
         return _Stack(
             self.index[wanted],
             np.ascontiguousarray(self.patterns[:, wanted]),
@@ -84,22 +84,22 @@ class _Stack:
             self.output_step[wanted],
         )
 
-    def composite_error(self, target: Array) -> Array:
+    def composite_error(self, target: Floats) -> Floats:
         """Return the mean squared error of the output of each network."""
         units = expit(np.einsum("pni,nih->pnh", self.patterns, self.hidden))
         answer = expit(np.einsum("pnh,nh->pn", units, self.output[:, :-1]) + self.output[:, -1])
-        error: Array = ((answer - target[:, None]) ** 2).mean(axis=0)
+        error: Floats = ((answer - target[:, None]) ** 2).mean(axis=0)
         return error
 
 
 def train(
-    deflections_mm: Sequence[Array],
-    position_mm: Array,
+    deflections_mm: Sequence[Floats],
+    position_mm: Floats,
     length_mm: float,
     *,
     seed: int,
     max_epochs: int = MAX_EPOCHS,
-    progress: Callable[[float], None] = lambda _done: None,
+    progress: Fraction = silent,
 ) -> list[PaperNetwork]:
     """Train a network for each set of deflections.
 
@@ -134,7 +134,7 @@ def train(
     return [record.best[index] for index in range(len(scales))]
 
 
-def _initial(deflections_mm: Sequence[Array], scales: Sequence[Array], seed: int) -> _Stack:
+def _initial(deflections_mm: Sequence[Floats], scales: Sequence[Floats], seed: int) -> _Stack:
     count, widest = len(scales), max(len(scale) for scale in scales)
     patterns = np.zeros((len(deflections_mm[0]), count, widest + 1))
     hidden = np.zeros((count, widest + 1, HIDDEN))
@@ -151,7 +151,7 @@ def _initial(deflections_mm: Sequence[Array], scales: Sequence[Array], seed: int
     return _Stack(np.arange(count), patterns, hidden, output, np.zeros_like(hidden), np.zeros_like(output))
 
 
-def _present(stack: _Stack, target: Array, order: NDArray[np.intp]) -> None:
+def _present(stack: _Stack, target: Floats, order: Indices) -> None:
     """Present all patterns once, correcting the weights after each."""
     units = np.ones_like(stack.output)
     for pattern in order:
@@ -173,13 +173,13 @@ def _present(stack: _Stack, target: Array, order: NDArray[np.intp]) -> None:
 class _Record:
     """The best state of each network so far."""
 
-    scales: Sequence[Array]
+    scales: Sequence[Floats]
     length_mm: float
     best: dict[int, PaperNetwork] = field(default_factory=dict)
     since: dict[int, int] = field(default_factory=dict)
     """Epoch of each network's last gain of 1 %."""
 
-    def look(self, stack: _Stack, target: Array, epoch: int) -> NDArray[np.bool_]:
+    def look(self, stack: _Stack, target: Floats, epoch: int) -> Bools:
         """Record the networks that have improved; returns whether each network of the stack is finished."""
         errors = stack.composite_error(target).tolist()
         for row, (index, error) in enumerate(zip(stack.index.tolist(), errors, strict=True)):

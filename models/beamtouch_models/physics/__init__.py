@@ -1,1 +1,1 @@
-"""TODO."""
+"""Physics of a beam, up to its influence matrix."""

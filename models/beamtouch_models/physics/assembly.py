@@ -1,17 +1,14 @@
 """Influence matrix of a structure of beam elements, for point loads and for contacts with a width."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.physics.elements import clamped, shapes
 from beamtouch_models.physics.mesh import Mesh, mesh_of, solve
-from beamtouch_models.physics.structure import Beam
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from beamtouch_models.structure import Beam
 
 
-def element_influence(beam: Beam, sensor_mm: Array, low_mm: Array, high_mm: Array) -> Array:
+def element_influence(beam: Beam, sensor_mm: Floats, low_mm: Floats, high_mm: Floats) -> Floats:
     """Return the influence of evenly pressing contacts from `low_mm` to `high_mm`, or of point loads if both are equal.
 
     The result has the shape (loads, sensors) and the unit l^3/(EI), with EI of the stiffest section.
@@ -34,7 +31,7 @@ def element_influence(beam: Beam, sensor_mm: Array, low_mm: Array, high_mm: Arra
     return matrix
 
 
-def _touched(mesh: Mesh, low_mm: Array, high_mm: Array) -> tuple[Indices, Indices]:
+def _touched(mesh: Mesh, low_mm: Floats, high_mm: Floats) -> tuple[Indices, Indices]:
     """Return all pairs of a contact and an element that it presses on."""
     last = len(mesh.node_mm) - 2
     if np.array_equal(low_mm, high_mm):
@@ -46,7 +43,7 @@ def _touched(mesh: Mesh, low_mm: Array, high_mm: Array) -> tuple[Indices, Indice
     return contact, np.arange(len(contact)) - np.repeat(np.cumsum(count) - count - first, count)
 
 
-def _rule(mesh: Mesh, low_mm: Array, high_mm: Array) -> list[tuple[float, float]]:
+def _rule(mesh: Mesh, low_mm: Floats, high_mm: Floats) -> list[tuple[float, float]]:
     """Return nodes and weights on 0..1 that integrate a load along a piece of an element to rounding."""
     if np.array_equal(low_mm, high_mm):
         return [(0.0, 1.0)]
@@ -54,13 +51,13 @@ def _rule(mesh: Mesh, low_mm: Array, high_mm: Array) -> list[tuple[float, float]
     return list(zip(((1 + at) / 2).tolist(), (weight / 2).tolist(), strict=True))
 
 
-def _share(start: Array, end: Array, width: Array, pieces: int) -> Array:
+def _share(start: Floats, end: Floats, width: Floats, pieces: int) -> Floats:
     """Return the share of a contact's force on one of its pieces; the pieces of a point load have equal shares."""
-    share: Array = np.where(width > 0, (end - start) / np.where(width > 0, width, 1.0), 1 / pieces)
+    share: Floats = np.where(width > 0, (end - start) / np.where(width > 0, width, 1.0), 1 / pieces)
     return share
 
 
-def _nodal_loads(mesh: Mesh, low_mm: Array, high_mm: Array) -> Array:
+def _nodal_loads(mesh: Mesh, low_mm: Floats, high_mm: Floats) -> Floats:
     """Return the nodal forces of unit contacts, (contacts, degrees); for points these are also the shape functions."""
     contact, element = _touched(mesh, low_mm, high_mm)
     left, right = mesh.node_mm[element], mesh.node_mm[element + 1]
@@ -76,7 +73,7 @@ def _nodal_loads(mesh: Mesh, low_mm: Array, high_mm: Array) -> Array:
     return total
 
 
-def _add_within_elements(mesh: Mesh, matrix: Array, sensor_mm: Array, low_mm: Array, high_mm: Array) -> None:
+def _add_within_elements(mesh: Mesh, matrix: Floats, sensor_mm: Floats, low_mm: Floats, high_mm: Floats) -> None:
     """Add the deflection of each contact's own element between clamped ends."""
     contact, element = _touched(mesh, low_mm, high_mm)
     sensor, of_sensor = _touched(mesh, sensor_mm, sensor_mm)

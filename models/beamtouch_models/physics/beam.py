@@ -3,21 +3,21 @@
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.assembly import element_influence
 from beamtouch_models.physics.closed_forms import patch_influence, point_influence, span_of
-from beamtouch_models.physics.structure import SMALLEST_NORMAL, Beam
 from beamtouch_models.scene import Scene
+from beamtouch_models.structure import SMALLEST_NORMAL, Beam
 
-Array = NDArray[np.float64]
-
+MAX_SENSOR_POSITIONS = 20_000
 MAX_SLOPE = 0.1
 """Largest slope in rad; beyond it, the factor (1 + slope^2)^(3/2) that small-angle theory neglects exceeds 1.5 %."""
 
 
-def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> Array:
+def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> Floats:
     """Return the deflection at each sensor per newton, for each load position.
 
     Prismatic single spans are computed in closed form, all other beams with beam elements. Shear and a foundation are
@@ -57,14 +57,14 @@ def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: fl
         shape = patch_influence(span, sensor, low, high)
     scale = _deflection_unit(beam.length_mm if span is None else span.length_mm, beam.rigidity_n_mm2)
     with np.errstate(over="ignore"):
-        matrix: Array = scale * shape
+        matrix: Floats = scale * shape
     if not np.all(np.isfinite(matrix)):
         message = "beam: its deflection is beyond what can be computed; check length and rigidity"
         raise SceneError(message)
     return matrix
 
 
-def scene_influence(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Array:
+def scene_influence(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Floats:
     """Return the influence matrix of a scene's contacts, (loads, sensors) in mm/N; arguments, errors as `influence`."""
     return influence(scene.beam, sensor_mm, load_mm, scene.contact.width_mm)
 
@@ -91,7 +91,7 @@ def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:
     return unit
 
 
-def _on_beam(beam: Beam, position_mm: ArrayLike, name: str) -> Array:
+def _on_beam(beam: Beam, position_mm: ArrayLike, name: str) -> Floats:
     """Return positions as an array; ValueError unless all lie on the beam."""
     position = np.atleast_1d(np.asarray(position_mm, dtype=np.float64))
     if position.ndim != 1 or position.size == 0:
@@ -103,11 +103,51 @@ def _on_beam(beam: Beam, position_mm: ArrayLike, name: str) -> Array:
     return position
 
 
-def load_positions_mm(scene: Scene) -> Array:
+def load_positions_mm(scene: Scene) -> Floats:
     """Return the load positions for the components: every 1/400 of the length, as in the paper."""
     low, high = scene.contact.position_mm
     steps = max(1, round((high - low) / scene.beam.length_mm * 400))
     return np.linspace(low, high, steps + 1)
+
+
+def sensor_positions_mm(scene: Scene) -> Floats:
+    """Return the positions that a sensor may take, ascending: the grid without its keep-outs, plus the fixed sensors.
+
+    Raises
+    ------
+    SceneError
+        The grid is too fine, or fewer than two positions are left.
+    """
+    sensors, length = scene.sensors, scene.beam.length_mm
+    if length / sensors.grid_mm > MAX_SENSOR_POSITIONS:
+        message = (
+            f"sensors.grid_mm = {sensors.grid_mm:g} makes more than {MAX_SENSOR_POSITIONS} positions; make it coarser"
+        )
+        raise SceneError(message)
+    fixed_mm = np.unique(np.asarray(sensors.fixed_mm, dtype=np.float64))
+    grid = _grid_mm(scene)
+    for start, end in sensors.keep_out_mm:
+        grid = grid[(grid <= start) | (grid >= end)]
+    # 3 * 0.1 and 0.3 are the same position; a fixed sensor keeps the digits of the scene.
+    apart = np.abs(grid[:, None] - fixed_mm).min(axis=1, initial=np.inf) > 1e-9 * length
+    position = np.union1d(grid[apart], fixed_mm)
+    if len(position) < 2:
+        message = "sensors: grid_mm and keep_out_mm leave fewer than two positions; make the grid finer"
+        raise SceneError(message)
+    return position
+
+
+def _grid_mm(scene: Scene) -> Floats:
+    """Return the multiples of the grid along the beam, with the ends where the beam moves."""
+    step, length = scene.sensors.grid_mm, scene.beam.length_mm
+    inner = np.arange(1, np.ceil(length / step)) * step
+    inner = inner[inner < length * (1 - 1e-12)]
+    matrix = influence(scene.beam, np.linspace(0, length, 17), np.linspace(*scene.contact.position_mm, 9))
+    moves = np.abs(matrix).max(axis=0)
+    free_left, free_right = moves[[0, -1]] > 1e-9 * moves.max()
+    on_grid = abs(length / step - round(length / step)) < 1e-9
+    ends = [0.0] * bool(free_left), [length] * bool(free_right and on_grid)
+    return np.concatenate([ends[0], inner, ends[1]])
 
 
 def travel_mm(scene: Scene) -> tuple[float, float]:
@@ -136,7 +176,7 @@ def check_small_angles(scene: Scene) -> None:
         raise SceneError(message)
 
 
-def _shapes_mm(scene: Scene) -> tuple[Array, Array]:
+def _shapes_mm(scene: Scene) -> tuple[Floats, Floats]:
     """Return points along the beam, and their deflections under the largest force at each load position."""
     points = np.linspace(0.0, scene.beam.length_mm, 801)
     with np.errstate(over="ignore"):

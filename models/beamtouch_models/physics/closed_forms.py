@@ -22,11 +22,10 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models.physics.structure import SHEAR_COEFFICIENT, Beam
+from beamtouch_models.arrays import Floats
+from beamtouch_models.structure import SHEAR_COEFFICIENT, Beam
 
-Array = NDArray[np.float64]
 Form = Literal["simply-supported", "cantilever", "fixed-fixed", "propped"]
 
 # Nodes of the two-point Gauss-Legendre rule on 0..1, exact for cubics, which deflections are.
@@ -89,13 +88,13 @@ def _shear_compliance(beam: Beam, length_mm: float) -> float:
     return section.rigidity_n_mm2 / length_mm / length_mm / rigidity if rigidity else math.inf
 
 
-def point_influence(span: Span, sensor_mm: Array, load_mm: Array) -> Array:
+def point_influence(span: Span, sensor_mm: Floats, load_mm: Floats) -> Floats:
     """Return the influence of point loads (loads,) at sensors (sensors,) in a span; (loads, sensors) over l^3/(EI)."""
     x, a = sensor_mm[None, :], load_mm[:, None]
     return _deflection(span, (x - span.start_mm, span.end_mm - x), (a - span.start_mm, span.end_mm - a), np.abs(x - a))
 
 
-def patch_influence(span: Span, sensor_mm: Array, low_mm: Array, high_mm: Array) -> Array:
+def patch_influence(span: Span, sensor_mm: Floats, low_mm: Floats, high_mm: Floats) -> Floats:
     """Return the influence of even contacts from `low_mm` to `high_mm` (loads,); (loads, sensors) over l^3/(EI).
 
     As a function of the load's position, the deflection is a cubic on either side of the sensor. So the mean over a
@@ -119,7 +118,7 @@ def patch_influence(span: Span, sensor_mm: Array, low_mm: Array, high_mm: Array)
     return total
 
 
-def _deflection(span: Span, x: tuple[Array, Array], a: tuple[Array, Array], apart_mm: Array) -> Array:
+def _deflection(span: Span, x: tuple[Floats, Floats], a: tuple[Floats, Floats], apart_mm: Floats) -> Floats:
     """Return the deflection at x under a load at a, both given as distances from the left and the right end in mm."""
     length = span.length_mm
     x, a = (x[0] / length, x[1] / length), (a[0] / length, a[1] / length)
@@ -128,7 +127,7 @@ def _deflection(span: Span, x: tuple[Array, Array], a: tuple[Array, Array], apar
     if span.mirrored:
         left, right = right[::-1], left[::-1]
     (p, q), (r, s), d = left, right, apart_mm / length
-    deflection: Array
+    deflection: Floats
     if span.form == "simply-supported":
         deflection = p * s * ((2 * r * s + d * (p + r)) / 6 + span.shear)
     elif span.form == "cantilever":

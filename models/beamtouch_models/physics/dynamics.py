@@ -3,15 +3,13 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.modelfile import FilterChoice
+from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.physics.closed_forms import span_of
-from beamtouch_models.physics.structure import SMALLEST_NORMAL, Beam
-
-Array = NDArray[np.float64]
+from beamtouch_models.structure import SMALLEST_NORMAL, Beam
 
 DAMPING_RATIO = 0.01
 """Assumed, because a scene states none: a bare metal beam on its supports; Blevins, Flow-Induced Vibration, ch. 8."""
@@ -61,7 +59,7 @@ def sag_mm(beam: Beam) -> float | None:
     return float(np.abs(GRAVITY * point_mass @ influence(beam, place, place)).max())
 
 
-def _line_mass(beam: Beam) -> Array | None:
+def _line_mass(beam: Beam) -> Floats | None:
     """Return the mass per length of each section in kg/mm; None if the scene does not state it."""
     areas = [section.area_mm2 for section in beam.sections]
     if beam.density_kg_m3 is None or None in areas:
@@ -73,7 +71,7 @@ def _line_mass(beam: Beam) -> Array | None:
     return mass
 
 
-def _points(beam: Beam, line_mass: Array) -> tuple[Array, Array]:
+def _points(beam: Beam, line_mass: Floats) -> tuple[Floats, Floats]:
     """Return the beam's mass as points: their places in mm and their masses in kg."""
     place = (np.arange(POINTS) + 0.5) / POINTS * beam.length_mm
     section = np.searchsorted([section.to_mm for section in beam.sections], place)

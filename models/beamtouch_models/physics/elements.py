@@ -19,9 +19,8 @@ F l^3/(EI). Shear compliances are EI/(k G A l^2).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from beamtouch_models.arrays import Floats, Indices
 
 LONGEST = 0.5
 """Longest element on a foundation, in units of (4 EI / foundation)^(1/4), for which the series converges."""
@@ -34,21 +33,21 @@ MIRROR = np.array([1.0, -1.0])
 class Elements:
     """Elements with their power series."""
 
-    height: Array
+    height: Floats
     """(elements,) length of each."""
     foundation: float
-    series: Array
+    series: Floats
     """(elements, 4, 2, terms): power series of w, phi, M, Q in the distance from an end held in w and phi, per unit
     moment and per unit shear force at that end."""
-    clamp: Array
+    clamp: Floats
     """(elements, 2, 2): moment and shear force at a clamped end, per unit w and phi at the other end."""
 
-    def pick(self, index: NDArray[np.intp] | int) -> "Elements":
+    def pick(self, index: Indices | int) -> "Elements":
         """Return the elements at `index`, in its shape."""
         return Elements(self.height[index], self.foundation, self.series[index], self.clamp[index])
 
 
-def elements_of(height: Array, rigidity: Array, shear: Array, foundation: float) -> Elements:
+def elements_of(height: Floats, rigidity: Floats, shear: Floats, foundation: float) -> Elements:
     """Return elements of given length, rigidity and shear compliance, (elements,) each."""
     terms = TERMS if foundation else 4
     series = np.zeros((len(height), 4, 2, terms))
@@ -63,18 +62,18 @@ def elements_of(height: Array, rigidity: Array, shear: Array, foundation: float)
     return Elements(height, foundation, series, np.asarray(np.linalg.inv(at_end), np.float64))
 
 
-def stiffness(of: Elements) -> Array:
+def stiffness(of: Elements) -> Floats:
     """Return the stiffness (elements, 4, 4) in w and phi at the left, w and phi at the right."""
     right = _evaluate(of.series[:, [3, 2]], of.height[:, None, None]) @ of.clamp
     across = -of.clamp[:, [1, 0], :]
     top = np.concatenate([right * np.outer(MIRROR, MIRROR), across], axis=-1)
     bottom = np.concatenate([np.swapaxes(across, -1, -2), right], axis=-1)
     whole = np.concatenate([top, bottom], axis=-2)
-    symmetric: Array = (whole + np.swapaxes(whole, -1, -2)) / 2
+    symmetric: Floats = (whole + np.swapaxes(whole, -1, -2)) / 2
     return symmetric
 
 
-def rigid_forces(of: Elements) -> Array:
+def rigid_forces(of: Elements) -> Floats:
     """Return the nodal forces under a rigid motion, per unit w at the left and at the right; (elements, 4, 2).
 
     Only the foundation resists a rigid motion. By reciprocity its work is the integral of each shape function times the
@@ -88,7 +87,7 @@ def rigid_forces(of: Elements) -> Array:
     return total
 
 
-def shapes(from_left: Array, from_right: Array, of: Elements) -> Array:
+def shapes(from_left: Floats, from_right: Floats, of: Elements) -> Floats:
     """Return the deflection per unit w and phi at the left, w and phi at the right; (..., 4).
 
     Each is computed from the end where it vanishes, so that it stays accurate there. By reciprocity these are also the
@@ -97,7 +96,7 @@ def shapes(from_left: Array, from_right: Array, of: Elements) -> Array:
     return np.stack([*_mirrored(_from_clamp(from_right, of)), *_from_clamp(from_left, of)], axis=-1)
 
 
-def clamped(near: Array, far: Array, of: Elements) -> Array:
+def clamped(near: Floats, far: Floats, of: Elements) -> Floats:
     """Return the deflection between clamped ends.
 
     `near` and `far` are the distances of the left point from the left end and of the right point from the right end,
@@ -106,22 +105,22 @@ def clamped(near: Array, far: Array, of: Elements) -> Array:
     near, far = np.minimum(near, far), np.maximum(near, far)
     force, moment = _mirrored(_from_clamp(far, of))
     by_moment, by_force = (_evaluate(of.series[..., 0, column, :], near) for column in (0, 1))
-    deflection: Array = by_moment * moment + by_force * force
+    deflection: Floats = by_moment * moment + by_force * force
     return deflection
 
 
-def _from_clamp(x: Array, of: Elements) -> tuple[Array, Array]:
+def _from_clamp(x: Floats, of: Elements) -> tuple[Floats, Floats]:
     """Return the deflection at x from a clamped end, per unit w and per unit phi of the other end."""
     by_moment, by_force = (_evaluate(of.series[..., 0, column, :], x) for column in (0, 1))
     per_w, per_phi = (by_moment * of.clamp[..., 0, end] + by_force * of.clamp[..., 1, end] for end in (0, 1))
     return per_w, per_phi
 
 
-def _mirrored(pair: tuple[Array, Array]) -> tuple[Array, Array]:
+def _mirrored(pair: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     return pair[0], -pair[1]
 
 
-def _evaluate(series: Array, x: Array) -> Array:
+def _evaluate(series: Floats, x: Floats) -> Floats:
     """Evaluate a power series (..., terms) at x, by Horner's rule."""
     total = series[..., -1] * np.ones_like(x)
     for power in range(series.shape[-1] - 2, -1, -1):

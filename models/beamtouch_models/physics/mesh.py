@@ -8,19 +8,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.elements import LONGEST, Elements, elements_of, rigid_forces, stiffness
-from beamtouch_models.physics.structure import SHEAR_COEFFICIENT, Beam
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from beamtouch_models.structure import SHEAR_COEFFICIENT, Beam
 
 SHORTEST = 1e-9
 """Shortest element, in units of the beam's length; closer nodes cannot be distinguished."""
-MOST_ELEMENTS = 20_000
+MAX_ELEMENTS = 20_000
 LARGEST_CORRECTION = 1e-10
 """Relative change of the solution in the last refinement, above which the solution is inaccurate."""
 UNEVEN = (
@@ -34,18 +31,18 @@ class Mesh:
     """Elements from left to right, and the factor of their stiffness matrix."""
 
     length_mm: float
-    node_mm: Array
+    node_mm: Floats
     """(elements + 1,)"""
     elements: Elements
     held: Indices
     """Degrees of freedom held by the supports; node i has the deflection 2 i and the rotation 2 i + 1."""
-    springs: Array
+    springs: Floats
     """(nodes,) rotational stiffness of the support at each node."""
-    stiffness: Array
+    stiffness: Floats
     """(elements, 4, 4)"""
-    rigid: Array
+    rigid: Floats
     """(elements, 4, 2), forces under rigid motions."""
-    factor: Array
+    factor: Floats
     """(4, 2 nodes), banded Cholesky factor."""
 
 
@@ -76,7 +73,7 @@ def mesh_of(beam: Beam) -> Mesh:
     return Mesh(length, node, elements, np.array(held, np.intp), springs, matrices, rigid_forces(elements), factor)
 
 
-def _nodes(beam: Beam, foundation: float) -> Array:
+def _nodes(beam: Beam, foundation: float) -> Floats:
     """Return the nodes: ends, steps and supports; on a foundation also nodes between, to keep the elements short."""
     ends = [section.to_mm for section in beam.sections]
     node = np.unique([0.0, *ends, *(support.at_mm for support in beam.support_list)])
@@ -91,7 +88,7 @@ def _nodes(beam: Beam, foundation: float) -> Array:
     slip = float(_shear_compliance(beam).max())
     longest = LONGEST / max((foundation / (4 * softest)) ** 0.25, (foundation * slip) ** 0.5)
     pieces = np.maximum(np.ceil(gaps / beam.length_mm / longest), 1)
-    if not pieces.sum() <= MOST_ELEMENTS:
+    if not pieces.sum() <= MAX_ELEMENTS:
         raise SceneError(_too_stiff(beam))
     stretches = [
         np.linspace(start, end, int(count), endpoint=False)
@@ -104,21 +101,21 @@ def _too_stiff(beam: Beam) -> str:
     return f"beam.foundation_n_mm2 = {beam.foundation_n_mm2:g} is too stiff beside this beam; make it softer"
 
 
-def _shear_compliance(beam: Beam) -> Array:
+def _shear_compliance(beam: Beam) -> Floats:
     """Return EI/(k G A l^2) of each section, with EI of the stiffest; zeros if the scene states no shear modulus."""
     if beam.shear_modulus_gpa is None:
         return np.zeros(len(beam.sections))
     modulus = SHEAR_COEFFICIENT * 1e3 * beam.shear_modulus_gpa
     rigidity = np.array([modulus * (section.area_mm2 or 0.0) for section in beam.sections])
     with np.errstate(all="ignore"):
-        compliance: Array = beam.rigidity_n_mm2 / beam.length_mm / beam.length_mm / rigidity
+        compliance: Floats = beam.rigidity_n_mm2 / beam.length_mm / beam.length_mm / rigidity
     if not np.all(np.isfinite(compliance)):
         message = "beam.shear_modulus_gpa: with this section the shear deflection cannot be computed"
         raise SceneError(message)
     return compliance
 
 
-def _factor(matrices: Array, springs: Array, held: list[int]) -> Array:
+def _factor(matrices: Floats, springs: Floats, held: list[int]) -> Floats:
     """Assemble the stiffness of all elements, hold the supports, and factorise."""
     elements = len(matrices)
     band = np.zeros((4, 2 * (elements + 1)))
@@ -132,17 +129,17 @@ def _factor(matrices: Array, springs: Array, held: list[int]) -> Array:
     band[1:, held] = 0.0
     band[0, held] = 1.0
     try:
-        factor: Array = cholesky_banded(band, lower=True)
+        factor: Floats = cholesky_banded(band, lower=True)
     except LinAlgError:
         raise SceneError(UNEVEN) from None
     return factor
 
 
-def solve(mesh: Mesh, right: Array) -> Array:
+def solve(mesh: Mesh, right: Floats) -> Floats:
     """Return refined displacements (degrees, columns) under nodal loads; raises SceneError if they are inaccurate."""
     right = right.copy()
     right[mesh.held] = 0.0
-    solution: Array = cho_solve_banded((mesh.factor, True), right)
+    solution: Floats = cho_solve_banded((mesh.factor, True), right)
     for _ in range(3):
         residual = right - _forces(mesh, solution)
         residual[mesh.held] = 0.0
@@ -153,7 +150,7 @@ def solve(mesh: Mesh, right: Array) -> Array:
     return solution
 
 
-def _forces(mesh: Mesh, displacement: Array) -> Array:
+def _forces(mesh: Mesh, displacement: Floats) -> Floats:
     """Return the nodal forces under displacements (degrees, columns).
 
     Each element's rigid motion is separated from its deformation, so that the large stiffness of a short element

@@ -8,10 +8,9 @@ Products are sums of logarithms, so that nothing overflows.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr
 
-Array = NDArray[np.float64]
+from beamtouch_models.arrays import Floats
 
 EPS = float(np.finfo(np.float64).eps)
 
@@ -20,15 +19,15 @@ EPS = float(np.finfo(np.float64).eps)
 class Components:
     """Principal components of an influence matrix of shape (loads, sensors)."""
 
-    eigenvalues: Array
+    eigenvalues: Floats
     """(sensors,), of X^T X / N0, in descending order, in the square of the unit of X."""
-    vectors: Array
+    vectors: Floats
     """(sensors, components), a column per component, signed so that its largest entry is positive."""
-    transformed: Array
+    transformed: Floats
     """(loads, components): the components of each load, as in the paper's figure 3."""
 
 
-def principal_components(matrix: Array) -> Components:
+def principal_components(matrix: Floats) -> Components:
     """Return the components of an influence matrix (loads, sensors); eq. 2 is a second moment about zero, not the mean.
 
     Compared with 60-digit arithmetic on the same matrix, each eigenvalue of 32 sensors has a relative error of 1e-12
@@ -54,7 +53,7 @@ def principal_components(matrix: Array) -> Components:
     return Components(eigenvalues, vectors * sign, left @ rows * (singular * size) * sign)
 
 
-def discernible(eigenvalues: Array, noise: float) -> int:
+def discernible(eigenvalues: Floats, noise: float) -> int:
     """Return the number of components that exceed their noise, as in the paper's section 3.
 
     The transformation to components is orthogonal, so each component has the noise of one sensor. Its magnitude is its
@@ -64,7 +63,7 @@ def discernible(eigenvalues: Array, noise: float) -> int:
     return int((magnitude > np.maximum(noise, magnitude[0] * EPS * len(magnitude))).sum())
 
 
-def log_eigenvalue_product(matrices: Array, leading: int | None = None) -> Array:
+def log_eigenvalue_product(matrices: Floats, leading: int | None = None) -> Floats:
     """Return the natural logarithm of the product of the leading eigenvalues of eq. 2, which is minus that of eq. 4.
 
     If all eigenvalues count, it comes from the diagonal of the triangle. For 32 sensors its error is then 1e-12 (equal
@@ -85,7 +84,7 @@ def log_eigenvalue_product(matrices: Array, leading: int | None = None) -> Array
     return values.reshape(matrices.shape[:-2])
 
 
-def _log_product(matrix: Array, leading: int) -> float:
+def _log_product(matrix: Floats, leading: int) -> float:
     loads, sensors = matrix.shape
     scaled, size = _scaled(matrix)
     if size == 0 or leading > min(loads, sensors):
@@ -109,7 +108,7 @@ def _log_product(matrix: Array, leading: int) -> float:
     return float(logs + leading * (2 * np.log(size) - np.log(loads)))
 
 
-def _scaled(matrix: Array) -> tuple[Array, float]:
+def _scaled(matrix: Floats) -> tuple[Floats, float]:
     """Return a matrix scaled to entries below 2, and the divisor; raises ValueError if an entry is not finite."""
     size = float(np.abs(matrix).max())
     if not np.isfinite(size):

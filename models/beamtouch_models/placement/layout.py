@@ -5,16 +5,10 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import influence
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.physics.beam import sensor_positions_mm
 from beamtouch_models.scene import Scene
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
-
-MAX_CANDIDATES = 20_000
 
 
 @dataclass(frozen=True)
@@ -25,7 +19,7 @@ class Candidates:
     sensor.
     """
 
-    position_mm: Array
+    position_mm: Floats
     """(candidates,), ascending; the grid without its keep-outs, plus the fixed sensors."""
     fixed: Indices
     """Candidates of the fixed sensors, ascending."""
@@ -47,36 +41,36 @@ class Candidates:
         """The same rules seen from the right end."""
         return Candidates(-self.position_mm[::-1], len(self.position_mm) - 1 - self.fixed[::-1], self.min_distance_mm)
 
-    def allowed(self, layouts: Indices) -> NDArray[np.bool_]:
+    def allowed(self, layouts: Indices) -> Bools:
         """Return whether each layout (population, sensors) keeps the distance and has all fixed sensors."""
         positions = np.sort(self.position_mm[layouts], axis=1)
-        kept: NDArray[np.bool_] = np.all(np.diff(positions, axis=1) >= self.gap_mm, axis=1)
+        kept: Bools = np.all(np.diff(positions, axis=1) >= self.gap_mm, axis=1)
         for index in self.fixed:
             kept &= np.any(layouts == index, axis=1)
         return kept
 
-    def conflicts(self, layout: Indices) -> NDArray[np.bool_]:
+    def conflicts(self, layout: Indices) -> Bools:
         """Return whether each candidate is too close to each sensor of a layout; (sensors, candidates)."""
-        near: NDArray[np.bool_] = np.abs(self.position_mm[layout][:, None] - self.position_mm) < self.gap_mm
+        near: Bools = np.abs(self.position_mm[layout][:, None] - self.position_mm) < self.gap_mm
         return near
 
-    def is_fixed(self, layout: Indices) -> NDArray[np.bool_]:
+    def is_fixed(self, layout: Indices) -> Bools:
         """Return whether each sensor of a layout is fixed, in the shape of `layout`."""
         return np.isin(layout, self.fixed)
 
-    def nearest(self, position_mm: Array) -> Indices:
+    def nearest(self, position_mm: Floats) -> Indices:
         """Return the candidate nearest to each position, in the shape of `position_mm`."""
         after = np.clip(np.searchsorted(self.position_mm, position_mm), 1, len(self.position_mm) - 1)
         left, right = self.position_mm[after - 1], self.position_mm[after]
         chosen: Indices = np.where(position_mm - left <= right - position_mm, after - 1, after)
         return chosen
 
-    def fitted(self, wanted_mm: Array) -> Indices | None:
+    def fitted(self, wanted_mm: Floats) -> Indices | None:
         """Return the allowed layout nearest to wanted positions (sensors,); None if no layout exists."""
         span = self.position_mm[-1] - self.position_mm[0]
         return self.best(-(((np.sort(wanted_mm)[:, None] - self.position_mm) / span) ** 2))
 
-    def best(self, values: Array) -> Indices | None:
+    def best(self, values: Floats) -> Indices | None:
         """Return the layout with the largest sum of values (sensors, candidates), or None.
 
         Row k holds the values of the k-th sensor from the left. Dynamic programming over the sensors finds the layout;
@@ -92,7 +86,7 @@ class Candidates:
             layout.append(low + int(row[low : high + 1].argmax()))
         return np.array(layout[::-1], dtype=np.intp)
 
-    def best_through(self, values: Array) -> Array:
+    def best_through(self, values: Floats) -> Floats:
         """Return the largest sum of values of a layout whose k-th sensor is at i, or -inf; (sensors, candidates)."""
         left = self._sums_from_left(values)
         right = self.mirrored._sums_from_left(values[::-1, ::-1])[::-1, ::-1]
@@ -101,7 +95,7 @@ class Candidates:
         through[usable] = left[usable] + (right[usable] - values[usable])
         return through
 
-    def _sums_from_left(self, values: Array) -> Array:
+    def _sums_from_left(self, values: Floats) -> Floats:
         """Return the largest sum of the first k + 1 values with the k-th sensor at i; (sensors, candidates)."""
         sums = np.full_like(values, -np.inf)
         first = self.fixed[0] if len(self.fixed) else len(self.position_mm) - 1
@@ -117,8 +111,8 @@ class Candidates:
                 sums[k, start:end] = values[k, start:end] + reached
         return sums
 
-    def _last_sums(self, sums: Array) -> Array:
-        last: Array = sums[-1].copy()
+    def _last_sums(self, sums: Floats) -> Floats:
+        last: Floats = sums[-1].copy()
         if len(self.fixed):
             last[: self.fixed[-1]] = -np.inf
         return last
@@ -131,37 +125,12 @@ class Candidates:
 
 def candidates(scene: Scene) -> Candidates:
     """Return the candidates of a scene; raises SceneError if its rules leave fewer than two."""
-    sensors, length = scene.sensors, scene.beam.length_mm
-    if length / sensors.grid_mm > MAX_CANDIDATES:
-        message = f"sensors.grid_mm = {sensors.grid_mm:g} makes more than {MAX_CANDIDATES} positions; make it coarser"
-        raise SceneError(message)
-    fixed_mm = np.unique(np.asarray(sensors.fixed_mm, dtype=np.float64))
-    grid = _grid(scene)
-    for start, end in sensors.keep_out_mm:
-        grid = grid[(grid <= start) | (grid >= end)]
-    # 3 * 0.1 and 0.3 are the same position; a fixed sensor keeps the digits of the scene.
-    apart = np.abs(grid[:, None] - fixed_mm).min(axis=1, initial=np.inf) > 1e-9 * length
-    position = np.union1d(grid[apart], fixed_mm)
-    if len(position) < 2:
-        message = "sensors: grid_mm and keep_out_mm leave fewer than two positions; make the grid finer"
-        raise SceneError(message)
-    return Candidates(position, np.searchsorted(position, fixed_mm), sensors.min_distance_mm)
-
-
-def _grid(scene: Scene) -> Array:
-    """Return the multiples of the grid along the beam, with the ends where the beam moves."""
-    step, length = scene.sensors.grid_mm, scene.beam.length_mm
-    inner = np.arange(1, np.ceil(length / step)) * step
-    inner = inner[inner < length * (1 - 1e-12)]
-    moves = np.abs(influence(scene.beam, np.linspace(0, length, 17), np.linspace(*scene.contact.position_mm, 9))).max(
-        axis=0
+    position = sensor_positions_mm(scene)
+    return Candidates(
+        position, np.searchsorted(position, np.unique(scene.sensors.fixed_mm)), scene.sensors.min_distance_mm
     )
-    free_left, free_right = moves[[0, -1]] > 1e-9 * moves.max()
-    on_grid = abs(length / step - round(length / step)) < 1e-9
-    ends = [0.0] * bool(free_left), [length] * bool(free_right and on_grid)
-    return np.concatenate([ends[0], inner, ends[1]])
 
 
-def equal_pitch_mm(scene: Scene, count: int) -> Array:
+def equal_pitch_mm(scene: Scene, count: int) -> Floats:
     """Return the layout that divides the beam into equal parts; (count,) in mm."""
     return scene.beam.length_mm * np.arange(1, count + 1) / (count + 1)

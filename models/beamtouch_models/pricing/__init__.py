@@ -1,1 +1,1 @@
-"""TODO."""
+"""Noise, filter, and the price of each physical effect in a scene."""

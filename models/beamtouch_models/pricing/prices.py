@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from beamtouch_models.accuracy.noise import choose_filter, step_mm
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
+from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import dynamics
 from beamtouch_models.physics.beam import load_positions_mm, scene_influence
+from beamtouch_models.pricing.noise import step_mm
 from beamtouch_models.scene import Scene
 
-Array = NDArray[np.float64]
 Verdict = Literal["in", "out", "not stated", "not modelled"]
 
 NEGLIGIBLE = 0.1
@@ -46,11 +46,12 @@ class Pricing:
     """The data for pricing the effects of a scene."""
 
     scene: Scene
+    filter: FilterChoice
     noise_mm: float
-    """Noise of a sample."""
-    sensor_mm: Array
+    """Noise of a sample behind the filter."""
+    sensor_mm: Floats
 
-    def deflection_mm(self, scene: Scene) -> Array:
+    def deflection_mm(self, scene: Scene) -> Floats:
         """Return the deflection (loads, sensors) at the largest force."""
         return scene.contact.force_range_n[1] * scene_influence(scene, self.sensor_mm, load_positions_mm(scene))
 
@@ -58,12 +59,12 @@ class Pricing:
         """Return the largest difference in deflection between two scenes, in units of the noise."""
         return self.in_noise(self.deflection_mm(having) - self.deflection_mm(lacking))
 
-    def in_noise(self, deflection_mm: Array) -> float:
+    def in_noise(self, deflection_mm: Floats) -> float:
         """Return the largest deflection in units of the noise; raises SceneError beyond the range of float64."""
         with np.errstate(over="ignore"):
             price = float(np.abs(deflection_mm).max(initial=0.0) / self.noise_mm)
         if not math.isfinite(price):
-            message = "sensors: the noise is too small beside the deflection to price anything in; state a larger one"
+            message = "sensors: the noise is too small next to the deflection to price effects in; state a larger one"
             raise SceneError(message)
         return price
 
@@ -93,7 +94,7 @@ def _shear(pricing: Pricing) -> Effect:
     if price < NEGLIGIBLE:
         reason = f"estimated with a Poisson ratio of {POISSON_RATIO:g}"
         return Effect("shear", price, "out", reason, having, scene)
-    reason = f"state beam.shear_modulus_gpa to have it; {modulus:.3g} at a Poisson ratio of {POISSON_RATIO:g}"
+    reason = f"state beam.shear_modulus_gpa to include it; {modulus:.3g} at a Poisson ratio of {POISSON_RATIO:g}"
     return Effect("shear", price, "not modelled", reason, having, scene)
 
 
@@ -109,8 +110,8 @@ def _contact_width(pricing: Pricing) -> Effect:
 def _self_weight(pricing: Pricing) -> Effect:
     # Deflections are linear in the load: after a tare, a contact adds the same deflection with or without the weight.
     sag = dynamics.sag_mm(pricing.scene.beam)
-    told = "" if sag is None else f"; before it the beam sags by {sag:.3g} mm, which the stand-off must allow for"
-    return Effect("self-weight", 0.0, "out", f"a constant, which tare takes off{told}")
+    told = "" if sag is None else f"; the beam sags by {sag:.3g} mm, which the stand-off must allow for"
+    return Effect("self-weight", 0.0, "out", f"constant, removed by the tare{told}")
 
 
 def _overhang(pricing: Pricing) -> Effect:
@@ -122,20 +123,22 @@ def _overhang(pricing: Pricing) -> Effect:
     off_loads, off_sensors = ((at < places[0]) | (at > places[-1]) for at in (loads, sensors))
     price = pricing.in_noise(pricing.deflection_mm(scene)[off_loads[:, None] | off_sensors])
     if price == 0:
-        return Effect("overhang", 0.0, "out", "nothing presses or is measured there, so it has no part in any figure")
+        return Effect("overhang", 0.0, "out", "no load or sensor on an overhang")
     return Effect("overhang", price, "in", f"beyond the supports at {places[0]:g} and {places[-1]:g} mm")
 
 
 def _steps(pricing: Pricing) -> Effect:
     scene = pricing.scene
     if len({section.rigidity_n_mm2 for section in scene.beam.sections}) == 1:
-        return Effect("steps", 0.0, "out", "one section throughout")
+        return Effect("steps", 0.0, "out", "a single section")
     # The prismatic beam has no section for shear to depend on, so compare the two without shear.
     having, lacking = _without_shear(scene), _without_steps(scene)
     price = pricing.price(having, lacking)
-    reason = f"beside a prismatic beam of {lacking.beam.rigidity_n_mm2:.4g} N mm^2, the mean compliance"
+    reason = f"compared to a prismatic beam of the same mean compliance, {lacking.beam.rigidity_n_mm2:.4g} N mm^2"
     if price < NEGLIGIBLE and scene.beam.shear_modulus_gpa is not None:
-        return Effect("steps", price, "in", f"{reason}; in, as shear is stated by section", having, lacking)
+        return Effect(
+            "steps", price, "in", f"{reason}; included, because shear depends on the sections", having, lacking
+        )
     return Effect("steps", price, _verdict(price), reason, having, lacking, _without_steps)
 
 
@@ -148,7 +151,7 @@ def _foundation(pricing: Pricing) -> Effect:
         lacking = _without_foundation(scene)
     except ValidationError:
         whole = pricing.in_noise(pricing.deflection_mm(scene))
-        return Effect("foundation", whole, "in", f"{reason}; without it nothing carries the beam", scene)
+        return Effect("foundation", whole, "in", f"{reason}; nothing else supports the beam", scene)
     price = pricing.price(scene, lacking)
     return Effect("foundation", price, _verdict(price), reason, scene, lacking, _without_foundation)
 
@@ -158,23 +161,20 @@ def _dynamics(pricing: Pricing) -> Effect:
     frequency = dynamics.first_frequency_hz(scene.beam)
     if frequency is None:
         return Effect("dynamics", None, "not stated", "give density_kg_m3 with width_mm and thickness_mm")
-    chosen = choose_filter(scene)
-    still = dynamics.ringing_after_filter(frequency, chosen, scene.sensors.rate_hz)
+    still = dynamics.ringing_after_filter(frequency, pricing.filter, scene.sensors.rate_hz)
     price = pricing.in_noise(pricing.deflection_mm(scene)) * still
     told = f"rings at {frequency:.3g} Hz, damped by {dynamics.DAMPING_RATIO:.0%} (assumed)"
     if price < NEGLIGIBLE:
-        return Effect("dynamics", price, "out", f"{told}; gone when the filter has settled")
+        return Effect("dynamics", price, "out", f"{told}; decayed once the filter has settled")
     longer = math.log(price / NEGLIGIBLE) / (dynamics.DAMPING_RATIO * 2 * math.pi * frequency)
-    reason = (
-        f"{told}; after a load that comes at once, {longer:.2g} s past the filter's settling until it is negligible"
-    )
+    reason = f"{told}; after a sudden load it is negligible {longer:.2g} s after the filter has settled"
     return Effect("dynamics", price, "not modelled", reason)
 
 
 def _sensor_curve(pricing: Pricing) -> Effect:
     low, high = pricing.scene.sensors.range_mm
     return Effect(
-        "sensor curve", None, "not stated", f"taken as linear over {low:g}..{high:g} mm; calibrate takes it out"
+        "sensor curve", None, "not stated", f"assumed linear over {low:g}..{high:g} mm; calibrate corrects it"
     )
 
 
@@ -183,10 +183,9 @@ def _adc_steps(pricing: Pricing) -> Effect:
     if sensors.adc_bits is None:
         return Effect("ADC steps", None, "not stated", "give sensors.adc_bits")
     step = step_mm(sensors.range_mm, sensors.adc_bits)
-    window = choose_filter(pricing.scene).window
     # A standard deviation, like the noise that it is compared to; rounding errors of readings count as independent.
-    price = step / math.sqrt(12 * window) / pricing.noise_mm
-    return Effect("ADC steps", price, _verdict(price), f"{1000 * step:.3g} um a count", leave_out=_without_adc)
+    price = step / math.sqrt(12 * pricing.filter.window) / pricing.noise_mm
+    return Effect("ADC steps", price, _verdict(price), f"{1000 * step:.3g} um per count", leave_out=_without_adc)
 
 
 EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (

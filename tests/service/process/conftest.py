@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ from playwright.sync_api import Browser
 
 from browser import OpenPage, chromium, pages
 from certificates import make_certificate
-from service.conftest import READ_TOKEN, BuildModel
+from plain_http import NO_TLS
+from service.conftest import READ_TOKEN, TOKEN, BuildModel, batch_of, write_model
 
 CLI = ("-m", "beamtouch_service.cli")
 
@@ -31,12 +33,13 @@ class Service:
 
     def get(self, path: str, token: str | None = None) -> httpx2.Response:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
-        return httpx2.get(self.url + path, headers=headers, trust_env=False)
+        return httpx2.get(self.url + path, headers=headers, trust_env=False, verify=NO_TLS)
 
     def post(self, body: dict[str, Any] | bytes | Iterator[bytes]) -> httpx2.Response:
         content = json.dumps(body).encode() if isinstance(body, dict) else body
         headers = {"Authorization": f"Bearer {self.token}"}
-        return httpx2.post(f"{self.url}/surfaces/press-7/samples", content=content, headers=headers, trust_env=False)
+        url = f"{self.url}/surfaces/press-7/samples"
+        return httpx2.post(url, content=content, headers=headers, trust_env=False, verify=NO_TLS)
 
     def stop(self, signal_number: int) -> tuple[int, str]:
         """Send a signal; return exit code and standard error."""
@@ -50,9 +53,9 @@ Wait = Callable[[Callable[[], bool]], None]
 StartService = Callable[..., Service]
 
 
-@pytest.fixture
-def command(tmp_path: Path) -> Iterator[Command]:
-    """Start `beamtouch-service` with these arguments in a folder of its own; whatever still runs is ended."""
+@contextmanager
+def commands_in(folder: Path) -> Iterator[Command]:
+    """Give a function that starts `beamtouch-service` with these arguments in a folder; at the end all are ended."""
     started: list[subprocess.Popen[str]] = []
 
     def start(
@@ -64,7 +67,7 @@ def command(tmp_path: Path) -> Iterator[Command]:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            cwd=tmp_path,
+            cwd=folder,
             env={**os.environ, "PYTHONPATH": ":".join(search), **(environment or {})},
             close_fds=program is CLI,
         )
@@ -79,15 +82,27 @@ def command(tmp_path: Path) -> Iterator[Command]:
 
 
 @pytest.fixture
+def command(tmp_path: Path) -> Iterator[Command]:
+    """Start `beamtouch-service` in the folder of the test."""
+    with commands_in(tmp_path) as start:
+        yield start
+
+
+def service_of(process: subprocess.Popen[str], token: str) -> Service:
+    """Wait until a process listens."""
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    assert line.startswith(("listening on http://127.0.0.1:", "listening on https://")), process.communicate()[1]
+    return Service(process, line, token)
+
+
+@pytest.fixture
 def start_service(command: Command, token_file: Path) -> StartService:
     def start(
         *arguments: str | Path, environment: dict[str, str] | None = None, program: Sequence[str] = CLI
     ) -> Service:
         process = command("run", "--port", "0", *arguments, environment=environment, program=program)
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        assert line.startswith(("listening on http://127.0.0.1:", "listening on https://")), process.communicate()[1]
-        return Service(process, line, token_file.read_text().strip())
+        return service_of(process, token_file.read_text().strip())
 
     return start
 
@@ -139,18 +154,22 @@ def certificate(tmp_path: Path) -> tuple[Path, Path]:
     return make_certificate(tmp_path)
 
 
-@pytest.fixture
-def touched_service(
-    start_service: StartService,
-    build_model: Callable[..., Path],
-    token_file: Path,
-    tmp_path: Path,
-    make_batch: Callable[..., dict[str, Any]],
-) -> Service:
-    """A service with a contact to give, for a minute."""
-    (tmp_path / "service.toml").write_text(
-        f'[server]\nmax_clients = 8\n[surfaces.press-7]\nmodel = "{build_model()}"\nstale_ms = 60000\n'
+@contextmanager
+def touched_in(folder: Path) -> Iterator[Service]:
+    """Give a service with a contact to give, for a minute."""
+    token = folder / "token"
+    token.write_text(TOKEN)
+    (folder / "service.toml").write_text(
+        f'[server]\nmax_clients = 8\n[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = 60000\n'
     )
-    service = start_service("--config", "service.toml", "--token-file", token_file)
-    assert service.post(make_batch()).status_code == 200
-    return service
+    with commands_in(folder) as start:
+        service = service_of(start("run", "--port", "0", "--config", "service.toml", "--token-file", token), TOKEN)
+        assert service.post(batch_of()).status_code == 200
+        yield service
+
+
+@pytest.fixture
+def touched_service(tmp_path: Path) -> Iterator[Service]:
+    """A service of the test alone with a contact to give, for a minute."""
+    with touched_in(tmp_path) as service:
+        yield service

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import httpx2
 import onnx
 
-from beamtouch_models.modelfile import POSITION_OUTPUTS
+from beamtouch_models.metadata import POSITION_OUTPUTS
 from beamtouch_service import cli
+from plain_http import NO_TLS
 from service.conftest import ADMIN_TOKEN
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def test_it_is_read_again_at_sighup_and_when_the_administrator_asks(
     def ask(token: str) -> httpx2.Response:
         url = f"{service.url}/surfaces/press-7/model/reload"
         headers = {"Authorization": f"Bearer {token}"}
-        return httpx2.post(url, headers=headers, trust_env=False, timeout=30)
+        return httpx2.post(url, headers=headers, trust_env=False, verify=NO_TLS, timeout=30)
 
     build_model(outputs=POSITION_OUTPUTS)
     os.utime(path, (time.time() - 60,) * 2)
@@ -97,7 +98,7 @@ def test_a_model_of_another_beam_takes_a_word_or_a_restart(
 
     def reload(query: str = "") -> httpx2.Response:
         url, headers = f"{service.url}/surfaces/press-7/model/reload{query}", {"Authorization": f"Bearer {ADMIN_TOKEN}"}
-        return httpx2.post(url, headers=headers, trust_env=False, timeout=60)
+        return httpx2.post(url, headers=headers, trust_env=False, verify=NO_TLS, timeout=60)
 
     assert (reload().status_code, reload().json()["type"]) == (409, "urn:beamtouch:problem:model-refused")
     service.process.send_signal(signal.SIGHUP)
@@ -174,7 +175,7 @@ def test_check_says_in_one_line_what_is_wrong(
         file.truncate(2_000_000_000)
     for path, complaint in (
         (tmp_path / "large.onnx", "it is larger than 4 MiB"),
-        (Path("/dev/zero"), "it is no file but something else"),
+        (Path("/dev/zero"), "it is not a regular file"),
         (tmp_path / "nowhere.onnx", "No such file or directory"),
         (tmp_path / "text.onnx", "damaged or not an ONNX file"),
         (build_model(outputs=("position_mm",)), "it has no output contact_log_odds"),

@@ -49,7 +49,7 @@ def test_by_keyboard_alone(start_page: StartService, make_batch: MakeBatch, open
 def test_what_a_screen_reader_and_a_password_manager_find(start_page: StartService, open_page: OpenPage) -> None:
     seen = open_page(start_page().url)
     seen.wait_for_state("locked")
-    field = seen.page.get_by_label("Reading token")
+    field = seen.page.get_by_role("textbox", name="Reading token")
     assert field.get_attribute("type") == "password"
     assert field.get_attribute("autocomplete") == "current-password"
     assert field.get_attribute("aria-describedby") == "token-error"

@@ -13,6 +13,7 @@ import httpx2
 import pytest
 
 from certificates import make_certificate
+from plain_http import NO_TLS
 from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
 
 if TYPE_CHECKING:
@@ -55,7 +56,9 @@ def test_no_token_is_ever_in_the_log(
     for token in (wrong, READ_TOKEN, TOKEN, ADMIN_TOKEN):
         for path in ("/contact", f"/contact?token={token}", f"/surfaces/{token}", f"/{token}"):
             service.get(path, token=token)
-            httpx2.post(service.url + path, headers={"Authorization": f"Bearer {token}"}, trust_env=False)
+            httpx2.post(
+                service.url + path, headers={"Authorization": f"Bearer {token}"}, trust_env=False, verify=NO_TLS
+            )
         with socket.create_connection(address(service)) as connection:
             connection.sendall(f"GET /contact HTTP/1.1\r\nHost: x\r\nAuthorization Bearer {token}\r\n\r\n".encode())
             assert told(connection).startswith(b"HTTP/1.1 400")

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 import httpx2
 import pytest
 
+from plain_http import NO_TLS
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
@@ -38,7 +40,7 @@ def states(response: httpx2.Response) -> Iterator[dict[str, Any]]:
 
 
 def opened(service: Service, stack: ExitStack, path: str = "/stream") -> httpx2.Response:
-    stream = httpx2.stream("GET", service.url + path, trust_env=False, timeout=20)
+    stream = httpx2.stream("GET", service.url + path, trust_env=False, verify=NO_TLS, timeout=20)
     return stack.enter_context(stream)
 
 

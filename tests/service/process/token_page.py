@@ -26,7 +26,7 @@ def again(start: StartService, service: Service, read: str | None) -> Service:
 def enter(seen: Watched, token: str, *, keep: bool = False) -> None:
     """Type a token in once the form is there."""
     seen.wait_for_state("locked")
-    seen.page.get_by_label("Reading token").fill(token)
+    seen.page.get_by_role("textbox", name="Reading token").fill(token)
     seen.page.get_by_label("Keep on this device until I forget it").set_checked(keep)
     seen.page.get_by_role("button", name="Show the page").click()
 

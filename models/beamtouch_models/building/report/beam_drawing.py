@@ -1,15 +1,15 @@
 """The beam with its supports and sensors, drawn to scale as SVG.
 
-Lengths, thickness and gaps share one scale; the bodies of supports and sensors are signs.
+Lengths, thickness and gaps share one scale; supports and sensors are symbols.
 """
 
 from collections.abc import Iterable
 from html import escape
 
 from beamtouch_models.charts import fill, opening, round_ticks, stroke
-from beamtouch_models.modelfile import Channel, Metadata
-from beamtouch_models.physics.structure import Beam
+from beamtouch_models.metadata import Channel, Metadata
 from beamtouch_models.scene import Scene
+from beamtouch_models.structure import Beam
 
 WIDTH, HEIGHT, MARGIN = 900, 236, 48
 BEAM_Y = 92
@@ -17,9 +17,9 @@ BEAM_Y = 92
 THINNEST_PX = 3.0
 SENSOR_WIDTH, SENSOR_HEIGHT = 12.0, 24.0
 LABEL_WIDTH = 48.0
-"""Two labels closer than this take two rows."""
+"""Labels closer than this stand in two rows."""
 KEEP_OUT_LABEL_WIDTH = 52.0
-"""A narrower stretch goes without a label; the caption names its colour."""
+"""A narrower stretch has no label; the caption explains its colour."""
 SCALE_Y = 200
 
 
@@ -30,7 +30,7 @@ _TOUCH, _TIP = stroke("s1", "touch", width=1.6), fill("s1", "tip")
 
 
 def beam_drawing(scene: Scene, metadata: Metadata) -> str:
-    """Draw a scene with the layout of its model as an `<svg>` element; without a ground."""
+    """Draw a scene with the layout of its model as an `<svg>` element, without a background."""
     px = _Scale(scene.beam.length_mm)
     places = ", ".join(f"{channel.name} at {channel.position_mm:g} mm" for channel in metadata.layout)
     supports = ", ".join(f"{support.kind} at {support.at_mm:g} mm" for support in scene.beam.support_list)
@@ -75,7 +75,7 @@ def _supports(beam: Beam, px: _Scale) -> Iterable[str]:
         if support.kind == "simple":
             yield f'<path {_SUPPORT} d="M{x:.1f} {BEAM_Y} l-9 16 h18 z M{x - 13:.1f} {BEAM_Y + 20} h26"/>'
         else:
-            # A wall at an end stands outside of the beam, a clamp between the ends on both sides of it.
+            # A wall at the left end stands left of the beam, any other wall right of its position.
             side = -1 if support.at_mm == 0 else 1
             hatches = "".join(f" M{x:.1f} {BEAM_Y - 28 + 8 * i} l{8 * side} 7" for i in range(6))
             yield f'<path {_SUPPORT} d="M{x:.1f} {BEAM_Y - 28} v48{hatches}"/>'
@@ -103,7 +103,7 @@ def _sensors(scene: Scene, metadata: Metadata, px: _Scale) -> Iterable[str]:
 
 
 def _rows(layout: list[Channel], px: _Scale) -> Iterable[tuple[Channel, int]]:
-    """Yield each channel with the row of its label: the next one where neighbours stand close."""
+    """Yield each channel with the row of its label; close neighbours alternate between two rows."""
     before, row = -float("inf"), 0
     for channel in layout:
         x = px.x(channel.position_mm)

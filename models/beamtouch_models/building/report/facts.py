@@ -1,54 +1,55 @@
-"""What the report says beyond the model's own words: error along the beam, components, other layouts. No text here."""
+"""The data of a report beyond the metadata: error along the beam, components, other layouts."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from beamtouch_models.accuracy.contacts import simulated
-from beamtouch_models.accuracy.figures import Figure, mean_of
-from beamtouch_models.accuracy.limit import Array, MeanError, accuracy_limit
+from beamtouch_models.accuracy.limit import MeanError, accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.build import Built, Progress
+from beamtouch_models.accuracy.statistics import Measurement, mean_of
+from beamtouch_models.arrays import Floats
+from beamtouch_models.building.build import Built
 from beamtouch_models.modelfile import ModelFile, load_bytes
 from beamtouch_models.physics.beam import load_positions_mm, scene_influence
 from beamtouch_models.placement import Placement, place, place_by_position_error, score_positions
 from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.placement.layout import equal_pitch_mm
-from beamtouch_models.pricing.effects import effects_of, required
 from beamtouch_models.pricing.prices import Effect
+from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 
 PROFILE_DRAWS = 8_192
 PROFILE_BINS = 24
 LAYOUT_DRAWS = 4_096
 SEED_SHIFT = 5
-"""The build draws with the seed and the four after it; the report measures on draws of its own."""
+"""The build uses its seed and the four after it; the report uses the next ones."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Error and interval of position along the beam, a value per stretch of equal length."""
+    """Error and interval of position along the beam, one value per stretch of equal length."""
 
-    position_mm: Array
+    position_mm: Floats
     """(stretches,) middles."""
-    model_mm: Array
+    model_mm: Floats
     """Mean |error| of the model."""
-    limit_mm: Array
+    limit_mm: Floats
     """Mean |error| of the posterior median."""
-    held: Array | None
-    """Part of the contacts that the stated interval holds; None where the model states none."""
-    held_in: tuple[Figure, ...] | None
-    """The same over the whole range, in the first stretch and in the last."""
-    width_mm: Array | None
-    """Mean width of the stated interval."""
+    held: Floats | None
+    """Share of contacts inside their interval; None if the model gives no interval."""
+    held_in: tuple[Measurement, ...] | None
+    """This share over the whole range, in the first stretch and in the last."""
+    width_mm: Floats | None
+    """Mean width of the interval."""
 
 
 @dataclass(frozen=True)
 class OtherLayout:
-    """A layout that might have been taken, with what it would reach."""
+    """A layout with its score and accuracy limit, for comparison."""
 
     name: str
-    positions_mm: Array
+    positions_mm: Floats
     log_eigenvalue_product: float
     """Lengths in units of l, W/(EI) = 1."""
     limit: MeanError
@@ -62,14 +63,14 @@ class Facts:
     scene: Scene
     model: ModelFile
     placement: Placement
-    load_mm: Array
+    load_mm: Floats
     """(loads,)"""
     components: Components
     """Of the influence matrix of the layout, in mm/N."""
     profile: Profile
     layouts: tuple[OtherLayout, ...]
     effects: tuple[Effect, ...]
-    """Of physics, with their prices."""
+    """Physical effects with their prices."""
 
     @property
     def middle_force_n(self) -> float:
@@ -79,11 +80,11 @@ class Facts:
 
 
 def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
-    """Measure what the report shows; takes seconds. Deterministic by the seed of the build."""
+    """Measure the data of the report, which takes seconds; the same build gives the same data."""
     progress("measuring for the report", 0.97)
     positions = np.array(built.placement.positions_mm)
     load = load_positions_mm(scene)
-    physics = required(scene)  # what the build worked with
+    physics = built.physics.scene
     model = load_bytes(built.content, "the model just built")
     seed = built.metadata.seed
     return Facts(
@@ -94,11 +95,11 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
         principal_components(scene_influence(physics, positions, load)),
         _profile(physics, model, positions, seed),
         _layouts(physics, positions, built.metadata.noise.sample_mm, seed),
-        tuple(effects_of(scene)),
+        built.physics.effects,
     )
 
 
-def _profile(scene: Scene, model: ModelFile, positions: Array, seed: int) -> Profile:
+def _profile(scene: Scene, model: ModelFile, positions: Floats, seed: int) -> Profile:
     prior = Prior.of(scene, positions, model.metadata.noise.sample_mm)
     contacts = simulated(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
     best = contacts.least_error_mm()
@@ -108,7 +109,7 @@ def _profile(scene: Scene, model: ModelFile, positions: Array, seed: int) -> Pro
     edges = np.linspace(*scene.contact.position_mm, PROFILE_BINS + 1)
     stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
 
-    def means(values: Array) -> Array:
+    def means(values: Floats) -> Floats:
         whole = np.bincount(stretch.ravel(), (weight * values).ravel(), PROFILE_BINS)
         return whole / np.bincount(stretch.ravel(), weight.ravel(), PROFILE_BINS)
 
@@ -124,8 +125,8 @@ def _profile(scene: Scene, model: ModelFile, positions: Array, seed: int) -> Pro
     return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held, held_in, width_mm)
 
 
-def _layouts(scene: Scene, taken: Array, noise_mm: float, seed: int) -> tuple[OtherLayout, ...]:
-    """Compare the layout of the model with the others; all are measured on the same contacts."""
+def _layouts(scene: Scene, taken: Floats, noise_mm: float, seed: int) -> tuple[OtherLayout, ...]:
+    """Compare the model's layout with others, all on the same contacts."""
     named = {"equal pitch": equal_pitch_mm(scene, len(taken))}
     named["eigenvalue product"] = np.array(place(scene, len(taken), seed).positions_mm)
     by_error = place_by_position_error(scene, len(taken), seed, noise_mm)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.figures import mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.accuracy.statistics import mean_of, quantile_of, ratio_of, share_of
 
 
-def test_figures_scatter_as_their_standard_errors_say() -> None:
+def test_means_scatter_by_their_standard_errors() -> None:
     rng = np.random.default_rng(1)
     samples = [rng.exponential(size=(2, 2000)) for _ in range(200)]
     weights = [rng.uniform(0.5, 1.5, 2000) for _ in range(200)]
@@ -25,7 +25,7 @@ def test_figures_scatter_as_their_standard_errors_say() -> None:
         assert stated.mean() == pytest.approx(values.std(), rel=0.2)
 
 
-def test_a_weight_counts_as_so_many_cases() -> None:
+def test_a_weight_counts_like_repeated_cases() -> None:
     values, counts = np.arange(64.0), np.tile([1.0, 3.0], 32)
     every = np.repeat(values, counts.astype(int))
     assert mean_of(values, counts).value == pytest.approx(every.mean())

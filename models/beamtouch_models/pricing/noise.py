@@ -1,28 +1,28 @@
-"""From the noise of a reading to the noise of a sample: the filter that fits in the latency a scene allows."""
+"""Noise of a reading and of a sample, and the filter between them that fits the latency of a scene."""
 
 import math
 
 from beamtouch_models.errors import SceneError
-from beamtouch_models.modelfile import FilterChoice, Noise
+from beamtouch_models.metadata import FilterChoice, Noise
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.scene import Scene
 
 SPIKE_SIGMAS = 6.0
-"""A reading this many standard deviations from the median of three is no noise: once in 1e8 readings if Gaussian."""
+"""Distance from the median of three, in standard deviations, of a spike; noise reaches it once in 1e8 readings."""
 
-MOST_READINGS = 10_000
-"""Of a filter: the daemon takes no more."""
+MAX_READINGS = 10_000
+"""Longest filter of the daemon."""
 
 
 def sensor_noise_mm(scene: Scene) -> float:
-    """Standard deviation of what the sensor adds to one reading, in mm, before the ADC."""
+    """Standard deviation of one reading, in mm, without the ADC's steps."""
     if scene.sensors.noise_mm is not None:
         return scene.sensors.noise_mm
     return (scene.sensors.noise_percent_of_max or 0.0) / 100 * max_deflection_mm(scene)
 
 
 def reading_noise_mm(scene: Scene) -> float:
-    """Standard deviation of one reading, in mm: the sensor's noise and, where the scene states an ADC, its steps.
+    """Standard deviation of one reading, in mm: the sensor's noise, and the ADC's steps if the scene states them.
 
     A step of width q adds q / sqrt(12); Widrow & Kollar, Quantization Noise, 2008, sec. 1.2.
     """
@@ -32,17 +32,17 @@ def reading_noise_mm(scene: Scene) -> float:
 
 
 def step_mm(range_mm: tuple[float, float], adc_bits: int) -> float:
-    """Gap per count: the linear range takes the middle 80 % of the ADC's scale, so that its ends stand out."""
+    """Gap per count in mm; the linear range takes the middle 80 % of the ADC's scale, so that its ends show."""
     low, high = range_mm
     full_scale: int = 2**adc_bits - 1
     return (high - low) / (0.8 * full_scale)
 
 
 def choose_filter(scene: Scene) -> FilterChoice:
-    """Choose the filter that takes all of the latency: a spike filter, then the mean of as many readings as fit.
+    """Choose the filter that uses all of the latency: a spike filter, then the mean of as many readings as fit.
 
-    The spike filter holds the first reading of a new load back by one reading, so a mean of N readings knows only the
-    new load N reading periods after the load's first reading.
+    The spike filter delays the first reading of a new load by one reading, so a mean of N readings has settled N
+    reading periods after that first reading.
 
     Raises
     ------
@@ -54,9 +54,9 @@ def choose_filter(scene: Scene) -> FilterChoice:
         return FilterChoice()
     period_ms = 1000 / scene.sensors.rate_hz
     readings = latency / period_ms
-    if not readings <= MOST_READINGS:
+    if not readings <= MAX_READINGS:
         message = (
-            f"requirements.latency_ms = {latency:g} holds more than {MOST_READINGS} readings at sensors.rate_hz = "
+            f"requirements.latency_ms = {latency:g} holds more than {MAX_READINGS} readings at sensors.rate_hz = "
             f"{scene.sensors.rate_hz:g}; lower one of them"
         )
         raise SceneError(message)
@@ -71,7 +71,7 @@ def choose_filter(scene: Scene) -> FilterChoice:
 
 
 def window_filter(scene: Scene, window: int) -> FilterChoice:
-    """Return the filter of a spike filter and the mean of so many readings; of one, no filter."""
+    """Return a spike filter with the mean of `window` readings; without a stated latency, 1 means no filter."""
     if window == 1 and scene.requirements.latency_ms is None:
         return FilterChoice()
     spike = SPIKE_SIGMAS * reading_noise_mm(scene) or None
