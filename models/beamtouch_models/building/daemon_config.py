@@ -39,7 +39,7 @@ def _head(metadata: Metadata) -> str:
 
 [publish]
 url = "{SERVICE_URL}"
-token_file = "{TOKEN_FILE}"       # the same file that `beamtouch-service run --token-file` is given
+token_file = "{TOKEN_FILE}"       # the same file that `beamtouch-service run --write-token-file` is given
 
 [surfaces.{name}]
 rate_hz = {metadata.sensor.rate_hz!r}

@@ -17,12 +17,13 @@ from threading import BoundedSemaphore
 from typing import TypeVar
 
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_service.defaults import KEEP_DAYS, MOST_MB
 from beamtouch_service.events.file import EventFile
 from beamtouch_service.events.pieces import End
 from beamtouch_service.events.segmenter import Command, Folder, Loss, fold_late
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.events.worker import Turns
+from beamtouch_service.limits import KEEP_DAYS
+from beamtouch_service.limits import MAX_MB as MOST_MB
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.contact import State
 from beamtouch_service.surfaces.estimates import estimate

@@ -13,8 +13,8 @@ import numpy as np
 from beamtouch_models import modelfile
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 from beamtouch_service.surfaces.contact import LOG_ODDS
-from beamtouch_service.surfaces.inference import Durations, Inference
 from beamtouch_service.surfaces.same_beam import difference
+from beamtouch_service.surfaces.served_model import Inference
 from beamtouch_service.surfaces.surface import Surface
 
 STILL_S = 1.0
@@ -45,7 +45,7 @@ def parse(content: bytes, origin: str) -> ModelFile:
         message = f"{origin}: it has no output {LOG_ODDS}, so it cannot tell contact from clear; build another"
         raise ModelFileError(message)
     try:
-        answer_s = _answer_s(Inference(model, Durations()), model)
+        answer_s = _answer_s(Inference(model), model)
     except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
         message = f"{origin}: its graph cannot be run as a service does ({(str(error).splitlines() or [''])[0]})"
         raise ModelFileError(message) from None

@@ -68,7 +68,8 @@ def _by_sample(answers: Answers) -> list[dict[str, float]]:
 def _too_few(model: ModelFile, surface: str, bad: dict[str, Quality]) -> Problem:
     working = len(model.channels) - len(bad)
     named = ", ".join(f"{name} ({quality.value})" for name, quality in bad.items())
-    detail = f"{working} work, the model needs {model.metadata.min_channels}; repair {named}."
+    works = "1 channel works" if working == 1 else f"{working} channels work"
+    detail = f"Only {works}; the model needs {model.metadata.min_channels}. Check {named}."
     return Problem(Kind.TOO_FEW_CHANNELS, detail, surface, {"bad_channels": dict(bad)})
 
 

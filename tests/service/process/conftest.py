@@ -128,7 +128,7 @@ def start_page(
         if read is not None:
             read_token_file.write_text(read)
             options += ("--read-token-file", str(read_token_file))
-        return start_service("--model", model, "--token-file", token_file, "--stale-ms", "60000", *options)
+        return start_service("--model", model, "--write-token-file", token_file, "--stale-ms", "60000", *options)
 
     return start_page
 
@@ -151,6 +151,6 @@ def touched_service(
     (tmp_path / "service.toml").write_text(
         f'[server]\nmax_clients = 8\n[surfaces.press-7]\nmodel = "{build_model()}"\nstale_ms = 60000\n'
     )
-    service = start_service("--config", "service.toml", "--token-file", token_file)
+    service = start_service("--config", "service.toml", "--write-token-file", token_file)
     assert service.post(make_batch()).status_code == 200
     return service

@@ -46,7 +46,14 @@ def test_no_token_is_ever_in_the_log(
     read_token_file: Path,
     admin_token_file: Path,
 ) -> None:
-    tokens = ("--token-file", token_file, "--read-token-file", read_token_file, "--admin-token-file", admin_token_file)
+    tokens = (
+        "--write-token-file",
+        token_file,
+        "--read-token-file",
+        read_token_file,
+        "--admin-token-file",
+        admin_token_file,
+    )
     service = start_service("--model", build_model(), *tokens)
     wrong = "a-wrong-token-that-someone-mistyped"
 
@@ -73,7 +80,7 @@ def test_https(
     start_service: StartService, build_model: BuildModel, token_file: Path, certificate: tuple[Path, Path]
 ) -> None:
     options = ("--certificate-file", certificate[0], "--key-file", certificate[1])
-    service = start_service("--model", build_model(), "--token-file", token_file, *options)
+    service = start_service("--model", build_model(), "--write-token-file", token_file, *options)
     context = ssl.create_default_context(cafile=str(certificate[0]))
 
     assert service.url.startswith("https://127.0.0.1:")
@@ -135,7 +142,7 @@ def test_a_certificate_that_will_not_do(command: Command, certificate: tuple[Pat
 def test_a_body_that_trickles_is_given_up_after_ten_seconds(
     start_service: StartService, build_model: BuildModel, token_file: Path
 ) -> None:
-    service = start_service("--model", build_model(), "--token-file", token_file)
+    service = start_service("--model", build_model(), "--write-token-file", token_file)
     head = f"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {TOKEN}\r\n"
     with socket.create_connection(address(service)) as connection:
         connection.sendall(f"{head}Content-Length: 1000\r\n\r\n".encode())
@@ -195,7 +202,7 @@ def test_too_many_batches_per_second(
     start_service: StartService, tmp_path: Path, token_file: Path, make_batch: MakeBatch
 ) -> None:
     (tmp_path / "service.toml").write_text("[server]\nmax_batches_per_s = 0.1\n[surfaces.press-7]\n")
-    service = start_service("--config", "service.toml", "--token-file", token_file)
+    service = start_service("--config", "service.toml", "--write-token-file", token_file)
 
     batch: dict[str, Any] = make_batch()
     assert service.post(batch).status_code == 200
