@@ -14,6 +14,7 @@ class ServiceManager:
 
     def __init__(self) -> None:
         self._address = os.environ.get("NOTIFY_SOCKET", "")
+        self._is_ready = False
         watchdog_us = os.environ.get("WATCHDOG_USEC", "")
         is_mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.watchdog_s = int(watchdog_us) / 1e6 if watchdog_us.isdecimal() and is_mine else None
@@ -21,6 +22,7 @@ class ServiceManager:
 
     def ready(self, status: str) -> None:
         """Report that the start or a reload is complete."""
+        self._is_ready = True
         self._send(f"READY=1\nSTATUS={status}")
 
     def reloading(self) -> None:
@@ -32,8 +34,9 @@ class ServiceManager:
         self._send("STOPPING=1")
 
     def alive(self) -> None:
-        """Report progress."""
-        self._send("WATCHDOG=1")
+        """Report progress. The manager does not watch a service that is still starting."""
+        if self._is_ready:
+            self._send("WATCHDOG=1")
 
     def _send(self, text: str) -> None:
         if not self._address:

@@ -89,13 +89,13 @@ def test_the_network_without_tokens(capsys: pytest.CaptureFixture[str], host: st
     assert line.endswith("add --write-token-file FILE and --read-token-file FILE, or use 127.0.0.1")
 
     line = refused_here(capsys, "--host", host, "--port", "0", "--write-token-file", token_file)
-    assert line.endswith("for writing and one for reading: add --read-token-file FILE, or use 127.0.0.1")
+    assert line.endswith("a write token and a read token: add --read-token-file FILE, or use 127.0.0.1")
 
 
 def test_a_host_that_is_not_this_machine(
     capsys: pytest.CaptureFixture[str], token_file: Path, read_token_file: Path
 ) -> None:
-    assert "no address of this machine" in refused_here(capsys, "--host", "no.such.host.invalid")
+    assert "is not an address of this machine" in refused_here(capsys, "--host", "no.such.host.invalid")
     tokens = ("--write-token-file", token_file, "--read-token-file", read_token_file)
     assert "not on this machine" in refused_here(capsys, "--host", "192.0.2.1", "--port", "0", *tokens)
 

@@ -132,7 +132,7 @@ def test_a_certificate_that_will_not_do(command: Command, certificate: tuple[Pat
         assert process.returncode == 2
         return str(line)
 
-    assert "PEM; make them again" in refused(certificate[1], certificate[0])
+    assert "not a PEM certificate and its key" in refused(certificate[1], certificate[0])
     assert "nowhere.pem: No such file" in refused(tmp_path / "nowhere.pem", certificate[1])
     process = command("run", "--port", "0", "--key-file", certificate[1])
     assert "certificate_file is missing" in process.communicate(timeout=30)[1]
