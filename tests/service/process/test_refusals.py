@@ -48,7 +48,7 @@ def test_a_port_in_use(command: Command) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         line = refusal(command("run", "--port", str(taken.getsockname()[1])))
 
-    assert line.endswith("in use; stop what listens there, or choose another with --port")
+    assert line.endswith("in use; stop the program that listens there, or choose another port with --port")
 
 
 def test_an_unknown_option_or_no_command(command: Command) -> None:

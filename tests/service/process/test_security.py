@@ -111,7 +111,7 @@ def test_a_certificate_that_is_replaced_while_the_service_runs(
     reload()
     errors = service.process.stderr
     assert errors is not None
-    while "the new certificate is not used" not in (line := errors.readline()):
+    while "the new certificate cannot be used" not in (line := errors.readline()):
         assert line
     assert shown() == first[0]
     certificate[1].write_bytes(second[1])
