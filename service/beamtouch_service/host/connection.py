@@ -137,12 +137,13 @@ class BoundedProtocol(HttpToolsProtocol):
         problem = heads.refusal(self.parser.get_http_version(), self.headers)
         if problem is not None:
             self._refuse(problem)
-        self._framing.begin_body(self.headers)
         # What follows the last request of a connection is not looked at.
         if self.transport.is_closing() or self._refusal is not None:
             return
         self._take_note_of_token()
         super().on_headers_complete()
+        # Only now: uvicorn raises for some targets, and such a request has no body to read.
+        self._framing.begin_body(self.headers)
         self._note_state()
         if self._standing is Standing.WAITING or self.parser.should_upgrade():
             self.cycle.keep_alive = False
