@@ -57,7 +57,7 @@ async def stepped(folder: Path, steps: int, batch_ms: float | None) -> list[dict
         now[:4] = beam.counts(LOAD if touching[0] else REST, 0.0)
 
     async with pymodbus_server([0] * 4, convert) as device:
-        arguments = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--model", path, "--token-file", token)
+        arguments = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--model", path, "--write-token-file", token)
         pipe = asyncio.subprocess.PIPE
         service = await asyncio.create_subprocess_exec(sys.executable, *map(str, arguments), stdout=pipe)
         assert service.stdout is not None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from starlette.requests import Request
 
-from beamtouch_service.api.intake import read_body
+from beamtouch_service.api.samples import read_body
 from beamtouch_service.limits import Bucket, Seldom, SeldomFilter
 from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.surfaces.surface import Surface

@@ -112,7 +112,7 @@ def test_a_model_for_channels_that_do_not_arrive_is_refused(
     put(kept.path, build_model(channels=5).read_bytes())
 
     assert asyncio.run(kept.reload(other_beam=True)) is False
-    assert "it needs s4, s5, which the samples of this surface do not have" in str(kept.surface.model_error)
+    assert "it needs s4, s5, but the samples of this surface lack them" in str(kept.surface.model_error)
     assert kept.surface.contact(10.0).position_mm == 150.0
 
 
@@ -165,7 +165,7 @@ def test_a_model_whose_answers_take_long_is_refused(
     kept: ModelKeeper, build_model: BuildModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
-    monkeypatch.setattr(model_keeper, "MOST_ANSWER_S", 0.0)
+    monkeypatch.setattr(model_keeper, "MAX_ANSWER_S", 0.0)
     assert asyncio.run(kept.reload()) is False
     assert "one answer takes 0 ms" in str(kept.surface.model_error)
 

@@ -39,7 +39,7 @@ def _head(metadata: Metadata) -> str:
 
 [publish]
 url = "{SERVICE_URL}"
-token_file = "{TOKEN_FILE}"       # the file that `beamtouch-service run --token-file` uses
+token_file = "{TOKEN_FILE}"       # the file that `beamtouch-service run --write-token-file` uses
 
 [surfaces.{name}]
 rate_hz = {metadata.sensor.rate_hz!r}

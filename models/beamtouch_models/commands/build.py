@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> None:
         token = write_token_if_absent(options.daemon_config.parent)
         print(
             f"try it:  beamtouch-rig {options.scene} --model {options.output} --modbus-tcp 127.0.0.1:5020\n"
-            f"         beamtouch-service run --model {options.output} --token-file {token}\n"
+            f"         beamtouch-service run --model {options.output} --write-token-file {token}\n"
             f"         beamtouch-daemon run {options.daemon_config}",
             file=sys.stderr,
         )

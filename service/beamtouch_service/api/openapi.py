@@ -1,12 +1,10 @@
-"""What the OpenAPI description says beyond the signatures of the routes: examples, problems, the batch."""
+"""OpenAPI details that signatures of routes do not give: examples, problems, the batch."""
 
 import json
-from collections.abc import Callable
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
-from beamtouch_service.access import Role
 from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemBody
 from beamtouch_service.samples import Batch
 
@@ -18,13 +16,6 @@ DESCRIPTION = (
 )
 
 _REFERENCE = "#/components/schemas/{model}"
-_SCHEMES = {
-    Role.READ: ("read_token", "For reading; the tokens for writing and administration read too."),
-    Role.WRITE: ("write_token", "For sending samples, and for reading."),
-    Role.ADMIN: ("admin_token", "For reloading models, and for reading."),
-}
-"""Name and description of each token; a service has those that it was started with."""
-
 _CONTACT = {
     "surface": "press-7",
     "state": "contact",
@@ -131,19 +122,19 @@ BATCH_BODY: dict[str, Any] = {
 _DETAILS = {
     Kind.STALE: Problem(
         Kind.STALE,
-        "The newest sample is 2140.7 ms old, the limit is 500 ms; see whether the daemon runs and reaches the device.",
+        "The newest sample is 2140.7 ms old; the limit is 500 ms. Check that the daemon runs and reaches the device.",
         "press-7",
         {"age_ms": 2140.7, "stale_ms": 500.0},
     ),
     Kind.TOO_FEW_CHANNELS: Problem(
         Kind.TOO_FEW_CHANNELS,
-        "1 work, the model needs 2; repair s2 (stuck), s3 (missing).",
+        "Only 1 channel works; the model needs 2. Check s2 (stuck), s3 (missing).",
         "press-7",
         {"bad_channels": {"s2": "stuck", "s3": "missing"}},
     ),
     Kind.MISSING_CHANNELS: Problem(
         Kind.MISSING_CHANNELS,
-        "The batch lacks s3; send every channel of the model, a broken one as missing.",
+        "The batch lacks s3. Send every channel of the model; mark a broken one as missing.",
         "press-7",
         {"missing_channels": ["s3"]},
     ),
@@ -164,56 +155,56 @@ def problems(*kinds: Kind) -> dict[int | str, dict[str, Any]]:
         empty = {"schema": {"$ref": _REFERENCE.format(model="Problem")}, "examples": {}}
         response = responses.setdefault(kind.status, {"description": "", "content": {MEDIA_TYPE: empty}})
         response["description"] = "; or ".join(filter(None, [response["description"], kind.title]))
-        problem = _DETAILS.get(kind) or Problem(kind, "What is wrong this time, and what to do about it.")
+        problem = _DETAILS.get(kind) or Problem(kind, "The cause, and what to do about it.")
         response["content"][MEDIA_TYPE]["examples"][kind.slug] = {"value": problem.body()}
-    # Stands for every other problem, and keeps the framework from describing a 422 that no route gives.
+    # Covers every other problem, and keeps the framework from describing a 422 that no route gives.
     content = {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(model="Problem")}}}
     return {**responses, "default": {"description": "Any other problem.", "content": content}}
 
 
-def complete(description: dict[str, Any], role: Callable[[str, str], Role], *, needs_read_token: bool) -> None:
+def complete(description: dict[str, Any], *, needs_read_token: bool) -> None:
     """Complete an OpenAPI description in place.
 
     Parameters
     ----------
     description : as the framework makes it; gets the schemas that routes refer to by name, and examples of a contact
-    role : what a method at a path needs
     needs_read_token : whether reading takes a token in this service
     """
     _, schemas = models_json_schema([(Batch, "validation"), (ProblemBody, "validation")], ref_template=_REFERENCE)
     components = description.setdefault("components", {})
-    # In the code `Problem` is the value; outside, where there is only the body of it, the shorter name is the better.
+    # In the code `Problem` is the value. Outside there is only its body, so the shorter name is free.
     renamed = {"Problem" if name == "ProblemBody" else name: schema for name, schema in schemas["$defs"].items()}
     components.setdefault("schemas", {}).update(renamed)
-    components["securitySchemes"] = {
-        name: {"type": "http", "scheme": "bearer", "description": words} for name, words in _SCHEMES.values()
-    }
-    for path, operations in description["paths"].items():
-        for method, operation in operations.items():
-            _add_tokens(operation, role(method.upper(), path), needs_read_token=needs_read_token)
+    for operations in description["paths"].values():
+        for operation in operations.values():
+            _add_refusals(operation, needs_read_token=needs_read_token)
     _add_contact_examples(description)
 
 
-def _add_tokens(operation: dict[str, Any], role: Role, *, needs_read_token: bool) -> None:
-    """Say which tokens an operation takes, and how it refuses others."""
-    if role is Role.OPEN:
-        operation["security"] = []
+def encoded(description: dict[str, Any]) -> bytes:
+    """Return a description as JSON."""
+    return json.dumps(description, ensure_ascii=False).encode()
+
+
+def _add_refusals(operation: dict[str, Any], *, needs_read_token: bool) -> None:
+    """Say how an operation refuses other tokens than those it takes."""
+    security = operation.setdefault("security", [])
+    if not security:
         return
-    taking = list(_SCHEMES) if role is Role.READ else [role]
-    operation["security"] = [{_SCHEMES[one][0]: []} for one in taking]
-    if role is Role.READ and not needs_read_token:
-        # Without a token as well.
-        operation["security"].insert(0, {})
+    is_read = {"read_token": []} in security
+    if is_read and not needs_read_token:
+        # An empty requirement: also without a token.
+        security.insert(0, {})
         return
-    kinds = (Kind.UNAUTHORIZED,) if role is Role.READ else (Kind.UNAUTHORIZED, Kind.FORBIDDEN)
+    kinds = (Kind.UNAUTHORIZED,) if is_read else (Kind.UNAUTHORIZED, Kind.FORBIDDEN)
     responses = {str(status): response for status, response in problems(*kinds).items() if status != "default"}
-    challenge = {"description": "`Bearer`, and for what.", "schema": {"type": "string"}}
+    challenge = {"description": "`Bearer` and the realm.", "schema": {"type": "string"}}
     responses[str(Kind.UNAUTHORIZED.status)]["headers"] = {"WWW-Authenticate": challenge}
     operation["responses"] = {**responses, **operation["responses"]}
 
 
 def _add_contact_examples(description: dict[str, Any]) -> None:
-    # Not with the routes: the framework would drop every null from them, and a clear contact is full of it.
+    # Not at the routes: the framework drops every null from examples there, and a clear contact has many.
     examples = {"contact": _CONTACT, "clear": _CLEAR, "degraded": _DEGRADED}
     for path, operations in description["paths"].items():
         if path.endswith("/contact"):

@@ -1,4 +1,4 @@
-"""The page at `/`: its files, read once, and the headers that keep a browser to them."""
+"""`GET /`: the files of the page, read once, with headers that keep a browser to them."""
 
 import hashlib
 from collections.abc import Awaitable, Callable
@@ -15,7 +15,7 @@ _TYPES = {
     "svg": "image/svg+xml",
 }
 _HEADERS = {
-    # Kept by the browser, but asked for each time: a service that was updated serves no mixture of old and new files.
+    # The browser keeps files but asks each time whether they changed, so an update never mixes old and new files.
     "Cache-Control": "no-cache",
     "Content-Security-Policy": (
         "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; object-src 'none'"
@@ -28,11 +28,10 @@ _HEADERS = {
 
 _FILES = {
     "/" if entry.name == "index.html" else f"/{entry.name}": entry
-    for entry in sorted((resources.files(__package__) / "page").iterdir(), key=lambda entry: entry.name)
+    for entry in sorted((resources.files("beamtouch_service") / "page").iterdir(), key=lambda entry: entry.name)
     if entry.is_file() and entry.name.rpartition(".")[2] in _TYPES
 }
-PATHS = frozenset(_FILES)
-"""Where the files are, the page itself at `/`."""
+"""By path; the page itself is at `/`. The files hold no data, so they need no token."""
 
 
 def routes() -> list[Route]:

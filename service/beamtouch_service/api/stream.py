@@ -1,63 +1,52 @@
-"""The state of a surface as server-sent events.
+"""`GET /stream`: the state of a surface as server-sent events.
 
-Nothing is queued for anyone: each stream looks at the present at its own pace, so a slow client sees less and costs no
-more. A client that does not read is dropped, and all streams end as soon as the service is told to stop.
+Nothing is queued: each stream reads the newest state at its own pace, so a slow client gets fewer events.
+
+Written by hand because libraries do not abort the connection of a client that stops reading: FastAPI waits for it
+without a limit, and sse-starlette also patches the signal handling of uvicorn.
 """
 
 import json
-from asyncio import FIRST_COMPLETED, Event, Future, create_task, ensure_future, gather, sleep, wait
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
-from typing import Any
+from asyncio import FIRST_COMPLETED, Future, create_task, ensure_future, gather, sleep, wait
+from collections.abc import Awaitable
+from typing import Annotated, Any
 
-from starlette.responses import Response
+from fastapi import APIRouter, Query
+from starlette.responses import Response, StreamingResponse
 from starlette.types import Message, Receive, Scope, Send
 
-from beamtouch_service.api.context import Clock
-from beamtouch_service.api.errors import NO_STORE
-from beamtouch_service.defaults import MAX_STREAMS
-from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.api import gate
+from beamtouch_service.api import openapi as documentation
+from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery
+from beamtouch_service.problems import Kind
 from beamtouch_service.surfaces.state import changing, state_of
 from beamtouch_service.surfaces.surface import Surface
 
 MEDIA_TYPE = "text/event-stream"
 SEND_S = 5.0
-"""A client that takes nothing for this long is dropped; what the system buffers counts as taken."""
+"""A client that takes nothing for this long is dropped. Data in the system's buffers counts as taken."""
 _END_S = 0.1
+"""At a stop, clients get this long to take the end of their stream."""
 _ALIVE_S = 1.0
-"""Without a change the state is sent this often, so that a client can tell a quiet surface from a dead line."""
+"""Without a change the state is sent this often, so that a client can tell a quiet surface from a dead connection."""
 
 
-@dataclass
-class Streams:
-    """The open streams of one service."""
+_INTERVAL = "Shortest time between two events [ms]. An event is sent after a change, and at least every second."
+_Interval = Annotated[int, Query(ge=20, le=5000, description=_INTERVAL)]
+_PROBLEMS = (Kind.NO_SURFACE, Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.TOO_MANY_CLIENTS, Kind.STOPPING)
 
-    most: int = MAX_STREAMS
-    stop: Event = field(default_factory=Event)
-    """Set when the service stops."""
-    drop: Callable[[Scope], None] = lambda _scope: None
-    """Ends the connection of a request without waiting for its client; given by whoever owns the connections."""
-    open: int = 0
-
-    def admit(self) -> None:
-        """Count one stream more; raises ProblemError if there are too many, or the service stops."""
-        if self.stop.is_set():
-            raise ProblemError(Problem(Kind.STOPPING, "Open the stream again once the service is back."))
-        if self.open >= self.most:
-            detail = f"{self.most} streams are open, the most there may be; close one, or raise server.max_streams."
-            raise ProblemError(Problem(Kind.TOO_MANY_CLIENTS, detail), {"Retry-After": "5"})
-        self.open += 1
+router = APIRouter(tags=["stream"], dependencies=gate.READING)
 
 
 class Pace:
-    """Decides what a stream sends, and when. Pure: instants come in."""
+    """Decides which event a stream sends, and when. Pure: the caller gives the time."""
 
     def __init__(self) -> None:
         self._sent: dict[str, Any] | None = None
         self._sent_s = 0.0
 
     def next(self, surface: Surface, now_s: float) -> bytes | None:
-        """Return the event to send at `now_s` [s, monotonic], None if nothing changed lately."""
+        """Return the event to send at `now_s` [s, monotonic], or None if nothing changed."""
         state = state_of(surface, now_s).model_dump(mode="json", exclude_unset=True)
         essence = changing(state)
         if essence == self._sent and now_s - self._sent_s < _ALIVE_S:
@@ -69,13 +58,13 @@ class Pace:
 class StateStream(Response):
     """Sends the state of a surface until the client leaves, stops reading, or the service stops."""
 
-    def __init__(self, streams: Streams, surface: Surface, clock: Clock, interval_s: float) -> None:
-        streams.admit()
-        super().__init__(headers={**NO_STORE, "X-Accel-Buffering": "no"}, media_type=MEDIA_TYPE)
+    def __init__(self, context: Context, surface: Surface, interval_s: float) -> None:
+        context.streams.admit()
+        super().__init__(headers={"X-Accel-Buffering": "no"}, media_type=MEDIA_TYPE)
         del self.headers["content-length"]
-        self._streams = streams
+        self._streams = context.streams
         self._surface = surface
-        self._clock = clock
+        self._clock = context.clock
         self._interval_s = interval_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -98,7 +87,7 @@ class StateStream(Response):
         if going and self._streams.stop.is_set():
             await _sent(send({"type": "http.response.body", "body": b""}), set(), _END_S)
             await sleep(_END_S)
-        # Who has not taken the end by now would hold up the service.
+        # A client that has not taken the end by now would hold up the stop of the service.
         self._streams.drop(scope)
 
 
@@ -121,3 +110,25 @@ async def _cancel(tasks: set[Future[Any]]) -> None:
     for task in tasks:
         task.cancel()
     await gather(*tasks, return_exceptions=True)
+
+
+def _responses(*kinds: Kind) -> dict[int | str, dict[str, Any]]:
+    events = {"schema": {"type": "string"}, "examples": {"a clear beam": {"value": documentation.STATE_EVENT}}}
+    answer = {"description": "Server-sent events named `state`.", "content": {MEDIA_TYPE: events}}
+    return {200: answer, **documentation.problems(*kinds)}
+
+
+@router.get("/stream", response_class=StreamingResponse, responses=_responses(Kind.SURFACE_REQUIRED, *_PROBLEMS))
+async def get_stream(
+    context: ContextParameter, surface: SurfaceInQuery = None, interval_ms: _Interval = 50
+) -> StateStream:
+    """Send the state of the only surface, or of the one that is named, as server-sent events."""
+    return StateStream(context, context.registry.chosen(surface), interval_ms / 1e3)
+
+
+@router.get("/surfaces/{name}/stream", response_class=StreamingResponse, responses=_responses(*_PROBLEMS))
+async def get_surface_stream(
+    context: ContextParameter, name: SurfaceInPath, interval_ms: _Interval = 50
+) -> StateStream:
+    """Send the state of this surface as server-sent events."""
+    return StateStream(context, context.registry.named(name), interval_ms / 1e3)

@@ -16,12 +16,11 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_service.defaults import KEEP_DAYS, MOST_MB
 from beamtouch_service.events.late import LateSamples
 from beamtouch_service.events.segmenter import Command, Edge, Loss, Segmenter
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.events.worker import Worker
-from beamtouch_service.limits import Seldom
+from beamtouch_service.limits import KEEP_DAYS, MAX_MB, Seldom
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.touch import Seen
@@ -44,7 +43,7 @@ _T = TypeVar("_T")
 class Recorder:
     """Observes the decisions of all surfaces of a service, and records them as events."""
 
-    def __init__(self, path: Path | None = None, keep_days: float = KEEP_DAYS, max_mb: float = MOST_MB) -> None:
+    def __init__(self, path: Path | None = None, keep_days: float = KEEP_DAYS, max_mb: float = MAX_MB) -> None:
         """Open the file, or keep the events in memory; raises EventStoreError if the file cannot be used."""
         self.lost = 0
         """Writes that failed, found no room, or still waited at the stop: parts of contacts that are not on record."""

@@ -1,1 +1,1 @@
-"""TODO."""
+"""The process: sockets, uvicorn, systemd, and watching the model files."""

@@ -1,4 +1,4 @@
-"""The bytes around a request's content: how long they may be, and the rules that the parser does not hold. Pure."""
+"""Limits and rules for heads and trailers of requests that the parser does not enforce. Pure."""
 
 import re
 from collections.abc import Sequence
@@ -13,47 +13,47 @@ _HEAD_END = b"\r\n\r\n"
 
 
 class Framing:
-    """Cuts what arrives into pieces, so that the end of a head is always the end of a piece.
+    """Cuts arriving bytes into pieces, so that the end of a head is always the end of a piece.
 
-    A request may begin in the middle of a segment and end in another one. The bytes of its head can only be counted if
-    the parser is given no more than that head.
+    A request may begin in the middle of a segment. The bytes of its head can be counted only if the parser gets no
+    more than that head.
     """
 
     def __init__(self) -> None:
         self.in_head = True
         """False from the end of a head to the end of its body."""
         self._held_bytes = 0
-        """Of the head that is being read, or since the last content of a chunked body: sizes of chunks, trailers."""
+        """Bytes of the current head, or, in a chunked body, bytes since the last content: chunk sizes and trailers."""
         self._body_bytes: int | None = None
-        """Of the body that are still to come; None: it comes in chunks."""
+        """Bytes of the body that are still to come; None for a chunked body."""
         self._moved = False
-        """The piece that is being read ended a head, had content or ended a request."""
+        """Whether the current piece ended a head, had content or ended a request."""
 
     @property
     def is_between(self) -> bool:
-        """Whether no request has begun since the last one was complete."""
+        """Whether no request has begun since the last one ended."""
         return self.in_head and not self._held_bytes
 
     def cut(self, data: bytes, start: int) -> int:
         """Return the end of the piece that begins at `start`."""
         if not self.in_head and self._body_bytes is not None:
             return min(start + self._body_bytes, len(data))
-        # A head that begins here ends with the first empty line; the rest of one, or of a chunk, goes line by line.
+        # A head that begins here ends with the first empty line. The rest of a head or chunk goes line by line.
         mark = _HEAD_END if self.is_between else b"\n"
         found = data.find(mark, start)
         return len(data) if found < 0 else found + len(mark)
 
     def is_too_long(self, size: int = 0) -> bool:
-        """Say whether a head is too long with `size` bytes more, or trailers are too long already."""
+        """Return whether the head is too long with `size` more bytes, or the trailers are too long already."""
         return self._held_bytes + (size if self.in_head else 0) > MAX_HEAD_BYTES
 
     def fed(self, size: int) -> None:
-        """Note that the parser has taken a piece of this size [bytes]."""
+        """Note that the parser has read a piece of this size [bytes]."""
         self._held_bytes = 0 if self._moved else self._held_bytes + size
         self._moved = False
 
     def begin_body(self, headers: Sequence[tuple[bytes, bytes]]) -> None:
-        """Note that a head is complete; the parser has accepted its headers."""
+        """Note that a head is complete, with these headers."""
         self.in_head, self._body_bytes, self._moved = False, None, True
         for name, value in headers:
             if name == b"content-length":
@@ -71,13 +71,13 @@ class Framing:
 
 
 def too_long() -> Problem:
-    """Return the problem of a head that is too long."""
+    """Return the problem for a head that is too long."""
     words = f"The request line and headers take at most {MAX_HEAD_BYTES} bytes and {MAX_HEADERS} headers."
     return Problem(Kind.HEAD_TOO_LARGE, words)
 
 
 def refusal(version: str, headers: Sequence[tuple[bytes, bytes]]) -> Problem | None:
-    """Return what is wrong with a head that the parser has accepted; names of headers are in lower case."""
+    """Return the problem of a head that the parser has accepted, or None. Header names are in lower case."""
     if version not in ("1.0", "1.1"):
         return Problem(Kind.BAD_REQUEST, "The service speaks HTTP/1.1 and HTTP/1.0.")
     hosts, codings = [], []
@@ -87,11 +87,11 @@ def refusal(version: str, headers: Sequence[tuple[bytes, bytes]]) -> Problem | N
         elif name == b"transfer-encoding":
             codings.append(value)
     if len(hosts) > 1 or (not hosts and version == "1.1"):
-        return Problem(Kind.BAD_REQUEST, f"A request has one header Host; this one has {len(hosts) or 'none'}.")
+        return Problem(Kind.BAD_REQUEST, f"A request needs exactly one Host header; this one has {len(hosts)}.")
     if hosts and not _HOST.fullmatch(hosts[0].strip()):
-        return Problem(Kind.BAD_REQUEST, "The header Host is neither a name nor an address, with or without a port.")
+        return Problem(Kind.BAD_REQUEST, "The Host header must be a name or an address, with or without a port.")
     if codings and version == "1.0":
-        return Problem(Kind.BAD_REQUEST, "HTTP/1.0 has no Transfer-Encoding; send Content-Length.")
+        return Problem(Kind.BAD_REQUEST, "HTTP/1.0 has no Transfer-Encoding. Send Content-Length.")
     if codings and b",".join(codings).strip().lower() != b"chunked":
-        return Problem(Kind.UNKNOWN_CODING, "Send the body as it is, with Content-Length or in chunks.")
+        return Problem(Kind.UNKNOWN_CODING, "Send the body unencoded, with Content-Length or in chunks.")
     return None

@@ -9,23 +9,25 @@ _SEND_BUFFER_BYTES = 128 * 1024
 
 
 def resolve(host: str) -> tuple[socket.AddressFamily, str]:
-    """Return family and numeric address of a host, IPv4 where it has both; raises ConfigError if it has none."""
+    """Return family and numeric address of a host, preferably IPv4; raises ConfigError if it has none."""
     try:
         found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):
-        message = f"host {host!r} is no address of this machine; use 127.0.0.1, or an address that `ip address` shows"
+        message = (
+            f"host {host!r} is not an address of this machine; use 127.0.0.1, or an address that `ip address` shows"
+        )
         raise ConfigError(message) from None
     family, _, _, _, address = min(found, key=lambda entry: entry[0] is not socket.AF_INET)
     return family, str(address[0])
 
 
 def bind(family: socket.AddressFamily, address: str, port: int) -> socket.socket:
-    """Return a socket bound to the address; raises ConfigError if it is taken, forbidden or elsewhere."""
-    # The protocol is spelled out because asyncio turns Nagle's algorithm off only where it sees TCP: 40 ms an answer.
+    """Return a socket bound to the address; raises ConfigError if that is not possible."""
+    # The protocol is explicit because asyncio turns off Nagle's algorithm, which costs 40 ms per answer, only for TCP.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-    # A service that was just stopped must be able to start again.
+    # A service that has just stopped must be able to start again.
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    # Inherited by connections: what a client leaves unread occupies no more than this, and is soon noticed.
+    # Connections inherit it. It bounds what a client leaves unread, and lets the service notice that soon.
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
     try:
         listener.bind((address, port))
@@ -33,7 +35,7 @@ def bind(family: socket.AddressFamily, address: str, port: int) -> socket.socket
     except OSError as error:
         listener.close()
         remedies = {
-            EADDRINUSE: "in use; stop what listens there, or choose another with --port",
+            EADDRINUSE: "in use; stop the program that listens there, or choose another port with --port",
             EACCES: "not allowed for this user; choose one above 1023 with --port",
             EADDRNOTAVAIL: "not on this machine; use 127.0.0.1, or an address that `ip address` shows",
         }

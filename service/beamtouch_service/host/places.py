@@ -1,7 +1,7 @@
-"""Who holds the connections that a service may have, and who gives one up for a newcomer. Pure: no sockets, no clock.
+"""Decides which connections stay open when there are too many. Pure: no sockets, no clock.
 
-A connection that has borne a token comes before one that has not. Among those without, the ones that wait for their own
-client go first, and of these the ones of the address that holds most, the longest idle first.
+A connection that has shown a token outranks one that has not. Among those without a token, idle ones close first: those
+of the address with the most connections, longest idle first.
 """
 
 from collections.abc import Callable
@@ -13,16 +13,16 @@ Who = TypeVar("Who")
 
 
 class State(Enum):
-    """What a connection waits for."""
+    """What a connection is waiting for."""
 
     SILENT = auto()
-    """Its first request; a head that is not complete is none."""
+    """Its first complete request."""
     IDLE = auto()
     """The next request."""
     UNREAD = auto()
-    """A client that does not read the answer."""
+    """The client to read an answer."""
     BUSY = auto()
-    """The service."""
+    """The service to answer."""
 
 
 @dataclass
@@ -31,11 +31,11 @@ class _Held:
     state: State
     has_token: bool
     beside: dict[Any, None] = field(default_factory=dict)
-    """The connections of the same kind and address, this one among them."""
+    """All connections of the same kind and address, including this one."""
 
 
 MAX_WAITING = 32
-"""Connections without a place that may still say that they have a token, or be told that there is no place."""
+"""Excess clients that get a 503 or may still show a token. Any further ones are disconnected."""
 _FOR_EVERYONE = ((State.SILENT, False), (State.IDLE, False), (State.UNREAD, False))
 _FOR_TOKENS = (*_FOR_EVERYONE, (State.BUSY, False), (State.IDLE, True))
 
@@ -45,9 +45,9 @@ class Places(Generic[Who]):
 
     Parameters
     ----------
-    most : connections at a time
-    most_per_address : without a token, of one address
-    has_spoken : whether a connection has sent something that was not read yet, and is therefore not idle
+    most : open connections
+    most_per_address : open connections of one address without a token
+    has_spoken : returns whether a connection has sent bytes that were not read yet, so that it is not idle
     """
 
     def __init__(self, most: int, most_per_address: int, has_spoken: Callable[[Who], bool]) -> None:
@@ -56,13 +56,13 @@ class Places(Generic[Who]):
         self._has_spoken = has_spoken
         self._held: dict[Who, _Held] = {}
         self._waiting: dict[Who, None] = {}
-        # Of each kind the connections by address, in the order in which they came to be of that kind.
+        # For each kind, the connections by address, longest in that kind first.
         self._kinds: dict[tuple[State, bool], dict[str, dict[Who, None]]] = {
             (state, has_token): {} for state in State for has_token in (False, True)
         }
 
     def take(self, who: Who, address: str, *, has_token: bool = False) -> tuple[bool, Who | None]:
-        """Give a place to a newcomer; return whether there is one, and who has to leave for it."""
+        """Ask for a place. Return whether there is one, and the connection that has to leave for it."""
         victim = None
         if not has_token and self._without_token(address) >= self._most_per_address:
             victim = self._victim(has_token=False, address=address)
@@ -79,23 +79,23 @@ class Places(Generic[Who]):
         return True, victim
 
     def wait(self, who: Who) -> Who | None:
-        """Note a newcomer without a place; return who has to leave because too many wait, the first of them."""
+        """Note a connection without a place. If too many wait, return the first of them, which has to leave."""
         self._waiting[who] = None
         return next(iter(self._waiting)) if len(self._waiting) > MAX_WAITING else None
 
     def leave(self, who: Who) -> None:
-        """Give a place back, if there is one."""
+        """Give a place back."""
         self._waiting.pop(who, None)
         if who in self._held:
             self._pull(who)
 
     def move(self, who: Who, state: State, *, has_token: bool = False) -> None:
-        """Note what a connection waits for from now on, and whether it has borne a token; it keeps that."""
+        """Note what a connection is waiting for now, and whether it has shown a token, which it keeps."""
         held = self._held.get(who)
         if held is None:
             return
         if held.state is state and (held.has_token or not has_token):
-            # As most often: only that it was idle for no time now.
+            # The usual case: only its idle time restarts.
             del held.beside[who]
             held.beside[who] = None
         else:
@@ -121,7 +121,7 @@ class Places(Generic[Who]):
     def _victim(self, *, has_token: bool, address: str | None = None) -> Who | None:
         for kind in _FOR_TOKENS if has_token else _FOR_EVERYONE:
             by_address = self._kinds[kind]
-            # The address that holds most comes first.
+            # The address with the most connections comes first.
             order = sorted(by_address, key=self._without_token, reverse=True) if address is None else [address]
             for one in order:
                 for who in by_address.get(one, ()):

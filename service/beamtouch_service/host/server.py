@@ -1,16 +1,15 @@
-"""From settings to a process that listens: models, socket, background work."""
+"""Sets up the process: models, socket, application, background tasks."""
 
 import logging
 from ipaddress import ip_address
 
 from beamtouch_models.modelfile import ModelFileError
 from beamtouch_service.api.app import create_app
-from beamtouch_service.api.stream import Streams
+from beamtouch_service.api.context import Streams
 from beamtouch_service.config import ConfigError, Settings, SurfaceSettings
 from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.host import model_watch as model_keeper
-from beamtouch_service.host import tls
+from beamtouch_service.host import model_watch, tls
 from beamtouch_service.host.background import Background
 from beamtouch_service.host.listener import bind, resolve
 from beamtouch_service.host.model_watch import ModelKeeper
@@ -32,21 +31,24 @@ def run(settings: Settings) -> None:
     with passed or bind(family, address, settings.port) as listener:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
         _log_limits(settings, address)
+        manager = ServiceManager()
+        keepers = {surface.name: keeper for surface, keeper in kept if keeper is not None}
+        background = Background(list(keepers.values()), manager, settings.tls)
         streams, recorder = Streams(settings.max_streams), _recorder(settings)
         app = create_app(
             [surface for surface, _ in kept],
             settings.access,
-            keepers={surface.name: keeper for surface, keeper in kept if keeper is not None},
+            keepers=keepers,
             max_batches_per_s=settings.max_batches_per_s,
             streams=streams,
             recorder=recorder,
+            lifespan=background.lifespan,
         )
-        per_address = settings.max_clients_per_address
-        config = configure(app, settings.max_clients, settings.tls, max_clients_per_address=per_address)
-        manager = ServiceManager()
-        work = Background(app.context, manager, config, settings.tls).work
+        config = configure(app, settings.max_clients, settings.max_clients_per_address, settings.tls)
+        config.load()
+        background.ssl = config.ssl
         try:
-            serve(Host(config, manager, streams, work), listener)
+            serve(Host(config, manager, streams), listener)
         finally:
             recorder.close()
 
@@ -54,7 +56,7 @@ def run(settings: Settings) -> None:
 def _recorder(settings: Settings) -> Recorder:
     events = settings.events
     try:
-        return Recorder(events.file, events.keep_days, events.most_mb)
+        return Recorder(events.file, events.keep_days, events.max_mb)
     except EventStoreError as error:
         message = f"events file {error}"
         raise ConfigError(message) from None
@@ -63,11 +65,11 @@ def _recorder(settings: Settings) -> Recorder:
 def _require_tokens(settings: Settings, address: str) -> None:
     if _is_loopback(address):
         return
-    needed = {"--token-file": settings.access.write, "--read-token-file": settings.access.read}
+    needed = {"--write-token-file": settings.access.write, "--read-token-file": settings.access.read}
     missing = [f"{option} FILE" for option, token in needed.items() if token is None]
     if missing:
         message = (
-            f"{address} is open to the network; that needs a token for writing and one for reading: "
+            f"{address} is open to the network, which requires a write token and a read token: "
             f"add {' and '.join(missing)}, or use 127.0.0.1"
         )
         raise ConfigError(message)
@@ -82,7 +84,7 @@ def _surface(entry: SurfaceSettings) -> tuple[Surface, ModelKeeper | None]:
     if entry.model is None:
         return Surface(entry.name, None, entry.stale_ms), None
     try:
-        model, digest = model_keeper.load(entry.model)
+        model, digest = model_watch.load(entry.model)
     except ModelFileError as error:
         message = f"model {error}"
         raise ConfigError(message) from None
@@ -92,8 +94,8 @@ def _surface(entry: SurfaceSettings) -> tuple[Surface, ModelKeeper | None]:
 
 def _log_limits(settings: Settings, address: str) -> None:
     if settings.access.write is None:
-        _log.warning("no token: every write is refused; start with --token-file FILE to allow writes")
+        _log.warning("no write token: every write is refused; start with --write-token-file FILE to allow writes")
     if not settings.surfaces:
-        _log.warning("no surface: there is no contact to ask for; start with --model MODEL or --config FILE")
+        _log.warning("no surface: the service has no contact to give; start with --model MODEL or --config FILE")
     if settings.tls is None and not _is_loopback(address):
-        _log.warning("no TLS: whoever is on the way can read the tokens; see certificate_file and key_file")
+        _log.warning("no TLS: others on the network can read the tokens; see certificate_file and key_file")

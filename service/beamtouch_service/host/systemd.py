@@ -1,4 +1,4 @@
-"""Words to the service manager, and the socket it may have opened for us (sd_notify, sd_listen_fds; systemd 252)."""
+"""Notifications to the service manager, and the socket that it may pass on (sd_notify, sd_listen_fds; systemd 252)."""
 
 import os
 import socket
@@ -10,30 +10,33 @@ _FIRST_FD = 3
 
 
 class ServiceManager:
-    """The manager that started this process, if one did and wants to hear; else nothing is sent."""
+    """The manager that started this process. Without one, nothing is sent."""
 
     def __init__(self) -> None:
         self._address = os.environ.get("NOTIFY_SOCKET", "")
+        self._is_ready = False
         watchdog_us = os.environ.get("WATCHDOG_USEC", "")
         is_mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.watchdog_s = int(watchdog_us) / 1e6 if watchdog_us.isdecimal() and is_mine else None
-        """It restarts this process when it hears nothing for so long; None: it does not watch."""
+        """The manager restarts this process after this time without progress [s]; None if it does not watch."""
 
     def ready(self, status: str) -> None:
-        """Say that the start, or a reload, is complete."""
+        """Report that the start or a reload is complete."""
+        self._is_ready = True
         self._send(f"READY=1\nSTATUS={status}")
 
     def reloading(self) -> None:
-        """Say that models are being read again."""
+        """Report that models are being read again."""
         self._send(f"RELOADING=1\nMONOTONIC_USEC={monotonic_ns() // 1000}")
 
     def stopping(self) -> None:
-        """Say that the end has begun."""
+        """Report that the stop has begun."""
         self._send("STOPPING=1")
 
     def alive(self) -> None:
-        """Say that there is progress."""
-        self._send("WATCHDOG=1")
+        """Report progress. The manager does not watch a service that is still starting."""
+        if self._is_ready:
+            self._send("WATCHDOG=1")
 
     def _send(self, text: str) -> None:
         if not self._address:
@@ -43,15 +46,15 @@ class ServiceManager:
             try:
                 sender.sendto(text.encode(), address)
             except OSError:
-                return  # a manager that is gone cannot be told
+                return  # a manager that is gone cannot be notified
 
 
 def activated() -> socket.socket | None:
-    """Return the listening socket that the manager passed on, None without one; raises ConfigError if it won't do."""
+    """Return the listening socket that the manager passed on, or None; raises ConfigError if it cannot be used."""
     if os.environ.get("LISTEN_PID") != str(os.getpid()):
         return None
     count = os.environ.get("LISTEN_FDS", "0")
-    # Not for children: they would take it for theirs.
+    # Children must not inherit these: they would take the socket for theirs.
     for name in ("LISTEN_PID", "LISTEN_FDS", "LISTEN_FDNAMES"):
         os.environ.pop(name, None)
     if count == "0":

@@ -1,4 +1,4 @@
-"""HTTPS: whether the certificate and its key will do, said in one line before anything listens."""
+"""HTTPS: checks the certificate and its key before the service listens."""
 
 import ssl
 
@@ -17,15 +17,15 @@ def require(files: TlsFiles) -> None:
         load(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), files)
     except (ssl.SSLError, OSError):
         message = (
-            f"{files.certificate} and {files.key}: no certificate and its key without a passphrase, as PEM; make them "
-            "again, or correct server.certificate_file and server.key_file"
+            f"{files.certificate} and {files.key} are not a PEM certificate and its key without a "
+            "passphrase; create them again, or correct server.certificate_file and server.key_file"
         )
         raise ConfigError(message) from None
 
 
 def load(context: ssl.SSLContext, files: TlsFiles) -> None:
-    """Let connections from now on use what the files hold; raises SSLError if they will not do, and changes nothing."""
-    # Into a context of no use first: OpenSSL puts the certificate in before it sees that the key is that of another.
+    """Use these files for new connections; raises SSLError and changes nothing if they cannot be used."""
+    # Try a throwaway context first: OpenSSL replaces the certificate before it notices that the key does not match.
     for one in (ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), context):
-        # An empty passphrase: OpenSSL would else ask for one at the terminal and wait.
+        # An empty passphrase: otherwise OpenSSL would ask for one at the terminal and wait.
         one.load_cert_chain(files.certificate, files.key, password="")

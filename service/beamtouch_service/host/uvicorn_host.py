@@ -1,4 +1,4 @@
-"""uvicorn, with the bounds and the background work of this service."""
+"""uvicorn with the bounds of this service, and how it starts and stops."""
 
 import asyncio
 import gc
@@ -6,7 +6,6 @@ import logging
 import signal
 import socket
 import sys
-from collections.abc import Callable, Coroutine, Sequence
 from functools import partial
 from types import FrameType
 from typing import Any, cast
@@ -14,51 +13,46 @@ from typing import Any, cast
 import uvicorn
 from starlette.types import ASGIApp, Scope
 
-from beamtouch_service.api.stream import Streams
+from beamtouch_service.api.app import Application
+from beamtouch_service.api.context import Streams
 from beamtouch_service.config import TlsFiles
-from beamtouch_service.defaults import MAX_CLIENTS_PER_ADDRESS
-from beamtouch_service.host.connection import HEAD_S, BoundedProtocol
+from beamtouch_service.host.connection import HEAD_S, BoundedProtocol, Clients
 from beamtouch_service.host.places import Places
 from beamtouch_service.host.systemd import ServiceManager
-from beamtouch_service.limits import SeldomFilter
+from beamtouch_service.limits import MAX_CLIENTS, MAX_CLIENTS_PER_ADDRESS, SeldomFilter
 
 SHUTDOWN_S = 2
-"""For answers under way to finish; a sender repeats what was not acknowledged."""
-
+"""For running answers to finish. A sender repeats what was not acknowledged."""
 IDLE_S = 75
-"""A connection on which nothing is asked for is closed: longer than anyone waits between two questions."""
-
+"""An idle connection is closed after this time. Clients that poll do so more often."""
 _ACCEPTED_AT_ONCE = 16
-"""Newcomers before the connections that are there are served again: a flood of newcomers holds up nobody."""
+"""New connections accepted in a row, so that a flood of them does not hold up the others."""
 _QUEUE = 1024
-"""Newcomers that the system keeps until they are accepted; to those beyond it, it does not answer."""
-
-_log = logging.getLogger("beamtouch.service")
-
-Work = Callable[[], Coroutine[Any, Any, None]]
+"""New connections that the system keeps until they are accepted. Beyond this it does not answer."""
 
 
 def configure(
     app: ASGIApp,
-    max_clients: int,
-    tls: TlsFiles | None = None,
-    *,
+    max_clients: int = MAX_CLIENTS,
     max_clients_per_address: int = MAX_CLIENTS_PER_ADDRESS,
+    tls: TlsFiles | None = None,
 ) -> uvicorn.Config:
     """Return how uvicorn is to serve `app`."""
-    places = Places(max_clients, max_clients_per_address, BoundedProtocol.has_unread)
     return uvicorn.Config(
         app,
         # uvicorn only calls it, once for each connection.
-        http=cast("type[asyncio.Protocol]", partial(BoundedProtocol, places=places)),
+        http=cast(
+            "type[asyncio.Protocol]",
+            partial(BoundedProtocol, clients=_clients(app, max_clients, max_clients_per_address)),
+        ),
         ws="none",
         loop=f"{__name__}:Loop",
-        lifespan="off",
+        lifespan="on",
         log_config=None,
         log_level=logging.WARNING,
         access_log=False,
         server_header=False,
-        # A client is who is connected, whatever a header says.
+        # The client is the peer of the connection, whatever a header says.
         proxy_headers=False,
         timeout_graceful_shutdown=SHUTDOWN_S,
         timeout_keep_alive=IDLE_S,
@@ -69,8 +63,16 @@ def configure(
     )
 
 
+def _clients(app: ASGIApp, max_clients: int, max_per_address: int) -> Clients:
+    places = Places(max_clients, max_per_address, BoundedProtocol.has_unread)
+    if not isinstance(app, Application):
+        return Clients(places, lambda _header: False, lambda _kind, _address: None, lambda _address: None)
+    context = app.context
+    return Clients(places, context.access.knows, context.counts.problem, context.counts.eviction)
+
+
 class Loop(asyncio.SelectorEventLoop):
-    """The usual event loop, with a bound on clients that connect and do not get on with TLS."""
+    """The usual event loop, with a deadline for TLS handshakes."""
 
     async def create_server(self, *arguments: Any, **options: Any) -> asyncio.Server:  # noqa: ANN401  # as every loop's
         """Return a server as every loop does."""
@@ -81,44 +83,33 @@ class Loop(asyncio.SelectorEventLoop):
 
 
 class Host(uvicorn.Server):
-    """Says where it listens once a stop signal would be heeded and a request answered; works in the background."""
+    """Tells the service manager about start and stop, and ends what would hold up a stop."""
 
-    def __init__(
-        self, config: uvicorn.Config, manager: ServiceManager, streams: Streams, work: Sequence[Work] = ()
-    ) -> None:
+    def __init__(self, config: uvicorn.Config, manager: ServiceManager, streams: Streams) -> None:
         super().__init__(config)
         self._manager = manager
         self._streams = streams
         streams.drop = self._drop
-        self._work = work
-        self._tasks: list[asyncio.Task[None]] = []
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listen, and tell."""
+        """Listen, and say where."""
         await super().startup(sockets)
-        for listener in sockets or []:
-            # asyncio has made the queue as short as what it accepts at once.
-            listener.listen(_QUEUE)
-        self._tasks = [asyncio.create_task(work()) for work in self._work]
-        for task in self._tasks:
-            task.add_done_callback(_log_failure)
         scheme = "https" if self.config.is_ssl else "http"
         for listener in sockets or []:
+            # asyncio made the queue as short as the number of connections it accepts at once.
+            listener.listen(_QUEUE)
             host, port = listener.getsockname()[:2]
             shown = f"[{host}]" if listener.family is socket.AF_INET6 else host
             print(f"listening on {scheme}://{shown}:{port}", flush=True)
             self._manager.ready(f"listening on {scheme}://{shown}:{port}")
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Tell, and end."""
+        """Stop."""
         self._manager.stopping()
-        # Before the server waits for answers under way: a stream would never end by itself.
+        # Before the server waits for running answers: a stream does not end by itself.
         self._streams.stop.set()
-        # Nor would one that nobody reads; what is under way gets half of the time.
+        # Neither does an answer that nobody reads. Running answers get half of the time.
         asyncio.get_running_loop().call_later(SHUTDOWN_S / 2, self._abort_unread)
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
         await super().shutdown(sockets)
 
     def _abort_unread(self) -> None:
@@ -127,7 +118,7 @@ class Host(uvicorn.Server):
                 connection.transport.abort()
 
     def _drop(self, scope: Scope) -> None:
-        # Closing would wait until the client has read what was sent to it, and it does not read.
+        # Closing would wait until the client has read everything, and it does not read.
         for connection in self.server_state.connections:
             peer = connection.transport.get_extra_info("peername")
             if peer and tuple(peer[:2]) == tuple(scope.get("client") or ()):
@@ -136,20 +127,15 @@ class Host(uvicorn.Server):
 
 def serve(host: Host, listener: socket.socket) -> None:
     """Serve on a listening socket until SIGTERM (then SystemExit 0) or Ctrl-C (then KeyboardInterrupt)."""
-    # uvicorn shuts down on a signal and then raises it again for whoever is around it.
+    # uvicorn shuts down on a signal and then raises it again.
     signal.signal(signal.SIGTERM, _exit_quietly)
-    # Until the loop heeds it, it must not end the process.
+    # Until the loop handles it, SIGHUP must not end the process.
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     logging.getLogger("uvicorn.error").addFilter(SeldomFilter())
-    # What is there now stays; looking through it again and again for garbage would hold up answers.
+    # Objects that exist now stay for good. Searching them for garbage again and again would delay answers.
     gc.collect()
     gc.freeze()
     host.run(sockets=[listener])
-
-
-def _log_failure(task: asyncio.Task[None]) -> None:
-    if not task.cancelled() and task.exception() is not None:
-        _log.critical("a part of the service failed", exc_info=task.exception())
 
 
 def _exit_quietly(_signal: int, _frame: FrameType | None) -> None:

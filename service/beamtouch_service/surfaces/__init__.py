@@ -1,1 +1,1 @@
-"""TODO."""
+"""Samples to a contact: no web, no files, no wall clock."""

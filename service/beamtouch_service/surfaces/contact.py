@@ -1,4 +1,4 @@
-"""The answer, and how it is decided from what the model says. Pure: no clock, no state, no I/O."""
+"""The contact, and its decision from the answer of the model. Pure: no clock, no state, no I/O."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -23,7 +23,7 @@ class State(StrEnum):
 
 
 class ContactQuality(StrEnum):
-    """Whether every channel took part in the answer."""
+    """Whether all channels took part in the answer."""
 
     GOOD = "good"
     DEGRADED = "degraded"
@@ -31,7 +31,7 @@ class ContactQuality(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Where and how hard, with 95 % intervals; None where there is no contact or the model does not say."""
+    """Position and force with 95 % intervals; None without a contact or an output for it."""
 
     position_mm: float | None = None
     position_low_mm: float | None = None
@@ -46,7 +46,7 @@ _NO_FIGURES = Figures()
 
 
 class Contact(BaseModel):
-    """Is something touching the surface, where, how hard, how sure, and as of when."""
+    """Whether something touches the surface, where, how hard, how surely, and when."""
 
     surface: str
     state: State
@@ -56,38 +56,38 @@ class Contact(BaseModel):
     """Lower end of the 95 % interval."""
     position_high_mm: float | None
     force_n: float | None
-    """Null when clear, and for a model that does not estimate force."""
+    """Null when clear, or if the model does not estimate force."""
     force_low_n: float | None
     force_high_n: float | None
     age_ms: float
     """Age of the sample at the time of answering, on the monotonic clocks of sender and service."""
     sampled_at: str
-    """When the sample was taken, by the sender's clock (RFC 3339); for the record, never for freshness."""
+    """Time of the sample by the sender's clock (RFC 3339). It never decides freshness."""
     sequence: int
     """The sample's number since the sender started."""
     quality: ContactQuality
     degraded_channels: list[str]
-    """The channels that were left out; empty when the quality is good."""
+    """Channels that took no part; empty if the quality is good."""
     notes: list[str]
-    """What limits the answer: `rate`, the device does not keep its rate; empty when nothing does."""
+    """Limits of the answer. `rate`: the device does not keep its rate."""
     model: str
-    """Name and fingerprint of the model that answered."""
+    """Name and fingerprint of the model that gave the answer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What the model's answer comes to."""
+    """State and figures that follow from an answer of the model."""
 
     state: State
     figures: Figures
 
 
 class UnusableEstimateError(ValueError):
-    """The model answered with something that must not be passed on as a contact."""
+    """The answer of the model must not be served as a contact."""
 
 
 def decide(estimate: Mapping[str, float], threshold: float, length_mm: float) -> Decision:
-    """Decide on the state of contact, and on the figures that go with it.
+    """Decide on the state and the figures.
 
     Parameters
     ----------
@@ -105,11 +105,11 @@ def decide(estimate: Mapping[str, float], threshold: float, length_mm: float) ->
     if log_odds <= threshold:
         return Decision(State.CLEAR, _NO_FIGURES)
     served = {name: estimate[name] for name in _FIGURES if name in estimate}
-    # The sum of finite values of 32 bits is finite: one test for all.
+    # A sum of finite 32-bit values is finite, so one test covers all.
     if not isfinite(sum(served.values())):
         for name, value in served.items():
             _require_finite(name, value)
-    # An interval that reaches over the end of the beam is honest; one that misses the beam is not an answer.
+    # An interval may reach beyond the end of the beam. One that misses the beam is not an answer.
     position = served["position_mm"]
     if served.get("position_high_mm", position) < 0 or served.get("position_low_mm", position) > length_mm:
         message = f"position_mm is {position:.6g}, off a beam of {length_mm:.6g} mm"

@@ -1,4 +1,4 @@
-"""From samples to what the model says of each: all samples of a batch in one call. Pure: no clock, no state, no I/O."""
+"""Runs the model on all samples of a batch in one call. Pure: no clock, no state, no I/O."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,30 +11,30 @@ from beamtouch_service.problems import Kind, Problem
 from beamtouch_service.samples import Quality, Sample
 
 Ask = Callable[[NDArray[np.float32], NDArray[np.bool_]], Answers]
-"""From deflections [mm] and valid, both (samples, channels), to a value per output and sample."""
+"""Takes deflections [mm] and valid, both (samples, channels); returns a value per output and sample."""
 CHUNK = 256
-"""Most samples in one call of the model: more would cost memory and save no time."""
+"""Samples in one call of the model. More would cost memory and save no time."""
 _FLOAT32_MAX = float(np.finfo(np.float32).max)
 
 
 @dataclass(frozen=True, slots=True)
 class Estimated:
-    """One sample, and what the model says of it."""
+    """One sample and the answer of the model."""
 
     sequence: int
     acquired_unix_us: int
     bad: dict[str, Quality]
-    """The channels that took no part."""
+    """Channels that took no part."""
     answer: dict[str, float] | Problem
-    """Output name -> value, or why there is none."""
+    """Output name -> value, or the problem if there is no answer."""
 
 
 def estimate(
     model: ModelFile, surface: str, offered: list[str], samples: Sequence[Sample], ask: Ask | None = None
 ) -> list[Estimated]:
-    """Return what `model` says of each sample of `surface`, whose channels come in the order of `offered`.
+    """Return the answer of `model` to each sample of `surface`, whose channels come in the order of `offered`.
 
-    `ask` is how the model is asked; without it, by itself.
+    `ask` runs the model; by default, `model.estimate` does.
     """
     found: list[Estimated] = []
     for start in range(0, len(samples), CHUNK):
@@ -68,14 +68,15 @@ def _by_sample(answers: Answers) -> list[dict[str, float]]:
 def _too_few(model: ModelFile, surface: str, bad: dict[str, Quality]) -> Problem:
     working = len(model.channels) - len(bad)
     named = ", ".join(f"{name} ({quality.value})" for name, quality in bad.items())
-    detail = f"{working} work, the model needs {model.metadata.min_channels}; repair {named}."
+    works = "1 channel works" if working == 1 else f"{working} channels work"
+    detail = f"Only {works}; the model needs {model.metadata.min_channels}. Check {named}."
     return Problem(Kind.TOO_FEW_CHANNELS, detail, surface, {"bad_channels": dict(bad)})
 
 
 def arrange(channels: list[tuple[str, int]], sample: Sample) -> tuple[list[float], dict[str, Quality]]:
-    """Return the deflections [mm] in the order of the model, and the quality of those channels that are not good.
+    """Return the deflections [mm] in the order of the model, and the qualities of channels that are not good.
 
-    `channels` are those of the model: the name of each, and its place in the sample.
+    `channels` are those of the model: each with its name and its index in the sample.
     """
     values: list[float] = []
     bad: dict[str, Quality] = {}
@@ -84,7 +85,7 @@ def arrange(channels: list[tuple[str, int]], sample: Sample) -> tuple[list[float
         if value is None or quality is not Quality.GOOD:
             bad[name] = quality
         elif abs(value) > _FLOAT32_MAX:
-            # Finite as sent, infinite to the model, whose answer to that could look like any other.
+            # Finite as sent but infinite as float32; the answer to that could look like any other.
             bad[name] = Quality.OUT_OF_RANGE
         values.append(0.0 if value is None or name in bad else value)
     return values, bad

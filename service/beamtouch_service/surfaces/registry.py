@@ -6,7 +6,7 @@ from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.surfaces.surface import Surface
 
 _MAX_ECHO = 64
-"""Longest surface name there is; no more of a wrong one is repeated."""
+"""Length of the longest valid name. Answers repeat no more of an invalid one."""
 
 
 class Registry:
@@ -27,23 +27,23 @@ class Registry:
         """Return the surface of that name; raises ProblemError if there is none."""
         self._require_any()
         if name not in self._surfaces:
-            detail = f"No surface is called {name[:_MAX_ECHO]!r}; there is {', '.join(self.names)}."
+            detail = f"No surface is called {name[:_MAX_ECHO]!r}. The surfaces are {', '.join(self.names)}."
             raise ProblemError(Problem(Kind.UNKNOWN_SURFACE, detail, members={"surfaces": self.names}))
         return self._surfaces[name]
 
     def find(self, name: str | None) -> Surface | None:
-        """Return the surface of that name, or without a name the only one; None if that is unclear."""
+        """Return the surface of that name, or without a name the only one; None if there is none."""
         if name is None:
             return next(iter(self)) if len(self._surfaces) == 1 else None
         return self._surfaces.get(name)
 
     def chosen(self, name: str | None) -> Surface:
-        """Return the surface of that name, or without a name the only one; raises ProblemError if that is unclear."""
+        """Return the surface of that name, or without a name the only one; raises ProblemError if there is none."""
         self._require_any()
         if name is not None:
             return self.named(name)
         if len(self._surfaces) > 1:
-            detail = f"Ask for one of {', '.join(self.names)}, as in /contact?surface={self.names[0]}."
+            detail = f"Name one of {', '.join(self.names)}, as in /contact?surface={self.names[0]}."
             raise ProblemError(Problem(Kind.SURFACE_REQUIRED, detail, members={"surfaces": self.names}))
         return next(iter(self))
 
@@ -58,5 +58,5 @@ class Registry:
 
     def _require_any(self) -> None:
         if not self._surfaces:
-            detail = "The service was started without a surface; start it with --model MODEL or --config FILE."
+            detail = "The service has no surface. Start it with --model MODEL or --config FILE."
             raise ProblemError(Problem(Kind.NO_SURFACE, detail))

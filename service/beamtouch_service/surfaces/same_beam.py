@@ -1,18 +1,18 @@
-"""Whether two models are of the same beam: the same length, and sensors in the same places. Pure."""
+"""Compares the beams of two models: length and sensor positions. Pure."""
 
 from beamtouch_models.modelfile import Metadata
 
 LENGTH_PERCENT = 0.1
-"""Lengths further apart than this are of two beams: less is rounding."""
+"""Lengths that differ by more than this belong to two beams. Less is rounding."""
 MOVED_PERCENT, MOVED_MM = 1.0, 5.0
-"""A sensor may stand elsewhere by this much of the length, and by this much at most, as where positions were measured
-again. A calibration moves none: it states where they truly are beside the layout."""
+"""A sensor may move by this share of the length, but by no more than this distance. That allows for positions that were
+measured again. A calibration moves no sensor: it states the true positions beside the layout."""
 
 
 def difference(old: Metadata, new: Metadata) -> str | None:
-    """Say how the beam of a new model differs from that of the old one; None if it is the same beam.
+    """Return how the beam of a new model differs from that of the old one; None if it is the same beam.
 
-    Channels may have other names, since samples name theirs; one that keeps its name keeps its place.
+    Channels may change their names, but one that keeps its name must keep its position.
     """
     if abs(new.length_mm - old.length_mm) > LENGTH_PERCENT / 100 * old.length_mm:
         return f"its beam is {new.length_mm:g} mm long, the one in use {old.length_mm:g} mm"

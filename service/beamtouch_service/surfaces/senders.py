@@ -1,4 +1,4 @@
-"""Whose samples make the present of a surface: one sender at a time, known by its boot id. Pure; instants come in."""
+"""Decides whose samples move the answer of a surface. Pure: the caller gives the time."""
 
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from beamtouch_service.surfaces.sequence_log import MAX_SENDERS
 
 @dataclass(frozen=True, slots=True)
 class _Present:
-    """The newest sample: whose, which, when."""
+    """Sender, number and time of the newest sample."""
 
     boot_id: str
     sequence: int
@@ -16,24 +16,24 @@ class _Present:
 
 
 class Senders:
-    """Decides which samples move the present.
+    """Decides which samples move the answer.
 
-    Of one sender the sequence number alone decides: it is exact, while the instant of a sample holds whatever its batch
-    waited for on the way. Between senders there is nothing but the instants. A sender that another has followed is of
-    the past, unless the other turns out to have been a stray: it may return once the present has become stale.
+    A boot id identifies a sender. Samples from one sender are ordered by sequence number alone, which is exact: the
+    time of a sample includes the delay of its batch. Samples from different senders are ordered by time. A sender that
+    another one has replaced may return only once the newest sample is stale, in case the other one was a stray.
     """
 
     def __init__(self, stale_ms: float, most: int = MAX_SENDERS) -> None:
         self.changes = 0
-        """How often one sender has followed another."""
+        """How often the sender changed."""
         self._stale_ms = stale_ms
         self._most = most
         self._present: _Present | None = None
         self._former: OrderedDict[str, int] = OrderedDict()
-        """Sequence number of the last present sample of each sender that another has followed."""
+        """Sequence number of the last accepted newest sample of each replaced sender."""
 
     def is_after_present(self, boot_id: str, sequence: int, acquired_s: float, arrival_s: float) -> bool:
-        """Say whether a sample moves the present.
+        """Return whether a sample moves the answer.
 
         Parameters
         ----------
@@ -52,7 +52,7 @@ class Senders:
         return (arrival_s - present.acquired_s) * 1e3 > self._stale_ms and sequence > self._former[boot_id]
 
     def move(self, boot_id: str, sequence: int, acquired_s: float) -> None:
-        """Make a sample the present one."""
+        """Make a sample the newest one."""
         if self._present and self._present.boot_id != boot_id:
             self.changes += 1
             self._former.pop(boot_id, None)

@@ -1,4 +1,4 @@
-"""Which samples are new, which came before, and which never came. Pure bookkeeping."""
+"""Bookkeeping of sequence numbers: new, repeated and missing samples. Pure."""
 
 from bisect import bisect_right
 from collections import OrderedDict
@@ -7,26 +7,26 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 MAX_SENDERS = 16
-"""Boot ids to remember. A sender has one per start, so this outlives any retry of an earlier run."""
+"""Boot ids to remember. A sender has a new one per start, so this covers retries from earlier runs."""
 MAX_RUNS = 1000
-"""Runs of samples without a gap to remember of each sender; of more, the oldest gap is never filled any more."""
+"""Runs without a gap to remember per sender. Beyond this, the oldest gap counts as permanently lost."""
 
 
 @dataclass(frozen=True)
 class Admission:
-    """What became of one batch; counts of samples."""
+    """Result of one batch; counts of samples."""
 
     accepted: int
     repeated: int
     lost: int
-    """By how many more samples are missing now between the first and the last of this sender; negative where a gap was
+    """Change in the number of missing samples between the first and the last of this sender; negative if a gap was
     filled."""
     new: tuple[int, ...] = field(default=(), compare=False)
-    """The sequence numbers of those that are new, increasing."""
+    """Sequence numbers of the new samples, increasing."""
 
 
 class Runs:
-    """A set of numbers, kept as runs of numbers in a row."""
+    """A set of numbers, stored as runs of consecutive numbers."""
 
     def __init__(self, most: int = MAX_RUNS) -> None:
         self._begins: list[int] = []
@@ -34,11 +34,11 @@ class Runs:
         """One beyond the last of each run."""
         self._most = most
         self._given_up = 0
-        """How many numbers are missing in gaps that are not remembered: they never count as new any more."""
+        """Missing numbers in gaps that are forgotten. They never count as new."""
 
     @property
     def missing(self) -> int:
-        """How many numbers between the first and the last were never added."""
+        """Count of numbers between the first and the last that were never added."""
         return self._given_up + sum(begin - end for begin, end in zip(self._begins[1:], self._ends, strict=False))
 
     def __contains__(self, number: int) -> bool:
@@ -46,7 +46,7 @@ class Runs:
         return index >= 0 and number < self._ends[index]
 
     def add(self, begin: int, end: int) -> None:
-        """Add the numbers from `begin` up to but not with `end`, none of which is in the set."""
+        """Add the numbers from `begin` up to, but without, `end`. None of them may be in the set."""
         index = bisect_right(self._begins, begin)
         if index and self._ends[index - 1] == begin:
             index -= 1
@@ -62,17 +62,17 @@ class Runs:
 
 
 class SequenceLog:
-    """The sequence numbers that came from each sender, of a bounded number of senders."""
+    """The sequence numbers of each sender, for a bounded number of senders."""
 
     def __init__(self, max_senders: int = MAX_SENDERS) -> None:
         self._runs: OrderedDict[str, Runs] = OrderedDict()
         self._max_senders = max_senders
 
     def admit(self, boot_id: str, sequences: Sequence[int]) -> Admission:
-        """Note the increasing `sequences` of a batch and say which part of it was new.
+        """Note the increasing `sequences` of a batch and return which are new.
 
-        They may be older than others that came before: a sender delivers the present first, and what it could not
-        deliver then later. The first batch of a sender cannot show a loss: it may have started long before the service.
+        They may be older than others that came before: a sender delivers new samples first and spooled ones later. The
+        first batch of a sender cannot show a loss, because the sender may have started long before the service.
         """
         runs = self._runs.setdefault(boot_id, Runs())
         self._runs.move_to_end(boot_id)

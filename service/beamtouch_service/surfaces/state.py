@@ -1,4 +1,4 @@
-"""Everything that is known of one surface at one instant: what the stream sends. Pure."""
+"""The state of one surface at one time, as the stream sends it. Pure."""
 
 from typing import Any
 
@@ -19,12 +19,12 @@ class ChannelState(BaseModel):
     position_mm: float
     """From the left end of the beam."""
     deflection_mm: float | None
-    """Positive in the direction of the load; null where there is no fresh value."""
+    """Positive in the direction of the load; null without a fresh value."""
     quality: str
 
 
 class SurfaceState(BaseModel):
-    """The data of an event `state`: either a contact or the problem that stands in its way, and the channels."""
+    """The data of an event `state`: a contact or the problem that prevents it, and the channels."""
 
     surface: str
     contact: Contact | None
@@ -53,7 +53,7 @@ def state_of(surface: Surface, now_s: float) -> SurfaceState:
         contact=contact,
         problem=problem,
         age_ms=newest.age_ms(now_s) if newest else None,
-        # A deflection that is too old for a contact is too old to be shown as if it were present.
+        # A deflection that is too old for a contact must not be shown as current either.
         channels=_channels(surface, fresh=kind not in _OF_NO_SAMPLE),
         length_mm=surface.model.metadata.length_mm if surface.model else None,
         sequence=newest.sample.sequence if newest else None,
@@ -77,10 +77,10 @@ def _channels(surface: Surface, *, fresh: bool) -> list[ChannelState]:
 
 
 def changing(state: dict[str, Any]) -> dict[str, Any]:
-    """Return the part of a state (as JSON) that does not change by time alone."""
+    """Return a state (as JSON) without the members that change by time alone."""
     kept = state | {"age_ms": None}
     for name in ("contact", "problem"):
         if kept[name]:
-            # The detail of a stale contact states its age.
+            # The detail of a stale contact contains its age.
             kept[name] = {key: value for key, value in kept[name].items() if key not in ("age_ms", "detail")}
     return kept

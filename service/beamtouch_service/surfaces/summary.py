@@ -1,4 +1,4 @@
-"""What the service says of a surface, besides its contact."""
+"""How a surface does: the answer of `GET /surfaces`."""
 
 from pydantic import BaseModel
 
@@ -14,17 +14,17 @@ class SampleCounts(BaseModel):
 
 
 class SurfaceSummary(BaseModel):
-    """What the service knows of one surface."""
+    """How one surface does."""
 
     name: str
     model: str | None
     """Name and fingerprint of the model; null without one."""
     channels: list[str]
-    """The channels that a batch must contain, in the order of the model; empty without one."""
+    """Channels that a batch must contain, in the order of the model; empty without one."""
     stale_ms: float
     """No contact is served from a sample older than this."""
     age_ms: float | None
     """Age of the newest sample; null before the first."""
     model_error: str | None
-    """Why the newest model file is not used; null if it is."""
+    """Why the newest model file is not used; null if it is used."""
     samples: SampleCounts

@@ -1,31 +1,53 @@
-"""The state of one surface: its newest sample, and what its model makes of it.
+"""The state of one surface: its newest sample and the contact that its model finds in it.
 
-No I/O and no clock: instants come in as seconds of the service's monotonic clock.
+No I/O and no clock: the caller gives the time, in seconds of the service's monotonic clock.
 """
 
+from __future__ import annotations
+
 from dataclasses import asdict, dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from beamtouch_models.modelfile import Answers, ModelFile
-from beamtouch_service.defaults import STALE_MS
-from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.limits import STALE_MS
+from beamtouch_service.problems import Problem, ProblemError
 from beamtouch_service.samples import Batch, Note, Receipt, Sample
+from beamtouch_service.surfaces import refusals
 from beamtouch_service.surfaces.contact import Contact, ContactQuality, Decision, rfc3339
 from beamtouch_service.surfaces.estimates import estimate
-from beamtouch_service.surfaces.inference import Inference
-from beamtouch_service.surfaces.observer import Witness
 from beamtouch_service.surfaces.senders import Senders
 from beamtouch_service.surfaces.sequence_log import SequenceLog
+from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
-from beamtouch_service.surfaces.touch import Follower, Levels, Seen, levels
+from beamtouch_service.surfaces.touch import Follower, Seen
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from beamtouch_models.modelfile import Answers, ModelFile
+
+
+class Witness(Protocol):
+    """Interface for observers of a surface's decisions."""
+
+    def present(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
+        """Note samples that moved the answer, in order."""
+
+    def stale(self, surface: Surface) -> None:
+        """Note that the newest sample of a surface has become too old."""
+
+    def late(self, surface: Surface, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
+        """Note samples of a batch that came after newer ones, in order."""
+
+    def has_room(self, samples: int) -> bool:
+        """Say whether this many late samples can be noted now."""
 
 
 @dataclass(frozen=True, slots=True)
 class Newest:
-    """The newest sample and what follows from it."""
+    """The newest sample and the decision on it."""
 
     boot_id: str
     channels: list[str]
@@ -33,7 +55,7 @@ class Newest:
     sample: Sample
     acquired_s: float
     notes: list[Note]
-    """What its sender has found of the surface."""
+    """Notes of its sender on the surface."""
     seen: Seen | None = None
     """None without a model."""
     model: str = ""
@@ -49,25 +71,26 @@ class Surface:
 
     def __init__(self, name: str, model: ModelFile | None = None, stale_ms: float = STALE_MS) -> None:
         self.name = name
-        self.model: ModelFile | None = None
         self.model_error: str | None = None
         """Why the newest model file is not used."""
         self.offered: list[str] | None = None
-        """The channels of the newest batch, taken or not."""
+        """Channels of the newest batch, accepted or not."""
         self.stale_ms = stale_ms
         self.witness: Witness | None = None
         self._sequences = SequenceLog()
         self._counts = SampleCounts()
         self._present: Newest | None = None
         self._senders = Senders(stale_ms)
-        self._levels: tuple[ModelFile, Levels] | None = None
+        self._served = ServedModel(model) if model else None
         self._follower: tuple[str, Follower] | None = None
-        """For the sender of that boot id."""
+        """Follows the sender with this boot id."""
         self._told_stale = False
         self.timings = Timings()
-        self._inference: Inference | None = None
-        if model is not None:
-            self.adopt(model)
+
+    @property
+    def model(self) -> ModelFile | None:
+        """The model in use."""
+        return self._served.file if self._served else None
 
     @property
     def counts(self) -> SampleCounts:
@@ -75,19 +98,19 @@ class Surface:
         return self._counts
 
     def adopt(self, model: ModelFile) -> None:
-        """Estimate from the next sample on with this model; the contact so far stays that of the model it is of."""
-        inference = Inference(model, self.timings.inference_s)
-        self.model, self._inference = model, inference
+        """Use this model from the next sample on. The contact so far stays with the model that gave it."""
+        self._served = ServedModel(model)
+        self._follower = None
 
     def receive(self, batch: Batch, arrival_s: float) -> Receipt:
         """Take a batch that arrived at `arrival_s` [s, monotonic].
 
-        Every sample after the present moves the contact, in order; those that come late never do.
+        Every sample after the newest one moves the contact, in order. Late samples never do.
 
         Raises
         ------
         ProblemError
-            Channels of the model are missing, or all of it is late and there is no room; the batch changed nothing.
+            Channels of the model are missing, or the whole batch is late and there is no room. It changed nothing.
         """
         self.offered = batch.channels
         self._require_channels(batch.channels)
@@ -106,7 +129,7 @@ class Surface:
         Raises
         ------
         ProblemError
-            There is none to give: no model, no samples, too old, too few channels, or no usable estimate.
+            There is none: no model, no samples, a stale sample, too few channels, or no usable estimate.
         """
         present, seen, decision = self._require_decision(now_s)
         degraded = list(seen.estimated.bad)
@@ -125,13 +148,13 @@ class Surface:
 
     def tell_if_stale(self, now_s: float) -> None:
         """Tell the witness, once, that the newest sample is too old at `now_s` [s, monotonic]."""
-        if self.witness and self._present and not self._told_stale and self._is_stale(self._present, now_s):
+        if self.witness and not self._told_stale and self.is_stale(now_s):
             self._told_stale = True
             self.witness.stale(self)
 
     @property
     def sender_changes(self) -> int:
-        """How often the present went from one sender to another."""
+        """How often the sender of the newest sample changed."""
         return self._senders.changes
 
     @property
@@ -139,8 +162,13 @@ class Surface:
         """The newest sample; None before the first."""
         return self._present
 
+    def is_stale(self, now_s: float) -> bool:
+        """Say whether the newest sample is too old at `now_s` [s, monotonic]; False before the first."""
+        # Compared before rounding, so that the limit is exact.
+        return self._present is not None and (now_s - self._present.acquired_s) * 1e3 > self.stale_ms
+
     def unready(self, now_s: float) -> Problem | None:
-        """Say why this surface has no contact to give at `now_s` [s, monotonic]; None if it has."""
+        """Return why this surface has no contact at `now_s` [s, monotonic], or None if it has one."""
         try:
             self._require_decision(now_s)
         except ProblemError as error:
@@ -148,7 +176,7 @@ class Surface:
         return None
 
     def summary(self, now_s: float) -> SurfaceSummary:
-        """Return what is known of this surface at `now_s` [s, monotonic]."""
+        """Return how this surface does at `now_s` [s, monotonic]."""
         return SurfaceSummary(
             name=self.name,
             model=self.model.identity if self.model else None,
@@ -162,60 +190,37 @@ class Surface:
     def _require_channels(self, offered: list[str]) -> None:
         missing = [name for name in self.model.channels if name not in offered] if self.model else []
         if missing:
-            detail = f"The batch lacks {', '.join(missing)}; send every channel of the model, a broken one as missing."
-            raise ProblemError(Problem(Kind.MISSING_CHANNELS, detail, self.name, {"missing_channels": missing}))
+            raise ProblemError(refusals.missing_channels(self.name, missing))
 
     def _require_room(self, batch: Batch, arrival_s: float) -> None:
         if self.model is None or self.witness is None or self.witness.has_room(len(batch.samples)):
             return
         newest, acquired_s = batch.samples[-1].sequence, arrival_s - batch.newest_age_ms / 1e3
-        # One that holds a present sample is taken whole: the present never waits for the past.
+        # A batch with a sample that moves the answer is taken whole: the answer never waits for late samples.
         if not self._senders.is_after_present(batch.boot_id, newest, acquired_s, arrival_s):
-            detail = "Late samples come faster than they can be recorded; send the batch again."
-            raise ProblemError(Problem(Kind.BUSY, detail, self.name), {"Retry-After": "1"})
+            raise ProblemError(refusals.busy(self.name), {"Retry-After": "1"})
 
     def _require_decision(self, now_s: float) -> tuple[Newest, Seen, Decision]:
-        present = self._require_fresh(now_s)
-        # A model that was given after the newest sample has not seen it.
+        if self.model is None:
+            raise ProblemError(refusals.no_model(self.name))
+        present = self._present
+        if present is None:
+            raise ProblemError(refusals.no_samples(self.name))
+        if self.is_stale(now_s):
+            raise ProblemError(refusals.stale(self.name, present.age_ms(now_s), self.stale_ms))
+        # A model that came after the newest sample has not seen it.
         if present.seen is None:
-            raise ProblemError(self._no_samples())
+            raise ProblemError(refusals.no_samples(self.name))
         if not isinstance(present.seen.outcome, Decision):
-            # A new exception each time: one raised again and again would collect its tracebacks.
+            # A new exception each time: one that is raised again collects tracebacks.
             raise ProblemError(present.seen.outcome)
         return present, present.seen, present.seen.outcome
 
-    def _require_fresh(self, now_s: float) -> Newest:
-        if self.model is None:
-            raise ProblemError(self._no_model())
-        if self._present is None:
-            raise ProblemError(self._no_samples())
-        if self._is_stale(self._present, now_s):
-            age_ms = self._present.age_ms(now_s)
-            detail = (
-                f"The newest sample is {age_ms:.1f} ms old, the limit is {self.stale_ms:g} ms; "
-                "see whether the daemon runs and reaches the device."
-            )
-            members = {"age_ms": age_ms, "stale_ms": self.stale_ms}
-            raise ProblemError(Problem(Kind.STALE, detail, self.name, members))
-        return self._present
-
-    def _is_stale(self, newest: Newest, now_s: float) -> bool:
-        # Compared before rounding, so that the limit is exact.
-        return (now_s - newest.acquired_s) * 1e3 > self.stale_ms
-
-    def _no_samples(self) -> Problem:
-        detail = "No sample has arrived since the service started; start the daemon, or look at what it reports."
-        return Problem(Kind.NO_SAMPLES, detail, self.name)
-
-    def _no_model(self) -> Problem:
-        detail = "Samples are accepted, but there is no model to estimate from; give one with --model or in the config."
-        return Problem(Kind.NO_MODEL, detail, self.name)
-
     def _take(self, batch: Batch, new: set[int], arrival_s: float) -> None:
-        """Take the new samples of a batch: those after the present move it, the others only complete the record."""
+        """Take the new samples of a batch. Those after the newest one move it; late ones only complete the events."""
         acquired_s = arrival_s - batch.newest_age_ms / 1e3
         samples = [sample for sample in batch.samples if sample.sequence in new]
-        # Increasing, and only the number differs between them: those after the present are the last ones.
+        # Sequence numbers increase, so the samples after the newest one are the last of the batch.
         fresh = [
             sample
             for sample in samples
@@ -226,33 +231,27 @@ class Surface:
             self.witness.late(self, self.model, batch, late)
         if fresh:
             self._told_stale = False
-            self.timings.arrival_age_s.add(batch.newest_age_ms / 1e3)
+            self.timings.arrival_age_s.observe(batch.newest_age_ms / 1e3)
             self._senders.move(batch.boot_id, fresh[-1].sequence, acquired_s)
             self._advance(batch, fresh, acquired_s)
 
     def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> None:
-        model = self.model
-        if model is None:
+        served = self._served
+        if served is None:
             self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, batch.notes)
             return
-        follower = self._following(model, batch.boot_id)
-        seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch.channels, fresh, self._ask)]
-        self._present = Newest(
-            batch.boot_id, batch.channels, fresh[-1], acquired_s, batch.notes, seen[-1], model.identity
-        )
-        if self.witness:
-            self.witness.present(self, model, batch.boot_id, seen)
 
-    def _ask(self, deflection_mm: NDArray[np.float32], valid: NDArray[np.bool_]) -> Answers:
-        if self._inference is None:
-            message = "no model"
-            raise AssertionError(message)
-        return self._inference.ask(deflection_mm, valid)
+        def ask(deflection_mm: NDArray[np.float32], valid: NDArray[np.bool_]) -> Answers:
+            begin_s = perf_counter()
+            answers = served.inference.ask(deflection_mm, valid)
+            self.timings.inference_s.observe(perf_counter() - begin_s)
+            return answers
 
-    def _following(self, model: ModelFile, boot_id: str) -> Follower:
-        if self._levels is None or self._levels[0] is not model:
-            self._levels = model, levels(model)
-            self._follower = None
+        model, boot_id = served.file, batch.boot_id
         if self._follower is None or self._follower[0] != boot_id:
-            self._follower = boot_id, Follower(self._levels[1], self.name, self.stale_ms)
-        return self._follower[1]
+            self._follower = boot_id, Follower(served.levels, self.name, self.stale_ms)
+        follower = self._follower[1]
+        seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch.channels, fresh, ask)]
+        self._present = Newest(boot_id, batch.channels, fresh[-1], acquired_s, batch.notes, seen[-1], model.identity)
+        if self.witness:
+            self.witness.present(self, model, boot_id, seen)

@@ -1,4 +1,4 @@
-"""When a contact begins and when it ends: two thresholds, over samples in the order they were taken. Pure."""
+"""Begin and end of a contact: two thresholds, applied to samples in the order in which they were taken. Pure."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -11,7 +11,7 @@ from beamtouch_service.surfaces.contact import LOG_ODDS, Decision, State, Unusab
 from beamtouch_service.surfaces.estimates import Estimated
 
 LIFT_FRACTION = 1 / 8
-"""Where between rest and the threshold of touch a contact ends, in log odds.
+"""The point between rest and the threshold of touch where a contact ends, as a fraction of the log odds.
 
 Log odds grow as the square of deflection over noise, so a contact ends at about a third (the root of 1/8) of the
 deflection that began it. Of 200 000 simulated samples each of four scenes (bench, paper, conveyor, two-spans; default
@@ -23,46 +23,46 @@ of its samples, so a lift is seen in the first or second sample. Lower would cos
 
 @dataclass(frozen=True)
 class Levels:
-    """The two thresholds of `contact_log_odds` [nats], and what else is needed to decide."""
+    """The two thresholds of `contact_log_odds` [nats], and the length of the beam."""
 
     touch: float
-    """Above it a contact begins."""
+    """A contact begins above it."""
     lift: float
-    """At or below it a contact ends."""
+    """A contact ends at or below it."""
     length_mm: float
 
 
 def levels(model: ModelFile) -> Levels:
-    """Return the thresholds of a model; that of lifting follows from what the model says of a beam at rest."""
+    """Return the thresholds of a model. The lift threshold follows from its answer to a beam at rest."""
     metadata = model.metadata
     touch, channels = metadata.contact_threshold, len(metadata.layout)
     rest = metadata.calibration.departures.offset_mm if metadata.calibration else [0.0] * channels
     answer = model.estimate(np.array([rest], np.float32), np.ones((1, channels), np.bool_))
     log_odds = float(answer[LOG_ODDS][0]) if LOG_ODDS in answer else touch
-    # A model that sees no difference between rest and a touch gets one threshold.
+    # A model that does not tell rest from a touch gets one threshold.
     usable = isfinite(log_odds) and log_odds < touch
     return Levels(touch, log_odds + LIFT_FRACTION * (touch - log_odds) if usable else touch, metadata.length_mm)
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What was decided on one sample."""
+    """The decision on one sample."""
 
     estimated: Estimated
     outcome: Decision | Problem
     touching: bool
-    """Also true of a sample that could not be decided on, for a while after one that was a contact."""
+    """Also true for undecided samples that follow a contact closely."""
 
     @property
     def state(self) -> State | None:
-        """The state, where it could be decided."""
+        """The state; None if it could not be decided."""
         return self.outcome.state if isinstance(self.outcome, Decision) else None
 
 
 class Follower:
-    """Follows the samples of one sender, in the order of their numbers, from one state to the next.
+    """Decides on the samples of one sender, in the order of their numbers.
 
-    Over a gap, and over samples that cannot be decided on, a contact is held for `hold_ms` of the sender's time.
+    Over gaps and undecided samples, a contact is held for `hold_ms` of the sender's time.
     """
 
     def __init__(self, levels: Levels, surface: str, hold_ms: float, *, touching: bool = False) -> None:
@@ -71,7 +71,7 @@ class Follower:
         self._hold_us = hold_ms * 1e3
         self._touching = touching
         self._last: Estimated | None = None
-        """The last sample that could be decided on."""
+        """The last decided sample."""
 
     def step(self, estimated: Estimated) -> Seen:
         """Decide on the next sample."""
@@ -92,5 +92,7 @@ class Follower:
         try:
             return decide(estimated.answer, threshold, self._levels.length_mm)
         except UnusableEstimateError as error:
-            detail = f"For the newest sample {error}; check calibration and tare of the sensors, then the model."
+            detail = (
+                f"For the newest sample, {error}. Check the characteristics and tare of the sensors, then the model."
+            )
             return Problem(Kind.UNUSABLE_ESTIMATE, detail, self._surface)

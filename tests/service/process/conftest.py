@@ -143,7 +143,7 @@ def start_page(
         if read is not None:
             read_token_file.write_text(read)
             options += ("--read-token-file", str(read_token_file))
-        return start_service("--model", model, "--token-file", token_file, "--stale-ms", "60000", *options)
+        return start_service("--model", model, "--write-token-file", token_file, "--stale-ms", "60000", *options)
 
     return start_page
 
@@ -163,7 +163,7 @@ def touched_in(folder: Path) -> Iterator[Service]:
         f'[server]\nmax_clients = 8\n[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = 60000\n'
     )
     with commands_in(folder) as start:
-        service = service_of(start("run", "--port", "0", "--config", "service.toml", "--token-file", token), TOKEN)
+        service = service_of(start("run", "--port", "0", "--config", "service.toml", "--write-token-file", token), TOKEN)
         assert service.post(batch_of()).status_code == 200
         yield service
 

@@ -24,7 +24,7 @@ TOUCHING, RESTING = [0.5, 0.25, 0.125], [0.0, 0.0, 0.0]
 def config(tmp_path: Path, build_model: BuildModel, token_file: Path) -> Path:
     path = tmp_path / "service.toml"
     path.write_text(
-        f"[server]\ntoken_file = '{token_file}'\n[events]\nfile = 'events.db'\n"
+        f"[server]\nwrite_token_file = '{token_file}'\n[events]\nfile = 'events.db'\n"
         f"[surfaces.press-7]\nmodel = '{build_model()}'\nstale_ms = 60000\n"
     )
     return path

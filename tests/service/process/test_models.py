@@ -49,7 +49,7 @@ def test_a_file_that_is_replaced_is_used_within_seconds_and_a_bad_one_never(
     path.write_bytes(good)
     wait_for(lambda: model(service) == first)
     _, errors = service.stop(signal.SIGTERM)
-    assert errors.count("the new model is not used, the old one holds") == 1
+    assert errors.count("the new model cannot be used, the old one stays in use") == 1
     assert errors.count("instead of") == 2
 
 

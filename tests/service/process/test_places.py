@@ -63,7 +63,7 @@ def start(start_service: StartService, build_model: BuildModel, token_file: Path
             f"[server]\nmax_clients = {most}\nmax_clients_per_address = {per_address}\n"
             f'[surfaces.press-7]\nmodel = "{build_model()}"\nstale_ms = 60000\n'
         )
-        return start_service("--config", "service.toml", "--token-file", token_file, *options)
+        return start_service("--config", "service.toml", "--write-token-file", token_file, *options)
 
     return start
 

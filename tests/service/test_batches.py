@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_service.api.intake import MAX_BODY_BYTES, pointer
+from beamtouch_service.api.errors import pointer
+from beamtouch_service.api.samples import MAX_BODY_BYTES
 from beamtouch_service.samples import MAX_SAMPLES
 from beamtouch_service.surfaces.surface import Surface
 
@@ -64,7 +65,7 @@ def test_a_service_without_a_token_refuses_every_write_and_says_how_to_allow_it(
     response = make_bench(Surface("press-7"), token=None).post(make_batch())
 
     assert response.status_code == 401
-    assert "--token-file" in response.json()["detail"]
+    assert "--write-token-file" in response.json()["detail"]
 
 
 def test_an_intruder_does_not_learn_which_surfaces_there_are(bench: Bench, make_batch: MakeBatch) -> None:

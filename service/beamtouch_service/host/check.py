@@ -1,17 +1,17 @@
-"""`beamtouch-service check MODEL`: what a model file is, or what is wrong with it."""
+"""`beamtouch-service check MODEL`: describes a model file, or says what is wrong with it."""
 
 from pathlib import Path
 
 from beamtouch_models.modelfile import ModelFileError
 from beamtouch_service.api.models import ModelDescription, describe
 from beamtouch_service.config import ConfigError
-from beamtouch_service.host import model_watch as model_keeper
+from beamtouch_service.host import model_watch
 
 
 def report(path: Path, *, as_json: bool) -> str:
-    """Return what the model says of itself; raises ConfigError if a service would not take it."""
+    """Return the description of a model; raises ConfigError if a service would refuse it."""
     try:
-        model, _ = model_keeper.load(path)
+        model, _ = model_watch.load(path)
     except ModelFileError as error:
         message = f"model {error}"
         raise ConfigError(message) from None

@@ -1,30 +1,71 @@
-"""What a batch goes through before a surface sees it: size, time, format."""
+"""`POST /surfaces/NAME/samples`: from the headers of a batch to its receipt."""
 
 from asyncio import CancelledError, get_running_loop, timeout
 from math import inf
 
+from fastapi import APIRouter
 from pydantic import ValidationError
 from starlette.requests import Request
 
+from beamtouch_service.api import gate
+from beamtouch_service.api import openapi as documentation
+from beamtouch_service.api.context import ContextParameter, SurfaceInPath
+from beamtouch_service.api.errors import MAX_ERRORS, invalid_request, pointer
 from beamtouch_service.problems import Kind, Problem, ProblemError
-from beamtouch_service.samples import Batch
+from beamtouch_service.samples import Batch, Receipt
 
 MAX_BODY_BYTES = 1024 * 1024
 MAX_BODY_S = 10.0
-"""For a whole body to arrive; a sender states the age of its samples before it."""
+"""Longest time for a whole body to arrive. A sender states the age of its samples before it sends the body."""
 LINGER_S = 5.0
-"""What is too large is read on and dropped for so long: who still sends when the connection closes reads no answer."""
+"""Drain an oversized body for this long, so that the client can read the 413."""
 _CLOSE = {"Connection": "close"}
-"""The rest of the body may still come, and nobody wants it."""
-_MAX_ERRORS = 10
-_MAX_POINTER = 200
+"""The rest of the body may still come, and nobody reads it."""
+
+router = APIRouter(tags=["samples"], dependencies=gate.WRITING)
+_PROBLEMS = documentation.problems(
+    Kind.MALFORMED_JSON,
+    Kind.UNKNOWN_SURFACE,
+    Kind.TOO_SLOW,
+    Kind.TOO_LARGE,
+    Kind.TOO_MANY_REQUESTS,
+    Kind.INVALID_REQUEST,
+    Kind.MISSING_CHANNELS,
+    Kind.NO_SURFACE,
+    Kind.BUSY,
+    Kind.STOPPING,
+)
+
+
+@router.post("/surfaces/{name}/samples", openapi_extra=documentation.BATCH_BODY, responses=_PROBLEMS)
+async def post_samples(context: ContextParameter, name: SurfaceInPath, request: Request) -> Receipt:
+    """Take a batch of samples. A repeated batch changes nothing. State the age of the newest sample at each attempt."""
+    try:
+        surface = context.registry.named(name)
+        context.take_turn(name)
+        # The age was stated before the body travelled. Counted from here, travel makes samples older, never younger.
+        arrival_s = context.clock()
+        batch = parse_batch(await read_body(request))
+        changes = surface.sender_changes
+        receipt = surface.receive(batch, arrival_s)
+    except ProblemError as error:
+        known = name if context.registry.find(name) else ""
+        context.counts.rejected.labels(known, error.problem.kind.slug).inc()
+        raise
+    context.counts.batch_s.labels(name).observe(context.clock() - arrival_s)
+    if surface.sender_changes != changes:
+        context.counts.sender_changed(name, batch.boot_id)
+    return receipt
 
 
 async def read_body(request: Request, limit: int = MAX_BODY_BYTES, limit_s: float = MAX_BODY_S) -> bytes:
-    """Return the body; raises ProblemError (413) once it is known to exceed `limit` bytes, stated or chunked.
+    """Return the body of a request.
 
-    A body that takes longer than `limit_s` [s] ends in a problem too (408), as does one that is still under way when
-    the service stops (503): the sender will repeat it.
+    Raises
+    ------
+    ProblemError
+        413 once the body is known to exceed `limit` bytes, stated or chunked; 408 if it takes longer than
+        `limit_s` [s]; 503 if the service stops meanwhile, and the sender repeats it.
     """
     stated = request.headers.get("content-length", "")
     is_too_large = stated.isdecimal() and int(stated) > limit
@@ -66,18 +107,5 @@ def parse_batch(body: bytes) -> Batch:
         if found[0]["type"] == "json_invalid":
             detail = f"{found[0]['msg']}; send a batch as application/json."
             raise ProblemError(Problem(Kind.MALFORMED_JSON, detail)) from None
-        places = [{"pointer": pointer(entry["loc"]), "detail": entry["msg"]} for entry in found[:_MAX_ERRORS]]
+        places = [{"pointer": pointer(entry["loc"]), "detail": entry["msg"]} for entry in found[:MAX_ERRORS]]
         raise ProblemError(invalid_request(places, error.error_count())) from None
-
-
-def invalid_request(places: list[dict[str, str]], count: int) -> Problem:
-    """Return the problem for a request that is wrong in `count` places, the first of which are given."""
-    first = f"{places[0]['pointer']}: {places[0]['detail']}" if places else "unknown place"
-    more = f" (and {count - 1} more)" if count > 1 else ""
-    return Problem(Kind.INVALID_REQUEST, f"{first}{more}", members={"errors": places})
-
-
-def pointer(location: tuple[int | str, ...]) -> str:
-    """Return a place in a JSON document as a pointer (RFC 6901) in fragment form, cut where a key is absurdly long."""
-    parts = (str(part).replace("~", "~0").replace("/", "~1") for part in location)
-    return ("#" + "".join(f"/{part}" for part in parts))[:_MAX_POINTER]
