@@ -163,7 +163,10 @@ def touched_in(folder: Path) -> Iterator[Service]:
         f'[server]\nmax_clients = 8\n[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = 60000\n'
     )
     with commands_in(folder) as start:
-        service = service_of(start("run", "--port", "0", "--config", "service.toml", "--write-token-file", token), TOKEN)
+        options = ("run", "--port", "0", "--config", "service.toml", "--write-token-file", token)
+        service = service_of(start(*options), TOKEN)
+            start("run", "--port", "0", "--config", "service.toml", "--write-token-file", token), TOKEN
+        )
         assert service.post(batch_of()).status_code == 200
         yield service
 
