@@ -5,9 +5,9 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.peers
 PACKAGES := firmware_protocol/beamtouch_protocol models/beamtouch_models service/beamtouch_service daemon/beamtouch_daemon
-# Twice the cores: many tests wait for devices, timeouts and outages. What is compiled is kept, as they start hundreds
+# Three times the cores: many tests wait for devices, timeouts and outages. What is compiled is kept, as they start hundreds
 # of processes.
-WORKERS ?= $(shell expr 2 \* $$(nproc))
+WORKERS ?= $(shell expr 3 \* $$(nproc))
 
 .PHONY: help install demo test bench check format clean
 

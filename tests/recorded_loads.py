@@ -32,12 +32,23 @@ def random_imperfections(metadata: Metadata, rng: np.random.Generator) -> Imperf
 
 
 def recorded(
-    metadata: Metadata, real: Imperfections, rng: np.random.Generator, *, count: int = 10, hand_mm: float = 0.0
+    metadata: Metadata,
+    real: Imperfections,
+    rng: np.random.Generator,
+    *,
+    count: int = 10,
+    hand_mm: float = 0.0,
+    anywhere: bool = False,
 ) -> Loads:
-    """Loads as `read_loads` has them, evenly over the beam; `hand_mm` is how well they stand where they are said to."""
+    """Loads as `read_loads` has them, of the middle force and evenly over the beam, or anywhere within both ranges.
+
+    `hand_mm` is how well they stand where they are said to.
+    """
     low, high = metadata.ranges.position_mm
     said = np.linspace(0.95 * low + 0.05 * high, 0.05 * low + 0.95 * high, count)
     force = np.full(count, np.mean(metadata.ranges.force_n))
+    if anywhere:
+        said, force = np.sort(rng.uniform(low, high, count)), rng.uniform(*metadata.ranges.force_n, count)
     true = np.clip(said + hand_mm * rng.normal(size=count), low, high)
     pressed = force * (1 + FORCE_PER_MM * hand_mm * rng.normal(size=count))
     prior = true_prior(metadata, real)

@@ -11,13 +11,15 @@ from beamtouch_models.command_line import DONE, Parser, exit_code, whole_number
 PROGRAM = "design-sensors"
 ESTIMATORS = ("posterior", "small-network", "paper-network")
 """The names in `estimators.estimator`, which takes too long to import for --help."""
+MAX_DRAWS = 1_000_000
+"""Bounds memory: each contact takes about 2 kB."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `design-sensors`; returns the exit code: 0 done, 1 failed, 2 wrong input, 130 interrupted by Ctrl-C."""
-    options = _parser().parse_args(arguments)
 
     def work() -> int:
+        options = _parser().parse_args(arguments)
         # Imported here, so that --help is quick and a missing extra is reported in one line.
         import_module(f"beamtouch_models.commands.{options.command}").run(options)
         return DONE
@@ -91,10 +93,11 @@ def _add_evaluate(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--draws",
-        type=whole_number(100, 10_000_000),
+        type=whole_number(100, MAX_DRAWS),
         default=16_384,
         metavar="N",
-        help="number of simulated contacts, rounded up to a power of two (default 16384)",
+        help="number of simulated contacts, rounded up to a power of two (default 16384)"
+        "; below about 2000, a stated standard error is a lower bound",
     )
     _add_seed(parser)
     _add_json(parser)
@@ -156,10 +159,11 @@ def _add_trade(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, help="estimators to measure (default all)")
     parser.add_argument(
         "--draws",
-        type=whole_number(100, 10_000_000),
+        type=whole_number(100, MAX_DRAWS),
         default=4096,
         metavar="N",
-        help="simulated contacts per point, rounded up to a power of two (default 4096)",
+        help="simulated contacts per point, rounded up to a power of two (default 4096)"
+        "; below about 2000, a stated standard error is a lower bound",
     )
     _add_seed(parser)
     _add_json(parser)

@@ -88,8 +88,8 @@ def load(path: Path) -> ModelFile:
     Raises
     ------
     ModelFileError
-        The file cannot be read, is too large or damaged, is not a Beamtouch model, needs too much memory or time, or
-        does not give its own golden answers.
+        The file cannot be read, is too large or damaged, is not a Beamtouch model, defines functions, needs too much
+        memory or time, or does not give its own golden answers.
     """
     return load_bytes(read(path), str(path))
 
@@ -131,6 +131,9 @@ def _require_size(size_bytes: int, origin: str) -> None:
 def load_bytes(content: bytes, origin: str) -> ModelFile:
     """Load a model from memory; `origin` is named in errors. Raises ModelFileError as `load` does."""
     _require_size(len(content), origin)
+    if session.has_functions(content):
+        message = f"{origin}: its graph defines functions, so `design-sensors build` did not write it"
+        raise ModelFileError(message)
     try:
         trial = _open(session.open_trial, content)
         metadata = Metadata.from_entries(trial.get_modelmeta().custom_metadata_map)

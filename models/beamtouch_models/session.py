@@ -21,17 +21,23 @@ CHUNK = 256
 """Samples per call of a runner, few enough for the cache."""
 MAX_MEMORY_BYTES = 64 * 1024 * 1024
 """Memory that all graphs on trial share for intermediate results; a sample of a real model takes under 1 MiB."""
-MAX_FOLDED_BYTES = 4 * 1024 * 1024
-"""Size of a constant that onnxruntime may compute when it loads a graph: no more than a model file may have."""
 LIMIT_S = 10.0
 """Time for all golden answers of a model; those of a real model take milliseconds."""
+
+_NOT_AT_LOADING = ["ConstantFolding"]
+"""It would compute parts of a graph when the graph is loaded, without bounds. Real models answer as fast without it."""
+_FUNCTIONS_FIELD = 25
+"""Number of the field `functions` of `ModelProto` in onnx.proto."""
 
 _lock = Lock()
 
 
 def open_session(content: bytes, options: ort.SessionOptions | None = None) -> Any:  # noqa: ANN401  # untyped library
-    """Return an onnxruntime session of an ONNX file's content, on the CPU."""
-    return ort.InferenceSession(content, options or session_options(), providers=["CPUExecutionProvider"])
+    """Return an onnxruntime session of an ONNX file's content, on the CPU, which has computed nothing yet."""
+    providers = ["CPUExecutionProvider"]
+    return ort.InferenceSession(
+        content, options or session_options(), providers=providers, disabled_optimizers=_NOT_AT_LOADING
+    )
 
 
 def open_trial(content: bytes) -> Any:  # noqa: ANN401  # untyped library
@@ -44,6 +50,33 @@ def open_trial(content: bytes) -> Any:  # noqa: ANN401  # untyped library
     return open_session(content, options)
 
 
+def has_functions(content: bytes) -> bool:
+    """Return whether an ONNX file defines functions: each may call another twice, and loading would expand all calls.
+
+    A damaged file is left to onnxruntime.
+    """
+    at = 0
+    while at < len(content):
+        tag, at = _varint(content, at)
+        if tag >> 3 == _FUNCTIONS_FIELD:
+            return True
+        value, after = _varint(content, at)
+        # By wire type: a number, eight bytes, bytes after their length, the begin or end of a group, four bytes.
+        at = {0: after, 1: at + 8, 2: after + value, 3: at, 4: at, 5: at + 4}.get(tag & 7, len(content))
+    return False
+
+
+def _varint(content: bytes, at: int) -> tuple[int, int]:
+    """Return the number that begins there (protobuf: seven bits a byte, the low ones first), and where it ends."""
+    number = shift = 0
+    for byte in content[at : at + 10]:
+        number |= (byte & 0x7F) << shift
+        at, shift = at + 1, shift + 7
+        if byte < 0x80:  # the high bit says that another byte follows
+            break
+    return number, at
+
+
 def session_options() -> ort.SessionOptions:
     """Return options for one thread that does not spin: an answer takes microseconds, and waiting must cost nothing."""
     options = ort.SessionOptions()
@@ -53,7 +86,6 @@ def session_options() -> ort.SessionOptions:
     options.log_severity_level = 4
     # Without a folder, onnxruntime refuses weights in other files.
     options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
-    options.add_session_config_entry("optimization.constant_folding_max_output_size_in_bytes", str(MAX_FOLDED_BYTES))
     return options
 
 

@@ -91,7 +91,7 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         access=_access(files),
         tls=_tls(files["certificate_file"], files["key_file"]),
         max_clients=server.max_clients,
-        max_clients_per_address=server.max_clients_per_address,
+        max_clients_per_address=server.max_clients_per_address or -(-server.max_clients // 2),
         max_batches_per_s=server.max_batches_per_s,
         surfaces=_merge_surfaces(file, folder, overrides),
         max_streams=server.max_streams,

@@ -10,8 +10,8 @@ MAX_BATCHES_PER_S = 2000.0
 """For each surface."""
 MAX_STREAMS = 32
 MAX_CLIENTS = 256
-MAX_CLIENTS_PER_ADDRESS = 128
-"""Connections without a token. Half of all, so that one address cannot take every place."""
+MOST_CLIENTS = 4096
+"""Upper limit of the setting: a new connection may have to search all of them for one to replace."""
 KEEP_DAYS = 30.0
 MAX_MB = 100.0
 """Size of the record of events."""

@@ -47,12 +47,13 @@ def outcome(model: ModelFile, loads: Loads, wrong: int | None) -> str:
     return "accepted"
 
 
-def measured(name: str, mistake: str, runs: int, hand_mm: float) -> dict[str, object]:
+def measured(name: str, mistake: str, runs: int, hand_mm: float, *, anywhere: bool) -> dict[str, object]:
     """Count the outcomes over random surfaces, loads and rows."""
     model, counts = model_of(name), dict.fromkeys(("named", "named with others", "misnamed", "refused", "accepted"), 0)
     for seed in range(runs):
         rng = np.random.default_rng([seed, 7])
-        loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng, hand_mm=hand_mm)
+        real = random_imperfections(model.metadata, rng)
+        loads = recorded(model.metadata, real, rng, hand_mm=hand_mm, anywhere=anywhere)
         wrong = None
         if mistake != "none":
             position, force, row = with_mistake(mistake, loads, model.metadata.ranges.position_mm, rng)
@@ -60,19 +61,22 @@ def measured(name: str, mistake: str, runs: int, hand_mm: float) -> dict[str, ob
         counts[outcome(model, loads, wrong)] += 1
     wanted = "accepted" if mistake == "none" else "named"
     row_name = f"{name}, {mistake}" + (f", placed to {hand_mm:g} mm" if hand_mm else "")
+    row_name += ", anywhere" if anywhere else ""
     return {"name": row_name, "value": counts[wanted] / runs, "unit": wanted, "goal": 0.99, "runs": runs, **counts}
 
 
-def rows(runs: int, mistakes: Sequence[str], names: Sequence[str], hand_mm: float) -> Iterator[dict[str, object]]:
+def rows(
+    runs: int, mistakes: Sequence[str], names: Sequence[str], hand_mm: float, *, anywhere: bool
+) -> Iterator[dict[str, object]]:
     """Measure each scene with each mistake."""
     for mistake in mistakes:
         for name in names:
-            yield measured(name, mistake, runs, hand_mm)
+            yield measured(name, mistake, runs, hand_mm, anywhere=anywhere)
 
 
 def run() -> list[dict[str, object]]:
     """Rows for `make bench`."""
-    return list(rows(RUNS, ("none", "60 mm"), SCENE_NAMES, 0.0))
+    return list(rows(RUNS, ("none", "60 mm"), SCENE_NAMES, 0.0, anywhere=False))
 
 
 def main() -> None:
@@ -82,8 +86,9 @@ def main() -> None:
     parser.add_argument("--mistakes", nargs="+", choices=("none", *MISTAKES), default=("none", *MISTAKES))
     parser.add_argument("--scenes", nargs="+", choices=SCENE_NAMES, default=SCENE_NAMES)
     parser.add_argument("--hand-mm", type=float, default=0.0, help="deviation of loads from where they are said to be")
+    parser.add_argument("--anywhere", action="store_true", help="random positions and forces, not even and equal ones")
     options = parser.parse_args()
-    for row in rows(options.runs, options.mistakes, options.scenes, options.hand_mm):
+    for row in rows(options.runs, options.mistakes, options.scenes, options.hand_mm, anywhere=options.anywhere):
         print(row, flush=True)
 
 

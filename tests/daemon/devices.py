@@ -140,8 +140,8 @@ async def rtu_units(
 
 
 @asynccontextmanager
-async def tcp_unit(unit: StampingUnit) -> AsyncIterator[int]:
-    """The unit behind a Modbus TCP socket; gives its port."""
+async def tcp_unit(unit: StampingUnit, *, closes: bool = False) -> AsyncIterator[int]:
+    """The unit behind a Modbus TCP socket, which it `closes` after each answer or not; gives its port."""
     busy = asyncio.Lock()
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -154,6 +154,8 @@ async def tcp_unit(unit: StampingUnit) -> AsyncIterator[int]:
                     for busy_s, piece in pieces:
                         await asyncio.sleep(busy_s)
                         writer.write(piece)
+                if closes:
+                    return
 
     server = await asyncio.start_server(serve, "127.0.0.1", 0)
     try:
@@ -223,6 +225,10 @@ class SerialDevice:
     def lose(self, number: int) -> None:
         """Skip readings, as if their frames had been lost."""
         self.sequence += number
+
+    def set_back(self, seconds: float) -> None:
+        """Set the clock back while the readings go on."""
+        self._start_s += seconds
 
     def reset(self, boot_id: int) -> None:
         """Start over, as after a power failure, and say so."""

@@ -73,6 +73,16 @@ def _values_only(fault: Fault) -> Fault:
     return lambda number, frame: fault(number, frame) if frame[1:3] == b"\4\2" else []
 
 
+def _one_probe(fault: Fault) -> Fault:
+    """A unit of two registers that is silent for other functions and lengths, so that one probe is answered."""
+    return lambda number, frame: fault(number, frame) if frame[1:3] in {b"\4\2", b"\4\4"} else []
+
+
+def _outage(number: int, frame: bytes) -> Pieces:
+    """A value and the probe after it are lost, once."""
+    return [] if 30 <= number < 32 else [(0.0, frame)]
+
+
 def _answer_of(unit: int) -> bytes:
     return with_crc(bytes([unit, 4, 6]) + FOREIGN.to_bytes(2, "big") * 3)
 
@@ -149,6 +159,7 @@ def patterns(seed: int) -> dict[str, Pattern]:
         "late by 1.5 s, 0.3 %": Pattern(often(0.003, faults.very_late)),
         "late by 1.5 s, 0.3 %, one register": Pattern(often(0.003, faults.very_late), registers=1),
         "late, 0.2 %, answers only values": Pattern(_values_only(often(0.002, faults.late)), registers=1),
+        "one probe, outage": Pattern(_one_probe(_outage), registers=2),
         "lost, 3 %": Pattern(often(0.03, faults.lost)),
         "in three parts, the last byte 16 ms late": Pattern(often(1.0, faults.split), busy_s=LATENCY_S + 0.002),
         "doubled at once": Pattern(lambda _number, frame: [(0.0, frame + frame)]),
@@ -208,7 +219,8 @@ async def run(pattern: Pattern, polls: int, seed: int) -> Outcome:
             for session in range(1, pattern.sessions + 1):
                 buses = {} if pattern.is_killed else buses
                 reading = asyncio.create_task(_read(source_in(buses, table, places, NEVER_IN_TIME_HZ), unit, outcome))
-                while unit.polls < polls * session / pattern.sessions:
+                # The first values of a session are not used.
+                while unit.polls < (polls / pattern.sessions + 1) * session:
                     await asyncio.wait({reading}, timeout=0.01)
                     assert not reading.done()
                 if pattern.sessions > 1:

@@ -79,6 +79,16 @@ async def test_check_reads_serial_lines(tmp_path: Path) -> None:
     assert [channel["counts"] for channel in surfaces["b"]["channels"]] == [20_000, 21_000]
 
 
+async def test_check_reads_two_surfaces_that_share_a_bus(tmp_path: Path) -> None:
+    with terminal() as bus:
+        async with rtu_units(bus, {1: StampingUnit(), 2: StampingUnit()}):
+            one, two = (f"{configs.rtu(bus.path)}\nunit = {unit}\ntimeout_ms = 5000" for unit in (1, 2))
+            config = configs.write(tmp_path, configs.surface("a", one), configs.surface("b", two))
+            outcome = await command("check", config, "--json")
+    surfaces = json.loads(outcome.out)["surfaces"]
+    assert (surfaces["a"]["error"], surfaces["b"]["error"]) == (None, None)
+
+
 async def test_tare_writes_the_rest_gaps_and_check_uses_them(tmp_path: Path) -> None:
     async with pymodbus_server([20_500, 21_000]) as port:
         config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)))

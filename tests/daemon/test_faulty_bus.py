@@ -48,7 +48,7 @@ def values_only(fault: Fault) -> Fault:
 
 @pytest.mark.parametrize("name", QUICK)
 async def test_no_value_is_stale_or_foreign(name: str) -> None:
-    outcome: Outcome = await run(PATTERNS[name], 40, seed=3)
+    outcome: Outcome = await asyncio.wait_for(run(PATTERNS[name], 40, seed=3), 60)
     assert (outcome.stale, outcome.foreign) == (0, 0)
     assert outcome.answered >= 25
 
@@ -118,6 +118,22 @@ async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(kind: s
             await take_across_sessions(source, 60, is_of(unit))
         number = sum("left alone for 5 s" in limit for limit in source.limits)
     assert number == (kind == "answers only values")
+
+
+async def test_a_unit_with_one_probe_that_was_off_at_the_start_is_read_once_it_is_on() -> None:
+    is_on = False
+
+    def one_probe(_number: int, frame: bytes) -> Pieces:
+        return [(0.0, frame)] if is_on and frame[1:3] in {b"\4\2", b"\4\4"} else []
+
+    with terminal() as line:
+        unit = NumberingUnit(one_probe)
+        async with rtu_units(line, {1: unit}):
+            source = source_in({}, table(line.path), ["register = 0", "register = 1"], 50.0)
+            reading = asyncio.create_task(take_across_sessions(source, 40, is_of(unit)))
+            await asyncio.sleep(2.5)  # it has been tried several times by then
+            is_on = True
+            await reading
 
 
 async def test_check_states_what_cannot_be_proven_of_a_unit(tmp_path: Path) -> None:

@@ -10,11 +10,12 @@ from time import monotonic
 
 import pytest
 
-from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.delivery.spool import BOOT_ID, Spool
+from beamtouch_daemon.delivery.spool_row import row_of
 from beamtouch_service.samples import Batch, Quality, Sample
 
 from . import configs
-from .devices import SerialDevice, pymodbus_server
+from .devices import SerialDevice, StampingUnit, pymodbus_server, tcp_unit
 from .faulty import BACK_S, SLACK_S, batches_in, cable, counts_of, everything, names, running
 from .process import free_port, summary_of
 from .service import Service, serving
@@ -180,7 +181,7 @@ async def test_the_loss_is_reported_if_the_disk_is_full_from_the_start_and_the_s
                 await more_readings(device, 200)
                 outcome = await daemon.stop()
             assert outcome.code == 0
-            assert "the disk is full; until the next start, undelivered samples are kept in memory only" in outcome.err
+            assert "the disk is full; undelivered samples are kept in memory until there is room" in outcome.err
             counts = summary_of(tmp_path)["bench"]
             assert counts["samples_dropped"] == counts["readings"] > 100
             assert f"{counts['readings']} samples dropped: neither" in outcome.err
@@ -264,3 +265,62 @@ async def test_a_clock_stepped_by_an_hour_changes_dates_and_nothing_else(tmp_pat
         assert all(batch.newest_age_ms < 1500 for _, batch, _ in service.batches)
         dates = [sample.acquired_unix_us for sample in samples]
         assert sum(later - earlier > 3.5e9 for earlier, later in pairwise(dates)) == 1
+
+
+async def test_the_summary_counts_what_is_delivered_after_its_surface_was_renamed(tmp_path: Path) -> None:
+    async with tcp_unit(StampingUnit()) as port, serving(Service()) as service:
+        service.problem_of = lambda *_: (503, "")
+        async with running(tmp_path, configs.tcp(port), service.url) as daemon:
+            while service.attempts < 5:  # noqa: ASYNC110 - the daemon is outside
+                await asyncio.sleep(0.05)
+            path = tmp_path / "daemon.toml"
+            path.write_text(path.read_text().replace("surfaces.bench", "surfaces.press"))
+            daemon.tell(signal.SIGHUP)
+            await asyncio.sleep(1.0)
+            service.problem_of = lambda *_: None
+            await service.until(1, "press", within_s=60)
+            await service.until(1, within_s=60)
+            came = 0
+            while came < len(service.samples()):
+                came = len(service.samples())
+                await asyncio.sleep(1.0)
+            assert (await daemon.stop()).code == 0
+        bench = summary_of(tmp_path)["bench"]
+    assert (bench["samples_published"], bench["samples_spooled"]) == (came, 0)
+
+
+def old_spool(path: Path, batches: int) -> None:
+    """Create a spool as older versions did: with a write-ahead log, without checksums."""
+    boot = BOOT_ID.read_text().strip()
+    columns = "id INTEGER PRIMARY KEY, surface TEXT, samples INTEGER, machine_boot TEXT, newest_monotonic_s REAL"
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute(f"CREATE TABLE batch ({columns}, content TEXT)")
+        for number in range(batches):
+            row = row_of("bench", batch_of(10 * number), boot, monotonic())[:-1]
+            database.execute("INSERT INTO batch VALUES (?, ?, ?, ?, ?, ?)", (number + 1, *row))
+        database.commit()
+
+
+async def test_a_spool_of_an_older_version_on_a_full_disk_is_delivered_once_there_is_room(tmp_path: Path) -> None:
+    batches = 50
+    old_spool(tmp_path / "old", batches)
+    boot_id = batch_of(0).boot_id
+    with small_disk(tmp_path, size_kib=1024) as disk:
+        disk.run("cp", str(tmp_path / "old"), str(disk.path / "spool"))
+        disk.fill()
+        publish = f'spool_file = "{disk.path}/spool"'
+        async with (
+            tcp_unit(StampingUnit()) as port,
+            serving(Service()) as service,
+            running(tmp_path, configs.tcp(port), service.url, publish=publish, prefix=disk.prefix) as daemon,
+        ):
+            await service.until(50, within_s=60)
+            assert boot_id not in {batch.boot_id for _, batch, _ in service.batches}
+            disk.run("rm", str(disk.path / "filler"))
+            async with asyncio.timeout(60):
+                while sum(batch.boot_id == boot_id for _, batch, _ in service.batches) < batches:  # noqa: ASYNC110
+                    await asyncio.sleep(0.05)
+            outcome = await daemon.stop()
+        assert outcome.code == 0
+        assert f"the disk is full; {10 * batches} samples wait in it" in outcome.err

@@ -1,8 +1,8 @@
 """Modbus RTU over pseudo-terminals: against pymodbus's own server, and against a unit with every fault of a bus."""
 
 import asyncio
+import itertools
 from collections.abc import Callable
-from itertools import pairwise
 from time import monotonic
 
 import pytest
@@ -14,8 +14,9 @@ from beamtouch_daemon.sources.polled import PolledSource
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_unit import probes_of
+from beamtouch_daemon.tasks import cancel
 
-from .devices import Fault, NumberingUnit, StampingUnit, rtu_units, with_crc
+from .devices import Fault, NumberingUnit, Pieces, StampingUnit, rtu_units, with_crc
 from .lines import joined_terminals, terminal
 from .sessions import polled, source_in, take, take_across_sessions
 
@@ -51,7 +52,7 @@ def check_newest(reading: Reading, units: list[NumberingUnit]) -> None:
 
 
 def gaps_s(readings: list[Reading]) -> list[float]:
-    return [later.monotonic_s - earlier.monotonic_s for earlier, later in pairwise(readings)]
+    return [later.monotonic_s - earlier.monotonic_s for earlier, later in itertools.pairwise(readings)]
 
 
 def lost(readings: list[Reading]) -> int:
@@ -187,6 +188,31 @@ async def test_a_dead_unit_costs_other_units_under_a_tenth_and_returns_within_2_
             with pytest.raises(BackError):
                 await take_across_sessions(source, 10_000, see)
             assert monotonic() - begin_s < 2.0 + 1.0  # a busy machine may add a second
+
+
+@pytest.mark.parametrize("answers", ["nothing", "values only"])
+async def test_other_units_are_read_after_each_timeout_of_a_unit_whose_probes_are_tried(answers: str) -> None:
+    asked: list[int] = []
+
+    def live(_number: int, frame: bytes) -> Pieces:
+        asked.append(1)
+        return [(0.0, frame)]
+
+    def odd(_number: int, frame: bytes) -> Pieces:
+        asked.append(2)
+        return [(0.0, frame)] if answers == "values only" and frame[2] == 8 else []
+
+    with terminal() as line:
+        async with rtu_units(line, {1: StampingUnit(live), 2: StampingUnit(odd)}):
+            buses: Buses = {}
+            fine = source_in(buses, table(line.path), [f"register = {index}" for index in range(4)], 50.0)
+            places = [f"register = {index}\nunit = 2" for index in range(4)]
+            other = asyncio.create_task(take_across_sessions(source_in(buses, table(line.path), places, 50.0), 1))
+            await take_across_sessions(fine, 100)
+            await cancel([other])
+    in_a_row = [len(list(group)) for unit, group in itertools.groupby(asked) if unit == 2]
+    assert in_a_row
+    assert max(in_a_row) <= 2
 
 
 async def test_units_that_owe_answers_never_confuse_each_other() -> None:

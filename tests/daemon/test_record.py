@@ -184,6 +184,75 @@ async def test_the_last_load_can_be_taken_back_also_one_of_before(tmp_path: Path
     assert [load[1] for load in stated(path)] == ["70.0", "80.0", "90.0"]
 
 
+async def talk(folder: Path, turns: list[tuple[int, str]], *options: object) -> tuple[int, str]:
+    """Answer the questions of `record` from a pipe; return the exit code and what it printed.
+
+    Before each answer, the second channel gets the counts of that turn.
+    """
+    second = 20_000
+
+    async def action(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
+        now[1] = second
+
+    async with pymodbus_server([20_000, 20_000], action) as port:
+        config = configs.write(folder, configs.surface(source=configs.tcp(port)) + LIMITS)
+        program = ["-m", "beamtouch_daemon", "record", config, "-o", folder / "loads.csv", "--seconds", 0.2]
+        pipe = asyncio.subprocess.PIPE
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, *map(str, [*program, *options]), stdin=pipe, stderr=pipe
+        )
+        assert process.stdin is not None
+        assert process.stderr is not None
+        said = ""
+        async with asyncio.timeout(120):
+            for counts, answer in turns:
+                said += (await process.stderr.readuntil(b"): ")).decode()  # the end of a question
+                second = counts
+                process.stdin.write(f"{answer}\n".encode())
+            process.stdin.close()
+            said += (await process.stderr.read()).decode()
+            return await process.wait(), said
+
+
+DOWN, REST, UP = 21_000, 20_000, 19_000
+"""Counts of the second channel under a load, without one, and lifted."""
+THREE = ("--at", 100, 5, "--at", 200, 6, "--at", 300, 7)
+
+
+async def test_undo_removes_the_load_that_was_recorded_last_and_not_a_refused_one(tmp_path: Path) -> None:
+    turns = [(DOWN, ""), (REST, ""), (DOWN, "undo"), (DOWN, ""), (DOWN, ""), (DOWN, "")]
+    code, said = await talk(tmp_path, turns, *THREE)
+    assert "load 1, 5 N at 100 mm, is removed" in said
+    assert stated(tmp_path / "loads.csv") == [("1", "100.0", "5.0"), ("2", "200.0", "6.0"), ("3", "300.0", "7.0")]
+    assert code == 0
+
+
+async def test_a_given_load_that_was_removed_and_not_recorded_again_is_named(tmp_path: Path) -> None:
+    code, said = await talk(tmp_path, [(DOWN, ""), (DOWN, "undo")], *THREE)
+    assert code == 1
+    assert "bench: not recorded: 5 N at 100 mm; put them on again" in said
+
+
+async def test_a_refused_load_stays_unrecorded_when_an_equal_one_is_recorded(tmp_path: Path) -> None:
+    code, said = await talk(tmp_path, [(REST, ""), (DOWN, "")], "--at", 100, 5, "--at", 100, 5)
+    assert stated(tmp_path / "loads.csv") == [("1", "100.0", "5.0")]
+    assert code == 1
+    assert "bench: not recorded: 5 N at 100 mm; put them on again" in said
+
+
+async def test_a_load_that_lifts_the_beam_is_refused_and_can_be_accepted(tmp_path: Path) -> None:
+    code, said = await talk(tmp_path, [(UP, ""), (UP, "accept")], "--at", 100, 5, "--at", 200, 6)
+    assert "the largest deflection is negative: -0.1 mm (s2), against the load" in said
+    assert stated(tmp_path / "loads.csv") == [("1", "200.0", "6.0")]
+    assert code == 1
+
+
+async def test_the_shortest_recording_holds_two_samples(tmp_path: Path) -> None:
+    done = await on_beam("150 10\n\n", tmp_path, "--seconds", 0.001)
+    assert done.returncode == 0
+    assert len(rows_of(tmp_path / "loads.csv")) >= 2
+
+
 async def test_loads_that_are_given_wait_for_a_sign_and_are_appended(tmp_path: Path) -> None:
     path = tmp_path / "loads.csv"
 

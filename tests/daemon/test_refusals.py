@@ -1,6 +1,7 @@
 """Batches that a real HTTP server refuses: split, kept for another time, or set aside; and nothing waits for them."""
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from beamtouch_daemon.delivery import client as service_client
 from beamtouch_daemon.delivery import late_delivery
 from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_service.problems import Kind
-from beamtouch_service.samples import Batch
+from beamtouch_service.samples import Batch, Note
 
 from .publishing import SENDER, Bench, put, sequences, taken, until
 from .service import Service, serving
@@ -45,6 +46,17 @@ async def test_a_batch_that_will_never_be_taken_is_kept_aside_and_does_not_stand
         assert (await attempt(spool)).outbox.dropped == 0
         assert (spool.set_aside["bench"], spool.waiting["bench"]) == (3, 0)
     assert sum("set aside: status 422: No." in record.getMessage() for record in caplog.records) == 1
+
+
+async def test_samples_with_a_note_that_the_service_does_not_know_are_delivered_without_it() -> None:
+    service = Service()
+    service.problem_of = lambda batch, _: (422, "invalid-request") if batch.notes else None
+    async with serving(service), Bench(service) as bench:
+        bench.outbox.put([replace(one, notes=(Note.RATE,)) for one in taken(0, 3)])
+        await service.until(3)
+        await bench.finish()
+        assert sequences(service) == [0, 1, 2]
+        assert bench.outbox.dropped == 0
 
 
 PROXY = ""

@@ -125,6 +125,21 @@ async def test_a_reset_device_begins_a_new_session() -> None:
         assert (await take(source, 1))[0].counts == (20_000, 21_000)
 
 
+async def test_a_device_whose_clock_goes_back_begins_a_new_session_with_fresh_readings() -> None:
+    back_s = 30.0
+    with terminal() as line:
+        device = SerialDevice(line)
+        async with aclosing(make_source(line.path).readings()) as stream:
+            async with asyncio.timeout(30):
+                for _ in range(20):
+                    await anext(stream)
+            device.set_back(back_s)
+            with pytest.raises(SourceError, match="the device's clock went back"):
+                await drain(stream, within_s=30.0)
+        readings = await take(make_source(line.path), 20)
+        assert monotonic() - readings[-1].monotonic_s < back_s / 2
+
+
 async def test_noise_and_damaged_frames_give_nothing() -> None:
     with terminal() as line:
         device = SerialDevice(line)

@@ -163,3 +163,18 @@ def test_damaged_files_do_not_pile_up(tmp_path: Path) -> None:
             pass
     kept = sorted(path.read_bytes()[-1] for path in tmp_path.glob("spool.damaged-*[0-9]"))
     assert kept == [3, 4, 5]
+
+
+def test_a_spool_whose_file_is_deleted_in_use_goes_on_in_a_new_one_and_counts_what_is_lost(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "spool"
+    with Spool(path, 10**6) as spool:
+        spool.put("bench", batch_of(0, 3), 0.0)
+        for file in tmp_path.iterdir():
+            file.unlink()
+        spool.put("bench", batch_of(3, 2), 0.0)
+        assert (spool.waiting["bench"], spool.dropped["bench"], spool.set_aside["bench"]) == (2, 3, 0)
+    with Spool(path, 10**6) as spool:
+        assert spool.waiting["bench"] == 2
+    assert "was deleted or replaced while in use" in caplog.text

@@ -1,5 +1,6 @@
 """Calibration: what is fitted, what it is worth, what is refused."""
 
+import contextlib
 import csv
 import dataclasses
 import json
@@ -20,6 +21,7 @@ from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checke
 from beamtouch_models.calibration.fit import Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError, read_loads
 from beamtouch_models.calibration.mistaken import mistaken
+from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import Metadata, ModelFile
 from beamtouch_models.rig.imperfections import Imperfections
 from imperfect_surface import imperfections, true_prior, write_readings
@@ -232,6 +234,43 @@ def test_swapped_channels_are_named(bench: ModelFile) -> None:
         checked_fit(bench, loads, quiet)
 
 
+@pytest.mark.parametrize("name", ["bench", "conveyor"])
+def test_channels_in_reverse_order_are_named(name: str, built_model: Callable[[str], Path]) -> None:
+    model, rng = modelfile.load(built_model(name)), np.random.default_rng([0, 1])
+    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
+    with pytest.raises(LoadsError, match="channels seem to be in reverse order, or positions to be measured from the"):
+        checked_fit(model, dataclasses.replace(loads, stated_mm=loads.stated_mm[:, ::-1]), quiet)
+    mirrored = model.metadata.length_mm - loads.position_mm
+    with pytest.raises(LoadsError, match="channels seem to be in reverse order, or positions to be measured from the"):
+        checked_fit(model, dataclasses.replace(loads, position_mm=mirrored), quiet)
+
+
+@pytest.mark.parametrize("stated_mm", ["all zero", "all the same", "of a mirrored beam", "of shuffled loads"])
+def test_a_recording_that_is_of_another_surface_makes_no_model(
+    stated_mm: str, built_model: Callable[[str], Path]
+) -> None:
+    model, rng = modelfile.load(built_model("cantilever")), np.random.default_rng(5)
+    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
+    changed = {
+        "all zero": np.zeros_like(loads.stated_mm),
+        "all the same": np.full_like(loads.stated_mm, 0.1),
+        "of a mirrored beam": loads.stated_mm[::-1],
+        "of shuffled loads": rng.permutation(loads.stated_mm),
+    }[stated_mm]
+    with pytest.raises(NotGoodEnoughError, match="nothing was written: the recording does not fit this model's"):
+        checked_fit(model, dataclasses.replace(loads, stated_mm=changed), quiet)
+
+
+def test_a_surface_without_departures_is_accepted(built_model: Callable[[str], Path]) -> None:
+    model, rng = modelfile.load(built_model("cantilever")), np.random.default_rng(6)
+    accepted = 0
+    for _ in range(6):
+        with contextlib.suppress(NotGoodEnoughError):  # a fit that follows the noise is refused
+            loads = recorded(model.metadata, Imperfections(), rng)
+            accepted += checked_fit(model, loads, quiet).after_mm.mean() < 5
+    assert accepted
+
+
 def test_a_model_that_is_no_better_is_not_written(
     built_model: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -255,6 +294,14 @@ def test_a_model_that_is_no_better_is_not_written(
     assert not output.exists()
 
 
+def test_a_recording_that_a_spreadsheet_saved_is_read(bench: ModelFile, tmp_path: Path) -> None:
+    path = readings(tmp_path, bench, Imperfections())
+    honest = read_loads(path, bench.metadata)
+    without_time = "".join(line.partition(",")[2] for line in path.read_text().splitlines(keepends=True))
+    path.write_text(without_time, encoding="utf-8-sig")  # with a byte order mark before the first column
+    assert np.array_equal(read_loads(path, bench.metadata).stated_mm, honest.stated_mm)
+
+
 def test_a_load_number_that_was_used_twice_is_refused(bench: ModelFile, tmp_path: Path) -> None:
     path = readings(tmp_path, bench, Imperfections())
     path.write_text(path.read_text().replace("0.0,2,60.0,12.0", "0.0,1,60.0,12.0"))
@@ -270,16 +317,38 @@ def test_a_fit_leaves_a_fixity_of_zero(bench: ModelFile) -> None:
     assert fit(theory, loads, tuple(theory.kinds)).error_mm < 2 * metadata.noise.sample_mm
 
 
+def without_most_of_load_3(text: str) -> str:
+    """The recording with four samples of its third load."""
+    lines = text.splitlines(keepends=True)
+    return "".join([*lines[:405], *lines[601:]])
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         (lambda text: text.replace("s3_deflection_mm", "s9_deflection_mm"), "column s3_deflection_mm is missing"),
         (lambda text: text.splitlines()[0] + "\n", "no samples"),
         (lambda text: text.replace(",20.0,12.0,", ",20.0,-1,"), "has a force of -1 N"),
+        (lambda text: text.replace(",20.0,12.0,", ",20.0,1e300,"), "load 1 (lines 2 to 201) has a force of 1e+300 N"),
+        (lambda text: text.replace(",20.0,12.0,", ",20.0,5e-324,"), "load 1 (lines 2 to 201) has a force of 4.94"),
+        (
+            lambda text: re.sub(r"(?m)^(0.0,2,60.0,12.0,1000,)[^,]*", r"\g<1>1e308", text),
+            "s1 states 1e+308 mm in line 202",
+        ),
+        (lambda text: re.sub(r"(?m)([^,]*),good$", r"\g<1>e5,good", text), "s4 states "),
         (lambda text: text.replace(",20.0,12.0,", ",900.0,12.0,"), "is not within 1..399 mm"),
         (lambda text: text.replace(",20.0,12.0,", ",abc,12.0,"), "not a number"),
         (lambda text: "\n".join(text.splitlines()[:601]), "cannot determine a fit"),
-        (lambda text: text.replace("good", "stuck"), "no good samples"),
+        (lambda text: re.sub(r"(.*,[\d.-]+),good", r"\1,stuck", text), "s4 has no good samples"),
+        (without_most_of_load_3, "load 3 (lines 402 to 405) has fewer than 5 good samples of each"),
+        (
+            lambda text: re.sub(r"(?m)^(0.0,3,.*)$", lambda row: row[0].replace("good", "stuck"), text),
+            "--leave-out 3\n",
+        ),
+        (
+            lambda text: re.sub(r"(?m)^(0.0,3,(?:[^,]*,){3}).*$", r"\1", text),
+            "load 3 (lines 402 to 601) has fewer than",
+        ),
     ],
 )
 def test_an_unusable_recording_is_refused_in_one_line(

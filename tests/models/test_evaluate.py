@@ -1,8 +1,10 @@
 """`design-sensors evaluate`: its figures by other ways, and the command."""
 
 import json
+import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,7 +80,10 @@ def test_one_json_object_and_a_table(design_sensors_here: Command, bench_model: 
     [
         (("--noise", "-1"), "--noise -1"),
         (("--noise", "nan"), "--noise nan"),
+        (("--noise", "1e300"), "hides the largest deflection"),
+        (("--noise", "1e-9"), "less than 1e-4 % of the largest deflection"),
         (("--draws", "5"), "from 100"),
+        (("--draws", "1000001"), "to 1000000"),
     ],
 )
 def test_a_bad_request_is_one_line(
@@ -95,3 +100,29 @@ def test_a_file_that_is_not_a_model_is_refused_in_one_line(design_sensors_here: 
     path.write_text("no model")
     done = design_sensors_here("evaluate", path)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+
+
+def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: ModelFile) -> None:
+    # Of 400 mm the middle begins at 80, so that one contact in eighty lies in it, or one in 160.
+    for end_mm in (80.5, 81.0):
+        prior = replace(prior_of_model(bench.metadata), position_mm=(1.0, end_mm))
+        for draws in (100, 512):
+            found = evaluate(bench, prior, draws=draws, seed=0)
+            assert found.span.mean_mm.standard_error > 0
+            assert found.middle is None or found.middle.p95_mm.standard_error > 0
+    assert evaluate(bench, replace(prior, position_mm=(1.0, 200.0)), draws=512, seed=0).middle is not None
+
+
+@pytest.mark.long
+def test_an_evaluation_takes_little_memory_for_each_contact(bench_model: Path) -> None:
+    """Peak memory of two processes, of which one draws many more contacts."""
+    peaks_kb = []
+    for draws in (1024, 16_384):
+        with subprocess.Popen(
+            [COMMAND, "evaluate", str(bench_model), "--draws", str(draws), "--json"], stdout=subprocess.DEVNULL
+        ) as process:
+            _, status, used = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+        assert process.returncode == 0
+        peaks_kb.append(used.ru_maxrss)
+    assert (peaks_kb[1] - peaks_kb[0]) / (16_384 - 1024) < 4  # kB; what is kept of a contact takes 2

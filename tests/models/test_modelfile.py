@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -216,6 +217,37 @@ def test_a_graph_that_never_ends_is_refused(bench_model: Path, tmp_path: Path, m
     monkeypatch.setattr(session, "LIMIT_S", 0.5)
     with pytest.raises(ModelFileError, match="computing its golden answers takes longer than"):
         modelfile.load(with_burden(bench_model, tmp_path / "loop.onnx", loop, **constants))
+
+
+def test_a_graph_is_computed_within_the_bounds_and_not_when_it_is_loaded(
+    bench_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ["filled", *(f"product_{number}" for number in range(60)), "product"]
+    products = [helper.make_node("MatMul", [one, one], [other]) for one, other in pairwise(names)]
+    filled = helper.make_node("ConstantOfShape", ["shape"], ["filled"])
+    summed = helper.make_node("ReduceSum", ["product"], ["burden"], keepdims=0)
+    shape = np.array([500, 500], np.int64)
+    monkeypatch.setattr(session, "LIMIT_S", 0.05)
+    with pytest.raises(ModelFileError, match="computing its golden answers takes longer than"):
+        modelfile.load(with_burden(bench_model, tmp_path / "model.onnx", filled, *products, summed, shape=shape))
+
+
+def test_a_graph_with_functions_is_refused_unloaded(bench_model: Path, tmp_path: Path) -> None:
+    path = with_burden(
+        bench_model,
+        tmp_path / "model.onnx",
+        helper.make_node("once", ["zero"], ["burden"], domain="ours"),
+        zero=np.float32(0),
+    )
+    model = onnx.load(path)
+    opset = model.opset_import[0]
+    node = helper.make_node("Identity", ["x"], ["y"])
+    model.functions.append(helper.make_function("ours", "once", ["x"], ["y"], [node], [opset]))
+    model.opset_import.append(helper.make_opsetid("ours", 1))
+    # An unknown group before it, which protobuf skips: begin and end of field 100.
+    for before in (b"", b"\xa3\x06\xa4\x06"):
+        with pytest.raises(ModelFileError, match="its graph defines functions"):
+            modelfile.load_bytes(before + model.SerializeToString(), "model")
 
 
 @pytest.mark.parametrize("value", ["[" * 100_000, "9" * 5000])

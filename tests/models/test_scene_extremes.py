@@ -155,4 +155,31 @@ def test_a_noise_too_small_for_float64_is_refused_by_place(tmp_path: Path) -> No
     stated["sensors"]["noise_mm"] = 1e-310
     code, out, err = run("place", str(written(tmp_path / "scene.toml", stated)), "--json")
     check_answered(code, out, err)
-    assert "too small to compute with" in err
+    assert "less than 1e-4 % of the largest deflection" in err
+
+
+@pytest.mark.parametrize(
+    ("part", "key", "value"), [("contact", "force_n", [2.0, 1e308]), ("beam", "shear_modulus_gpa", 1e-300)]
+)
+def test_a_deflection_beyond_every_number_is_refused_by_place(
+    part: str, key: str, value: object, tmp_path: Path
+) -> None:
+    stated = scene()
+    stated[part][key] = value
+    code, out, err = run("place", str(written(tmp_path / "scene.toml", stated)), "--json")
+    check_answered(code, out, err)
+    assert "mm, which no sensor measures" in err
+
+
+@pytest.mark.parametrize("command", ["explain", "trade"])
+@pytest.mark.parametrize(
+    ("noise_mm", "said"), [(1e5, "hides the largest deflection"), (1e-8, "less than 1e-4 % of the largest deflection")]
+)
+def test_a_noise_that_no_model_can_carry_is_refused(command: str, noise_mm: float, said: str, tmp_path: Path) -> None:
+    stated = scene(section=False)
+    stated["sensors"]["noise_mm"] = noise_mm
+    path = written(tmp_path / "scene.toml", stated)
+    more = ["-o", str(tmp_path / "out"), "--estimators", "posterior", "--draws", "100"] if command == "trade" else []
+    code, out, err = run(command, str(path), *more, "--json")
+    check_answered(code, out, err)
+    assert said in err

@@ -185,6 +185,31 @@ def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Sign
     assert f"{done} of 24 points" in (out / "trade.md").read_text()
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_build_of_the_choice_says_what_is_kept(tmp_path: Path, stop: signal.Signals) -> None:
+    scene, out = tmp_path / "conveyor.toml", tmp_path / "out"
+    text = (SCENES / "conveyor.toml").read_text().replace("count = 4", "count = [3, 3]")
+    scene.write_text(text.replace("latency_ms = 50", "latency_ms = 10").replace("position_error_mm = 20", ""))
+    command = [COMMAND, "trade", str(scene), "-o", str(out), "--draws", "100", "--error-mm", "300"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen([*command, "--estimators", "posterior"], stdout=pipe, stderr=pipe, text=True) as process:
+        deadline = time.monotonic() + 300
+        # The results with the physics are the last before the choice is built, which takes seconds.
+        while not (out / "trade.json").exists() or not json.loads((out / "trade.json").read_text())["physics"]:
+            assert process.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        process.send_signal(stop)
+        stdout, stderr = process.communicate(timeout=60)
+    found = json.loads((out / "trade.json").read_text())
+    done = len(found["points"])
+    assert (process.returncode, stdout, done) == (130, "", found["planned_points"])
+    assert stderr.splitlines()[-1] == f"design-sensors: interrupted; {done} of {done} points are in {out}"
+    assert found["physics"]
+    assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg"}
+
+
 def test_points_that_fail_are_named_and_the_others_are_kept(design_sensors_here: Command, tmp_path: Path) -> None:
     scene = tmp_path / "narrow.toml"
     # Three sensors with 150 mm between them go on 400 mm, four do not.

@@ -92,6 +92,7 @@ def test_the_token_is_not_printed(tmp_path: Path) -> None:
         ("[server]\ntoken_file = 'token'\n", "server.token_file: this key is now called write_token_file"),
         ("[server]\nmax_streams = -1\n", "server.max_streams"),
         ("[server]\nmax_clients = 0\n", "server.max_clients: Input should be greater than or equal to 1"),
+        ("[server]\nmax_clients = 4097\n", "server.max_clients: Input should be less than or equal to 4096"),
         ("[server]\nmax_batches_per_s = 0\n", "server.max_batches_per_s"),
         ("[server]\ncertificate_file = 'c.pem'\n", "server.key_file is missing"),
         ("[server\n", "is not TOML"),

@@ -161,6 +161,31 @@ def test_a_model_of_another_beam_is_used_only_when_it_is_asked_for(
     assert kept.surface.model_error is None
 
 
+def test_permission_for_another_beam_ends_when_another_file_takes_its_place(
+    kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch
+) -> None:
+    old, good = identity(kept), kept.path.read_bytes()
+    kept.surface.receive(parse_batch(), arrival_s=10.0)
+    five = build_model(name="five", channels=5).read_bytes()
+    put(kept.path, five)
+    assert asyncio.run(kept.reload(other_beam=True)) is False
+    put(kept.path, good)
+    asyncio.run(polls(kept))
+    kept.surface.receive(parse_batch([0.5] * 5, boot_id="boot-0002"), arrival_s=10.1)
+    put(kept.path, five)
+    asyncio.run(polls(kept))
+    assert identity(kept) == old
+    assert "to switch to a model of another beam, send" in str(kept.surface.model_error)
+
+    # It also ends once the model was in use.
+    assert asyncio.run(kept.reload(other_beam=True)) is True
+    put(kept.path, good)
+    assert asyncio.run(kept.reload(other_beam=True)) is True
+    put(kept.path, five)
+    assert asyncio.run(kept.reload()) is False
+    assert identity(kept) == old
+
+
 def test_a_model_whose_answers_take_long_is_refused(
     kept: ModelKeeper, build_model: BuildModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:

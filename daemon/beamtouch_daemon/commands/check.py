@@ -13,7 +13,7 @@ from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.exits import DONE, FAILED, complain
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
-from beamtouch_daemon.sources import source_of
+from beamtouch_daemon.sources import Buses, source_of
 from beamtouch_daemon.sources.reading import SourceError, first_readings
 from beamtouch_service.samples import Quality
 
@@ -67,11 +67,12 @@ def run(arguments: argparse.Namespace) -> int:
 async def check(config: Config) -> list[SurfaceState]:
     """Read every surface once, all at the same time; ConfigError if a tare file does not fit."""
     rest = {name: tare_file.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
-    return await asyncio.gather(*(_check(name, s, rest[name]) for name, s in config.surfaces.items()))
+    buses: Buses = {}
+    return await asyncio.gather(*(_check(name, s, rest[name], buses) for name, s in config.surfaces.items()))
 
 
-async def _check(name: str, surface: Surface, rest_gap_mm: dict[str, float]) -> SurfaceState:
-    source = source_of(surface)
+async def _check(name: str, surface: Surface, rest_gap_mm: dict[str, float], buses: Buses) -> SurfaceState:
+    source = source_of(surface, name, buses)
     try:
         (reading,) = await first_readings(source, 1)
     except SourceError as error:

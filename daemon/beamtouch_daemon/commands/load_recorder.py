@@ -24,6 +24,8 @@ from beamtouch_service.samples import Quality
 SETTLED_S = 0.5
 MIN_READINGS = 20
 """All channels must be steady for the longer of this time and this number of readings before a load is recorded."""
+MIN_SAMPLES = 2
+"""Smallest number of samples of a load; a single one cannot show whether the load was steady."""
 GIVE_UP_S = 30.0
 """Limit on waiting for a load to settle, and on recording for longer than asked when readings are lost."""
 SEEN = 3.0
@@ -81,13 +83,13 @@ class LoadRecorder:
         Raises
         ------
         LoadRefusedError
-            The surface did not settle within `GIVE_UP_S`, or moved while it was recorded, or no load is seen.
+            The surface did not settle within `GIVE_UP_S`, or the load moved, is not seen, or deflects the beam upwards.
         """
         self._recent.clear()
         if not load.is_accepted:
             await self._settled()
         self._arrived, self._keeps = [], True
-        enough = round(seconds * self._rate_hz)
+        enough = max(MIN_SAMPLES, round(seconds * self._rate_hz))
         deadline_s = time.monotonic() + seconds + GIVE_UP_S
         try:
             while len(self._arrived) < enough and (left_s := deadline_s - time.monotonic()) > 0:
@@ -112,15 +114,24 @@ class LoadRecorder:
             if moved := tare.motion(gap, step, self._noise_mm):
                 message = f"the load moved while it was recorded: {name}, {moved}"
                 raise LoadRefusedError(message)
-            deflection, noise = (
-                abs(self._characteristic.rest_gap[index] - np.mean(gap)),
-                tare.noise_of(gap, self._noise_mm),
-            )
-            seen = seen or deflection > SEEN * noise + step
-            largest = max(largest, (float(deflection), name, noise))
+            deflection = float(self._characteristic.rest_gap[index] - np.mean(gap))
+            noise = tare.noise_of(gap, self._noise_mm)
+            seen = seen or abs(deflection) > SEEN * noise + step
+            largest = max(largest, (deflection, name, noise), key=lambda one: abs(one[0]))
+        deflection, name, noise = largest
+        if not name:
+            message = "no channel gave good readings"
+            raise LoadRefusedError(message)
         if not seen:
-            deflection, name, noise = largest
-            message = f"no load is seen: the largest deflection is {deflection:.2g} mm ({name}), noise {noise:.2g} mm"
+            message = (
+                f"no load is seen: the largest deflection is {abs(deflection):.2g} mm ({name}), noise {noise:.2g} mm"
+            )
+            raise LoadRefusedError(message)
+        if deflection < 0:
+            message = (
+                f"the largest deflection is negative: {deflection:.2g} mm ({name}), against the load, "
+                "which is right only where an overhang lifts"
+            )
             raise LoadRefusedError(message)
 
     async def _settled(self) -> None:

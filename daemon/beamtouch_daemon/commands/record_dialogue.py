@@ -18,7 +18,8 @@ ACCEPT, UNDO = "accept", "undo"
 """Words of the dialogue: record a load without checks, and remove the last load."""
 HELP = f"""\
 Put a load on the beam, then answer. Two more answers are possible:
-  {UNDO:7} removes the last load
+  {UNDO:7} removes the last load. The recording ends with the last load of --at; to replace that one, record it again
+          with --append and without --at
   {ACCEPT:7} after a load (or alone, with --at) records it without checks"""
 
 
@@ -30,17 +31,26 @@ class Dialogue:
     """Asks for a load, one line each, or for Enter once a given load is on the beam."""
 
     def __init__(self, given: list[Load] | None, known: Loads | None) -> None:
-        self.not_recorded: set[Load] = set()
-        """Loads that were refused and have not been recorded since."""
         self._given = given
-        self._done = 0
-        """Number of given loads that had their turn."""
+        self._next = 0
+        """Index of the given load whose turn is next."""
+        self._on = 0
+        """Index of the given load that is on the beam."""
+        self._recorded: list[int] = []
+        """Indices of the given loads that are recorded, in the order of recording."""
+        self._not_recorded: set[int | Load] = set()
+        """The loads of `not_recorded`: given loads by index, others by value."""
         self._known = known
         self._is_terminal = sys.stdin.isatty()
         self._lines: asyncio.Queue[str] = asyncio.Queue()
         self._loop = asyncio.get_running_loop()
         # Standard input may be a terminal, a pipe or a file. Only a blocking read, in a thread, works for all three.
         threading.Thread(target=self._read, daemon=True).start()
+
+    @property
+    def not_recorded(self) -> list[Load]:
+        """Loads that were refused or removed and have not been recorded since."""
+        return [(self._given or [])[load] if isinstance(load, int) else load for load in self._not_recorded]
 
     async def next_load(self, number: int) -> Load | Undo | None:
         """Return the next load once it is on the beam; None at the end.
@@ -50,7 +60,7 @@ class Dialogue:
         ConfigError
             A wrong answer, without a terminal.
         """
-        while self._given is None or self._done < len(self._given):
+        while self._given is None or self._next < len(self._given):
             line = await self._ask(self._question(number))
             if line is None or (self._given is None and not line.strip()):
                 return None
@@ -65,15 +75,17 @@ class Dialogue:
 
     def recorded(self, load: Load, text: str) -> None:
         """Say that a load was recorded."""
-        self.not_recorded.discard(replace(load, is_accepted=False))
+        self._not_recorded.discard(self._key(load))
+        if self._given is not None:
+            self._recorded.append(self._on)
         self.say(text)
 
     def refused(self, load: Load, reason: str) -> None:
         """Say that a load was not recorded; on a terminal, ask for a given load again."""
-        self.not_recorded.add(load)
+        self._not_recorded.add(self._key(load))
         self.say(f"{load} not recorded: {reason}; put it on again, or answer {ACCEPT} to record it without checks")
         if self._given is not None and self._is_terminal:
-            self._done -= 1
+            self._next = self._on
 
     def say(self, text: str) -> None:
         """Print a line."""
@@ -82,11 +94,13 @@ class Dialogue:
     def _question(self, number: int) -> str:
         if self._given is None:
             return f"load {number}: put it on, then enter position in mm and force in N (empty line: done; {UNDO}): "
-        return f"load {number}: put {self._given[self._done]} on, then press Enter ({UNDO}): "
+        return f"load {number}: put {self._given[self._next]} on, then press Enter ({UNDO}): "
 
     def _answer(self, words: list[str]) -> Load | Undo:
         if words == [UNDO]:
-            self._done = max(0, self._done - 1)
+            if self._recorded:
+                self._next = self._recorded.pop()
+                self._not_recorded.add(self._next)
             return Undo()
         if self._given is None:
             load = load_of(words)
@@ -95,9 +109,12 @@ class Dialogue:
         if words not in ([], [ACCEPT]):
             message = f"press Enter once the load is on, or type {UNDO} or {ACCEPT}"
             raise ValueError(message)
-        load = self._given[self._done]
-        self._done += 1
+        load = self._given[self._next]
+        self._on, self._next = self._next, self._next + 1
         return replace(load, is_accepted=load.is_accepted or bool(words))
+
+    def _key(self, load: Load) -> int | Load:
+        return replace(load, is_accepted=False) if self._given is None else self._on
 
     async def _ask(self, question: str) -> str | None:
         print(question, end="", file=sys.stderr, flush=True)

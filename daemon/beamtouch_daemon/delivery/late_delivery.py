@@ -25,6 +25,8 @@ IDLE_S = 0.1
 """Longest time between two checks for spooled batches."""
 SWEEP_S = 0.2
 """Delivered batches are deleted together, this often, as each transaction waits for the disk three times."""
+OPEN_S = 2.0
+"""Time between attempts to open a spool that could not be opened."""
 PASSED_REST_S = 5.0
 """Pause before a batch that was passed over is tried again."""
 MAX_PASSED = 20
@@ -73,6 +75,7 @@ class LateDelivery:
         self._fault = Fault(_log, f"{surface}: publishing spooled samples")
         self._disk_fault = Fault(_log, f"{surface}: spool")
         self._sweep_s = 0.0
+        self._open_s = 0.0
 
     async def run(self) -> None:
         """Deliver until cancelled."""
@@ -82,6 +85,7 @@ class LateDelivery:
 
     async def _turn(self) -> float:
         """Send the next batch, if there is one; return how long to pause [s]."""
+        await self._open()
         await self._sweep()
         if self._disk.spool.waiting[self._surface] <= 0 or self._is_held():
             return max(self._pace_s, IDLE_S)
@@ -157,6 +161,16 @@ class LateDelivery:
 
     async def _oldest(self, after: int) -> Spooled | None:
         return await self._disk.call(lambda: self._disk.spool.oldest(self._surface, after))
+
+    async def _open(self) -> None:
+        """Open the spool if it is not open; try again every `OPEN_S` while the disk is full."""
+        if self._disk.spool.is_open or monotonic() < self._open_s:
+            return
+        self._open_s = monotonic() + OPEN_S
+        try:
+            await self._disk.call(self._disk.spool.open)
+        except SpoolError as error:
+            self._disk_fault.failed(str(error))
 
     async def _sweep(self) -> None:
         """Delete delivered batches. Delivery continues even if the disk cannot be written."""

@@ -49,7 +49,10 @@ class Parcel(Generic[_T]):
             part = self._parts[-1]
             batch = self._batch_of(part)
             try:
-                answer = await client.post_samples(surface, batch.model_dump_json(exclude_defaults=True).encode())
+                answer = await client.post_samples(surface, _json(batch))
+                if answer.verdict is Verdict.NEVER and batch.notes:
+                    # An older service may not know these notes; it takes the samples without them.
+                    answer = await client.post_samples(surface, _json(batch.model_copy(update={"notes": []})))
             except UnreachableError as error:
                 fault.failed(f"no answer from {client.url} ({error}); trying again")
                 return Verdict.LATER
@@ -68,6 +71,10 @@ class Parcel(Generic[_T]):
                 fault.failed(f"the service takes no samples ({answer.explanation}); trying again")
                 return verdict
         return verdict
+
+
+def _json(batch: Batch) -> bytes:
+    return batch.model_dump_json(exclude_defaults=True).encode()
 
 
 def _verdict(answer: Answer, samples: int) -> Verdict:

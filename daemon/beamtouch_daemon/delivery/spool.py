@@ -54,7 +54,7 @@ class Spool:
         self.waiting: Counter[str] = Counter()
         """Samples that wait for delivery, by surface."""
         self.dropped: Counter[str] = Counter()
-        """Samples that were dropped for lack of room, by surface."""
+        """Samples that were dropped for lack of room or lost with a deleted file, by surface."""
         self.set_aside: Counter[str] = Counter()
         """Samples that cannot be delivered and are kept for inspection, by surface."""
         self._max_bytes = max_bytes
@@ -68,7 +68,11 @@ class Spool:
         self._machine_boot = BOOT_ID.read_text().strip() if BOOT_ID.exists() else str(uuid.uuid4())
         self._bytes = 0
         self._file = SpoolConnection(
-            path, round(ASIDE_SHARE * max_bytes), self._take_stock, lambda: self._done | self._skipped
+            path,
+            round(ASIDE_SHARE * max_bytes),
+            self._take_stock,
+            lambda: self._done | self._skipped,
+            self._lose_all,
         )
 
     def __enter__(self) -> Self:
@@ -84,6 +88,16 @@ class Spool:
     def put_aside(self) -> Path | None:
         """New path of a damaged file."""
         return self._file.put_aside
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the file is open; on a full disk it can be opened only once there is room."""
+        return self._file.is_open
+
+    def open(self) -> None:
+        """Open the file if it is not open. SpoolError if that is not possible now."""
+        with self._file.access("open"):
+            pass
 
     @property
     def unremoved(self) -> int:
@@ -213,6 +227,13 @@ class Spool:
             message = "the row is gone"
             raise BadRowError(message)
         return batch_of(row, number, self._machine_boot)
+
+    def _lose_all(self) -> None:
+        """Count all waiting samples as dropped."""
+        self.dropped.update(self.waiting)
+        self.waiting.clear()
+        self._done.clear()
+        self._skipped.clear()
 
     def _take_stock(self, database: sqlite3.Connection, lost: Counter[str]) -> None:
         """Count the batches in the file, and those that it lost."""

@@ -18,11 +18,11 @@ class SpoolError(Exception):
 
 
 class SpoolFullError(SpoolError):
-    """The disk has no room for a new spool."""
+    """The disk has no room to create the spool, or to convert one of an older version."""
 
 
 class SpoolConnection:
-    """Transactions on the file.
+    """Transactions on the file. On a full disk it may not be open yet; each access tries again.
 
     Parameters
     ----------
@@ -34,6 +34,8 @@ class SpoolConnection:
         Called after each opening, with the number of rows that were lost by damage, by surface.
     without
         Returns the numbers of rows that need not be rescued.
+    on_gone
+        Called if the file was deleted or replaced while it was in use; everything in it is lost.
 
     Raises
     ------
@@ -47,6 +49,7 @@ class SpoolConnection:
         reserve_bytes: int,
         on_open: Callable[[sqlite3.Connection, Counter[str]], None],
         without: Callable[[], set[int]],
+        on_gone: Callable[[], None],
     ) -> None:
         self.put_aside: Path | None = None
         """New path of a damaged file."""
@@ -54,19 +57,29 @@ class SpoolConnection:
         self._reserve_bytes = reserve_bytes
         self._on_open = on_open
         self._without = without
+        self._on_gone = on_gone
+        self._identity: tuple[int, int] | None = None
+        """Device and inode number of the open file."""
         self._damage: str | None = None
         """Damage that was found while the file was in use."""
         self._database: sqlite3.Connection | None = None
-        self._connect()
+        try:
+            self._connect()
+        except SpoolFullError as error:  # new samples can still be delivered
+            _log.error("%s; undelivered samples are kept in memory until there is room", error)
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a connection; damage closes it."""
+        """Whether there is a connection; there is none while the disk is full, or once damage was found."""
         return self._database is not None
 
     @contextmanager
     def access(self, doing: str) -> Iterator[sqlite3.Connection]:
         """Use the file in a transaction; SpoolError if it fails. A damaged file is replaced at the next access."""
+        if self._database is not None and _identity_of(self._path) != self._identity:
+            _log.error("%s was deleted or replaced while in use; the samples in it are lost", self._path)
+            self.close()
+            self._on_gone()
         database = self._database or self._connect()
         try:
             with database:
@@ -101,7 +114,7 @@ class SpoolConnection:
             if database is not None:
                 database.close()
             raise self._explained(error) from error
-        self._database = database
+        self._database, self._identity = database, _identity_of(self._path)
         self.reserve()
         return database
 
@@ -127,5 +140,16 @@ class SpoolConnection:
         if code == sqlite3.SQLITE_BUSY:
             return SpoolError(f"{self._path} is in use by another process")
         if code == sqlite3.SQLITE_FULL:
+            if samples := spool_file.samples_in(self._path):
+                return SpoolFullError(f"{self._path} cannot be opened: the disk is full; {samples} samples wait in it")
             return SpoolFullError(f"{self._path} cannot be created: the disk is full")
         return SpoolError(f"{self._path} cannot be opened ({error}); choose a file in a writable folder")
+
+
+def _identity_of(path: Path) -> tuple[int, int] | None:
+    """Return device and inode number of a file; None if it does not exist."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino

@@ -6,7 +6,7 @@ length, where a write-ahead log would have to grow. From the start the journal i
 
 import os
 import sqlite3
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 
 JOURNAL_BYTES = 65_536
@@ -82,6 +82,17 @@ def opened(path: Path) -> sqlite3.Connection:
     with suppress(OSError):  # without this room, deletes fail while the disk is full
         _lengthen(path.with_name(f"{path.name}-journal"), JOURNAL_BYTES)
     return database
+
+
+def samples_in(path: Path) -> int:
+    """Return the number of samples in a file of any version that cannot be opened for use; 0 if that fails too."""
+    if not path.exists():
+        return 0
+    with suppress(sqlite3.DatabaseError), closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA locking_mode = EXCLUSIVE")  # a write-ahead log can then be read without an index file
+        samples: int = database.execute("SELECT coalesce(sum(samples), 0) FROM batch").fetchone()[0]
+        return samples
+    return 0
 
 
 def reserve(path: Path, max_bytes: int) -> None:

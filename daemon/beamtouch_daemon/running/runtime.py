@@ -16,7 +16,7 @@ from pymodbus.exceptions import ModbusException
 from beamtouch_daemon.config import file as config_file
 from beamtouch_daemon.config.settings import Config, ConfigError
 from beamtouch_daemon.delivery.spool import Spool
-from beamtouch_daemon.delivery.spool_connection import SpoolError, SpoolFullError
+from beamtouch_daemon.delivery.spool_connection import SpoolError
 from beamtouch_daemon.delivery.spooler import Disk
 from beamtouch_daemon.running import metrics
 from beamtouch_daemon.running.supervisor import Supervisor
@@ -153,10 +153,6 @@ def _disk(config: Config) -> Iterator[Disk | None]:
         return
     try:
         spool = Spool(config.spool_file, round(config.publish.spool_mb * 1e6))
-    except SpoolFullError as error:  # new samples can still be delivered
-        _log.error("%s; until the next start, undelivered samples are kept in memory only", error)
-        yield None
-        return
     except SpoolError as error:
         message = f"publish.spool_file: {error}"
         raise ConfigError(message) from error

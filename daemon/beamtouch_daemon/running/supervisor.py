@@ -36,6 +36,8 @@ class Supervisor:
         self._secrets: tuple[str, str | None] = "", None
         self._leftovers: set[asyncio.Task[None]] = set()
         """Tasks that deliver the spooled samples of surfaces that are no longer configured."""
+        self._late: list[tuple[str, LateDelivery]] = []
+        """All such deliveries since the start, with the names of their surfaces."""
 
     @property
     def workers(self) -> Iterable[SurfaceWorker]:
@@ -85,6 +87,11 @@ class Supervisor:
         await asyncio.gather(*(self._end(name) for name in list(self._workers)))
         if self._shared is not None:
             await self._shared.client.close()
+        for name, late in self._late:
+            if late.delivered:
+                self._ended.setdefault(name, Summary()).samples_published += late.delivered
+        for name, summary in self._ended.items():
+            summary.samples_spooled = max(0, self._disk.spool.waiting[name]) if self._disk else 0
         return self._ended
 
     def spooled_elsewhere(self) -> dict[str, int]:
@@ -97,6 +104,7 @@ class Supervisor:
             assert shared.disk is not None  # noqa: S101 - narrows the type: without a disk nothing is spooled
             _log.info("%s: no longer configured; its %d spooled samples are delivered", name, samples)
             late = LateDelivery(shared.client, name, shared.disk, shared.publish.batch_ms / 1e3, lambda: False)
+            self._late.append((name, late))
             yield self._group.create_task(keep_going(name, late.run))
 
     async def _end(self, name: str) -> None:

@@ -63,6 +63,11 @@ class HostClock:
         earliest_s = self._round_trips.to_host(device_s)
         return earliest_s is not None and earliest_s > arrival_s + BEYOND_S
 
+    def is_behind(self, device_s: float, sent_s: float) -> bool:
+        """Return whether the answer to a ping has a device time [s] from well before the ping was sent [s, host]."""
+        latest_s = device_s + self._max_offset_s + MAX_DRIFT * max(0.0, device_s - self._device_s)
+        return latest_s < sent_s - BEYOND_S
+
     def to_host(self, device_s: float, arrival_s: float) -> float:
         """Return the time of a reading [s]: never later than its arrival, never earlier than the previous one.
 

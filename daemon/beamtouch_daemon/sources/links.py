@@ -94,7 +94,7 @@ class TcpLink:
 
     async def read(self, block: Block) -> tuple[Answer, float, float]:
         """Read registers; connect first if necessary."""
-        client = self._client or await self._connected()
+        client = await self._connected()
         ask = client.read_holding_registers if self._reads_holding else client.read_input_registers
         begin_s = monotonic()
         try:
@@ -117,6 +117,10 @@ class TcpLink:
         raise NoAnswerError(message)
 
     async def _connected(self) -> AsyncModbusTcpClient:
+        """Return the connection. Connect again if the device has closed it: some do so after each answer."""
+        if self._client is not None and self._client.connected:
+            return self._client
+        self._close()
         client = AsyncModbusTcpClient(
             self._host,
             port=self._port,

@@ -8,17 +8,18 @@ unit that answers no probe is left alone for a long time instead.
 """
 
 import asyncio
+from collections import defaultdict
 from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
 from time import monotonic
 
 from beamtouch_daemon.config.sources import ModbusRtu
-from beamtouch_daemon.sources.reading import NoAnswerError
+from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_exchange import Query, RtuExchange, forgotten_s
 from beamtouch_daemon.sources.rtu_frame import Answer
 from beamtouch_daemon.sources.rtu_proof import Proof
-from beamtouch_daemon.sources.rtu_unit import AFTER_A_FAILURE, AT_A_START, EXPLORE_S, READ_FUNCTIONS, Unit
+from beamtouch_daemon.sources.rtu_unit import AFTER_A_FAILURE, AT_A_START, EXPLORE_S, READ_FUNCTIONS, Probe, Unit
 
 QUIET_S = (0.1, 0.5)
 """At the start of a session, a proof needs silence for one timeout, but at least and at most this long."""
@@ -38,6 +39,9 @@ class RtuBus:
         """Line settings of all its users."""
         self._exchange = RtuExchange(settings)
         self._lock = asyncio.Lock()
+        """Held for one request and its answer."""
+        self._turns: defaultdict[int, asyncio.Lock] = defaultdict(asyncio.Lock)
+        """Held while a unit is read, by address; other units may be asked between two requests."""
         self._users = 0
         self._units: dict[int, Unit] = {}
 
@@ -72,7 +76,7 @@ class RtuBus:
             The port is gone.
         """
         unit = query.unit
-        async with self._lock:
+        async with self._turns[unit.address]:
             begin_s = monotonic()
             if begin_s < unit.suspect_until_s and not unit.is_unprovable:
                 unit.doubt(AFTER_A_FAILURE)
@@ -104,25 +108,28 @@ class RtuBus:
 
     async def _is_quiet(self, query: Query) -> bool:
         """Listen for answers to an earlier program; return whether none came."""
-        await self._exchange.listen(min(max(query.timeout_s, QUIET_S[0]), QUIET_S[1]))
-        has_come = self._exchange.has_come_from(query.unit, READ_FUNCTIONS)
-        self._exchange.discard()
-        return not has_come
+        async with self._lock:
+            await self._exchange.listen(min(max(query.timeout_s, QUIET_S[0]), QUIET_S[1]))
+            has_come = self._exchange.has_come_from(query.unit, READ_FUNCTIONS)
+            self._exchange.discard()
+            return not has_come
 
     async def _prove(self, query: Query) -> Answer | None:
         """Send probes until the unit owes no value to this program; return its refusal, if any."""
         unit, refusal = query.unit, None
         begin_s = monotonic()
         proof = Proof(unit, begin_s, forgotten_s(query.timeout_s))
+        if proof.is_held_back:
+            raise self._left_alone(query)
+        if not unit.is_known:  # any working unit answers this; the answer is not used as a value: it may be late
+            answer = await self._ask(query, None)
+            proof.lives = answer is not None
+            refusal = answer if answer is not None and answer.exception else None
         while (unit.is_known or monotonic() - begin_s < LEARNING_S) and (probe := proof.next()) is not None:
-            await self._pause()
-            answer = await self._exchange.ask(query.of(probe), probe)
+            answer = await self._ask(query, probe)
             is_refused = answer is not None and bool(answer.exception)
             refusal = answer if is_refused else refusal
             proof.take(probe, lives=answer is not None, answered=answer is not None and not is_refused)
-        if proof.explores and not proof.lives and monotonic() - begin_s < LEARNING_S:
-            await self._pause()
-            proof.lives = await self._exchange.ask(query, None) is not None  # not used as a value: it may be late
         proof.end(monotonic())
         if not unit.probes_needed or unit.is_unprovable:
             return None
@@ -139,27 +146,39 @@ class RtuBus:
         unit.has_waited = True
         while unit.probes_needed and (left_s := unit.asked_s + silence_s - monotonic()) > 0:
             if has_waited or silence_s > LEARNING_S:
-                message = (
-                    f"unit {unit.address} is left alone for {silence_s:g} s, so that no late answer counts as a new one"
-                )
-                raise NoAnswerError(message)
+                raise self._left_alone(query)
             await asyncio.sleep(left_s)
         unit.is_in_step(monotonic())
 
     async def _read(self, query: Query, *, lives: bool) -> tuple[Answer, float, float]:
         """Ask a unit that owes no answer for values."""
-        await self._pause()
-        begin_s = monotonic()
-        answer = await self._exchange.ask(query, None)
+        async with self._lock:
+            await self._pause()
+            if query.unit.probes_needed:
+                message = f"unit {query.unit.address}: the port was opened again"
+                raise SourceError(message)
+            begin_s = monotonic()
+            answer = await self._exchange.ask(query, None)
         if answer is None:
             raise self._no_answer(query, lives=lives)
         query.unit.is_in_step(monotonic())
         return answer, begin_s, monotonic()
 
+    async def _ask(self, query: Query, probe: Probe | None) -> Answer | None:
+        """Send one request of a proof; other units may be asked between two of them."""
+        async with self._lock:
+            await self._pause()
+            return await self._exchange.ask(query.of(probe) if probe else query, probe)
+
     def _no_answer(self, query: Query, *, lives: bool = False) -> NoAnswerError:
         damaged = " intact" if self._exchange.received else ""
         message = f"unit {query.unit.address} does not answer{damaged} within {query.timeout_s * 1e3:.0f} ms"
         return NoAnswerError(message, lives=lives)
+
+    def _left_alone(self, query: Query) -> NoAnswerError:
+        silence_s = forgotten_s(query.timeout_s)
+        reason = "so that no late answer counts as a new one"
+        return NoAnswerError(f"unit {query.unit.address} is left alone for {silence_s:g} s, {reason}")
 
     async def _pause(self) -> None:
         """Wait until a request may be sent. Discard unexpected answers; a unit that owed none becomes suspect."""

@@ -1,4 +1,7 @@
-"""One attempt to prove that a unit on a bus owes no value: the choice of probes, and the conclusion from answers."""
+"""One attempt to prove that a unit on a bus owes no value: the choice of probes, and the conclusion from answers.
+
+Probes are tried only on a unit that answers something, so a silent unit costs the bus one timeout per attempt.
+"""
 
 import secrets
 
@@ -28,31 +31,36 @@ class Proof:
             unit.forget(now_s - forgotten_s)
         self.lives = False
         """Whether the unit has answered anything."""
-        self.explores = not unit.is_known and now_s - unit.explored_s >= EXPLORE_S
-        """Whether to try all probes, even if none is answered."""
-        if self.explores:
-            unit.explored_s = now_s
         self._unit = unit
-        more = () if unit.is_known else probes_of(unit.asked)
-        self._left = [*unit.works, *(probe for probe in more if probe not in unit.works)]
-        if self.explores:
+        self._left = list(unit.works)
+        self._may_repeat = unit.is_known and is_safe
+        """Whether to repeat a probe while an answer to it is owed; the proof then needs another probe as well."""
+        if not unit.is_known:
+            unit.explored_s = now_s
+            self._left += [probe for probe in probes_of(unit.asked) if probe not in unit.works]
             # Answers to probes of an earlier program may still come, but hardly in this order.
             secrets.SystemRandom().shuffle(self._left)
         self._tried: set[Probe] = set()
         self._answered: list[Probe] = []
         self._fresh = False
 
+    @property
+    def is_held_back(self) -> bool:
+        """Whether nothing may be sent now, because an answer to every working probe is still owed."""
+        unit = self._unit
+        is_unsafe = unit.is_known and bool(unit.works) and not self._may_repeat
+        return is_unsafe and all(map(unit.owes, unit.works))
+
     def next(self) -> Probe | None:
         """Return the probe to send now; None if the attempt is over."""
         unit = self._unit
-        if not unit.probes_needed or not self._left or (self._tried and not self.lives and not self.explores):
+        is_silent = not self.lives and (self._tried or not unit.is_known)
+        if not unit.probes_needed or not self._left or is_silent:
             return None
         fresh = [probe for probe in self._left if not unit.owes(probe)]
-        if not unit.is_known and not self._tried:
-            chosen = self._left[0]  # most units answer the first probe
-        elif fresh:
+        if fresh:
             chosen = fresh[0]
-        elif not self._tried:
+        elif not self._tried and self._may_repeat:
             chosen = unit.last_of(self._left)
         else:
             return None

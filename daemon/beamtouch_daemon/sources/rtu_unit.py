@@ -18,7 +18,7 @@ from beamtouch_daemon.sources.registers import MAX_REGISTERS, Block
 READ_FUNCTIONS = (1, 2, 3, 4)
 """Functions that only read, so that a probe never changes a device. A refusal is an answer too."""
 EXPLORE_S = 60.0
-"""Shortest time between two trials of all probes on a silent unit, as each probe costs the bus a timeout."""
+"""If nothing was proven for this long, the probes are tried again: the address may belong to another device."""
 AT_A_START = 2
 """Probes needed if earlier requests are unknown."""
 AFTER_A_FAILURE = 1

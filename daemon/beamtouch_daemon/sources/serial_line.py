@@ -1,8 +1,8 @@
 """A device that speaks the protocol of `PROTOCOL.md` on a serial line.
 
 A session: stop, hello, check the device, ping until its clock is known, start, then take readings and ping now and
-then. It ends with SourceError when the port disappears, when the device falls silent or was reset, or when it is not
-the device in the configuration.
+then. It ends with SourceError when the port disappears, when the device falls silent or was reset, when its clock goes
+back, or when it is not the device in the configuration.
 """
 
 import contextlib
@@ -29,7 +29,10 @@ FIRST_PINGS = 10
 FIRST_PING_S = 0.05
 """Time between pings; the first ones come faster, so that the drift of the clocks is known soon."""
 LATEST_PONG_S = 3.0
+BACK_S = 0.1
+"""A reading that is older than its predecessor by more than this shows that the device's clock went back."""
 MAX_COUNT = 65_535
+CLOCK_WENT_BACK = "the device's clock went back"
 _TOKENS = 1 << 16
 _REPEATED = 1 << 15
 """So many readings cannot be lost without a silence, so a larger step of the sequence is a repeated reading."""
@@ -144,6 +147,8 @@ class Session:
         self._hello = hello
         self._indices = indices
         self._sequence: int | None = None
+        self._device_s = 0.0
+        """Time of the last reading on the device's clock [s]."""
         self._device_clock = DeviceClock()
         self._host_clock = HostClock()
         self._pinged_s: dict[int, float] = {}
@@ -166,7 +171,7 @@ class Session:
         return None if now_s < self._next_ping_s else self.ping(now_s)
 
     def take(self, arrivals: Sequence[Arrival]) -> list[Reading]:
-        """Return the readings among the arrivals; SourceError if the device was reset.
+        """Return the readings among the arrivals; SourceError if the device was reset or its clock went back.
 
         The clock sees all arrivals before the first reading gets its time: in a burst only the newest is fresh.
         """
@@ -181,19 +186,23 @@ class Session:
             lost = 0 if self._sequence is None else missing_between(self._sequence, reading.sequence)
             if lost >= _REPEATED:
                 continue
-            self._sequence = reading.sequence
+            if self._sequence is not None and device_s < self._device_s - BACK_S:
+                raise SourceError(CLOCK_WENT_BACK)
+            self._sequence, self._device_s = reading.sequence, device_s
             counts = tuple(reading.counts[index] / reading.oversampling for index in self._indices)
             readings.append(Reading(self._host_clock.to_host(device_s, arrival_s), counts, lost))
         return readings
 
     def take_answers(self, arrivals: Sequence[Arrival]) -> None:
-        """Use the answers to pings among the arrivals; SourceError if the device was reset."""
+        """Use the answers to pings among the arrivals; SourceError if the device was reset or its clock went back."""
         for arrival_s, message in arrivals:
             if isinstance(message, Hello) and message.boot_id != self._hello.boot_id:
                 text = "the device was reset"
                 raise SourceError(text)
             if isinstance(message, Pong) and (sent_s := self._pinged_s.pop(message.token, None)) is not None:
                 device_s = self._device_clock.follow(message.device_us) / 1e6
+                if self._host_clock.is_behind(device_s, sent_s):
+                    raise SourceError(CLOCK_WENT_BACK)
                 self._host_clock.round_trip(sent_s, device_s, arrival_s)
                 self.knows_the_clocks = True
 

@@ -6,18 +6,19 @@ import numpy as np
 
 from beamtouch_models.accuracy import cramer_rao
 from beamtouch_models.accuracy.contacts import Contacts, simulated
+from beamtouch_models.accuracy.limit import SCRAMBLINGS
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.rest import rest_exceeding
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Fraction, silent
-from beamtouch_models.session import Answers
+from beamtouch_models.session import CHUNK, Answers
 
 MIDDLE = (0.2, 0.8)
 """Bounds of the middle of the beam, over its length."""
 LEAST_SHARE = 1e-3
-"""Smallest share of contacts for which a stretch gets its own errors."""
+"""Smallest share of contacts for which a stretch gets its own errors; each part of the draws needs one there, too."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Evaluation:
     span: Errors
     """Over the whole range of contacts."""
     middle: Errors | None
-    """Over the middle of the beam; None if the contact range lies outside it."""
+    """Over the middle of the beam; None if too few contacts lie there."""
     cramer_rao_mean_mm: float | None
     position_coverage: Measurement | None
     """Share of contacts inside their interval; None if the model gives no interval."""
@@ -75,7 +76,7 @@ def evaluate(model: ModelFile, prior: Prior, *, draws: int, seed: int, progress:
         length_mm=prior.length_mm,
         span=_over_all(contacts, answers["position_mm"], _errors(error, best, weight, worst)),
         middle=_errors(error, best, weight * inside, worst[drawn_inside])
-        if drawn_inside.mean() > LEAST_SHARE
+        if drawn_inside.mean() > LEAST_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
         else None,
         cramer_rao_mean_mm=cramer_rao.mean_error_mm(prior) if prior.noise_mm > 0 else None,
         position_coverage=_coverage(answers, "position", "mm", likely, weight),
@@ -103,7 +104,10 @@ def _answers(model: ModelFile, deflection_mm: Floats) -> dict[str, Floats]:
 def estimates(model: ModelFile, deflection_mm: Floats) -> Answers:
     """Return the answers of a model to deflections (samples, channels), all channels valid."""
     reading = deflection_mm.astype(np.float32)
-    return model.estimate(reading, np.ones(reading.shape, np.bool_))
+    # A graph takes kilobytes for each sample of a batch.
+    parts = [reading[start : start + CHUNK] for start in range(0, len(reading), CHUNK)]
+    answers = [model.estimate(part, np.ones(part.shape, np.bool_)) for part in parts]
+    return {name: np.concatenate([one[name] for one in answers]) for name in model.outputs}
 
 
 def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> Errors:

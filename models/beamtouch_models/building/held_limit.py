@@ -23,7 +23,10 @@ SURE = 4.0
 
 
 def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
-    """Raise SceneError if no model can carry the deflection, or the noise next to it."""
+    """Raise SceneError if no model can carry the deflection, or the noise next to it.
+
+    A noise of 0 passes; the caller decides whether it will do.
+    """
     if not MIN_DEFLECTION_MM <= max_deflection_mm <= MAX_DEFLECTION_MM:
         message = (
             f"beam: the largest deflection is {max_deflection_mm:.3g} mm, which no sensor measures; check its "
@@ -36,7 +39,7 @@ def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
             "use better sensors or a softer beam"
         )
         raise SceneError(message)
-    if noise_mm < MIN_NOISE * max_deflection_mm:
+    if 0 < noise_mm < MIN_NOISE * max_deflection_mm:
         message = (
             f"sensors: a sample's noise of {noise_mm:.3g} mm is less than 1e-4 % of the largest deflection, "
             f"{max_deflection_mm:.3g} mm, too little for the float32 of a model; state the noise of a real sensor"

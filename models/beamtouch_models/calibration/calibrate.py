@@ -22,6 +22,12 @@ from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Fraction, Progress
 from beamtouch_models.scene import Scene
 
+UNEXPLAINED = 0.1
+"""Largest error of a fit, over the deflections that the scene predicts, and over the length.
+
+Above it, the recording is of another surface.
+"""
+
 
 @dataclass(frozen=True)
 class Calibrated:
@@ -50,21 +56,27 @@ class Checked:
 def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
     """Fit the departures of a model's surface to recorded loads; raises as `calibrate`."""
     theory = Theory.of(physics_of(model.metadata), model.metadata)
-    exchanged = swapped(theory, loads)
-    if exchanged:
-        first, second = (model.metadata.layout[channel].name for channel in exchanged)
-        message = f"{first} and {second} seem to be swapped; check their wiring and the order in the daemon's config"
-        raise LoadsError(message)
+    swap = swapped(theory, loads, [channel.name for channel in model.metadata.layout])
+    if swap:
+        raise LoadsError(swap)
     suspects = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
     if suspects:
         raise LoadsError(_contradiction(loads, suspects))
     found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
+    expected_mm = theory.stated_mm(np.zeros(theory.size), loads)[np.isfinite(loads.stated_mm)]
+    left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
+    if not left <= UNEXPLAINED:
+        raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained"))
     before = _errors_of_model(theory.physics, model.metadata, loads)
     after = np.empty(len(loads.number))
     for index in range(len(after)):
         progress("leaving out one load at a time", 0.5 + 0.2 * index / len(after))
         after[index] = _error_without(theory, loads, found, index)
-    if not after.mean() <= before.mean():
+    best = _limit_mm(theory.prior, loads, model.metadata.seed, draws=100)
+    if not after.mean() <= max(UNEXPLAINED * model.metadata.length_mm, best):
+        raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {after.mean():.3g} mm"))
+    # A fit without departures is right only if the scene itself locates well.
+    if not after.mean() <= before.mean() or (not found.kinds and not after.mean() <= best):
         raise NotGoodEnoughError(_worse(loads, before, after))
     return Checked(found, before, after)
 
@@ -75,9 +87,9 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     Raises
     ------
     LoadsError
-        A load contradicts the others, or two channels are swapped; the message names them.
+        A load contradicts the others, or channels or ends of the beam are swapped; the message names them.
     NotGoodEnoughError
-        The fit locates left-out loads worse than the given model does.
+        The fit locates left-out loads worse than the given model does, or explains too little of the recording.
     """
     metadata = model.metadata
     checked = checked_fit(model, loads, progress)
@@ -123,6 +135,14 @@ def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
     numbers = " ".join(f"--leave-out {loads.number[one.index]}" for one in suspects)
     end = "record more loads to find out which" if what else f"correct it, or use {numbers}"
     return f"{what}{'; '.join(told)}; {end}; nothing was written"
+
+
+def _another_surface(shown: str) -> str:
+    """Return the message that a recording is not of this surface; `shown` says what the best fit does."""
+    return (
+        f"nothing was written: the recording does not fit this model's surface. The best fit {shown}. "
+        "Check that model, sensors, positions and forces belong together, and record again"
+    )
 
 
 def _worse(loads: Loads, before: Floats, after: Floats) -> str:

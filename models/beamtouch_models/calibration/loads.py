@@ -15,6 +15,10 @@ FEWEST_POSITIONS = 4
 SMALLEST_SPREAD = 0.4
 """Smallest spread of the positions, over the range of contacts."""
 FEWEST_SAMPLES = 5
+MAX_DEFLECTIONS = 100.0
+"""Largest sample, over the largest deflection of the model; a larger one cannot be in mm."""
+FORCE_FACTOR = 1000.0
+"""Factor by which a force may lie below or above the range of forces; beyond, it cannot be in N."""
 GOOD = "good"
 
 
@@ -57,7 +61,7 @@ def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) ->
     """Read and average a recording, leaving out some loads by number; raises LoadsError with the reason."""
     channels = [channel.name for channel in metadata.layout]
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         message = f"{path}: {error.strerror if isinstance(error, OSError) else 'not a CSV file'}"
@@ -99,6 +103,14 @@ def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadat
             for row in rows
         ]
     )
+    beyond = np.argwhere(np.abs(stated) > MAX_DEFLECTIONS * metadata.max_deflection_mm)
+    if len(beyond):
+        line, channel = beyond[0]
+        message = (
+            f"{channels[channel]} states {stated[line, channel]:g} mm in line {line + 2}, but this surface deflects by "
+            f"{metadata.max_deflection_mm:.3g} mm at most; check the unit and the daemon's config"
+        )
+        raise LoadsError(message)
     loads = np.unique(number)
     first = np.array([np.flatnonzero(number == load)[0] for load in loads])
     good = np.array([np.isfinite(stated[number == load]).sum(axis=0) for load in loads])
@@ -122,12 +134,17 @@ def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadat
 def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
     """Raise LoadsError if no fit could use the loads."""
     low, high = metadata.ranges.position_mm
-    for number, position, force in zip(loads.number, loads.position_mm, loads.force_n, strict=True):
+    weakest, strongest = metadata.ranges.force_n
+    each = zip(loads.number, loads.lines, loads.position_mm, loads.force_n, strict=True)
+    for number, (start, end), position, force in each:
         if not low <= position <= high:
             message = f"{path}: load {number} at {position:g} mm is not within {low:g}..{high:g} mm"
             raise LoadsError(message)
-        if not 0 < force < np.inf:
-            message = f"{path}: load {number} has a force of {force:g} N"
+        if force <= 0 or not weakest / FORCE_FACTOR <= force <= strongest * FORCE_FACTOR:
+            message = (
+                f"{path}: load {number} (lines {start} to {end}) has a force of {force:g} N, but the model is for "
+                f"{weakest:g}..{strongest:g} N; correct it, or use --leave-out {number}"
+            )
             raise LoadsError(message)
     positions = np.unique(loads.position_mm)
     spread = float(np.ptp(positions)) / (high - low) if len(positions) else 0.0
@@ -137,6 +154,13 @@ def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
             f"record at least {FEWEST_POSITIONS}, preferably 10, spread over the whole beam"
         )
         raise LoadsError(message)
+    for number, (start, end), stated in zip(loads.number, loads.lines, loads.stated_mm, strict=True):
+        if np.isnan(stated).all():
+            message = (
+                f"{path}: load {number} (lines {start} to {end}) has fewer than {FEWEST_SAMPLES} good samples of each "
+                f"channel; record it again, or use --leave-out {number}"
+            )
+            raise LoadsError(message)
     silent = np.isnan(loads.stated_mm).all(axis=0)
     if silent.any():
         message = f"{path}: {metadata.layout[int(silent.argmax())].name} has no good samples; check it and record again"

@@ -1,7 +1,10 @@
-"""The search for two channels whose wires or names are swapped."""
+"""The search for swapped channels, and for swapped ends of the beam."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
+
+import numpy as np
 
 from beamtouch_models.calibration.fit import Theory, fit
 from beamtouch_models.calibration.loads import Loads
@@ -9,22 +12,40 @@ from beamtouch_models.calibration.loads import Loads
 POOR_NOISES = 8.0
 """Residual, in noises of a sample, below which loads agree with the channels as they are."""
 BETTER = 3.0
-"""Factor by which the scatter must shrink when the two channels are swapped."""
+"""Factor by which the scatter must shrink when something is swapped."""
+OTHER_END = (
+    "the channels seem to be in reverse order, or positions to be measured from the other end of the beam; "
+    "check the order in the daemon's config, and where positions are measured from"
+)
+"""One message for both: on a symmetric surface they look the same."""
 
 
-def swapped(theory: Theory, loads: Loads) -> tuple[int, int] | None:
-    """Return the two channels that make the loads agree when swapped; None if there are none."""
+def swapped(theory: Theory, loads: Loads, names: list[str]) -> str | None:
+    """Say what seems swapped: two channels, the order of all, or the ends of the beam; None if nothing does."""
     kinds = tuple(theory.kinds)
     asis = fit(theory, loads, kinds)
     if asis.residual_mm <= POOR_NOISES * theory.prior.noise_mm:
         return None
-    scatter = {}
-    for pair in combinations(range(len(theory.sensor_mm)), 2):
-        order = list(range(len(theory.sensor_mm)))
-        order[pair[0]], order[pair[1]] = pair[1], pair[0]
-        other = replace(loads, stated_mm=loads.stated_mm[:, order], deviation_mm=loads.deviation_mm[:, order])
-        scatter[pair] = fit(theory, other, kinds).scatter_mm
-    if not scatter:
-        return None
-    best = min(scatter, key=scatter.__getitem__)
-    return best if BETTER * scatter[best] < asis.scatter_mm else None
+    trials = [(fit(theory, other, kinds).scatter_mm, message) for message, other in _swaps(theory, loads, names)]
+    scatter_mm, message = min(trials, default=(np.inf, ""))
+    return message if BETTER * scatter_mm < asis.scatter_mm else None
+
+
+def _swaps(theory: Theory, loads: Loads, names: list[str]) -> Iterator[tuple[str, Loads]]:
+    """Yield each possible swap: its message, and the loads without the swap."""
+    count = len(names)
+    for first, second in combinations(range(count), 2):
+        order = list(range(count))
+        order[first], order[second] = second, first
+        message = f"{names[first]} and {names[second]} seem to be swapped"
+        yield f"{message}; check their wiring and the order in the daemon's config", _ordered(loads, order)
+    if count > 3:  # the reverse order of fewer channels is the swap of two
+        yield OTHER_END, _ordered(loads, list(range(count))[::-1])
+    mirrored_mm = theory.prior.length_mm - loads.position_mm
+    low, high = theory.prior.position_mm
+    if ((low <= mirrored_mm) & (mirrored_mm <= high)).all():
+        yield OTHER_END, replace(loads, position_mm=mirrored_mm)
+
+
+def _ordered(loads: Loads, order: list[int]) -> Loads:
+    return replace(loads, stated_mm=loads.stated_mm[:, order], deviation_mm=loads.deviation_mm[:, order])

@@ -16,6 +16,7 @@ from beamtouch_models import modelfile
 from beamtouch_models.accuracy.evaluation import Errors, Evaluation, at_noise, evaluate
 from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.accuracy.statistics import Measurement
+from beamtouch_models.building.held_limit import check_scale
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import InputError
 
@@ -29,6 +30,7 @@ def run(options: argparse.Namespace) -> None:
         if not 0 <= noise_mm < math.inf:
             message = f"--noise {noise_mm:g}: give a standard deviation in mm, 0 or more"
             raise InputError(message)
+        check_scale(noise_mm, model.metadata.max_deflection_mm)
     prior = prior_of_model(model.metadata)
     noises = options.noise or [prior.noise_mm]
     found = []

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from beamtouch_models.building.held_limit import check_scale
 from beamtouch_models.physics.beam import check_small_angles, load_positions_mm, max_deflection_mm, scene_influence
 from beamtouch_models.physics.mesh import mesh_of
 from beamtouch_models.pricing.effects import effects_of
@@ -27,6 +28,7 @@ def run(options: argparse.Namespace) -> None:
     check_small_angles(scene)
     chosen = choose_filter(scene)
     noise = noise_of(scene, chosen)
+    check_scale(noise.sample_mm, max_deflection_mm(scene))
     effects = [(effect, _cost_us(effect)) for effect in effects_of(scene, chosen)]
     if not options.json:
         _print_table(effects, noise.sample_mm)

@@ -31,6 +31,9 @@ from beamtouch_models.trade.results import HEADINGS, json_of, markdown, plot, ro
 
 WIDTH_WITHOUT_TERMINAL = 180
 
+Kept = tuple[Trade, list[LeftOut]]
+"""The results that the folder has."""
+
 
 def run(options: argparse.Namespace) -> None:
     """Measure every point, write the folder, print the front, and build the requested point."""
@@ -38,11 +41,21 @@ def run(options: argparse.Namespace) -> None:
         if value is not None and not 0 < value < math.inf:
             message = f"{option} {value:g}: give a positive number"
             raise InputError(message)
+    kept: list[Kept] = []
+    try:
+        with _termination_interrupts():
+            _run(options, kept)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(_interrupted(kept, options)) from None
+
+
+def _run(options: argparse.Namespace, kept: list[Kept]) -> None:
+    """Do the work of `run`; `kept` always holds the newest results."""
     scene, text = load_scene(options.scene)
     folder, name = folder_of(options.output), surface_name(options.scene)
-    trade, physics = _measured(scene, name, folder, options)
+    trade, physics = _measured(scene, name, folder, options, kept)
     points, front = trade.points, pareto_front(trade.points)
-    results = _write(folder, name, trade, physics)
+    results = _keep(folder, name, trade, physics, kept)
     for failure in trade.failures:
         print(f"note: {said(failure)}", file=sys.stderr)
     picked = None
@@ -67,25 +80,25 @@ def run(options: argparse.Namespace) -> None:
         print(f"built {folder / f'{name}.onnx'}: {named(picked)}; {picked.error_mm:.3g} mm, {picked.latency_ms:.3g} ms")
 
 
-def _measured(scene: Scene, name: str, folder: Path, options: argparse.Namespace) -> tuple[Trade, list[LeftOut]]:
+def _measured(scene: Scene, name: str, folder: Path, options: argparse.Namespace, kept: list[Kept]) -> Kept:
     """Measure all points and effects; the folder always has the results so far."""
     estimators = tuple(options.estimators or NAMES)
-    kept: list[Trade] = []
 
     def keep(trade: Trade) -> None:
-        _write(folder, name, trade, [])
-        kept[:] = [trade]
+        _keep(folder, name, trade, [], kept)
 
-    try:
-        with _termination_interrupts(), shown_progress() as progress:
-            trade = measured_points(
-                scene, estimators, draws=options.draws, seed=options.seed, progress=progress, keep=keep
-            )
-            keep(trade)
-            progress("leaving out effects", 1.0)
-            return trade, physics_trade(scene, draws=options.draws, seed=options.seed)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(_interrupted(kept, folder)) from None
+    with shown_progress() as progress:
+        trade = measured_points(scene, estimators, draws=options.draws, seed=options.seed, progress=progress, keep=keep)
+        keep(trade)
+        progress("leaving out effects", 1.0)
+        return trade, physics_trade(scene, draws=options.draws, seed=options.seed)
+
+
+def _keep(folder: Path, name: str, trade: Trade, physics: list[LeftOut], kept: list[Kept]) -> dict[str, Any]:
+    """Write the results so far, and keep them for an interruption; returns the content of trade.json."""
+    # Kept before they are written: after an interruption between two files, all are written again.
+    kept[:] = [(trade, physics)]
+    return _write(folder, name, trade, physics)
 
 
 def _write(folder: Path, name: str, trade: Trade, physics: list[LeftOut]) -> dict[str, Any]:
@@ -98,11 +111,13 @@ def _write(folder: Path, name: str, trade: Trade, physics: list[LeftOut]) -> dic
     return results
 
 
-def _interrupted(kept: list[Trade], folder: Path) -> str:
+def _interrupted(kept: list[Kept], options: argparse.Namespace) -> str:
+    """Write the kept results, as the interruption may have come between two files; returns the message."""
     if not kept:
         return "interrupted before the first point; nothing was written"
-    (trade,) = kept
-    return f"interrupted; {len(trade.points)} of {trade.planned} points are in {folder}"
+    ((trade, physics),) = kept
+    _write(options.output, surface_name(options.scene), trade, physics)
+    return f"interrupted; {len(trade.points)} of {trade.planned} points are in {options.output}"
 
 
 @contextmanager

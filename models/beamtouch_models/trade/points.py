@@ -10,14 +10,15 @@ from beamtouch_models.accuracy.contacts import Contacts, simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats, Floats32
+from beamtouch_models.building.held_limit import check_scale
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.physics.beam import check_small_angles
+from beamtouch_models.physics.beam import check_small_angles, max_deflection_mm
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing.effects import Physics, required
-from beamtouch_models.pricing.noise import reading_noise_mm, window_filter
+from beamtouch_models.pricing.noise import noise_of, reading_noise_mm, window_filter
 from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.scene import MIN_SENSORS, Scene
 from beamtouch_models.session import runner
@@ -134,6 +135,7 @@ def measured_points(
     if reading_noise_mm(scene) == 0:
         message = "sensors: with a noise of 0 there is nothing to trade; state the noise of a reading"
         raise SceneError(message)
+    deflection_mm = max_deflection_mm(scene)
     layouts = [(count, chosen) for count in counts_of(scene) for chosen in windows_of(scene)]
     total = len(layouts) * len(estimators)
     physics_of = cache(partial(required, scene))
@@ -142,6 +144,7 @@ def measured_points(
     failures: list[Failure] = []
     for number, (count, chosen) in enumerate(layouts):
         try:
+            check_scale(noise_of(scene, chosen).sample_mm, deflection_mm)
             contacts, prior = _contacts(physics_of(chosen), count, draws, seed)
         except SceneError as error:
             failures.append(Failure(None, count, chosen, str(error)))

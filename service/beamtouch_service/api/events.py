@@ -97,18 +97,20 @@ class _Page:
     """Value of `after` for the next page."""
 
 
-def _page(store: EventStore, query: EventQuery, *, as_csv: bool) -> _Page:
+def _page(recorder: Recorder, store: EventStore, query: EventQuery, *, as_csv: bool) -> _Page:
     path = query.path and not as_csv
-    found = store.read(_selection(query, path=path))
+    found = [(number, recorder.answerable(event)) for number, event in store.read(_selection(query, path=path))]
     page = found[: query.limit]
     following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(found) > len(page) else None
     content = event_answers.as_csv(page) if as_csv else event_answers.as_json(page, following, path=path)
     return _Page(content, not page, following)
 
 
-def _one(store: EventStore, number: int) -> bytes | None:
+def _one(recorder: Recorder, store: EventStore, number: int) -> bytes | None:
     found = store.get(number)
-    return None if found is None else event_answers.event_with_path(number, found).model_dump_json().encode()
+    if found is None:
+        return None
+    return event_answers.event_with_path(number, recorder.answerable(found)).model_dump_json().encode()
 
 
 def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRouter:
@@ -127,7 +129,7 @@ def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRout
         """Return contacts from touch to lift, newest touch first; as CSV, one row per contact."""
         as_csv = _wants_csv(query, request)
         end_stale()
-        page = await wrap_future(recorder.ask(lambda store: _page(store, query, as_csv=as_csv)))
+        page = await wrap_future(recorder.ask(lambda store: _page(recorder, store, query, as_csv=as_csv)))
         if query.surface and page.is_empty:
             # A surface that is no longer configured may still have events; if it has none, the name is wrong.
             registry.named(query.surface)
@@ -143,7 +145,7 @@ def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRout
     async def get_event(number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]) -> Response:
         """Return one contact, with its path."""
         end_stale()
-        content = await wrap_future(recorder.ask(lambda store: _one(store, number)))
+        content = await wrap_future(recorder.ask(lambda store: _one(recorder, store, number)))
         if content is None:
             detail = f"There is no event {number}. It was dropped or joined with another event; see GET /events."
             raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))

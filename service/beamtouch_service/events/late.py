@@ -4,14 +4,14 @@ from collections import OrderedDict
 from collections.abc import Iterable
 from itertools import pairwise
 
-from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.events.segmenter import Command, Edge, Segmenter, segment_late_run
 from beamtouch_service.events.segments import End
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.contact import State
 from beamtouch_service.surfaces.estimates import estimate
-from beamtouch_service.surfaces.touch import Follower, Levels, levels
+from beamtouch_service.surfaces.served_model import ServedModel
+from beamtouch_service.surfaces.touch import Follower
 
 _MAX_EDGES = 4096
 """Edges in memory, some 0.5 MB; without its edge, a late run starts clear or from the stored event before it."""
@@ -23,7 +23,6 @@ class LateSamples:
     def __init__(self, store: EventStore) -> None:
         self._store = store
         self._edges: OrderedDict[tuple[str, str, int], Edge] = OrderedDict()
-        self._levels: tuple[str, Levels] | None = None
 
     def remember(self, surface: str, edges: Iterable[Edge]) -> None:
         """Keep the samples beside gaps."""
@@ -33,19 +32,19 @@ class LateSamples:
             self._edges.popitem(last=False)
 
     def segment(
-        self, surface: str, stale_ms: float, model: ModelFile, batch: Batch, samples: list[Sample]
+        self, surface: str, stale_ms: float, served: ServedModel, batch: Batch, samples: list[Sample]
     ) -> list[Command | Edge]:
         """Return the commands for the late samples of a batch, in order; a contact outlasts gaps up to `stale_ms`."""
-        estimates = estimate(model, surface, batch.channels, samples)
+        estimates = estimate(served.file, surface, batch.channels, samples)
         gaps = [i + 1 for i, (one, other) in enumerate(pairwise(estimates)) if other.sequence != one.sequence + 1]
         commands: list[Command | Edge] = []
         for begin, end in pairwise([0, *gaps, len(estimates)]):
             run = estimates[begin:end]
             before = self._state(surface, batch.boot_id, run[0].sequence - 1)
-            follower = Follower(self._levels_of(model), surface, stale_ms, touching=before is State.CONTACT)
+            follower = Follower(served.levels, surface, stale_ms, touching=before is State.CONTACT)
             after = self._edges.get((surface, batch.boot_id, run[-1].sequence + 1))
             # Only new samples open an event.
-            segmenter = Segmenter(surface, model.identity, batch.boot_id, before, End.UNSEEN)
+            segmenter = Segmenter(surface, served.file.identity, batch.boot_id, before, End.UNSEEN)
             commands += segment_late_run(segmenter, map(follower.step, run), after)
         return commands
 
@@ -54,8 +53,3 @@ class LateSamples:
         if edge:
             return edge.state
         return State.CONTACT if self._store.goes_on(surface, boot_id, sequence) else None
-
-    def _levels_of(self, model: ModelFile) -> Levels:
-        if self._levels is None or self._levels[0] != model.identity:
-            self._levels = model.identity, levels(model)
-        return self._levels[1]

@@ -8,6 +8,7 @@ import logging
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from threading import BoundedSemaphore
@@ -18,10 +19,12 @@ from sqlalchemy.exc import DBAPIError
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.events.late import LateSamples
 from beamtouch_service.events.segmenter import Command, Edge, Loss, Segmenter
+from beamtouch_service.events.segments import End, Segment
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.events.worker import Worker
 from beamtouch_service.limits import KEEP_DAYS, MAX_MB, Seldom
 from beamtouch_service.samples import Batch, Sample
+from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.touch import Seen
 
@@ -59,6 +62,8 @@ class Recorder:
         """Surface -> segmenter of its newest samples."""
         self._unsettled: set[str] = set()
         """Surfaces that lost a write: their open event may have ended."""
+        self._stale: set[str] = set()
+        """Surfaces whose newest sample is too old."""
         self._upkeep: Future[None] | None = None
         self._tidied_s = float("-inf")
         self._seldom = Seldom()
@@ -66,6 +71,7 @@ class Recorder:
 
     def present(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
         """Record new samples, in order."""
+        self._stale.discard(surface.name)
         segmenter = self._segmenters.get(surface.name)
         commands: list[Command | Edge] = []
         if segmenter is None or (segmenter.boot_id, segmenter.model) != (boot_id, model.identity):
@@ -77,6 +83,7 @@ class Recorder:
 
     def stale(self, surface: Surface) -> None:
         """End the open event of a surface: its newest sample is too old."""
+        self._stale.add(surface.name)
         segmenter = self._segmenters.get(surface.name)
         if segmenter:
             self._submit(surface.name, segmenter.expire())
@@ -96,7 +103,7 @@ class Recorder:
         """Return whether this many more late samples may wait."""
         return self.late_waiting + samples <= MAX_LATE
 
-    def late(self, surface: Surface, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
+    def late(self, surface: Surface, served: ServedModel, batch: Batch, samples: list[Sample]) -> None:
         """Record late samples of a batch, in order."""
         # A batch with a new sample is accepted above the limit, but not without end.
         if self.late_waiting > 2 * MAX_LATE:
@@ -106,7 +113,7 @@ class Recorder:
         self._late_added += len(samples)
 
         def run() -> None:
-            self._attempt(lambda: self._write(name, self._late.segment(name, stale_ms, model, batch, samples)))
+            self._attempt(lambda: self._write(name, self._late.segment(name, stale_ms, served, batch, samples)))
             self._late_done += len(samples)
 
         self._worker.late(run)
@@ -115,6 +122,12 @@ class Recorder:
         """Run a query in the worker thread, after everything that was observed of new samples so far."""
         self._flush()
         return self._worker.prompt(partial(query, self._store))
+
+    def answerable(self, event: Segment) -> Segment:
+        """Return an event as it is to be answered: not as open if a lost write may have ended it; for a query."""
+        if event.end is not End.OPEN or event.surface not in self._unsettled:
+            return event
+        return replace(event, end=End.STALE if event.surface in self._stale else End.UNSEEN)
 
     def close(self) -> None:
         """Write what can be written in a second, and close the file."""

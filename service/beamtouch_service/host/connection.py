@@ -18,6 +18,7 @@ from beamtouch_service.api import errors
 from beamtouch_service.api.gate import HEADERS
 from beamtouch_service.api.health import LIVE_PATH
 from beamtouch_service.host import heads
+from beamtouch_service.host.handshakes import Handshakes
 from beamtouch_service.host.places import Places, State
 from beamtouch_service.problems import Kind, Problem
 
@@ -56,6 +57,8 @@ class Clients:
     """Counts a problem that was answered to an address."""
     evicted: Callable[[str], None]
     """Counts a connection from an address that was closed to make room."""
+    handshakes: Handshakes
+    """Those under way, if the service speaks HTTPS."""
 
 
 class BoundedProtocol(HttpToolsProtocol):
@@ -67,6 +70,8 @@ class BoundedProtocol(HttpToolsProtocol):
     _standing = Standing.WAITING
     _refusal: Problem | None = None
     """Why nothing more is read."""
+    _is_over = False
+    """Nothing more is read."""
 
     def __init__(self, *arguments: Any, clients: Clients, **options: Any) -> None:  # noqa: ANN401  # uvicorn's
         super().__init__(*arguments, **options)
@@ -77,6 +82,7 @@ class BoundedProtocol(HttpToolsProtocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn's
         """Expect a request."""
         super().connection_made(transport)
+        self._clients.handshakes.end(transport.get_extra_info("peername"))
         self._take_place(has_token=False)
         is_waiting = self._standing is Standing.WAITING
         surplus = self._places.wait(self) if is_waiting else None
@@ -87,17 +93,18 @@ class BoundedProtocol(HttpToolsProtocol):
     def data_received(self, data: bytes) -> None:
         """Feed the parser. If a request is incomplete, expect the rest soon."""
         start = 0
-        while start < len(data) and self._refusal is None and not self.transport.is_closing():
+        while start < len(data) and not self._is_over and not self.transport.is_closing():
             end = self._framing.cut(data, start)
             if self._framing.is_too_long(end - start):
                 self._refuse(heads.too_long())
                 break
-            super().data_received(data[start:end])
-            self._framing.fed(end - start)
+            piece = data[start:end]
+            super().data_received(piece)
+            self._framing.fed(piece)
             if self._framing.is_too_long():
                 self._refuse(heads.too_long())
             start = end
-        if self._refusal is not None:
+        if self._is_over:
             return
         if self._framing.is_between or self._is_answering():
             self._forget()
@@ -170,6 +177,9 @@ class BoundedProtocol(HttpToolsProtocol):
         self._note_state()
         if self._refusal is not None:
             self._tell(self._refusal)
+        elif self._framing.is_in_chunks:
+            # Answered before all of it was there, and it may have no end.
+            self._finish()
         elif not self._framing.is_between and self._deadline is None:
             # The request was answered before it was complete, or another one has begun.
             self._deadline = self.loop.call_later(HEAD_S, self._give_up)
@@ -182,7 +192,7 @@ class BoundedProtocol(HttpToolsProtocol):
         """Read nothing more. Say why once the earlier requests are answered."""
         if self._refusal is not None or self.transport.is_closing():
             return
-        self._refusal = problem
+        self._refusal, self._is_over = problem, True
         is_answering = self._is_answering()
         if not self._framing.in_head:
             # The rest of this request's body will not be read.
@@ -206,6 +216,13 @@ class BoundedProtocol(HttpToolsProtocol):
         answer = errors.answer(problem, {**HEADERS, "Connection": "close"})
         head = b"".join(b"%b: %b\r\n" % header for header in answer.raw_headers)
         self.transport.write(STATUS_LINE[problem.kind.status] + head + b"\r\n" + answer.body)
+        self._finish()
+
+    def _finish(self) -> None:
+        """Read nothing more, and close once the client has had the time to read its answer."""
+        self._is_over = True
+        if self.transport.is_closing():
+            return
         self._forget()
         self._unset_keepalive_if_required()
         if not self.transport.can_write_eof():

@@ -10,6 +10,7 @@ MAX_HEAD_BYTES, MAX_HEADERS = 16 * 1024, 100
 _HOST = re.compile(rb"(\[[0-9A-Za-z:.%_~-]+\]|[0-9A-Za-z._~%!$&'()*+,;=-]*)(:[0-9]{0,5})?")
 """A name, an address or nothing, and a port (RFC 9110, 7.2)."""
 _HEAD_END = b"\r\n\r\n"
+_CHUNK_SIZE = re.compile(rb"[0-9A-Fa-f]+")
 
 
 class Framing:
@@ -26,6 +27,10 @@ class Framing:
         """Bytes of the current head, or, in a chunked body, bytes since the last content: chunk sizes and trailers."""
         self._body_bytes: int | None = None
         """Bytes of the body that are still to come; None for a chunked body."""
+        self._chunk_bytes = 0
+        """Bytes of the current chunk that are still to come, including the line end behind it."""
+        self._size_line: bytes | None = b""
+        """What was read of the current chunk's size line; None in the trailers."""
         self._moved = False
         """Whether the current piece ended a head, had content or ended a request."""
 
@@ -38,7 +43,10 @@ class Framing:
         """Return the end of the piece that begins at `start`."""
         if not self.in_head and self._body_bytes is not None:
             return min(start + self._body_bytes, len(data))
-        # A head that begins here ends with the first empty line. The rest of a head or chunk goes line by line.
+        if not self.in_head and self._chunk_bytes:
+            return min(start + self._chunk_bytes, len(data))
+        # A head that begins here ends with the first empty line. The rest of a head, sizes of chunks and trailers go
+        # line by line.
         mark = _HEAD_END if self.is_between else b"\n"
         found = data.find(mark, start)
         return len(data) if found < 0 else found + len(mark)
@@ -47,14 +55,32 @@ class Framing:
         """Return whether the head is too long with `size` more bytes, or the trailers are too long already."""
         return self._held_bytes + (size if self.in_head else 0) > MAX_HEAD_BYTES
 
-    def fed(self, size: int) -> None:
-        """Note that the parser has read a piece of this size [bytes]."""
-        self._held_bytes = 0 if self._moved else self._held_bytes + size
+    def fed(self, piece: bytes) -> None:
+        """Note that the parser has read this piece."""
+        if self._chunk_bytes:
+            self._chunk_bytes -= len(piece)
+        elif not (self.in_head or self._moved or self._size_line is None):
+            self._take_size(self._size_line + piece)
+        self._held_bytes = 0 if self._moved else self._held_bytes + len(piece)
         self._moved = False
+
+    def _take_size(self, line: bytes) -> None:
+        size = _CHUNK_SIZE.match(line)
+        if not line.endswith(b"\n") or size is None:
+            self._size_line = line
+            return
+        chunk_bytes = int(size[0], 16)
+        self._chunk_bytes, self._size_line = (chunk_bytes + 2, b"") if chunk_bytes else (0, None)
+
+    @property
+    def is_in_chunks(self) -> bool:
+        """Whether the current body is chunked, so that its length is not known."""
+        return not self.in_head and self._body_bytes is None
 
     def begin_body(self, headers: Sequence[tuple[bytes, bytes]]) -> None:
         """Note that a head is complete, with these headers."""
         self.in_head, self._body_bytes, self._moved = False, None, True
+        self._chunk_bytes, self._size_line = 0, b""
         for name, value in headers:
             if name == b"content-length":
                 self._body_bytes = int(value)

@@ -88,7 +88,7 @@ class ModelKeeper:
         self._waits_for: list[str] = []
         """Channels of a model that was refused because some do not arrive yet."""
         self._allowed = ""
-        """Digest of a file of another beam that was requested."""
+        """Digest of a file of another beam that was requested, until it is in use or another file replaces it."""
         self._lock = asyncio.Lock()
 
     async def poll(self) -> None:
@@ -128,14 +128,16 @@ class ModelKeeper:
         self._waits_for = []
         content = await self._settled_content()
         digest, old = await asyncio.to_thread(_digest, content), self.surface.model
+        if other_beam or digest != self._allowed:
+            self._allowed = digest if other_beam else ""
         if digest == self._digest:
             return False
         # In a thread, because requests go on meanwhile.
         model = await asyncio.to_thread(parse, content, str(self.path))
-        self._require_same_beam(model, digest, other_beam=other_beam)
+        self._require_same_beam(model, digest)
         self._require_channels(model)
         self.surface.adopt(model)
-        self._digest = digest
+        self._digest, self._allowed = digest, ""
         _log.info(
             "surface %s: model %s instead of %s", self.surface.name, model.identity, old.identity if old else "none"
         )
@@ -157,9 +159,7 @@ class ModelKeeper:
         message = f"{self.path}: it is still being written; try again when it is complete"
         raise ModelFileError(message)
 
-    def _require_same_beam(self, model: ModelFile, digest: str, *, other_beam: bool) -> None:
-        if other_beam:
-            self._allowed = digest
+    def _require_same_beam(self, model: ModelFile, digest: str) -> None:
         old = self.surface.model
         found = difference(old.metadata, model.metadata) if old else None
         if found and digest != self._allowed:

@@ -1,9 +1,11 @@
 """Decides which connections stay open when there are too many. Pure: no sockets, no clock.
 
-A connection that has shown a token outranks one that has not. Among those without a token, idle ones close first: those
-of the address with the most connections, longest idle first.
+A connection that has shown a token outranks one that has not. Among those without a token, the ones that wait for their
+client close first: those without a request yet, then those with an unread answer, then idle ones. Within each of these
+kinds, the address with the most connections gives one up; among equal addresses, the longest idle connection closes.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum, auto
@@ -36,7 +38,7 @@ class _Held:
 
 MAX_WAITING = 32
 """Excess clients that get a 503 or may still show a token. Any further ones are disconnected."""
-_FOR_EVERYONE = ((State.SILENT, False), (State.IDLE, False), (State.UNREAD, False))
+_FOR_EVERYONE = ((State.SILENT, False), (State.UNREAD, False), (State.IDLE, False))
 _FOR_TOKENS = (*_FOR_EVERYONE, (State.BUSY, False), (State.IDLE, True))
 
 
@@ -56,7 +58,9 @@ class Places(Generic[Who]):
         self._has_spoken = has_spoken
         self._held: dict[Who, _Held] = {}
         self._waiting: dict[Who, None] = {}
-        # For each kind, the connections by address, longest in that kind first.
+        self._without_token: Counter[str] = Counter()
+        """Address -> number of its connections that have not shown a token."""
+        # For each kind, the connections by address. Addresses and their connections are ordered, longest idle first.
         self._kinds: dict[tuple[State, bool], dict[str, dict[Who, None]]] = {
             (state, has_token): {} for state in State for has_token in (False, True)
         }
@@ -64,7 +68,7 @@ class Places(Generic[Who]):
     def take(self, who: Who, address: str, *, has_token: bool = False) -> tuple[bool, Who | None]:
         """Ask for a place. Return whether there is one, and the connection that has to leave for it."""
         victim = None
-        if not has_token and self._without_token(address) >= self._most_per_address:
+        if not has_token and self._without_token[address] >= self._most_per_address:
             victim = self._victim(has_token=False, address=address)
             if victim is None:
                 return False, None
@@ -98,14 +102,19 @@ class Places(Generic[Who]):
             # The usual case: only its idle time restarts.
             del held.beside[who]
             held.beside[who] = None
+            by_address = self._kinds[held.state, held.has_token]
+            by_address[held.address] = by_address.pop(held.address)
         else:
             self._pull(who)
             self._put(who, _Held(held.address, state, held.has_token or has_token))
 
     def _put(self, who: Who, held: _Held) -> None:
         self._held[who] = held
-        held.beside = self._kinds[held.state, held.has_token].setdefault(held.address, {})
+        by_address = self._kinds[held.state, held.has_token]
+        held.beside = by_address[held.address] = by_address.pop(held.address, {})
         held.beside[who] = None
+        if not held.has_token:
+            self._without_token[held.address] += 1
 
     def _pull(self, who: Who) -> _Held:
         held = self._held.pop(who)
@@ -113,16 +122,18 @@ class Places(Generic[Who]):
         del by_address[held.address][who]
         if not by_address[held.address]:
             del by_address[held.address]
+        if not held.has_token:
+            self._without_token[held.address] -= 1
+            if not self._without_token[held.address]:
+                del self._without_token[held.address]
         return held
-
-    def _without_token(self, address: str) -> int:
-        return sum(len(self._kinds[state, False].get(address, ())) for state in State)
 
     def _victim(self, *, has_token: bool, address: str | None = None) -> Who | None:
         for kind in _FOR_TOKENS if has_token else _FOR_EVERYONE:
             by_address = self._kinds[kind]
             # The address with the most connections comes first.
-            order = sorted(by_address, key=self._without_token, reverse=True) if address is None else [address]
+            holds = {one: len(with_token) for one, with_token in by_address.items()} if kind[1] else self._without_token
+            order = sorted(by_address, key=holds.__getitem__, reverse=True) if address is None else [address]
             for one in order:
                 for who in by_address.get(one, ()):
                     if kind[0] in (State.UNREAD, State.BUSY) or not self._has_spoken(who):

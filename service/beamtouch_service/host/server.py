@@ -11,6 +11,7 @@ from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.host import model_watch, tls
 from beamtouch_service.host.background import Background
+from beamtouch_service.host.handshakes import Handshakes, TlsListener
 from beamtouch_service.host.listener import bind, resolve
 from beamtouch_service.host.model_watch import ModelKeeper
 from beamtouch_service.host.systemd import ServiceManager, activated
@@ -44,11 +45,15 @@ def run(settings: Settings) -> None:
             recorder=recorder,
             lifespan=background.lifespan,
         )
-        config = configure(app, settings.max_clients, settings.max_clients_per_address, settings.tls)
+        handshakes = Handshakes()
+        config = configure(
+            app, settings.max_clients, settings.max_clients_per_address, settings.tls, handshakes=handshakes
+        )
         config.load()
         background.ssl = config.ssl
         try:
-            serve(Host(config, manager, streams), listener)
+            host = Host(config, manager, streams)
+            serve(host, TlsListener(listener, handshakes) if settings.tls else listener)
         finally:
             recorder.close()
 

@@ -3,9 +3,11 @@
 import asyncio
 import gc
 import logging
+import resource
 import signal
 import socket
 import sys
+import time
 from functools import partial
 from types import FrameType
 from typing import Any, cast
@@ -16,10 +18,11 @@ from starlette.types import ASGIApp, Scope
 from beamtouch_service.api.app import Application
 from beamtouch_service.api.context import Streams
 from beamtouch_service.config import TlsFiles
-from beamtouch_service.host.connection import HEAD_S, BoundedProtocol, Clients
+from beamtouch_service.host.connection import BoundedProtocol, Clients
+from beamtouch_service.host.handshakes import HANDSHAKE_S, Handshakes
 from beamtouch_service.host.places import Places
 from beamtouch_service.host.systemd import ServiceManager
-from beamtouch_service.limits import MAX_CLIENTS, MAX_CLIENTS_PER_ADDRESS, SeldomFilter
+from beamtouch_service.limits import MAX_CLIENTS, Seldom, SeldomFilter
 
 SHUTDOWN_S = 2
 """For running answers to finish. A sender repeats what was not acknowledged."""
@@ -29,22 +32,27 @@ _ACCEPTED_AT_ONCE = 16
 """New connections accepted in a row, so that a flood of them does not hold up the others."""
 _QUEUE = 1024
 """New connections that the system keeps until they are accepted. Beyond this it does not answer."""
+MAX_FILES = 8192
+"""Open files: 4096 connections, handshakes, and what these and the service need besides."""
+
+_log = logging.getLogger("beamtouch.service")
 
 
 def configure(
     app: ASGIApp,
     max_clients: int = MAX_CLIENTS,
-    max_clients_per_address: int = MAX_CLIENTS_PER_ADDRESS,
+    max_clients_per_address: int | None = None,
     tls: TlsFiles | None = None,
+    *,
+    handshakes: Handshakes | None = None,
 ) -> uvicorn.Config:
     """Return how uvicorn is to serve `app`."""
+    places = Places(max_clients, max_clients_per_address or max_clients, BoundedProtocol.has_unread)
+    clients = _clients(app, places, handshakes or Handshakes())
     return uvicorn.Config(
         app,
         # uvicorn only calls it, once for each connection.
-        http=cast(
-            "type[asyncio.Protocol]",
-            partial(BoundedProtocol, clients=_clients(app, max_clients, max_clients_per_address)),
-        ),
+        http=cast("type[asyncio.Protocol]", partial(BoundedProtocol, clients=clients)),
         ws="none",
         loop=f"{__name__}:Loop",
         lifespan="on",
@@ -63,21 +71,29 @@ def configure(
     )
 
 
-def _clients(app: ASGIApp, max_clients: int, max_per_address: int) -> Clients:
-    places = Places(max_clients, max_per_address, BoundedProtocol.has_unread)
+def _clients(app: ASGIApp, places: Places[BoundedProtocol], handshakes: Handshakes) -> Clients:
     if not isinstance(app, Application):
-        return Clients(places, lambda _header: False, lambda _kind, _address: None, lambda _address: None)
+        return Clients(places, lambda _header: False, lambda _kind, _address: None, lambda _address: None, handshakes)
     context = app.context
-    return Clients(places, context.access.knows, context.counts.problem, context.counts.eviction)
+    return Clients(places, context.access.knows, context.counts.problem, context.counts.eviction, handshakes)
 
 
 class Loop(asyncio.SelectorEventLoop):
     """The usual event loop, with a deadline for TLS handshakes."""
 
+    _seldom = Seldom()
+
+    def call_exception_handler(self, context: dict[str, Any]) -> None:
+        """Report an error as every loop does, but failures to accept a connection only once a minute."""
+        if not context.get("message", "").startswith("socket.accept()"):
+            super().call_exception_handler(context)
+        elif self._seldom.due("accept", time.monotonic()):
+            _log.error("no connection can be accepted: %s", context.get("exception"))
+
     async def create_server(self, *arguments: Any, **options: Any) -> asyncio.Server:  # noqa: ANN401  # as every loop's
         """Return a server as every loop does."""
         if options.get("ssl"):
-            options["ssl_handshake_timeout"] = HEAD_S
+            options["ssl_handshake_timeout"] = HANDSHAKE_S
         server: asyncio.Server = await super().create_server(*arguments, **options)
         return server
 
@@ -132,6 +148,11 @@ def serve(host: Host, listener: socket.socket) -> None:
     # Until the loop handles it, SIGHUP must not end the process.
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     logging.getLogger("uvicorn.error").addFilter(SeldomFilter())
+    # Many systems allow 1024 open files, and more on request.
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
     # Objects that exist now stay for good. Searching them for garbage again and again would delay answers.
     gc.collect()
     gc.freeze()

@@ -38,7 +38,7 @@ class Witness(Protocol):
     def stale(self, surface: Surface) -> None:
         """Note that the newest sample of a surface has become too old."""
 
-    def late(self, surface: Surface, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
+    def late(self, surface: Surface, served: ServedModel, batch: Batch, samples: list[Sample]) -> None:
         """Note samples of a batch that came after newer ones, in order."""
 
     def has_room(self, samples: int) -> bool:
@@ -227,8 +227,8 @@ class Surface:
             if self._senders.is_after_present(batch.boot_id, sample.sequence, acquired_s, arrival_s)
         ]
         late = samples[: len(samples) - len(fresh)]
-        if late and self.model and self.witness:
-            self.witness.late(self, self.model, batch, late)
+        if late and self._served and self.witness:
+            self.witness.late(self, self._served, batch, late)
         if fresh:
             self._told_stale = False
             self.timings.arrival_age_s.observe(batch.newest_age_ms / 1e3)

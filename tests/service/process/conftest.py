@@ -165,8 +165,6 @@ def touched_in(folder: Path) -> Iterator[Service]:
     with commands_in(folder) as start:
         options = ("run", "--port", "0", "--config", "service.toml", "--write-token-file", token)
         service = service_of(start(*options), TOKEN)
-            start("run", "--port", "0", "--config", "service.toml", "--write-token-file", token), TOKEN
-        )
         assert service.post(batch_of()).status_code == 200
         yield service
 

@@ -4,8 +4,10 @@ import http.client
 import json
 import signal
 import socket
+import ssl
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -135,3 +137,23 @@ def test_who_connects_for_tls_and_says_nothing_is_cut_off(
         # asyncio's own patience is 60 s.
         assert closes(connection, 50)
     assert time.monotonic() - begin_s > 2
+
+
+def test_unfinished_handshakes_keep_nobody_out(
+    start_service: StartService, certificate: tuple[Path, Path], token_file: Path
+) -> None:
+    service = start_service(
+        "--certificate-file", certificate[0], "--key-file", certificate[1], "--write-token-file", token_file
+    )
+    port, before_mb = int(service.url.rpartition(":")[2]), resident_mb(service)
+    trusted = ssl.create_default_context(cafile=str(certificate[0]))
+    with ExitStack() as stack:
+        silent = [stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(400)]
+        daemon = http.client.HTTPSConnection("127.0.0.1", port, timeout=PATIENCE_S, context=trusted)
+        stack.callback(daemon.close)
+        daemon.request("GET", "/health/live", headers={"Authorization": f"Bearer {TOKEN}"})
+        assert daemon.getresponse().status == 200
+        # Most of them made room, long before their time was over.
+        assert len(list(Path(f"/proc/{service.process.pid}/fd").iterdir())) < 200
+        assert resident_mb(service) - before_mb < 110  # without bounds 180
+        assert closes(silent[0])

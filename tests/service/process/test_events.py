@@ -162,6 +162,25 @@ def test_a_full_disk_leaves_at_most_one_open_event(
     assert [event["end"] for event in events(service)] == ["lift", "unseen", "unseen"]
 
 
+def test_an_event_that_a_full_disk_left_open_is_answered_as_unseen_or_stale(
+    start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
+) -> None:
+    service = start_service("--config", config)
+    service.post(make_batch(RESTING, TOUCHING, TOUCHING))
+    (event,) = events(service)
+    assert event["end"] == "open"
+    resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+    service.post(make_batch(RESTING, sequence=4))
+    assert [event["end"] for event in events(service)] == ["unseen"]
+    assert service.get(f"/events/{event['id']}").json()["end"] == "unseen"
+    assert ",unseen," in service.get("/events?format=csv").text
+    service.post(make_batch(TOUCHING, sequence=5, age_ms=59_900))
+    wait_for(lambda: service.get("/contact").status_code == 503)
+    assert [event["end"] for event in events(service)] == ["stale"]
+    resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    wait_for(lambda: on_record(config)[0][0] == "unseen")
+
+
 @pytest.mark.parametrize("replaced", [False, True])
 def test_a_deleted_or_replaced_file_is_an_error_in_the_log(
     start_service: StartService, make_batch: MakeBatch, config: Path, *, replaced: bool

@@ -130,6 +130,48 @@ def test_the_longest_idle_of_the_address_that_holds_most_leaves_first(start: Sta
         assert [asks(one) for one in (*first, many[1], many[3], *last)] == [b"HTTP/1.1 200 OK"] * 6
 
 
+def test_among_equal_addresses_the_longest_idle_leaves_first(start: Start, make_batch: MakeBatch) -> None:
+    service = start(4, 4)
+    assert service.post(make_batch()).status_code == 200
+    with ExitStack() as stack:
+        polls, *others = [stack.enter_context(connect(service, f"127.0.0.{host}")) for host in range(2, 6)]
+        for one in (polls, *others, polls):
+            assert asks(one, "/contact") == b"HTTP/1.1 200 OK"
+        for host, leaves in enumerate(others, 6):
+            assert asks(stack.enter_context(connect(service, f"127.0.0.{host}")), "/contact") == b"HTTP/1.1 200 OK"
+            assert closes(leaves)
+            assert asks(polls, "/contact") == b"HTTP/1.1 200 OK"
+
+
+def test_a_client_that_does_not_read_leaves_before_one_that_polls(start: Start, make_batch: MakeBatch) -> None:
+    service = start(6, 6)
+    assert service.post(make_batch()).status_code == 200
+    with ExitStack() as stack:
+        polls = stack.enter_context(connect(service, "127.0.0.2"))
+        for host in range(3, 8):
+            unread = stack.enter_context(connect(service, f"127.0.0.{host}"))
+            unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            unread.sendall(get("/openapi.json") * 60)
+        # Meanwhile the service has written everything that the clients' sockets take.
+        assert {asks(polls, "/contact") for _ in range(200)} == {b"HTTP/1.1 200 OK"}
+        for host in range(8, 13):
+            assert asks(stack.enter_context(connect(service, f"127.0.0.{host}")), "/contact") == b"HTTP/1.1 200 OK"
+        assert asks(polls, "/contact") == b"HTTP/1.1 200 OK"
+
+
+def test_an_address_may_take_half_of_the_places_unless_the_config_says_otherwise(
+    start_service: StartService, build_model: BuildModel, tmp_path: Path
+) -> None:
+    (tmp_path / "service.toml").write_text(
+        f'[server]\nmax_clients = 5\n[surfaces.press-7]\nmodel = "{build_model()}"\n'
+    )
+    service = start_service("--config", "service.toml")
+    with ExitStack() as stack:
+        many = [stack.enter_context(connect(service, "127.0.0.2")) for _ in range(4)]
+        assert closes(many[0])
+        assert [asks(one) for one in many[1:]] == [b"HTTP/1.1 200 OK"] * 3
+
+
 def test_one_address_does_not_take_all_of_the_room(start: Start) -> None:
     service = start(8, 3)
     with ExitStack() as stack:

@@ -1,0 +1,52 @@
+"""Chunked bodies over raw sockets: what they cost, and where they end."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from ..conftest import TOKEN
+from .conftest import Service
+from .raw import connected, get, said, status
+
+MEGABYTE = 1_000_000
+HEAD = b"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n"
+
+
+def processor_s(service: Service) -> float:
+    """Return the processor time of the process so far [s]."""
+    user, system = Path(f"/proc/{service.process.pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.parametrize("size", [MEGABYTE, 1000], ids=["one", "many"])
+def test_the_cost_of_a_chunk_does_not_depend_on_its_content(touched_service: Service, size: int) -> None:
+    head = HEAD + f"Authorization: Bearer {TOKEN}\r\n\r\n".encode()
+    before_s = processor_s(touched_service)
+    chunks = (b"%x\r\n%b\r\n" % (size, b"\n" * size)) * (MEGABYTE // size)
+    (answer,) = said(touched_service, head + chunks + b"0\r\n\r\n", 1)
+
+    assert status(answer[0]) == 400
+    # With one piece per line end, it took 1.5 s.
+    assert processor_s(touched_service) - before_s < 0.5
+
+
+def test_a_connection_ends_after_an_answer_that_was_given_before_all_chunks_came(touched_service: Service) -> None:
+    with connected(touched_service) as connection, connection.makefile("rb") as stream:
+        connection.sendall(HEAD + b"\r\n5\r\nab")
+        assert stream.readline().startswith(b"HTTP/1.1 401 ")
+        connection.sendall(b"cde\r\n0\r\n\r\n" + get("/health/live"))
+        assert b"HTTP/1.1 " not in stream.read()
+
+
+@pytest.mark.parametrize("part", [1, 7, 100_000])
+def test_the_next_request_is_found_behind_chunks_however_they_are_cut(touched_service: Service, part: int) -> None:
+    body = b"".join(b"%X;a=b\r\n%b\r\n" % (len(words), words) for words in (b"\r\n\r\n", b"1\r\n" * 9, b"0\r\n\r\n"))
+    head = HEAD + f"Authorization: Bearer {TOKEN}\r\n\r\n".encode()
+    words = (head + body + b"000\r\nb: c\r\n\r\n" + get("/health/live")) * 2
+    with connected(touched_service) as connection, connection.makefile("rb") as stream:
+        for start in range(0, len(words), part):
+            connection.sendall(words[start : start + part])
+        connection.sendall(get("/health/live", "Connection: close"))
+        answers = stream.read()
+    assert [int(one[:3]) for one in answers.split(b"HTTP/1.1 ")[1:]] == [400, 200, 400, 200, 200]
