@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import httpx2
 
+from plain_http import TIMEOUT_S
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
@@ -59,7 +61,7 @@ def test_an_answer_does_not_wait_for_the_network(start_service: StartService) ->
     service = start_service()
 
     # On one connection, where an answer in two packets would wait 40 ms for an acknowledgement.
-    with httpx2.Client(base_url=service.url, trust_env=False) as client:
+    with httpx2.Client(base_url=service.url, trust_env=False, timeout=TIMEOUT_S) as client:
         fastest = min(client.get("/health/live").elapsed.total_seconds() for _ in range(20))
     assert fastest < 0.02
 

@@ -11,6 +11,8 @@ from pathlib import Path
 import httpx2
 import pytest
 
+from plain_http import TIMEOUT_S
+
 from ..conftest import TOKEN, BuildModel, MakeBatch
 from .conftest import Service, StartService
 from .raw import connected, fields, get
@@ -103,7 +105,10 @@ def test_idle_connections_keep_nobody_out(
 ) -> None:
     service = start(256, 128)
     statuses: list[int] = []
-    with flood(service, sources, words) as opened, httpx2.Client(base_url=service.url, trust_env=False) as kept:
+    with (
+        flood(service, sources, words) as opened,
+        httpx2.Client(base_url=service.url, trust_env=False, timeout=TIMEOUT_S) as kept,
+    ):
         while opened[0] < 300:
             time.sleep(0.01)
         before = opened[0]

@@ -13,7 +13,7 @@ import httpx2
 import pytest
 
 from certificates import make_certificate
-from plain_http import NO_TLS
+from plain_http import NO_TLS, TIMEOUT_S
 from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
 
 if TYPE_CHECKING:
@@ -87,10 +87,10 @@ def test_https(
     context = ssl.create_default_context(cafile=str(certificate[0]))
 
     assert service.url.startswith("https://127.0.0.1:")
-    with httpx2.Client(verify=context, trust_env=False) as client:
+    with httpx2.Client(verify=context, trust_env=False, timeout=TIMEOUT_S) as client:
         assert client.get(service.url + "/health/live").json() == {"status": "live"}
     service.process.send_signal(signal.SIGHUP)
-    with httpx2.Client(verify=context, trust_env=False) as client:
+    with httpx2.Client(verify=context, trust_env=False, timeout=TIMEOUT_S) as client:
         assert client.get(service.url + "/health/live").json() == {"status": "live"}
 
 
