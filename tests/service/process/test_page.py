@@ -52,7 +52,7 @@ def test_contact_degraded_and_too_few_channels(fresh: Service, make_batch: MakeB
     fresh.post(make_batch([0.5, None, None], sequence=3, quality=["good", "missing", "saturated"]))
     seen.wait_for_state("problem")
     assert seen.text("headline") == "Too few working channels"
-    assert "repair s2 (missing), s3 (saturated)" in seen.text("detail")
+    assert "Check s2 (missing), s3 (saturated)" in seen.text("detail")
     assert seen.text("position") == NO_FIGURE
     assert "saturated" in seen.text("channels")
     assert seen.complaints == []

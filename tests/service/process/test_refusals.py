@@ -41,7 +41,7 @@ def test_a_model_cut_in_half(command: Command, build_model: BuildModel) -> None:
     model.write_bytes(content[: len(content) // 2])
 
     line = refusal(command("run", "--port", "0", "--model", model))
-    assert line.startswith(f"beamtouch-service: model {model}: damaged or not an ONNX file; build it again")
+    assert line.startswith(f"beamtouch-service: model {model}: damaged or not an ONNX file; rebuild it with")
 
 
 def test_a_port_in_use(command: Command) -> None:
@@ -80,7 +80,7 @@ def test_a_model_that_takes_only_its_own_golden_batch(
         value.type.tensor_type.shape.dim[0].dim_value = 2
     path.write_bytes(model.SerializeToString())
 
-    assert "cannot be run on one sample" in refused_here(capsys, "--model", path)
+    assert "its graph fails on a single sample" in refused_here(capsys, "--model", path)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::"])  # noqa: S104  # that it is refused is the point
