@@ -123,7 +123,7 @@ class Line:
 
     def _start_service(self) -> str:
         surfaces = {surface.name: {"model": str(self._model)} for surface in self.surfaces}
-        server = {"port": 0, "token_file": "token"}
+        server = {"port": 0, "write_token_file": "token"}
         config = {"server": server, "events": {"file": "events.db"}, "surfaces": surfaces}
         (self.folder / "service.toml").write_text(tomli_w.dumps(config))
         self._start("service", ["beamtouch-service", "run", "--config", str(self.folder / "service.toml")])

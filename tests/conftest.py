@@ -13,7 +13,7 @@ from filelock import FileLock
 from xdist.remote import Producer
 
 from beamtouch_models import modelfile
-from beamtouch_models.build import build
+from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from scheduling import Scheduling
@@ -30,6 +30,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Scheduling:
     """Return how tests are given to several processes."""
     return Scheduling(config, log)
+
+
+@pytest.fixture(scope="session")
+def anyio_backend() -> str:
+    """Tests that are coroutines run on asyncio."""
+    return "asyncio"
 
 
 @pytest.fixture(scope="session")

@@ -5,14 +5,12 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models.modelfile import Metadata
-from beamtouch_models.prior import Prior
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
+from beamtouch_models.metadata import Metadata
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.scene import parse_scene
-
-Array = NDArray[np.float64]
 
 
 def imperfections(seed: int, metadata: Metadata) -> Imperfections:
@@ -36,7 +34,7 @@ def true_prior(metadata: Metadata, real: Imperfections) -> Prior:
 
 
 def write_readings(
-    path: Path, metadata: Metadata, prior: Prior, position_mm: Array, force_n: Array, *, seed: int, samples: int = 200
+    path: Path, metadata: Metadata, prior: Prior, position_mm: Floats, force_n: Floats, *, seed: int, samples: int = 200
 ) -> None:
     """Write what `record` would: so many samples of each load, with the noise of a reading in each."""
     rng = np.random.default_rng(seed)

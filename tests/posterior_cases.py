@@ -8,17 +8,15 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import TensorProto, numpy_helper
 
-from beamtouch_models.beam import max_deflection_mm
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.modelfile import session_options
+from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.placement import place
-from beamtouch_models.prior import Prior
 from beamtouch_models.scene import load_scene
+from beamtouch_models.session import runner, session_options
 from example_scenes import SCENES
-
-Array = NDArray[np.float64]
 
 
 @lru_cache
@@ -34,8 +32,8 @@ def prior_of(name: str, sensors: int, noise_percent: float, *, known: bool) -> P
 
 
 def answers_of(
-    graph: onnx.ModelProto, deflection_mm: Array, valid: NDArray[np.bool_] | None = None
-) -> dict[str, Array]:
+    graph: onnx.ModelProto, deflection_mm: Floats, valid: NDArray[np.bool_] | None = None
+) -> dict[str, Floats]:
     """Answers in float64 to deflections (samples, channels)."""
     valid = np.ones(deflection_mm.shape, np.bool_) if valid is None else valid
     with np.errstate(over="ignore"):
@@ -65,7 +63,7 @@ def in_double(model: onnx.ModelProto) -> onnx.ModelProto:
     return double
 
 
-def double_answers(graph: onnx.ModelProto, deflection_mm: Array) -> dict[str, Array]:
+def double_answers(graph: onnx.ModelProto, deflection_mm: Floats) -> dict[str, Floats]:
     """Answers of the same graph computed in float64, to the same readings as float32 gives."""
     content = to_bytes(in_double(graph))
     session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])

@@ -1,15 +1,14 @@
 """Recorded loads of random surfaces, honest or with a mistyped one, without a file."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.loads import Loads
-from beamtouch_models.modelfile import Metadata
+from beamtouch_models.metadata import Metadata
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.scene import parse_scene
 from imperfect_surface import true_prior
 
-Array = NDArray[np.float64]
 MISTAKES = ("20 mm", "40 mm", "60 mm", "2 x force", "10 x force")
 SAMPLES = 200
 FORCE_PER_MM = 0.01
@@ -68,7 +67,7 @@ def recorded(
 
 def with_mistake(
     mistake: str, loads: Loads, range_mm: tuple[float, float], rng: np.random.Generator
-) -> tuple[Array, Array, int]:
+) -> tuple[Floats, Floats, int]:
     """Positions and forces of which one is mistyped, and which."""
     position, force = loads.position_mm.copy(), loads.force_n.copy()
     size = float(mistake.split(maxsplit=1)[0])

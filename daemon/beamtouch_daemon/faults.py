@@ -1,4 +1,4 @@
-"""Things that fail and come back: how long to wait, and what to log so that the log does not fill at the poll rate."""
+"""Repeated failures: how long to wait between attempts, and how often to log them."""
 
 import logging
 from time import monotonic
@@ -6,30 +6,30 @@ from time import monotonic
 BACKOFF_MIN_S = 0.1
 BACKOFF_MAX_S = 2.0
 REPEAT_S = 60.0
-"""The same complaint, or the same kind of event, is logged at most this often."""
+"""Shortest time between two log messages of the same kind."""
 
 
 class Backoff:
-    """Waiting times that double from the least to the greatest."""
+    """Waiting times that double from `first_s` up to `max_s`."""
 
-    def __init__(self, first_s: float = BACKOFF_MIN_S, most_s: float = BACKOFF_MAX_S) -> None:
+    def __init__(self, first_s: float = BACKOFF_MIN_S, max_s: float = BACKOFF_MAX_S) -> None:
         self._first_s = first_s
-        self._most_s = most_s
+        self._max_s = max_s
         self._next_s = first_s
 
     def reset(self) -> None:
-        """Begin again with the least: it works."""
+        """Start again from the shortest time, after a success."""
         self._next_s = self._first_s
 
     def next(self) -> float:
-        """Return how long to wait now [s]."""
+        """Return the next waiting time [s]."""
         now_s = self._next_s
-        self._next_s = min(2 * now_s, self._most_s)
+        self._next_s = min(2 * now_s, self._max_s)
         return now_s
 
 
 class Fault:
-    """One thing that can fail, in the log: each reason once in a while, and that it works again."""
+    """Logs the failures of one thing, each reason at most once per `REPEAT_S`, and its recovery."""
 
     def __init__(self, log: logging.Logger, who: str) -> None:
         self._log = log
@@ -39,7 +39,7 @@ class Fault:
         self._announced = False
 
     def failed(self, reason: str) -> None:
-        """Note a failure; it is logged unless the same reason was within the last `REPEAT_S`."""
+        """Note a failure; log it unless the same reason was logged within the last `REPEAT_S`."""
         now_s = monotonic()
         if self._since_s is None:
             self._since_s = now_s
@@ -50,7 +50,7 @@ class Fault:
             self._logged_s[reason] = now_s
 
     def recovered(self) -> None:
-        """Note that it works; logged if the failure was."""
+        """Note a success; log it if the failure was logged."""
         if self._since_s is None:
             return
         if self._announced:
@@ -59,7 +59,7 @@ class Fault:
 
 
 class Tally:
-    """Events too frequent to be logged one by one: their number, at most once per `REPEAT_S`."""
+    """Logs the number of frequent events, at most once per `REPEAT_S`."""
 
     def __init__(self, log: logging.Logger, text: str) -> None:
         self._log = log

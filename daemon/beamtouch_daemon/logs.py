@@ -1,4 +1,4 @@
-"""The log: one line per event, as text for people or as JSON for programs."""
+"""The log: one line per event, as text or as JSON."""
 
 import json
 import logging
@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 
 
 class JsonFormatter(logging.Formatter):
-    """One JSON object per event: time (UTC), level, where it comes from, what it is about, and the words."""
+    """Formats an event as one JSON object: time (UTC), level, source and message."""
 
     def format(self, record: logging.LogRecord) -> str:
         """Return the line."""
@@ -27,4 +27,4 @@ def set_up(*, as_json: bool) -> None:
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonFormatter() if as_json else logging.Formatter("%(levelname)s %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
-    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs every failure; the sources report them
+    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it logs every failure; our sources report them

@@ -1,4 +1,4 @@
-"""Tasks that nothing but a stop ends, and their end for sure."""
+"""Tasks that run until the daemon stops, and their cancellation."""
 
 import asyncio
 import logging
@@ -20,16 +20,16 @@ async def cancel(tasks: Iterable["asyncio.Future[Any]"]) -> None:
         _, left = await asyncio.wait(left, timeout=_CANCEL_AGAIN_S)
     for task in everyone:
         if not task.cancelled():
-            task.exception()  # seen, so that nobody complains of it at the end
+            task.exception()  # retrieved, so that asyncio does not log it at the end
 
 
 async def keep_going(name: str, work: Callable[[], Awaitable[None]]) -> None:
-    """Run `work` to its end; an error that nobody foresaw ends here, in the log, and `work` begins again."""
+    """Run `work` to its end; after an unexpected error, log it and start `work` again."""
     while True:
         try:
             await work()
         except Exception:  # noqa: BLE001 - logged whole; one surface's fault must not stop the others
-            _log.exception("%s: unexpected error; starting anew", name)
+            _log.exception("%s: unexpected error; restarting", name)
             await asyncio.sleep(BACKOFF_MAX_S)
         else:
             return

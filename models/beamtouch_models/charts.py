@@ -36,22 +36,22 @@ STYLE = (
               for name, value in DARK.items())
     + "}\n"
 )  # fmt: skip
-"""For a page that holds drawings, or a file that is one."""
+"""Style sheet for a page with drawings, or for the file of a single one."""
 
 
 def fill(colour: Colour, *names: str) -> str:
-    """Return the attributes of an element that is filled; `names` are further classes."""
+    """Return the attributes of a filled element; `names` are further classes."""
     return f'class="{" ".join((*names, f"fill-{colour}"))}" fill="{LIGHT[colour]}"'
 
 
 def stroke(colour: Colour, *names: str, width: float = 1.0) -> str:
-    """Return the attributes of an element that is only an outline."""
+    """Return the attributes of an outlined element; `names` are further classes."""
     classes = " ".join((*names, f"stroke-{colour}"))
     return f'class="{classes}" fill="none" stroke="{LIGHT[colour]}" stroke-width="{width:g}"'
 
 
 def opening(name: str, width: float, height: float, says: str) -> str:
-    """Return the begin of a drawing whose texts are in ink, with what it shows for those who cannot see it."""
+    """Return the opening tag of a drawing, with a description for screen readers."""
     said = escape(says)
     return (
         f'<svg viewBox="0 0 {width:g} {height:g}" '
@@ -65,14 +65,14 @@ class Series:
     """One curve or one set of points."""
 
     label: str
-    """For the legend; empty: not in it."""
+    """Text in the legend; a series without a label is not listed."""
     x: Sequence[float]
     y: Sequence[float]
     colour: int = 0
     """0 .. 7."""
     style: Literal["line", "dashed", "points"] = "line"
     notes: Sequence[str] = ()
-    """A few characters beside each point; only for points."""
+    """Short text beside each point; only for the style "points"."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Chart:
     """A chart with its axes; logarithmic axes take positive values only."""
 
     says: str
-    """What it shows, for those who cannot see it."""
+    """Description for screen readers."""
     x_label: str
     y_label: str
     series: Sequence[Series]
@@ -88,9 +88,9 @@ class Chart:
     log_y: bool = False
     y_from_zero: bool = False
     x_range: tuple[float, float] | None = None
-    """Left out, the axis spans the values."""
+    """By default the axis spans the values."""
     whole_x: bool = False
-    """Whether x counts things, so that ticks between whole numbers would say nothing."""
+    """Whether x is a count, so that ticks are whole numbers."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Axis:
 
 
 def draw(chart: Chart) -> str:
-    """Draw a chart as an `<svg>` element, without a ground; see `standalone`."""
+    """Draw a chart as an `<svg>` element, without a background; see `standalone`."""
     legend, rows = _legend(chart.series)
     top = TOP + rows * LEGEND_ROW
     height = HEIGHT + rows * LEGEND_ROW
@@ -136,7 +136,7 @@ def draw(chart: Chart) -> str:
 
 
 def standalone(svg: str) -> str:
-    """Return a drawing as the text of an SVG file, with a ground of its own."""
+    """Return a drawing as the text of an SVG file, with its own background."""
     head, rest = svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1).split("</title>", 1)
     ground = f'<rect {fill("ground")} width="100%" height="100%"/>'
     return f"{head}</title><style>{STYLE}</style>{ground}{rest}\n"
@@ -167,7 +167,7 @@ def round_ticks(low: float, high: float, least_step: float = 0.0) -> tuple[float
 
 
 def _log_ticks(low: float, high: float) -> tuple[float, ...]:
-    """Powers of ten, or 1, 2 and 5 of them where they are few."""
+    """Return the powers of ten, with their multiples by 2 and 5 if there are few."""
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     factors = (1, 2, 5) if len(decades) <= 3 else (1,)
     stride = max(1, len(decades) // 8)
@@ -210,7 +210,7 @@ def _line(series: Series) -> str:
 
 
 def _legend(series: Sequence[Series]) -> tuple[list[str], int]:
-    """Return the legend's elements and how many rows they take."""
+    """Return the elements of the legend and its number of rows."""
     named = [one for one in series if one.label]
     widths = [34 + len(one.label) * CHARACTER + 14 for one in named]
     starts = [0.0]

@@ -1,10 +1,10 @@
-"""A graph with its metadata as the one model file, written whole."""
+"""Writing of model files, and of any file as a whole."""
 
 from pathlib import Path
 
 import onnx
 
-from beamtouch_models.modelfile import Metadata
+from beamtouch_models.metadata import Metadata
 
 
 def to_bytes(model: onnx.ModelProto, metadata: Metadata | None = None) -> bytes:
@@ -18,7 +18,7 @@ def to_bytes(model: onnx.ModelProto, metadata: Metadata | None = None) -> bytes:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is either there as a whole or not at all."""
+    """Write a file atomically: it appears complete or not at all."""
     partial = path.with_name(path.name + ".partial")
     try:
         partial.write_bytes(content)

@@ -1,28 +1,29 @@
-"""What the user states about a surface before it is built: a TOML file, checked strictly."""
+"""The scene of a surface, and the TOML files that people write. Validated strictly."""
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeVar
 
-from pydantic import Field, PositiveInt, ValidationError, model_validator
+from pydantic import BaseModel, Field, PositiveInt, ValidationError, model_validator
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.structure import Beam, Finite, PositiveFinite, Strict
-from beamtouch_models.text_file import read_text
 
-__all__ = ["Beam", "Contact", "Descriptor", "Requirements", "Scene", "Sensors", "load_scene", "parse_scene"]
+T = TypeVar("T", bound=BaseModel)
 
 MIN_SENSORS, MAX_SENSORS = 1, 64
+MAX_BYTES = 1024 * 1024
+"""Largest text file, a thousand times a scene; a larger file was given by mistake."""
 
 
 class Contact(Strict):
-    """What may touch the beam: a range, drawn from uniformly."""
+    """The contacts that the surface is designed for, uniform over their ranges."""
 
     force_n: PositiveFinite | tuple[PositiveFinite, PositiveFinite]
-    """One number: the weight is known. Two: it lies between them."""
+    """One number if the force is known, else its range."""
     position_mm: tuple[Finite, Finite]
     width_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Length of beam that a contact presses on, evenly, centred at its position; 0 is a point."""
+    """Length over which a contact presses evenly, centred at its position; 0 is a point."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -36,38 +37,38 @@ class Contact(Strict):
 
     @property
     def force_range_n(self) -> tuple[float, float]:
-        """Smallest and largest force, equal where it is known."""
+        """Smallest and largest force; equal if the force is known."""
         return self.force_n if isinstance(self.force_n, tuple) else (self.force_n, self.force_n)
 
     @property
     def force_is_known(self) -> bool:
-        """Whether the scene states one force."""
+        """Whether the scene states a single force."""
         return self.force_range_n[0] == self.force_range_n[1]
 
 
 class Sensors(Strict):
-    """The proximity sensors under the beam, all of one kind."""
+    """The proximity sensors under the beam, all of the same kind."""
 
     count: Literal["auto"] | Annotated[int, Field(ge=MIN_SENSORS, le=MAX_SENSORS)] | tuple[PositiveInt, PositiveInt] = (
         "auto"
     )
-    """How many; "auto" or a range takes the fewest that meet requirements.position_error_mm."""
+    """Number of sensors; "auto" or a range takes the smallest that meets requirements.position_error_mm."""
     noise_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    """Standard deviation of one reading."""
+    """Standard deviation of a reading."""
     noise_percent_of_max: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    """The same, in percent of the largest deflection in the scene."""
+    """Standard deviation of a reading in percent of the largest deflection in the scene."""
     rate_hz: PositiveFinite = 100.0
     range_mm: tuple[PositiveFinite, PositiveFinite] = (1.0, 4.0)
-    """Gaps over which the sensor is linear."""
+    """Smallest and largest gap between which the sensor is linear."""
     standoff_mm: PositiveFinite | None = None
-    """Gap at rest; left out, the travel of the beam is centred in the range."""
+    """Gap at rest; by default the travel of the beam is centred in the range."""
     adc_bits: Annotated[int, Field(ge=6, le=16)] | None = None
-    """Left out, the steps of the ADC are not modelled."""
+    """Bits of the ADC; by default its steps are not modelled."""
     min_distance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     keep_out_mm: list[tuple[Finite, Finite]] = Field(default_factory=list)
-    """Stretches of the beam that no sensor may stand in, ends excluded."""
+    """Stretches of the beam without sensors; a sensor may stand at their ends."""
     fixed_mm: list[Finite] = Field(default_factory=list)
-    """Sensors that already have their place."""
+    """Positions of sensors that are already decided."""
     grid_mm: PositiveFinite = 1.0
 
     @model_validator(mode="after")
@@ -83,7 +84,7 @@ class Sensors(Strict):
             raise ValueError(message)
         twice = [place for place in self.fixed_mm if self.fixed_mm.count(place) > 1]
         if twice:
-            message = f"fixed_mm names {twice[0]:g} mm twice; two sensors cannot share a place"
+            message = f"fixed_mm names {twice[0]:g} mm twice; two sensors cannot share a position"
             raise ValueError(message)
         if any(start >= end for start, end in self.keep_out_mm):
             message = "keep_out_mm: the start of a stretch must be less than its end"
@@ -92,7 +93,7 @@ class Sensors(Strict):
 
     @property
     def count_range(self) -> tuple[int, int]:
-        """Fewest and most sensors to consider."""
+        """Smallest and largest number of sensors to consider."""
         if self.count == "auto":
             return 2, 8
         return self.count if isinstance(self.count, tuple) else (self.count, self.count)
@@ -102,17 +103,17 @@ Descriptor = Literal["position", "force"]
 
 
 class Requirements(Strict):
-    """What the surface is for."""
+    """What the surface must do."""
 
     position_error_mm: PositiveFinite | None = None
-    """Mean error wanted; decides the number of sensors where it is open."""
+    """Largest mean error; it decides the number of sensors if the scene leaves that open."""
     latency_ms: PositiveFinite | None = None
-    """Time the filter may take; left out, a sample is a reading."""
+    """Time that the filter may take; by default there is no filter."""
     descriptors: tuple[Descriptor, ...] = ("position",)
 
 
 class Scene(Strict):
-    """A whole scene."""
+    """What the user states about a surface before it is built."""
 
     beam: Beam
     contact: Contact
@@ -139,8 +140,19 @@ class Scene(Strict):
         return "force" in self.requirements.descriptors
 
 
+def load_scene(path: Path) -> tuple[Scene, str]:
+    """Read a scene file; returns the scene and its text. Raises SceneError as `parse_scene` does."""
+    text = read_text(path)
+    return parse_scene(text, str(path)), text
+
+
 def parse_scene(text: str, origin: str) -> Scene:
-    """Read a scene from TOML text.
+    """Read a scene from TOML text; raises SceneError as `parse` does."""
+    return parse(Scene, text, origin)
+
+
+def parse(kind: type[T], text: str, origin: str) -> T:
+    """Read TOML text into a pydantic model.
 
     Raises
     ------
@@ -148,29 +160,40 @@ def parse_scene(text: str, origin: str) -> Scene:
         Not TOML, an unknown key, a missing or impossible value; the message names `origin` and the key.
     """
     try:
-        return Scene.model_validate(tomllib.loads(text))
+        return kind.model_validate(tomllib.loads(text))
     except ValidationError as error:
-        message = f"{origin}: {first_error(error)}"
-        raise SceneError(message) from None
+        message = f"{origin}: {_first_error(error)}"
     except (ValueError, RecursionError) as error:
-        # Also numbers and nesting beyond what the parser takes.
+        # These include numbers and nesting beyond what the parser takes.
         message = f"{origin}: not valid TOML: {error}"
+    raise SceneError(message)
+
+
+def read_text(path: Path) -> str:
+    """Read a text file in UTF-8 of at most `MAX_BYTES`; raises SceneError with the reason in one line."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+        text = content.decode()
+    except OSError as error:
+        message = f"{path}: {error.strerror}"
         raise SceneError(message) from None
+    except UnicodeDecodeError:
+        message = f"{path}: not a text file in UTF-8"
+        raise SceneError(message) from None
+    if len(content) > MAX_BYTES:
+        message = f"{path}: larger than {MAX_BYTES >> 20} MiB; give a file that was written by hand"
+        raise SceneError(message)
+    return text
 
 
-def load_scene(path: Path) -> tuple[Scene, str]:
-    """Read a scene file; returns the scene and its text. Raises SceneError as `parse_scene` does."""
-    text = read_text(path)
-    return parse_scene(text, str(path)), text
-
-
-def first_error(error: ValidationError) -> str:
-    """Say the first thing that is wrong in one line: the key, the reason, the value."""
-    # A misspelt key is also a missing one; its spelling is what the user can see.
+def _first_error(error: ValidationError) -> str:
+    """Return one line with the first error: the key, the reason and the value."""
+    # A misspelt key also counts as missing; name the one that the user can see.
     first = min(error.errors(), key=lambda complaint: complaint["type"] != "extra_forbidden")
     where = ".".join(str(part) for part in first["loc"] if isinstance(part, int) or part.isidentifier())
     if first["type"] == "extra_forbidden":
-        return f"unknown key {where}; take it out or correct its spelling"
+        return f"unknown key {where}; remove it or correct its spelling"
     reason = first["msg"].removeprefix("Value error, ")
     given = "" if isinstance(first["input"], dict) else f" (given: {first['input']!r})"
     return f"{where}: {reason}{given}" if where else f"{reason}"

@@ -4,7 +4,7 @@ import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
 from beamtouch_models.errors import SceneError
 
@@ -188,12 +188,12 @@ class Beam(Strict):
 
 
 def changed_beam(beam: Beam, rigidity: float, fixity: tuple[float, float]) -> Beam:
-    """Return a beam with its rigidity times `rigidity` and with a `fixity` of its first and its last support.
+    """Return a beam with `rigidity` times its rigidity and with the `fixity` of its first and last support.
 
     Raises
     ------
     SceneError
-        A support that gets a fixity is already fixed.
+        A support that gets a fixity is missing or already fixed, or the rigidity cannot be computed with.
     """
     fields: dict[str, Any] = beam.model_dump()
     for part in (fields, *fields["segments"]):
@@ -202,11 +202,18 @@ def changed_beam(beam: Beam, rigidity: float, fixity: tuple[float, float]) -> Be
                 part[key] *= rigidity
     if any(fixity):
         supports = [support.model_dump() for support in beam.support_list]
+        if len(supports) < (2 if fixity[1] else 1):
+            message = f"fixity: the beam has {len(supports) or 'no'} support; give 0 for those that it lacks"
+            raise SceneError(message)
         for index, value in zip((0, -1), fixity, strict=True):
             if value and supports[index]["kind"] == "fixed":
-                message = "fixity: that support is fixed already; give it 0"
+                message = "fixity: that support is already fixed; give it 0"
                 raise SceneError(message)
             if value:
                 supports[index]["fixity"] = value
         fields["supports"] = supports
-    return Beam.model_validate(fields)
+    try:
+        return Beam.model_validate(fields)
+    except ValidationError as error:
+        message = f"rigidity: {error.errors()[0]['msg'].removeprefix('Value error, ')}"
+        raise SceneError(message) from None

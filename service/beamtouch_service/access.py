@@ -1,4 +1,4 @@
-"""Who may do what: three bearer tokens, and the request that each opens. Pure: no web framework, no clock, no I/O."""
+"""Access control: three bearer tokens and the requests that each allows. Pure: no web framework, no clock, no I/O."""
 
 import hmac
 from dataclasses import dataclass, field
@@ -10,40 +10,40 @@ _CHALLENGE = {"WWW-Authenticate": 'Bearer realm="beamtouch"'}
 
 
 class Role(Enum):
-    """What a request needs, and the option that names the file of its token."""
+    """The right that a request needs: a token with its name, and the option with the file of the token."""
 
-    OPEN = ("nothing", "")
-    READ = ("reading", "--read-token-file")
-    WRITE = ("writing", "--token-file")
-    ADMIN = ("administration", "--admin-token-file")
+    OPEN = ("", "")
+    READ = ("read", "--read-token-file")
+    WRITE = ("write", "--write-token-file")
+    ADMIN = ("admin", "--admin-token-file")
 
-    def __init__(self, purpose: str, option: str) -> None:
-        self.purpose = purpose
+    def __init__(self, token: str, option: str) -> None:
+        self.token = token
         self.option = option
 
 
 _REFUSED_WITHOUT = {
-    Role.WRITE: "Writes are not allowed: start the service with --token-file FILE to allow them.",
-    Role.ADMIN: "Administration is not allowed: start the service with --admin-token-file FILE to allow it.",
+    Role.WRITE: "Writes are disabled. To enable them, start the service with --write-token-file FILE.",
+    Role.ADMIN: "Administration is disabled. To enable it, start the service with --admin-token-file FILE.",
 }
 
 
 @dataclass(frozen=True)
 class Access:
-    """The tokens of a service, None where there is none; each that can write or administrate can also read."""
+    """The tokens of a service, None where there is none. The write and admin tokens can also read."""
 
     write: str | None = field(default=None, repr=False)
     read: str | None = field(default=None, repr=False)
-    """None: everyone who reaches the service may read."""
+    """None: reads need no token."""
     admin: str | None = field(default=None, repr=False)
 
     def require(self, role: Role, authorization: bytes | None) -> None:
-        """Let a request pass whose `Authorization` header opens what needs `role`.
+        """Let a request pass whose `Authorization` header has a token for `role`.
 
         Raises
         ------
         ProblemError
-            401 without a token, with one that is none of ours, or where nobody may; 403 with one that is for less.
+            401 without a valid token, or if the role is disabled; 403 with a token for another role.
         """
         if role is Role.OPEN or (role is Role.READ and self.read is None):
             return
@@ -52,11 +52,11 @@ class Access:
         held = self._role_of(authorization or b"")
         if held is role or role is Role.READ:
             return
-        detail = f"The token is for {held.purpose}; {role.purpose} takes the token of {role.option}."
+        detail = f"This is the {held.token} token. Use the {role.token} token ({role.option})."
         raise ProblemError(Problem(Kind.FORBIDDEN, detail))
 
     def knows(self, authorization: bytes) -> bool:
-        """Say whether an `Authorization` header bears one of the tokens."""
+        """Return whether an `Authorization` header holds a valid token."""
         return self._held(authorization) is not None
 
     def _tokens(self) -> dict[Role, str | None]:
@@ -64,18 +64,16 @@ class Access:
 
     def _role_of(self, authorization: bytes) -> Role:
         if authorization.partition(b" ")[0].lower() != b"bearer":
-            raise _unauthorized(
-                "Send the header `Authorization: Bearer TOKEN` with the token of the service's token file."
-            )
+            raise _unauthorized("Send the header `Authorization: Bearer TOKEN` with a token of the service.")
         held = self._held(authorization)
         if held is None:
-            raise _unauthorized("The token is not the one in the service's token file.")
+            raise _unauthorized("This is not a token of the service. Check its token files.")
         return held
 
     def _held(self, authorization: bytes) -> Role | None:
         scheme, _, given = authorization.partition(b" ")
         given = given.strip()
-        # With every token, whichever fits: the time taken says nothing of them.
+        # Compares with every token, so that the time it takes tells nothing about them.
         fits = [
             role
             for role, token in self._tokens().items()

@@ -10,14 +10,14 @@ from beamtouch_service import version
 from beamtouch_service.config import ConfigError, load_settings
 
 PROGRAM = "beamtouch-service"
-EXIT_DONE, EXIT_FAILED, EXIT_WRONG_INPUT = 0, 1, 2
+EXIT_DONE, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 2, 130
 
 _EXTRA = {"fastapi", "uvicorn", "starlette", "onnxruntime", "numpy", "prometheus_client"}
 _OPTIONS = (
     "model",
     "host",
     "port",
-    "token_file",
+    "write_token_file",
     "read_token_file",
     "admin_token_file",
     "certificate_file",
@@ -27,35 +27,54 @@ _OPTIONS = (
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, without the usage."""
+    """Reports errors in one line, without the usage."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(EXIT_WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
+class _Renamed(argparse.Action):
+    """An option of earlier versions: its error names the new one."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_arguments: object, **_options: object) -> NoReturn:
+        parser.error(f"{self.option_strings[0]} is now called --{self.dest.replace('_', '-')}")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(PROGRAM, description="Takes samples, gives the contact, over HTTP.")
-    parser.add_argument("--version", action="version", version=f"{PROGRAM} {version.current()}")
+    words = "Accepts samples over HTTP and answers where and how hard something touches the surface."
+    parser = _Parser(PROGRAM, description=words, allow_abbrev=False)
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {version()}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    run = commands.add_parser("run", help="serve until stopped", description="Serves until SIGTERM or Ctrl-C.")
-    run.add_argument("--model", metavar="MODEL", help="model file; alone, it makes one surface of the model's name")
-    run.add_argument("--config", metavar="FILE", help="TOML file with [server] and [surfaces.NAME]")
-    run.add_argument("--host", help="address to listen on (127.0.0.1); beyond loopback only with tokens")
-    run.add_argument("--port", type=int, help="port to listen on (8420); 0 picks a free one")
-    run.add_argument("--token-file", metavar="FILE", help="bearer token that writes must bear; none: no writes")
-    run.add_argument("--read-token-file", metavar="FILE", help="token that reads must bear; none: all of this machine")
-    run.add_argument("--admin-token-file", metavar="FILE", help="token for administration; none: nobody")
-    run.add_argument("--certificate-file", metavar="FILE", help="PEM, with --key-file: HTTPS instead of HTTP")
-    run.add_argument("--key-file", metavar="FILE", help="PEM, the key of the certificate")
-    run.add_argument("--stale-ms", type=float, metavar="N", help="oldest sample to answer from, in ms (500)")
-    check = commands.add_parser("check", help="say what a model file is", description="Says what a model file is.")
-    check.add_argument("model", metavar="MODEL", help="model file, from `design-sensors build`")
+    _add_run(commands.add_parser("run", help="serve until SIGTERM or Ctrl-C", allow_abbrev=False))
+    words = "Describes a model file, or says why the service would refuse it."
+    check = commands.add_parser("check", help="describe a model file", description=words, allow_abbrev=False)
+    check.add_argument("model", metavar="MODEL", help="model file from `design-sensors build`")
     check.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
 
 
+def _add_run(run: argparse.ArgumentParser) -> None:
+    run.description = "Serves until SIGTERM or Ctrl-C. Options override the configuration file."
+    run.add_argument("--model", metavar="MODEL", help="model file; without --config, the surface gets its name")
+    run.add_argument("--config", metavar="FILE", help="TOML file with [server], [events] and [surfaces.NAME]")
+    words = "address to listen on (default: 127.0.0.1); addresses beyond loopback require a write and a read token"
+    run.add_argument("--host", help=words)
+    run.add_argument("--port", type=int, help="port to listen on (default: 8420); 0 picks a free port")
+    words = "file with the token required for writes; default: writes are disabled"
+    run.add_argument("--write-token-file", metavar="FILE", help=words)
+    run.add_argument("--token-file", dest="write_token_file", action=_Renamed, help=argparse.SUPPRESS)
+    words = "file with the token required for reads; default: reads need no token"
+    run.add_argument("--read-token-file", metavar="FILE", help=words)
+    words = "file with the token required for administration; default: administration is disabled"
+    run.add_argument("--admin-token-file", metavar="FILE", help=words)
+    run.add_argument("--certificate-file", metavar="FILE", help="PEM certificate for HTTPS; requires --key-file")
+    run.add_argument("--key-file", metavar="FILE", help="PEM private key of the certificate")
+    words = "give no contact from a sample older than this, in ms (default: 500)"
+    run.add_argument("--stale-ms", type=float, metavar="N", help=words)
+
+
 def _check(arguments: argparse.Namespace) -> None:
-    from beamtouch_service import check  # noqa: PLC0415  # as in _run
+    from beamtouch_service.host import check  # noqa: PLC0415  # as in _run
 
     print(check.report(Path(arguments.model), as_json=arguments.json))
 
@@ -63,14 +82,14 @@ def _check(arguments: argparse.Namespace) -> None:
 def _run(arguments: argparse.Namespace) -> None:
     options = {name: getattr(arguments, name) for name in _OPTIONS}
     settings = load_settings(Path(arguments.config) if arguments.config else None, options)
-    # Only now: what needs the extra is not needed to say that a config is wrong, or that the extra is missing.
-    from beamtouch_service import server  # noqa: PLC0415
+    # Imported late: without the extra, a wrong config or the missing extra is still reported in one line.
+    from beamtouch_service.host import server  # noqa: PLC0415
 
     server.run(settings)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return 0 done, 1 failed, 2 wrong input with one line on standard error."""
+    """Run the command. Returns 0 done, 2 wrong input with one line on standard error, 130 after Ctrl-C."""
     arguments = _parser().parse_args(argv)
     try:
         {"run": _run, "check": _check}[arguments.command](arguments)
@@ -81,7 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         return _refuse(f"{error.name} is not installed; pip install 'beamtouch[service]'")
     except KeyboardInterrupt:
-        return EXIT_DONE
+        return EXIT_INTERRUPTED
     return EXIT_DONE
 
 

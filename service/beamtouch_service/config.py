@@ -1,4 +1,4 @@
-"""What the service is told: a TOML file, the command line over it, and the token file."""
+"""Settings of the service: a TOML file, the command line (which wins), and the token files."""
 
 import tomllib
 from collections.abc import Mapping
@@ -9,43 +9,43 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 
 from beamtouch_service.access import Access
-from beamtouch_service.config_sections import ConfigFile, Overrides, SurfaceSection
+from beamtouch_service.config_sections import RENAMED, ConfigFile, Overrides, SurfaceSection
 
 MIN_TOKEN_CHARACTERS = 16
 _MAX_TOKEN_BYTES = 4096
 _MAX_CONFIG_BYTES = 1024 * 1024
-_TOKEN_FILES = {"write": "token_file", "read": "read_token_file", "admin": "admin_token_file"}
+_TOKEN_FILES = {"write": "write_token_file", "read": "read_token_file", "admin": "admin_token_file"}
 _FILES = (*_TOKEN_FILES.values(), "certificate_file", "key_file")
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
 class ConfigError(ValueError):
-    """Wrong input; the message is one line that says what to do."""
+    """Wrong input. The message is one line that says what to do."""
 
 
 @dataclass(frozen=True)
 class SurfaceSettings:
-    """One surface as it is to be set up."""
+    """One surface."""
 
     name: str
-    """Empty: named by its model."""
+    """Empty: the name of its model."""
     model: Path | None
     stale_ms: float
 
 
 @dataclass(frozen=True)
 class EventSettings:
-    """Where contacts are kept on record, and how many."""
+    """The record of contacts."""
 
     file: Path | None
     """None: in memory."""
     keep_days: float
-    most_mb: float
+    max_mb: float
 
 
 @dataclass(frozen=True)
 class TlsFiles:
-    """Certificate and key."""
+    """Certificate and its key."""
 
     certificate: Path
     key: Path
@@ -53,7 +53,7 @@ class TlsFiles:
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything the service is told, checked."""
+    """All settings, checked."""
 
     host: str
     port: int
@@ -68,17 +68,17 @@ class Settings:
 
 
 def load_settings(config: Path | None, options: Mapping[str, object]) -> Settings:
-    """Merge a config file and the command line, which wins, and read the token.
+    """Merge a config file and the command line, which wins, and read the tokens.
 
     Parameters
     ----------
-    config : the file, if there is one
+    config : the file; None without one
     options : fields of `Overrides`
 
     Raises
     ------
     ConfigError
-        Anything in it is wrong; the message names the place.
+        Something is wrong; the message names the place.
     """
     overrides = _validate(Overrides, options, "--", "command line")
     file = _read(config) if config else ConfigFile()
@@ -95,7 +95,7 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         max_batches_per_s=server.max_batches_per_s,
         surfaces=_merge_surfaces(file, folder, overrides),
         max_streams=server.max_streams,
-        events=EventSettings(_path(file.events.file, folder), file.events.keep_days, file.events.most_mb),
+        events=EventSettings(_path(file.events.file, folder), file.events.keep_days, file.events.max_mb),
     )
 
 
@@ -108,7 +108,7 @@ def _access(files: Mapping[str, Path | None]) -> Access:
             continue
         tokens[purpose] = token = load_token(path)
         if token in found:
-            message = f"token files {found[token]} and {path} hold the same token; each purpose needs one of its own"
+            message = f"token files {found[token]} and {path} hold the same token; each purpose needs its own token"
             raise ConfigError(message)
         found[token] = path
     return Access(**tokens)
@@ -119,7 +119,7 @@ def _tls(certificate: Path | None, key: Path | None) -> TlsFiles | None:
         return None
     if certificate is None or key is None:
         missing = "certificate_file" if certificate is None else "key_file"
-        message = f"server.{missing} is missing; HTTPS takes a certificate and its key"
+        message = f"server.{missing} is missing; HTTPS needs a certificate and its key"
         raise ConfigError(message)
     return TlsFiles(certificate, key)
 
@@ -127,7 +127,9 @@ def _tls(certificate: Path | None, key: Path | None) -> TlsFiles | None:
 def _merge_surfaces(file: ConfigFile, folder: Path, overrides: Overrides) -> tuple[SurfaceSettings, ...]:
     model = _path(overrides.model, Path())
     if model and len(file.surfaces) > 1:
-        message = f"--model is for one surface, the config has {', '.join(file.surfaces)}; set `model` in the config"
+        message = (
+            f"--model is for a single surface, but the config has {', '.join(file.surfaces)}; set `model` in the config"
+        )
         raise ConfigError(message)
     merged = [
         SurfaceSettings(
@@ -143,7 +145,7 @@ def _merge_surfaces(file: ConfigFile, folder: Path, overrides: Overrides) -> tup
 
 
 def load_token(path: Path) -> str:
-    """Read the bearer token, white space around it aside; raises ConfigError if the file holds none that will do."""
+    """Read a token and strip white space around it; raises ConfigError if the file holds no usable token."""
     remedy = f"write at least {MIN_TOKEN_CHARACTERS} random characters to it, as `openssl rand -hex 32` prints them"
     try:
         with path.open("rb") as file:
@@ -174,12 +176,12 @@ def _read(path: Path) -> ConfigFile:
         message = f"config {path}: {error.strerror}"
         raise ConfigError(message) from None
     if len(text) > _MAX_CONFIG_BYTES:
-        message = f"config {path}: larger than {_MAX_CONFIG_BYTES >> 20} MiB; give a file that was written by hand"
+        message = f"config {path}: larger than {_MAX_CONFIG_BYTES >> 20} MiB; is it the right file?"
         raise ConfigError(message)
     try:
         content = tomllib.loads(text.decode())
     except (ValueError, RecursionError) as error:
-        # Also numbers and nesting beyond what the parser takes.
+        # ValueError and RecursionError also stand for numbers and nesting beyond the limits of the parser.
         message = f"config {path} is not TOML: {error}"
         raise ConfigError(message) from None
     return _validate(ConfigFile, content, "", f"config {path}")
@@ -193,8 +195,11 @@ def _validate(model: type[_Model], content: Mapping[str, object], prefix: str, o
         place = prefix + ".".join(str(part) for part in first["loc"])
         if prefix:
             place = place.replace("_", "-")
-        known = first["type"] != "extra_forbidden"
-        wrong = first["msg"] if known else "unknown key; remove it or correct its spelling"
+        key, wrong = str(first["loc"][-1]), first["msg"]
+        if first["type"] == "extra_forbidden":
+            wrong = "unknown key; remove it or correct its spelling"
+            if key in RENAMED:
+                wrong = f"this key is now called {RENAMED[key]}"
         message = f"{origin}: {place}: {wrong}"
         raise ConfigError(message) from None
 

@@ -1,10 +1,10 @@
-"""What the TOML file and the command line may say: strict, every key known."""
+"""Sections of the TOML file, and the command line: strict, unknown keys are refused."""
 
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
-from beamtouch_service import defaults
+from beamtouch_service import limits
 from beamtouch_service.samples import SurfaceName
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -13,45 +13,50 @@ Port = Annotated[int, Field(ge=0, le=65535)]
 StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
 _Text = Annotated[str, Field(min_length=1)]
 
+RENAMED = {"token_file": "write_token_file", "most_mb": "max_mb"}
+"""Keys of earlier versions, and their names now."""
+
 
 class ServerSection(BaseModel):
-    """`[server]`: where to listen, and who may do what."""
+    """`[server]`: address, tokens, certificate, and limits."""
 
     model_config = _STRICT
 
     host: _Text = "127.0.0.1"
-    """Beyond loopback only together with a token file for writing and one for reading."""
+    """Address to listen on. Addresses beyond loopback require a write token and a read token."""
     port: Port = 8420
-    """0 picks a free one."""
-    token_file: _Text | None = None
-    """Without one every write is refused."""
-    max_streams: Annotated[int, Field(ge=0, le=1000)] = defaults.MAX_STREAMS
-    """Most streams open at once."""
-
+    """0 picks a free port."""
+    write_token_file: _Text | None = None
+    """File with the token required for writes. Without it, every write is refused."""
     read_token_file: _Text | None = None
-    """Without one everyone on this machine may read."""
+    """File with the token required for reads. Without it, reads need no token."""
     admin_token_file: _Text | None = None
-    """Without one nobody may administrate."""
+    """File with the token required for administration. Without it, administration is disabled."""
     certificate_file: _Text | None = None
-    """PEM, with the chain; together with `key_file`: HTTPS instead of HTTP."""
+    """PEM, with its chain. With `key_file`, the service speaks HTTPS instead of HTTP."""
     key_file: _Text | None = None
-    max_clients: Annotated[int, Field(ge=1, le=defaults.MOST_CLIENTS)] = defaults.MAX_CLIENTS
-    """Connections at a time; for one more an idle one without a token is closed, and without such a one it gets 503."""
-    max_clients_per_address: Annotated[int, Field(ge=1, le=defaults.MOST_CLIENTS)] | None = None
-    """The same for the connections of one address that have not borne a token; None: half of `max_clients`."""
-    max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = defaults.BATCHES_PER_S
-    """For each surface; more get 429."""
+    """PEM, the private key of the certificate."""
+    max_clients: Annotated[int, Field(ge=1, le=limits.MOST_CLIENTS)] = limits.MAX_CLIENTS
+    """Open connections. For one more, an idle one without a token is closed; if there is none, the new one gets 503."""
+    max_clients_per_address: Annotated[int, Field(ge=1, le=limits.MOST_CLIENTS)] | None = None
+    """The same for connections from one address that have not shown a token. Default: half of `max_clients`."""
+    max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = limits.MAX_BATCHES_PER_S
+    """For each surface. Further batches get 429."""
+    max_streams: Annotated[int, Field(ge=0, le=1000)] = limits.MAX_STREAMS
+    """Open streams. Further ones get 503."""
 
 
 class EventsSection(BaseModel):
-    """`[events]`: where contacts are kept on record, and how many."""
+    """`[events]`: the record of contacts."""
 
     model_config = _STRICT
 
     file: _Text | None = None
-    """Without one they are kept in memory, until the service stops."""
-    keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = defaults.KEEP_DAYS
-    most_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = defaults.MOST_MB
+    """SQLite file. Without it, events are kept in memory until the service stops."""
+    keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = limits.KEEP_DAYS
+    """Older events are deleted."""
+    max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = limits.MAX_MB
+    """Size of the file. Beyond it, the oldest events are deleted."""
 
 
 class SurfaceSection(BaseModel):
@@ -60,13 +65,13 @@ class SurfaceSection(BaseModel):
     model_config = _STRICT
 
     model: _Text | None = None
-    """Model file; without one the surface takes samples and gives no contact."""
-    stale_ms: StaleMs = defaults.STALE_MS
+    """Model file. Without it, the surface accepts samples but gives no contact."""
+    stale_ms: StaleMs = limits.STALE_MS
     """No contact is given from a sample older than this."""
 
 
 class ConfigFile(BaseModel):
-    """The whole file; relative paths in it are relative to it."""
+    """The whole file. Relative paths in it are relative to its folder."""
 
     model_config = _STRICT
 
@@ -76,13 +81,13 @@ class ConfigFile(BaseModel):
 
 
 class Overrides(BaseModel):
-    """What the command line says; None where it says nothing."""
+    """Options of the command line; None where an option was not given."""
 
     model_config = _STRICT
 
     host: _Text | None = None
     port: Port | None = None
-    token_file: _Text | None = None
+    write_token_file: _Text | None = None
     read_token_file: _Text | None = None
     admin_token_file: _Text | None = None
     certificate_file: _Text | None = None

@@ -1,15 +1,28 @@
-"""Bounds on how often: batches per second, lines of log per minute. Pure: instants come in as seconds."""
+"""Default limits, and rate limits for batches and log lines. Pure: the caller gives the time in seconds."""
 
 import logging
 from collections.abc import Callable
 from time import monotonic
 
+STALE_MS = 500.0
+"""No contact is given from a sample older than this."""
+MAX_BATCHES_PER_S = 2000.0
+"""For each surface."""
+MAX_STREAMS = 32
+MAX_CLIENTS = 256
+MOST_CLIENTS = 4096
+"""Upper limit of the setting: a new connection may have to search all of them for one to replace."""
+KEEP_DAYS = 30.0
+MAX_MB = 100.0
+"""Size of the record of events."""
+
 LOG_EVERY_S = 60.0
 _MAX_REMEMBERED = 100
+"""Kinds of messages. Beyond this all are forgotten, so that made-up kinds cannot fill the memory."""
 
 
 class Bucket:
-    """So many turns per second on average, and as many at once after a pause of a second."""
+    """Allows a number of turns per second on average, and as many at once after a pause of a second."""
 
     def __init__(self, per_s: float) -> None:
         self._per_s = per_s
@@ -18,7 +31,7 @@ class Bucket:
         self._at_s = 0.0
 
     def take(self, now_s: float) -> float:
-        """Take a turn at `now_s` [s]; returns 0, or how long to wait for one [s], and then none was taken."""
+        """Take a turn at `now_s` [s]. Returns 0, or the time to wait [s] if no turn was free."""
         self._left = min(self._most, self._left + max(0.0, now_s - self._at_s) * self._per_s)
         self._at_s = now_s
         if self._left < 1.0:
@@ -28,26 +41,26 @@ class Bucket:
 
 
 class Seldom:
-    """Says of things that happen often when to speak of them: the first time, then once per period with the count."""
+    """Rate-limits repeated log messages: the first at once, then one per period, with a count."""
 
     def __init__(self, every_s: float = LOG_EVERY_S) -> None:
         self._every_s = every_s
-        self._spoken: dict[str, tuple[float, int]] = {}
+        self._written: dict[str, tuple[float, int]] = {}
 
     def due(self, kind: str, now_s: float) -> int:
-        """Note that it happened at `now_s` [s]; returns how often since it was last spoken of, 0 to keep silent."""
-        spoken_s, count = self._spoken.get(kind, (float("-inf"), 0))
-        if now_s - spoken_s < self._every_s:
-            self._spoken[kind] = (spoken_s, count + 1)
+        """Count a message at `now_s` [s]. Returns how many there were since the last line, or 0 to write none."""
+        written_s, count = self._written.get(kind, (float("-inf"), 0))
+        if now_s - written_s < self._every_s:
+            self._written[kind] = (written_s, count + 1)
             return 0
-        if len(self._spoken) >= _MAX_REMEMBERED:
-            self._spoken.clear()
-        self._spoken[kind] = (now_s, 0)
+        if len(self._written) >= _MAX_REMEMBERED:
+            self._written.clear()
+        self._written[kind] = (now_s, 0)
         return count + 1
 
 
 class SeldomFilter(logging.Filter):
-    """Lets each message of a logger through once per minute: anyone can make a server complain again and again."""
+    """Lets each message of a logger through once per minute, because clients can provoke endless complaints."""
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         super().__init__()
@@ -55,5 +68,5 @@ class SeldomFilter(logging.Filter):
         self._clock = clock
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Say whether to write it; an exception always is."""
+        """Return whether to write a record. Exceptions are always written."""
         return record.exc_info is not None or self._seldom.due(str(record.msg), self._clock()) > 0

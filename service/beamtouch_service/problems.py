@@ -1,6 +1,6 @@
-"""Every way in which the service says no, as problem details (RFC 9457).
+"""All problems that the service answers with, as problem details (RFC 9457).
 
-A problem is a value; `ProblemError` carries it through the code, and `handlers` turns it into an answer.
+A problem is a value. `ProblemError` carries it through the code, and `api.errors` turns it into an answer.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ MEDIA_TYPE = "application/problem+json"
 
 
 class Kind(Enum):
-    """What can be wrong: the last part of the problem's `type`, the HTTP status, and the title."""
+    """Kinds of problems: the last part of the `type`, the HTTP status, and the title."""
 
     NO_SURFACE = ("no-surface", 503, "The service has no surface")
     NO_MODEL = ("no-model", 503, "The surface has no model")
@@ -24,24 +24,24 @@ class Kind(Enum):
     UNUSABLE_ESTIMATE = ("unusable-estimate", 503, "The model gave no usable answer")
     NOT_READY = ("not-ready", 503, "The service is not ready")
     UNAUTHORIZED = ("unauthorized", 401, "A valid bearer token is required")
-    FORBIDDEN = ("forbidden", 403, "The token is not for this")
+    FORBIDDEN = ("forbidden", 403, "The token is for another purpose")
     UNKNOWN_SURFACE = ("unknown-surface", 404, "There is no such surface")
     UNKNOWN_EVENT = ("unknown-event", 404, "There is no such event")
-    SURFACE_REQUIRED = ("surface-required", 400, "Several surfaces: name one")
+    SURFACE_REQUIRED = ("surface-required", 400, "There are several surfaces; name one")
     MALFORMED_JSON = ("malformed-json", 400, "The body is not JSON")
-    INVALID_REQUEST = ("invalid-request", 422, "The request does not follow its format")
+    INVALID_REQUEST = ("invalid-request", 422, "The request has a wrong format")
     MISSING_CHANNELS = ("missing-channels", 422, "The batch lacks channels of the model")
     TOO_LARGE = ("too-large", 413, "The body is too large")
     TOO_SLOW = ("too-slow", 408, "The body took too long to arrive")
     TOO_MANY_REQUESTS = ("too-many-requests", 429, "More batches per second than the surface takes")
     BUSY = ("busy", 503, "Late samples come faster than they can be recorded")
     MODEL_REFUSED = ("model-refused", 409, "The model file is not used")
-    NOT_FOUND = ("not-found", 404, "There is nothing at this address")
-    METHOD_NOT_ALLOWED = ("method-not-allowed", 405, "This address does not take that method")
+    NOT_FOUND = ("not-found", 404, "Nothing is at this address")
+    METHOD_NOT_ALLOWED = ("method-not-allowed", 405, "This address does not accept the method")
     STOPPING = ("stopping", 503, "The service is stopping")
     BAD_REQUEST = ("bad-request", 400, "Not an HTTP request")
     HEAD_TOO_LARGE = ("head-too-large", 431, "The request line and headers are too long")
-    UNKNOWN_CODING = ("unknown-coding", 501, "Only chunked is understood as transfer coding")
+    UNKNOWN_CODING = ("unknown-coding", 501, "The only transfer coding supported is chunked")
     TOO_MANY_CLIENTS = ("too-many-clients", 503, "Too many clients")
     INTERNAL = ("internal", 500, "The service failed")
 
@@ -62,28 +62,28 @@ class ProblemBody(BaseModel):
     model_config = ConfigDict(extra="allow", title="Problem")
 
     type: str = Field(examples=[Kind.STALE.type_uri])
-    """Names the kind of problem; the one member for programs to decide by."""
+    """The kind of problem. Programs decide by this member alone."""
     title: str
     status: int
     detail: str
-    """What is wrong this time, and what to do about it."""
+    """The cause, and what to do about it."""
     surface: str | None = None
-    """The surface in question, where there is one."""
+    """The surface concerned, if there is one."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One problem, this time."""
+    """One problem with its cause."""
 
     kind: Kind
     detail: str
-    """What is wrong this time, and what to do about it."""
+    """The cause, and what to do about it."""
     surface: str | None = None
     members: Mapping[str, object] = field(default_factory=dict)
     """Further members of the body, JSON values."""
 
     def body(self) -> dict[str, object]:
-        """Return the members of the answer; `surface` only where there is one."""
+        """Return the members of the answer. `surface` is present only if there is one."""
         named = {} if self.surface is None else {"surface": self.surface}
         return {
             "type": self.kind.type_uri,

@@ -1,7 +1,7 @@
 """The published batch: what a daemon sends to `POST /surfaces/{name}/samples`.
 
-The service receives it, so the service owns its format; the daemon imports this module and nothing else of the
-service. It depends on pydantic only, so that a gateway carries no web framework and no onnxruntime.
+The service receives it, so the service owns its format. The daemon imports this module and nothing else of the
+service. It depends on pydantic only, so a gateway needs no web framework and no onnxruntime.
 """
 
 from enum import StrEnum
@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 MAX_CHANNELS = 64
 MAX_SAMPLES = 2000
-"""In a batch: while its samples are estimated and followed, everyone else waits."""
+"""In a batch. All other requests wait while its samples are estimated."""
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 ChannelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
@@ -20,7 +20,7 @@ SurfaceName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
 
 
 class Quality(StrEnum):
-    """What is known of one channel at one instant; only `good` channels reach the model."""
+    """Quality of one channel in one sample. Only `good` channels reach the model."""
 
     GOOD = "good"
     OUT_OF_RANGE = "out-of-range"
@@ -28,16 +28,16 @@ class Quality(StrEnum):
     SATURATED = "saturated"
     """The counts stand at the end of the ADC."""
     STUCK = "stuck"
-    """The counts have not changed for longer than noise allows."""
+    """The counts have not changed for longer than noise makes plausible."""
     MISSING = "missing"
-    """No reading of this channel, or too few yet for the filter."""
+    """No reading of this channel, or too few for the filter so far."""
 
 
 class Note(StrEnum):
-    """What the sender has found of the surface, besides its samples."""
+    """Findings of the sender on the surface."""
 
     RATE = "rate"
-    """The device does not keep its rate: filter windows are longer or shorter than configured."""
+    """The device does not keep its rate, so filter windows are longer or shorter than configured."""
 
 
 class Sample(BaseModel):
@@ -46,7 +46,7 @@ class Sample(BaseModel):
     model_config = _STRICT
 
     sequence: int = Field(ge=0, lt=2**53)
-    """Counts the samples since the sender started; a gap is a loss."""
+    """Counts the samples since the sender started. A gap is a loss."""
     acquired_unix_us: int = Field(ge=0, lt=2**53)
     """When the newest reading in it was taken, by the sender's clock; for the record, never for freshness."""
     deflection_mm: list[FiniteFloat | None] = Field(min_length=1, max_length=MAX_CHANNELS)
@@ -72,14 +72,14 @@ class Batch(BaseModel):
     model_config = _STRICT
 
     boot_id: str = Field(pattern=r"^[A-Za-z0-9-]{8,64}$")
-    """New at every start of the sender; together with the sequence number it names a sample for good."""
+    """New at every start of the sender. With the sequence number, it identifies a sample for good."""
     channels: list[ChannelName] = Field(min_length=1, max_length=MAX_CHANNELS)
     """The channel names, in the order of the values in each sample."""
     newest_age_ms: FiniteFloat = Field(ge=0, le=1e12)
-    """Age of the last sample at sending, by the sender's monotonic clock; freshness depends on nothing else."""
+    """Age of the last sample at sending, by the sender's monotonic clock. Freshness depends on nothing else."""
     samples: list[Sample] = Field(min_length=1, max_length=MAX_SAMPLES)
     notes: list[Annotated[Note, Field(strict=False)]] = Field(default=[], max_length=len(Note))
-    """What the sender has found of the surface while it took these samples; senders of before have none."""
+    """Findings of the sender while it took these samples. Older senders state none."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -17,10 +17,9 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from daemon import configs
 from daemon.devices import SerialDevice, pymodbus_server
 from daemon.lines import joined_terminals, terminal
-from daemon.process import started
+from daemon.process import free_port, started
 from daemon.service import Service, serving
 from daemon.sessions import polled
-from daemon.test_run import free_port
 
 POLLS, TURNS = 1500, 3
 NEVER_IN_TIME_HZ = 1e6

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from Pynite import FEModel3D
 
-from beamtouch_models.beam import influence
-from beamtouch_models.mesh import mesh_of
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.physics.mesh import mesh_of
 from beamtouch_models.structure import Beam
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent.parent))  # for what tests and benchmarks share
 
 from beamtouch_models import modelfile
-from beamtouch_models.build import build
+from beamtouch_models.building.build import build
 from beamtouch_models.calibration.calibrate import checked_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
 from beamtouch_models.errors import NotGoodEnoughError

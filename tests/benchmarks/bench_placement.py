@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from beamtouch_models.beam import load_positions_mm, scene_influence
+from beamtouch_models.physics.beam import load_positions_mm, scene_influence
 from beamtouch_models.placement import place, score_positions
 from beamtouch_models.placement.problem import Problem, problem_from, rules_for
 from beamtouch_models.placement.search_exact import Run, exact_search, first_best

@@ -1,4 +1,7 @@
-"""The service: GET /contact under a 1 kHz stream of samples against a bare ASGI answer, memory, time per estimate."""
+"""The service under a 1 kHz stream of samples: GET /contact against a bare ASGI answer and a plain FastAPI route.
+
+Also its memory and the time per estimate.
+"""
 
 import http.client
 import json
@@ -16,9 +19,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 import numpy as np
 
 from beamtouch_models import modelfile
-from beamtouch_models.build import build
+from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
-from beamtouch_service.inference import Durations, Inference
+from beamtouch_service.surfaces.served_model import Inference
 from example_scenes import SCENES
 
 TURNS, SECONDS = 5, 2.0
@@ -27,24 +30,42 @@ RATE_HZ, BATCHES_PER_S = 1000, 250
 ESTIMATES = 3000
 TOKEN = "a-token-of-this-benchmark"  # noqa: S105
 LOAD = Path(__file__).parent / "http_load.py"
-GOAL = "at least 0.9"
+GOALS = {"a bare ASGI answer": "at least 0.6", "a plain FastAPI route": "at least 1.3"}
 
-BARE = """
+HOSTED = """
 import socket, sys
-from beamtouch_service.hosting import Host, configure
-from beamtouch_service.listening import bind
-from beamtouch_service.notify import ServiceManager
-from beamtouch_service.streams import Streams
+from beamtouch_service.api.context import Streams
+from beamtouch_service.host.listener import bind
+from beamtouch_service.host.systemd import ServiceManager
+from beamtouch_service.host.uvicorn_host import Host, configure
 
+{app}
+listener = bind(socket.AF_INET, "127.0.0.1", 0)
+Host(configure(app), ServiceManager(), Streams()).run(sockets=[listener])
+"""
+BARE = """
 BODY = b"x" * int(sys.argv[1])
 HEADERS = [(b"content-type", b"application/json"), (b"content-length", str(len(BODY)).encode())]
 
 async def app(scope, receive, send):
+    if scope["type"] == "lifespan":
+        for state in ("startup", "shutdown"):
+            await receive()
+            await send({"type": f"lifespan.{state}.complete"})
+        return
     await send({"type": "http.response.start", "status": 200, "headers": HEADERS})
     await send({"type": "http.response.body", "body": BODY})
+"""
+PLAIN = """
+from fastapi import FastAPI
+from beamtouch_service.surfaces.contact import Contact
 
-listener = bind(socket.AF_INET, "127.0.0.1", 0)
-Host(configure(app, 256), ServiceManager(), Streams()).run(sockets=[listener])
+CONTACT = Contact.model_validate_json(sys.argv[1])
+app = FastAPI()
+
+@app.get("/")
+async def get_contact(surface: str | None = None) -> Contact:
+    return CONTACT.model_copy(update={"age_ms": 12.3})
 """
 
 
@@ -57,12 +78,18 @@ def run() -> list[dict[str, object]]:
         model = modelfile.load(path)
         token = Path(folder) / "token"
         token.write_text(TOKEN)
-        command = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--model", path, "--token-file", token)
+        command = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--model", path, "--write-token-file", token)
         with server(*command) as (service, port), stream(port, model):
             body = contact(port)
-            with server("-c", BARE, str(len(body))) as (bare, bare_port):
-                pair = ((service.pid, port, "/contact"), (bare.pid, bare_port, "/"))
-                rows = [answers(pair, 1), answers(pair, 16)]
+            peers = {
+                "a bare ASGI answer": ("-c", HOSTED.format(app=BARE), str(len(body))),
+                "a plain FastAPI route": ("-c", HOSTED.format(app=PLAIN), body.decode()),
+            }
+            rows = []
+            for name, program in peers.items():
+                with server(*program) as (peer, peer_port):
+                    pair = ((service.pid, port, "/contact"), (peer.pid, peer_port, "/"))
+                    rows += [answers(pair, name, clients) for clients in (1, 16)]
             rows.append({"name": "service: resident memory", "value": resident_mb(service.pid), "unit": "MB"})
         return [*rows, estimates(model)]
 
@@ -136,29 +163,29 @@ Asked = tuple[int, int, str]
 """Process, port and path of a server."""
 
 
-def answers(pair: tuple[Asked, Asked], clients: int) -> dict[str, object]:
-    """Return how the service and the bare server do, in turns, with so many clients."""
+def answers(pair: tuple[Asked, Asked], peer: str, clients: int) -> dict[str, object]:
+    """Compare the service with a peer, in turns, with this number of clients."""
     turns: list[list[dict[str, float]]] = [[], []]
     for turn in range(TURNS):
         for which in (0, 1) if turn % 2 else (1, 0):
             turns[which].append(loaded(*pair[which], clients))
-    mine, bare = turns
+    mine, theirs = turns
     row: dict[str, object] = {
-        "name": f"GET /contact over a bare ASGI answer, {clients} client{'s' if clients > 1 else ''}",
-        "value": ratio(mine, bare, "per_s"),
+        "name": f"GET /contact over {peer}, {clients} client{'s' if clients > 1 else ''}",
+        "value": ratio(mine, theirs, "per_s"),
         "unit": "requests/s over requests/s",
-        "goal": GOAL,
-        "processor time over its": ratio(mine, bare, "processor_us"),
+        "goal": GOALS[peer],
+        "processor time over its": ratio(mine, theirs, "processor_us"),
     }
     for name in ("per_s", "p50_ms", "p99_ms", "processor_us"):
         row[name] = float(np.median([one[name] for one in mine]))
-        row[f"bare {name}"] = float(np.median([one[name] for one in bare]))
+        row[f"peer {name}"] = float(np.median([one[name] for one in theirs]))
     return row
 
 
-def ratio(mine: list[dict[str, float]], bare: list[dict[str, float]], name: str) -> float:
+def ratio(mine: list[dict[str, float]], theirs: list[dict[str, float]], name: str) -> float:
     """Return the median over the turns."""
-    return float(np.median([one[name] / other[name] for one, other in zip(mine, bare, strict=True)]))
+    return float(np.median([one[name] / other[name] for one, other in zip(mine, theirs, strict=True)]))
 
 
 def loaded(pid: int, port: int, path: str, clients: int) -> dict[str, float]:
@@ -187,7 +214,7 @@ def estimates(model: modelfile.ModelFile) -> dict[str, object]:
     golden = model.metadata.golden
     values = np.array(golden.deflection_mm[:1], np.float32)
     valid = np.ones(values.shape, np.bool_)
-    inference = Inference(model, Durations())
+    inference = Inference(model)
     feed = {"deflection_mm": values, "valid": valid}
     mine, bare = [], []
     for _ in range(TURNS):

@@ -18,12 +18,12 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 import numpy as np
 import tomli_w
 
-from beamtouch_daemon.config import Surface
-from beamtouch_daemon.pipeline import Pipeline
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models import modelfile
-from beamtouch_models.build import build
-from beamtouch_models.daemon_config import daemon_config
+from beamtouch_models.building.build import build
+from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import load_scene
@@ -57,7 +57,7 @@ async def stepped(folder: Path, steps: int, batch_ms: float | None) -> list[dict
         now[:4] = beam.counts(LOAD if touching[0] else REST, 0.0)
 
     async with pymodbus_server([0] * 4, convert) as device:
-        arguments = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--model", path, "--token-file", token)
+        arguments = ("-m", "beamtouch_service.cli", "run", "--port", "0", "--model", path, "--write-token-file", token)
         pipe = asyncio.subprocess.PIPE
         service = await asyncio.create_subprocess_exec(sys.executable, *map(str, arguments), stdout=pipe)
         assert service.stdout is not None

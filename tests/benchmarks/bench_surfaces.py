@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_service import TOKEN, processor_s, resident_mb, server
 
 from beamtouch_models import modelfile
-from beamtouch_models.build import build
+from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 
@@ -30,7 +30,7 @@ def run() -> list[dict[str, object]]:
         path.write_bytes(build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
         token.write_text(TOKEN)
         surfaces = "".join(f'[surfaces.s{number}]\nmodel = "bench.onnx"\n' for number in range(MOST))
-        (Path(folder) / "service.toml").write_text(f'[server]\nport = 0\ntoken_file = "token"\n{surfaces}')
+        (Path(folder) / "service.toml").write_text(f'[server]\nport = 0\nwrite_token_file = "token"\n{surfaces}')
         model = modelfile.load(path)
         deflections_mm = model.metadata.golden.deflection_mm[0]
         channels = json.dumps(dict(zip(model.channels, deflections_mm, strict=True)))

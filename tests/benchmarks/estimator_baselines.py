@@ -18,12 +18,12 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 
-from beamtouch_models import limit
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.estimators.estimator import estimator_of
-from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.figures import ratio_of
-from beamtouch_models.prior import Prior
+from beamtouch_models.session import runner
 
 TRAINING, TRAINING_OF_PROCESS, TEST = 20_000, 1500, 4000
 

@@ -9,19 +9,18 @@ import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 
-from beamtouch_models import limit
-from beamtouch_models.beam import max_deflection_mm
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.estimators.estimator import NAMES, estimator_of
 from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.figures import ratio_of
-from beamtouch_models.modelfile import session_options
-from beamtouch_models.noise import choose_filter, noise_of
+from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.placement import place
-from beamtouch_models.prior import Prior
+from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.scene import Scene, load_scene
+from beamtouch_models.session import runner, session_options
 from example_scenes import SCENES
 
 Array = NDArray[np.float64]

@@ -23,8 +23,8 @@ import httpx2
 import numpy as np
 
 from beamtouch_models import modelfile
-from beamtouch_models.build import build
-from beamtouch_models.daemon_config import daemon_config
+from beamtouch_models.building.build import build
+from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.scene import parse_scene
 from example_scenes import SCENES
 from line import Line, Surface, Truth

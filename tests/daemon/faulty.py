@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
-from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_service.samples import Batch, Sample
 
 from . import configs

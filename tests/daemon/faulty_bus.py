@@ -219,7 +219,7 @@ async def run(pattern: Pattern, polls: int, seed: int) -> Outcome:
             for session in range(1, pattern.sessions + 1):
                 buses = {} if pattern.is_killed else buses
                 reading = asyncio.create_task(_read(source_in(buses, table, places, NEVER_IN_TIME_HZ), unit, outcome))
-                # The first values of a session are not believed.
+                # The first values of a session are not used.
                 while unit.polls < (polls / pattern.sessions + 1) * session:
                     await asyncio.wait({reading}, timeout=0.01)
                     assert not reading.done()

@@ -1,13 +1,18 @@
 """The daemon as the user starts it: a process of its own."""
 
 import asyncio
+import contextlib
+import json
 import os
+import random
 import signal
+import socket
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -63,6 +68,7 @@ async def started(
         sys.executable,
         *(program or ("-m", "beamtouch_daemon")),
         *map(str, arguments),
+        stdin=asyncio.subprocess.PIPE,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
         env=os.environ | (environment or {}),
@@ -79,3 +85,16 @@ async def command(*arguments: str | Path, code: str = "") -> Outcome:
     """Run a command to its end."""
     async with started(*arguments, code=code) as daemon:
         return await daemon.end()
+
+
+def summary_of(folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    return content["surfaces"]  # type: ignore[no-any-return]
+
+
+def free_port() -> int:
+    """Return a port that stays free for a while: below those that outgoing connections of this machine get."""
+    while True:
+        port = random.randrange(20_000, 32_000)  # noqa: S311 - no secret
+        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
+            return port

@@ -7,7 +7,7 @@ from time import monotonic
 
 import pytest
 
-from beamtouch_daemon.config_sources import SerialLine
+from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_daemon.sources.serial_line import SerialSource
 from beamtouch_protocol import messages
@@ -17,6 +17,8 @@ from . import configs
 from .devices import Pieces, SerialDevice, StampingUnit, rtu_units, tcp_unit
 from .lines import Terminal, terminal
 from .sessions import polled, take
+
+pytestmark = pytest.mark.anyio
 
 PIECE_BYTES = 62
 """A USB packet holds so many bytes of a serial line: a burst comes in pieces."""
@@ -85,18 +87,15 @@ def lateness(device: DatedDevice, readings: list[Reading]) -> list[float]:
 
 @pytest.mark.parametrize(("held_s", "rate_hz"), [(0.1, 200.0), (0.4, 200.0), (0.7, 10.0)])
 @pytest.mark.parametrize("was_running", [False, True], ids=["a fresh device", "a device that still sends"])
-def test_no_reading_of_a_bursting_line_is_stamped_newer_than_it_is(
+async def test_no_reading_of_a_bursting_line_is_stamped_newer_than_it_is(
     held_s: float, rate_hz: float, was_running: bool
 ) -> None:
-    async def story() -> tuple[list[float], int]:
-        async with device_behind(held_s) as (device, path):
-            if was_running:
-                device.restart(round(rate_hz))
-                await asyncio.sleep(0.2)
-            readings = await take(source(path, rate_hz), round(2.2 * rate_hz))
-            return lateness(device, readings), sum(reading.lost for reading in readings)
-
-    late, lost = asyncio.run(story())
+    async with device_behind(held_s) as (device, path):
+        if was_running:
+            device.restart(round(rate_hz))
+            await asyncio.sleep(0.2)
+        readings = await take(source(path, rate_hz), round(2.2 * rate_hz))
+        late, lost = lateness(device, readings), sum(reading.lost for reading in readings)
     assert max(late) < 0.002, (late[0], max(late))
     assert lost == 0
 
@@ -107,28 +106,23 @@ def held(_number: int, frame: bytes) -> Pieces:
 
 
 @pytest.mark.parametrize("kind", ["rtu", "tcp"])
-def test_no_reading_of_a_bus_that_answers_late_is_stamped_newer_than_it_is(kind: str) -> None:
-    async def story() -> list[float]:
-        unit = StampingUnit(held)
-        async with AsyncExitStack() as stack:
-            if kind == "tcp":
-                table = configs.tcp(await stack.enter_async_context(tcp_unit(unit))).replace("300", "5000")
-            else:
-                bus = stack.enter_context(terminal())
-                await stack.enter_async_context(rtu_units(bus, {1: unit}))
-                table = f"{configs.rtu(bus.path)}\ntimeout_ms = 5000"
-            readings = await take(polled(table, [0, 1], 10.0), 12)
-        return [unit.age_s(counts, reading.monotonic_s) for reading in readings for counts in reading.counts if counts]
-
-    assert max(asyncio.run(story())) < 0.002
+async def test_no_reading_of_a_bus_that_answers_late_is_stamped_newer_than_it_is(kind: str) -> None:
+    unit = StampingUnit(held)
+    async with AsyncExitStack() as stack:
+        if kind == "tcp":
+            table = configs.tcp(await stack.enter_async_context(tcp_unit(unit))).replace("300", "5000")
+        else:
+            bus = stack.enter_context(terminal())
+            await stack.enter_async_context(rtu_units(bus, {1: unit}))
+            table = f"{configs.rtu(bus.path)}\ntimeout_ms = 5000"
+        readings = await take(polled(table, [0, 1], 10.0), 12)
+    late = [unit.age_s(counts, reading.monotonic_s) for reading in readings for counts in reading.counts if counts]
+    assert max(late) < 0.002
 
 
-def test_readings_of_a_plain_line_are_stamped_as_old_as_they_are() -> None:
-    async def story() -> list[float]:
-        with terminal() as line:
-            device = DatedDevice(line)
-            return lateness(device, await take(source(line.path), 200))
-
-    late = sorted(asyncio.run(story()))
+async def test_readings_of_a_plain_line_are_stamped_as_old_as_they_are() -> None:
+    with terminal() as line:
+        device = DatedDevice(line)
+        late = sorted(lateness(device, await take(source(line.path), 200)))
     assert late[-1] < 0.002
     assert late[len(late) // 2] > -0.05  # the adapter holds nothing back: only a busy machine makes it earlier

@@ -123,7 +123,7 @@ def test_a_device_time_that_has_not_come_yet_is_told() -> None:
     assert not clock.is_beyond(8.0, 51.0)
 
 
-def test_what_a_stalled_line_delivers_at_once_stays_old() -> None:
+def test_readings_that_a_stalled_line_delivers_in_a_burst_stay_old() -> None:
     clock = HostClock()
     for number in range(200):
         clock.to_host(number / 200.0, 100.0 + number / 200.0)

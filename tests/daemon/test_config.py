@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon.config import Config, ConfigError, place_of
-from beamtouch_daemon.config_file import load, require_ports
-from beamtouch_daemon.config_signal import Adaptive, LowPass, MovingAverage, NoFilter, ZeroTracking
-from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, SerialLine
+from beamtouch_daemon.config.file import load, require_ports
+from beamtouch_daemon.config.settings import Config, ConfigError, place_of
+from beamtouch_daemon.config.signal import Adaptive, LowPass, MovingAverage, NoFilter, ZeroTracking
+from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
 
 from . import configs
 
@@ -62,12 +62,12 @@ def test_the_zero_tracking_in_the_example_is_valid(tmp_path: Path) -> None:
     path = tmp_path / "daemon.toml"
     path.write_text(f"{before}[surfaces.bench.zero_tracking]{lines}\n\n{rest}".replace("# stuck_after", "stuck_after"))
     surface = load(path).surfaces["bench"]
-    assert surface.zero_tracking == ZeroTracking(band_mm=0.006, rate_mm_per_min=0.01, most_mm=0.05)
+    assert surface.zero_tracking == ZeroTracking(band_mm=0.006, rate_mm_per_min=0.01, max_mm=0.05)
     assert [channel.stuck_after_ms for channel in surface.channels] == [500, None]
     assert load(EXAMPLE).surfaces["bench"].zero_tracking is None
 
 
-def test_the_table_in_the_example_is_valid_in_place_of_a_line(tmp_path: Path) -> None:
+def test_the_table_in_the_example_is_valid_instead_of_gain_and_offset(tmp_path: Path) -> None:
     text = EXAMPLE.read_text()
     line = "gain_mm_per_count = -0.0001            # gap = offset + gain x counts\noffset_mm = 4.5\n"
     assert line in text
@@ -132,9 +132,13 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
             "input = 0",
             "surfaces.bench: channel s1: input needs the source's module; state the register",
         ),
-        ("port = 502", 'port = 502\nmodule = "x"', "surfaces.bench.source.module: there is no module x; there are"),
+        ("port = 502", 'port = 502\nmodule = "x"', "surfaces.bench.source.module: there is no module x; choose one of"),
         ("port = 502", 'port = 502\nmodule = "waveshare-8ch"', "module waveshare-8ch speaks modbus-rtu"),
-        ("port = 502", 'port = 502\nmodule = "adam-6017"', "rate_hz: adam-6017 converts 12.5 times a second; more"),
+        (
+            "port = 502",
+            'port = 502\nmodule = "adam-6017"',
+            "rate_hz: adam-6017 converts 12.5 times a second; a higher",
+        ),
         ("port = 502", "port = 502\nfunction = 5", "surfaces.bench.source.function: Input should be 3 or 4"),
         ("register = 0", 'register = 0\ntype = "u8"', "channels[0].type: Input should be 'u16', 'i16', 'u32', 'i32'"),
         ('name = "s2"', 'name = "s1"', "surfaces.bench: two channels have the same name s1"),
@@ -147,21 +151,21 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ('"moving-average"\nwindow = 1', '"low-pass"\ncutoff_hz = 100', "filter.cutoff_hz must lie below half of"),
         (
             "[surfaces.bench.filter]",
-            "[surfaces.bench.zero_tracking]\nband_mm = 1\nrate_mm_per_min = 1\nmost_mm = 0\n[surfaces.bench.filter]",
-            "surfaces.bench.zero_tracking.most_mm: Input should be greater than 0",
+            "[surfaces.bench.zero_tracking]\nband_mm = 1\nrate_mm_per_min = 1\nmax_mm = 0\n[surfaces.bench.filter]",
+            "surfaces.bench.zero_tracking.max_mm: Input should be greater than 0",
         ),
         ("[publish]", "[publish", "not valid TOML: "),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line_with_its_place(tmp_path: Path, old: str, new: str, expected: str) -> None:
+def test_an_error_is_one_line_with_the_key(tmp_path: Path, old: str, new: str, expected: str) -> None:
     assert expected in changed(tmp_path, old, new)
 
 
-def test_how_much_more_is_wrong_is_said_too(tmp_path: Path) -> None:
+def test_the_number_of_further_errors_is_stated(tmp_path: Path) -> None:
     assert complaint(configs.write(tmp_path, configs.surface().replace("_mm", "_um"))).endswith(" more)")
 
 
-def test_a_file_that_cannot_be_read_is_said_to_be(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
     assert complaint(tmp_path / "absent.toml") == "cannot be read (No such file or directory)"
     assert complaint(tmp_path) == "cannot be read (Is a directory)"
     binary = tmp_path / "binary.toml"
@@ -192,7 +196,7 @@ def test_surfaces_on_one_bus_agree_on_its_line(tmp_path: Path) -> None:
     )
 
 
-def test_what_is_for_modbus_is_refused_for_a_serial_device(tmp_path: Path) -> None:
+def test_keys_of_modbus_are_refused_for_a_serial_device(tmp_path: Path) -> None:
     text = configs.surface(source=configs.serial("/dev/x")).replace("register = 0", "register = 0\nunit = 2", 1)
     assert "unit, host and type are for Modbus" in complaint(configs.write(tmp_path, text))
     text = configs.surface(source=configs.rtu("/dev/x")).replace("register = 0", 'register = 0\nhost = "x"', 1)
@@ -205,7 +209,7 @@ def test_an_input_of_a_module_has_its_register_and_its_limits(tmp_path: Path) ->
     surface = load(configs.write(tmp_path, text)).surfaces["bench"]
     assert [place_of(surface.source, channel) for channel in surface.channels] == [("127.0.0.1", 1, n) for n in (0, 1)]
     assert isinstance(surface.source, ModbusTcp)
-    assert (surface.source.function_code, surface.source.most_registers) == (4, 8)
+    assert (surface.source.function_code, surface.source.max_request_registers) == (4, 8)
     beyond = configs.write(tmp_path, text.replace("input = 1", "input = 8"))
     assert complaint(beyond) == "surfaces.bench: channel s2: the module has inputs 0 to 7"
 
@@ -218,7 +222,7 @@ def test_a_device_of_ours_takes_whole_rates_only(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "content", [None, b"", b"two words\n", b"\xff"], ids=["absent", "empty", "two words", "binary"]
 )
-def test_a_token_that_is_none_is_refused_with_what_to_do(tmp_path: Path, content: bytes | None) -> None:
+def test_an_invalid_token_is_refused_with_a_remedy(tmp_path: Path, content: bytes | None) -> None:
     config: Config = load(configs.write(tmp_path, configs.surface()))
     token = tmp_path / "beamtouch.token"
     token.unlink()
@@ -235,3 +239,17 @@ def test_a_port_that_is_not_there_or_not_a_port_is_refused(tmp_path: Path) -> No
     file = load(configs.write(tmp_path, configs.surface(source=configs.serial(f"{tmp_path}/beamtouch.token"))))
     with pytest.raises(ConfigError, match="is not a serial port; correct the path"):
         require_ports(file)
+
+
+@pytest.mark.parametrize(
+    ("table", "old", "new"),
+    [
+        ("[surfaces.bench.zero_tracking]\nband_mm = 1\nrate_mm_per_min = 1\nmost_mm = 1", "most_mm", "max_mm"),
+        ("[surfaces.bench.loads]\nposition_mm = [0.0, 400.0]\nmost_force_n = 20.0", "most_force_n", "max_force_n"),
+    ],
+)
+def test_the_error_of_a_key_that_was_renamed_names_the_new_one(tmp_path: Path, table: str, old: str, new: str) -> None:
+    path = configs.write(tmp_path, configs.surface())
+    path.write_text(f"{path.read_text()}\n{table}\n")
+    with pytest.raises(ConfigError, match=rf"{old}; {old} is now {new} "):
+        load(path)

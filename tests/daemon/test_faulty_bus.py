@@ -21,6 +21,8 @@ from .process import command
 from .service import Service, serving
 from .sessions import source_in, take_across_sessions
 
+pytestmark = pytest.mark.anyio
+
 PATTERNS = patterns(seed=3)
 SLOW = ("late, 0.2 %, answers only values", "late, 3 %, one register")
 QUICK = [name for name, one in PATTERNS.items() if one.is_provable and one.sessions == 1 and name not in SLOW]
@@ -45,129 +47,113 @@ def values_only(fault: Fault) -> Fault:
 
 
 @pytest.mark.parametrize("name", QUICK)
-def test_no_value_is_stale_or_foreign(name: str) -> None:
-    outcome: Outcome = asyncio.run(asyncio.wait_for(run(PATTERNS[name], 40, seed=3), 60))
+async def test_no_value_is_stale_or_foreign(name: str) -> None:
+    outcome: Outcome = await asyncio.wait_for(run(PATTERNS[name], 40, seed=3), 60)
     assert (outcome.stale, outcome.foreign) == (0, 0)
     assert outcome.answered >= 25
 
 
 @pytest.mark.parametrize("is_killed", [False, True], ids=["read again", "killed"])
-def test_a_session_that_begins_while_an_answer_is_owed_gives_no_old_value(*, is_killed: bool) -> None:
-    async def story() -> None:
-        with terminal() as line:
-            requests = asyncio.Event()
+async def test_a_session_that_begins_while_an_answer_is_owed_gives_no_old_value(*, is_killed: bool) -> None:
+    with terminal() as line:
+        requests = asyncio.Event()
 
-            def slow(_number: int, frame: bytes) -> Pieces:
-                requests.set()
-                return [(0.03, frame)]
+        def slow(_number: int, frame: bytes) -> Pieces:
+            requests.set()
+            return [(0.03, frame)]
 
-            unit = NumberingUnit(slow)
-            async with rtu_units(line, {1: unit}):
-                buses: Buses = {}
-                for _ in range(6):
-                    source = source_in(buses, table(line.path, 2000.0), ["register = 0", "register = 1"], 50.0)
-                    stream = source.readings()
-                    for _ in range(3):
-                        is_of(unit)((await anext(stream))[0])
-                    owing = asyncio.ensure_future(anext(stream))
-                    requests.clear()
-                    await requests.wait()
-                    owing.cancel()
-                    await asyncio.gather(owing, return_exceptions=True)
-                    await stream.aclose()
-                    buses = {} if is_killed else buses
-
-    asyncio.run(story())
+        unit = NumberingUnit(slow)
+        async with rtu_units(line, {1: unit}):
+            buses: Buses = {}
+            for _ in range(6):
+                source = source_in(buses, table(line.path, 2000.0), ["register = 0", "register = 1"], 50.0)
+                stream = source.readings()
+                for _ in range(3):
+                    is_of(unit)((await anext(stream))[0])
+                owing = asyncio.ensure_future(anext(stream))
+                requests.clear()
+                await requests.wait()
+                owing.cancel()
+                await asyncio.gather(owing, return_exceptions=True)
+                await stream.aclose()
+                buses = {} if is_killed else buses
 
 
-def test_a_configuration_that_is_read_again_leaves_the_answers_in_step(tmp_path: Path) -> None:
+async def test_a_configuration_that_is_read_again_leaves_the_answers_in_step(tmp_path: Path) -> None:
     busy_s, rate_hz = 0.15, 10.0  # each answer comes after the next slot has begun, so that a lag would stay
 
-    async def story() -> list[float]:
-        with terminal() as line:
-            unit = StampingUnit(lambda _number, frame: [(busy_s, frame)])
-            offset_s = time.time() - time.monotonic()
-            async with (
-                rtu_units(line, {1: unit}),
-                serving(Service()) as service,
-                running(tmp_path, table(line.path, 1000.0), service.url) as daemon,
-            ):
-                path = tmp_path / "daemon.toml"
-                await service.until(2, within_s=60)
-                for turn in range(4):
-                    head, _, tail = path.read_text().partition("rate_hz = ")
-                    path.write_text(f"{head}rate_hz = {rate_hz + turn}\n{tail.partition(chr(10))[2]}")
-                    daemon.tell(signal.SIGHUP)
-                    await service.until(len(service.samples()) + 6, within_s=60)
-                assert (await daemon.stop()).code == 0
-            return [
-                unit.age_s(-sample.deflection_mm[0], sample.acquired_unix_us / 1e6 - offset_s)
-                for sample in service.samples()
-                if sample.deflection_mm[0] is not None
-            ]
-
-    ages_s = asyncio.run(story())
+    with terminal() as line:
+        unit = StampingUnit(lambda _number, frame: [(busy_s, frame)])
+        offset_s = time.time() - time.monotonic()
+        async with (
+            rtu_units(line, {1: unit}),
+            serving(Service()) as service,
+            running(tmp_path, table(line.path, 1000.0), service.url) as daemon,
+        ):
+            path = tmp_path / "daemon.toml"
+            await service.until(2, within_s=60)
+            for turn in range(4):
+                head, _, tail = path.read_text().partition("rate_hz = ")
+                path.write_text(f"{head}rate_hz = {rate_hz + turn}\n{tail.partition(chr(10))[2]}")
+                daemon.tell(signal.SIGHUP)
+                await service.until(len(service.samples()) + 6, within_s=60)
+            assert (await daemon.stop()).code == 0
+        ages_s = [
+            unit.age_s(-sample.deflection_mm[0], sample.acquired_unix_us / 1e6 - offset_s)
+            for sample in service.samples()
+            if sample.deflection_mm[0] is not None
+        ]
     assert sum(age_s > busy_s for age_s in ages_s) < 0.3 * len(ages_s)  # the middle of its own request is half as old
 
 
 @pytest.mark.parametrize("kind", ["answers other requests", "answers only values"])
-def test_a_single_register_that_comes_1500_ms_late_is_not_believed(kind: str) -> None:
+async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(kind: str) -> None:
     def late(number: int, frame: bytes) -> Pieces:
         return [(1.5 if number == 20 else 0.0, frame)]
 
-    async def story() -> int:
-        with terminal() as line:
-            unit = NumberingUnit(values_only(late) if kind == "answers only values" else late)
-            async with rtu_units(line, {1: unit}):
-                source = source_in({}, table(line.path), ["register = 7"], 50.0)
-                await take_across_sessions(source, 60, is_of(unit))
-            return sum("left alone for 5 s" in limit for limit in source.limits)
-
-    assert asyncio.run(story()) == (kind == "answers only values")
+    with terminal() as line:
+        unit = NumberingUnit(values_only(late) if kind == "answers only values" else late)
+        async with rtu_units(line, {1: unit}):
+            source = source_in({}, table(line.path), ["register = 7"], 50.0)
+            await take_across_sessions(source, 60, is_of(unit))
+        number = sum("left alone for 5 s" in limit for limit in source.limits)
+    assert number == (kind == "answers only values")
 
 
-def test_a_unit_with_one_probe_that_was_off_at_the_start_is_read_once_it_is_on() -> None:
+async def test_a_unit_with_one_probe_that_was_off_at_the_start_is_read_once_it_is_on() -> None:
     is_on = False
 
     def one_probe(_number: int, frame: bytes) -> Pieces:
         return [(0.0, frame)] if is_on and frame[1:3] in {b"\4\2", b"\4\4"} else []
 
-    async def story() -> None:
-        nonlocal is_on
-        with terminal() as line:
-            unit = NumberingUnit(one_probe)
-            async with rtu_units(line, {1: unit}):
-                source = source_in({}, table(line.path), ["register = 0", "register = 1"], 50.0)
-                reading = asyncio.create_task(take_across_sessions(source, 40, is_of(unit)))
-                await asyncio.sleep(2.5)  # it has been tried several times by then
-                is_on = True
-                await reading
-
-    asyncio.run(story())
+    with terminal() as line:
+        unit = NumberingUnit(one_probe)
+        async with rtu_units(line, {1: unit}):
+            source = source_in({}, table(line.path), ["register = 0", "register = 1"], 50.0)
+            reading = asyncio.create_task(take_across_sessions(source, 40, is_of(unit)))
+            await asyncio.sleep(2.5)  # it has been tried several times by then
+            is_on = True
+            await reading
 
 
-def test_check_says_what_cannot_be_proven_of_a_unit(tmp_path: Path) -> None:
-    async def story() -> str:
-        with terminal() as line:
-            async with rtu_units(line, {1: StampingUnit(values_only(lambda _number, frame: [(0.0, frame)]))}):
-                config = configs.write(tmp_path, plain(configs.rtu(line.path)).replace("register = 1", "register = 9"))
-                return (await command("check", config, "--json")).out
-
-    limits = json.loads(asyncio.run(story()))["surfaces"]["bench"]["limits"]
-    assert [limit for limit in limits if limit.startswith("unit 1 answers requests for its values only")]
+async def test_check_states_what_cannot_be_proven_of_a_unit(tmp_path: Path) -> None:
+    with terminal() as line:
+        async with rtu_units(line, {1: StampingUnit(values_only(lambda _number, frame: [(0.0, frame)]))}):
+            config = configs.write(tmp_path, plain(configs.rtu(line.path)).replace("register = 1", "register = 9"))
+            outcome = await command("check", config, "--json")
+    limits = json.loads(outcome.out)["surfaces"]["bench"]["limits"]
+    assert [limit for limit in limits if limit.startswith("unit 1 answers only requests for its values")]
     assert [limit for limit in limits if "left alone for 5 s" in limit]
     assert [limit for limit in limits if "another master" in limit]
 
 
 @pytest.mark.parametrize("registers", [1, 2])
-def test_an_adapter_that_echoes_costs_no_unit(registers: int) -> None:
-    async def story() -> list[str]:
-        with terminal() as line:
-            unit = NumberingUnit(lambda number, frame: [] if number == 10 else [(0.02, frame)])
-            async with rtu_units(line, {1: unit}, echo=lambda request: [(0.0, request)]):
-                places = [f"register = {index}" for index in range(registers)]
-                source = source_in({}, table(line.path, 500.0), places, 20.0)
-                async with asyncio.timeout(30):
-                    return (await take_across_sessions(source, 40, is_of(unit)))[1]
-
-    assert asyncio.run(story()) == []
+async def test_an_adapter_that_echoes_costs_no_unit(registers: int) -> None:
+    with terminal() as line:
+        unit = NumberingUnit(lambda number, frame: [] if number == 10 else [(0.02, frame)])
+        async with rtu_units(line, {1: unit}, echo=lambda request: [(0.0, request)]):
+            places = [f"register = {index}" for index in range(registers)]
+            source = source_in({}, table(line.path, 500.0), places, 20.0)
+            async with asyncio.timeout(30):
+                _, errors = await take_across_sessions(source, 40, is_of(unit))
+    assert errors == []

@@ -10,60 +10,27 @@ from time import monotonic
 
 import pytest
 
-from beamtouch_daemon import spool as spool_module
-from beamtouch_daemon.spool import Spool
-from beamtouch_daemon.spool_row import row_of
+from beamtouch_daemon.delivery.spool import BOOT_ID, Spool
+from beamtouch_daemon.delivery.spool_row import row_of
 from beamtouch_service.samples import Batch, Quality, Sample
 
 from . import configs
 from .devices import SerialDevice, StampingUnit, pymodbus_server, tcp_unit
 from .faulty import BACK_S, SLACK_S, batches_in, cable, counts_of, everything, names, running
+from .process import free_port, summary_of
 from .service import Service, serving
-from .small_disks import SmallDisk, small_disk
-from .test_run import free_port, summary_of
-from .test_spool import batch_of
+from .small_disks import small_disk
+from .spools import batch_of
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.anyio, pytest.mark.long]
 
 
-def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_that_was_taken(tmp_path: Path) -> None:
+async def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_that_was_taken(tmp_path: Path) -> None:
     taken = [20_000]
 
     async def action(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
         taken[0] += 1
         now[:2] = [taken[0], taken[0] + 1000]
-
-    async def story() -> None:
-        service_port, device_port = free_port(), free_port()
-        url, source = f"http://127.0.0.1:{service_port}", configs.tcp(device_port)
-        async with running(tmp_path, source, url) as daemon:
-            begin_s = monotonic()
-            async with pymodbus_server([0, 0], action, port=device_port):
-                await asyncio.sleep(15)
-            await asyncio.sleep(30)
-            async with pymodbus_server([0, 0], action, port=device_port):
-                came_back = taken[0]
-                async with asyncio.timeout(BACK_S + SLACK_S):
-                    while taken[0] < came_back + 20:  # noqa: ASYNC110 - the daemon is outside
-                        await asyncio.sleep(0.02)
-                await asyncio.sleep(begin_s + 60 - monotonic())
-                late = Service(("127.0.0.1", service_port))
-                late.statuses = [500, 401, 503]
-                back_s = monotonic()
-                async with serving(late):
-                    await late.until(1, within_s=30)
-                    assert monotonic() - back_s < 4 * BACK_S + SLACK_S  # it refused three times
-                    first = late.batches[0][1]
-                    await everything(late)
-                    assert (await daemon.stop()).code == 0
-        counts = summary_of(tmp_path)["bench"]
-        assert counts["samples_dropped"] == counts["samples_spooled"] == 0
-        assert counts["samples_published"] == counts["readings"] > 4000
-        sequences = [sample.sequence for sample in late.samples()]
-        assert sorted(sequences) == list(range(counts["readings"]))
-        assert first.newest_age_ms < 5000  # the present came first
-        assert first.samples[0].sequence > 3000
-        assert sorted(counts_of(late.samples())) == [(float(n), float(n + 1000)) for n in read_of(late.samples())]
 
     def read_of(samples: list[Sample]) -> list[int]:
         """Return the counts that came, which must be among those given and each there once."""
@@ -72,107 +39,128 @@ def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_that_wa
         assert 20_001 <= found[0] <= found[-1] <= taken[0]
         return found
 
-    asyncio.run(story())
-
-
-def test_killed_twenty_times_all_that_was_spooled_arrives(tmp_path: Path) -> None:
-    async def story() -> None:
-        with cable(tmp_path) as usb:
-            device = SerialDevice(usb.plug())
-            port, spooled = free_port(), set[tuple[str, int]]()
-            url, source = f"http://127.0.0.1:{port}", configs.serial(str(usb.path))
-            for turn in range(20):
-                begun = device.sequence
-                async with running(tmp_path, source, url) as daemon:
-                    async with asyncio.timeout(20):
-                        while device.sequence < begun + 60 + 4 * turn:  # noqa: ASYNC110 - the device is outside
-                            await asyncio.sleep(0.01)
-                    daemon.tell(signal.SIGKILL)
-                    with suppress(ProcessLookupError):
-                        await daemon.end()
-                device.stop()
-                with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
-                    now = set(names(batches_in(spool)))
-                assert now > spooled  # nothing that was there is gone
-                spooled = now
-            async with serving(Service(("127.0.0.1", port))) as service, running(tmp_path, source, url) as daemon:
-                async with asyncio.timeout(30):
-                    while not spooled <= set(names([batch for _, batch, _ in service.batches])):
-                        await service.until(len(service.samples()) + 1)
+    service_port, device_port = free_port(), free_port()
+    url, source = f"http://127.0.0.1:{service_port}", configs.tcp(device_port)
+    async with running(tmp_path, source, url) as daemon:
+        begin_s = monotonic()
+        async with pymodbus_server([0, 0], action, port=device_port):
+            await asyncio.sleep(15)
+        await asyncio.sleep(30)
+        async with pymodbus_server([0, 0], action, port=device_port):
+            came_back = taken[0]
+            async with asyncio.timeout(BACK_S + SLACK_S):
+                while taken[0] < came_back + 20:  # noqa: ASYNC110 - the daemon is outside
+                    await asyncio.sleep(0.02)
+            await asyncio.sleep(begin_s + 60 - monotonic())
+            late = Service(("127.0.0.1", service_port))
+            late.statuses = [500, 401, 503]
+            back_s = monotonic()
+            async with serving(late):
+                await late.until(1, within_s=30)
+                assert monotonic() - back_s < 4 * BACK_S + SLACK_S  # it refused three times
+                first = late.batches[0][1]
+                await everything(late)
                 assert (await daemon.stop()).code == 0
-            arrived = names([batch for _, batch, _ in service.batches])
-            assert len(set(arrived)) == len(arrived)
-            assert all(second == first + 1000 for first, second in counts_of(service.samples()))
+    counts = summary_of(tmp_path)["bench"]
+    assert counts["samples_dropped"] == counts["samples_spooled"] == 0
+    assert counts["samples_published"] == counts["readings"] > 4000
+    sequences = [sample.sequence for sample in late.samples()]
+    assert sorted(sequences) == list(range(counts["readings"]))
+    assert first.newest_age_ms < 5000  # the present came first
+    assert first.samples[0].sequence > 3000
+    assert sorted(counts_of(late.samples())) == [(float(n), float(n + 1000)) for n in read_of(late.samples())]
 
-    asyncio.run(story())
+
+async def test_killed_twenty_times_all_that_was_spooled_arrives(tmp_path: Path) -> None:
+    with cable(tmp_path) as usb:
+        device = SerialDevice(usb.plug())
+        port, spooled = free_port(), set[tuple[str, int]]()
+        url, source = f"http://127.0.0.1:{port}", configs.serial(str(usb.path))
+        for turn in range(20):
+            begun = device.sequence
+            async with running(tmp_path, source, url) as daemon:
+                async with asyncio.timeout(20):
+                    while device.sequence < begun + 60 + 4 * turn:  # noqa: ASYNC110 - the device is outside
+                        await asyncio.sleep(0.01)
+                daemon.tell(signal.SIGKILL)
+                with suppress(ProcessLookupError):
+                    await daemon.end()
+            device.stop()
+            with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
+                now = set(names(batches_in(spool)))
+            assert now > spooled  # nothing that was there is gone
+            spooled = now
+        async with serving(Service(("127.0.0.1", port))) as service, running(tmp_path, source, url) as daemon:
+            async with asyncio.timeout(30):
+                while not spooled <= set(names([batch for _, batch, _ in service.batches])):
+                    await service.until(len(service.samples()) + 1)
+            assert (await daemon.stop()).code == 0
+        arrived = names([batch for _, batch, _ in service.batches])
+        assert len(set(arrived)) == len(arrived)
+        assert all(second == first + 1000 for first, second in counts_of(service.samples()))
 
 
 SMALL_DISK = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))"
 
 
-def test_on_a_full_disk_memory_keeps_what_the_spool_cannot(tmp_path: Path) -> None:
-    async def story() -> None:
-        with cable(tmp_path) as usb:
-            device = SerialDevice(usb.plug())
-            port = free_port()
-            url, source = f"http://127.0.0.1:{port}", configs.serial(str(usb.path))
-            async with running(tmp_path, source, url, code=SMALL_DISK) as daemon:
-                async with asyncio.timeout(30):
-                    while device.sequence < 2000:  # noqa: ASYNC110 - the device is outside
-                        await asyncio.sleep(0.05)
-                async with serving(Service(("127.0.0.1", port))) as service:
-                    await service.until(2000, within_s=30)
-                    outcome = await daemon.stop()
-            assert outcome.code == 0
-            assert outcome.err.count("cannot write to the spool") == 1
-            counts = summary_of(tmp_path)["bench"]
-            assert counts["samples_dropped"] == 0
-            with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
-                kept = names(batches_in(spool))
-            arrived = names([batch for _, batch, _ in service.batches])
-            assert len(set(arrived)) == len(arrived) == counts["samples_published"]
-            assert len(set(arrived) | set(kept)) == counts["readings"]
-
-    asyncio.run(story())
-
-
-def test_a_disk_that_is_full_is_emptied_when_the_service_is_back_and_keeps_what_a_stop_leaves(tmp_path: Path) -> None:
-    async def story(disk: SmallDisk) -> None:
-        with cable(tmp_path) as usb:
-            device = SerialDevice(usb.plug())
-            port = free_port()
-            url, source = f"http://127.0.0.1:{port}", configs.serial(str(usb.path))
-            publish = f'spool_file = "{disk.path}/spool"'
-            async with running(tmp_path, source, url, publish=publish, prefix=disk.prefix) as daemon:
-                await more_readings(device, 600)
-                disk.fill()
-                await more_readings(device, 400)
-                async with serving(Service(("127.0.0.1", port))) as service:
-                    await service.until(1)
-                    await everything(service)
-                    assert len(service.samples()) > 1000
-                disk.fill()
-                await more_readings(device, 1200)
+async def test_on_a_full_disk_samples_stay_in_memory(tmp_path: Path) -> None:
+    with cable(tmp_path) as usb:
+        device = SerialDevice(usb.plug())
+        port = free_port()
+        url, source = f"http://127.0.0.1:{port}", configs.serial(str(usb.path))
+        async with running(tmp_path, source, url, code=SMALL_DISK) as daemon:
+            async with asyncio.timeout(30):
+                while device.sequence < 2000:  # noqa: ASYNC110 - the device is outside
+                    await asyncio.sleep(0.05)
+            async with serving(Service(("127.0.0.1", port))) as service:
+                await service.until(2000, within_s=30)
                 outcome = await daemon.stop()
-            assert outcome.code == 0
-            assert "cannot write to the spool" in outcome.err
-            before = summary_of(tmp_path)["bench"]
-            assert before["samples_dropped"] == before["samples_set_aside"] == 0
-            assert before["samples_spooled"] >= 1000
-            assert before["samples_published"] + before["samples_spooled"] == before["readings"]
-            # A start on a disk that is still full delivers them.
-            async with (
-                serving(Service(("127.0.0.1", port))) as service,
-                running(tmp_path, source, url, publish=publish, prefix=disk.prefix) as daemon,
-            ):
-                await service.until(before["samples_spooled"] + 200)
-                assert (await daemon.stop()).code == 0
-            after = summary_of(tmp_path)["bench"]
-            assert after["samples_spooled"] == after["samples_dropped"] == 0
-            assert after["samples_published"] == after["readings"] + before["samples_spooled"]
+        assert outcome.code == 0
+        assert outcome.err.count("cannot write to the spool") == 1
+        counts = summary_of(tmp_path)["bench"]
+        assert counts["samples_dropped"] == 0
+        with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
+            kept = names(batches_in(spool))
+        arrived = names([batch for _, batch, _ in service.batches])
+        assert len(set(arrived)) == len(arrived) == counts["samples_published"]
+        assert len(set(arrived) | set(kept)) == counts["readings"]
 
-    with small_disk(tmp_path, size_kib=2048) as disk:
-        asyncio.run(story(disk))
+
+async def test_a_disk_that_is_full_is_emptied_when_the_service_is_back_and_keeps_what_a_stop_leaves(
+    tmp_path: Path,
+) -> None:
+    with small_disk(tmp_path, size_kib=2048) as disk, cable(tmp_path) as usb:
+        device = SerialDevice(usb.plug())
+        port = free_port()
+        url, source = f"http://127.0.0.1:{port}", configs.serial(str(usb.path))
+        publish = f'spool_file = "{disk.path}/spool"'
+        async with running(tmp_path, source, url, publish=publish, prefix=disk.prefix) as daemon:
+            await more_readings(device, 600)
+            disk.fill()
+            await more_readings(device, 400)
+            async with serving(Service(("127.0.0.1", port))) as service:
+                await service.until(1)
+                await everything(service)
+                assert len(service.samples()) > 1000
+            disk.fill()
+            await more_readings(device, 1200)
+            outcome = await daemon.stop()
+        assert outcome.code == 0
+        assert "cannot write to the spool" in outcome.err
+        before = summary_of(tmp_path)["bench"]
+        assert before["samples_dropped"] == before["samples_set_aside"] == 0
+        assert before["samples_spooled"] >= 1000
+        assert before["samples_published"] + before["samples_spooled"] == before["readings"]
+        # A start on a disk that is still full delivers them.
+        async with (
+            serving(Service(("127.0.0.1", port))) as service,
+            running(tmp_path, source, url, publish=publish, prefix=disk.prefix) as daemon,
+        ):
+            await service.until(before["samples_spooled"] + 200)
+            assert (await daemon.stop()).code == 0
+        after = summary_of(tmp_path)["bench"]
+        assert after["samples_spooled"] == after["samples_dropped"] == 0
+        assert after["samples_published"] == after["readings"] + before["samples_spooled"]
 
 
 async def more_readings(device: SerialDevice, number: int) -> None:
@@ -182,8 +170,9 @@ async def more_readings(device: SerialDevice, number: int) -> None:
             await asyncio.sleep(0.02)
 
 
-def test_on_a_disk_that_is_full_from_the_start_and_without_a_service_the_loss_is_said(tmp_path: Path) -> None:
-    async def story(disk: SmallDisk) -> None:
+async def test_the_loss_is_reported_if_the_disk_is_full_from_the_start_and_the_service_is_away(tmp_path: Path) -> None:
+    with small_disk(tmp_path, size_kib=64) as disk:
+        disk.fill()
         with cable(tmp_path) as usb:
             device = SerialDevice(usb.plug())
             url, source = f"http://127.0.0.1:{free_port()}", configs.serial(str(usb.path))
@@ -192,68 +181,58 @@ def test_on_a_disk_that_is_full_from_the_start_and_without_a_service_the_loss_is
                 await more_readings(device, 200)
                 outcome = await daemon.stop()
             assert outcome.code == 0
-            assert "the disk is full; samples wait in memory until there is room" in outcome.err
+            assert "the disk is full; undelivered samples are kept in memory until there is room" in outcome.err
             counts = summary_of(tmp_path)["bench"]
             assert counts["samples_dropped"] == counts["readings"] > 100
-            assert f"{counts['readings']} samples are lost" in outcome.err
-
-    with small_disk(tmp_path, size_kib=64) as disk:
-        disk.fill()
-        asyncio.run(story(disk))
+            assert f"{counts['readings']} samples dropped: neither" in outcome.err
 
 
-def test_one_bad_row_costs_its_own_samples_and_live_delivery_nothing(tmp_path: Path) -> None:
+async def test_one_bad_row_costs_its_own_samples_and_live_delivery_nothing(tmp_path: Path) -> None:
     bad = 17
-
-    async def story() -> None:
-        path = tmp_path / "beamtouch-daemon.spool"
-        with Spool(path, 10**9) as spool:
-            for first in range(0, 252, 7):
-                spool.put("bench", batch_of(first, 7), monotonic())
-        with closing(sqlite3.connect(path)) as database, database:
-            database.execute("UPDATE batch SET content = replace(content, '[0.25', '[8.25') WHERE id = ?", (bad,))
-        with cable(tmp_path) as usb:
-            SerialDevice(usb.plug())
-            async with (
-                serving(Service()) as service,
-                running(tmp_path, configs.serial(str(usb.path)), service.url) as daemon,
-            ):
-                async with asyncio.timeout(60):
-                    while sum(len(batch.samples) for batch in late(service)) < 245:
-                        await service.until(len(service.samples()) + 1)
-                await service.until(len(service.samples()) + 200)
-                outcome = await daemon.stop()
-            assert outcome.err.count("set aside: the checksum does not hold") == 1
-            counts = summary_of(tmp_path)["bench"]
-            assert counts["samples_set_aside"] == 7
-            assert counts["samples_spooled"] == counts["samples_dropped"] == 0
-            assert counts["samples_published"] == counts["readings"] + 245
-            missing = range((bad - 1) * 7, bad * 7)
-            assert [number for _, number in names(late(service))] == [n for n in range(252) if n not in missing]
 
     def late(service: Service) -> list[Batch]:
         return [batch for _, batch, _ in service.batches if batch.boot_id == "boot-0001"]
 
-    asyncio.run(story())
+    path = tmp_path / "beamtouch-daemon.spool"
+    with Spool(path, 10**9) as spool:
+        for first in range(0, 252, 7):
+            spool.put("bench", batch_of(first, 7), monotonic())
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute("UPDATE batch SET content = replace(content, '[0.25', '[8.25') WHERE id = ?", (bad,))
+    with cable(tmp_path) as usb:
+        SerialDevice(usb.plug())
+        async with (
+            serving(Service()) as service,
+            running(tmp_path, configs.serial(str(usb.path)), service.url) as daemon,
+        ):
+            async with asyncio.timeout(60):
+                while sum(len(batch.samples) for batch in late(service)) < 245:
+                    await service.until(len(service.samples()) + 1)
+            await service.until(len(service.samples()) + 200)
+            outcome = await daemon.stop()
+        assert outcome.err.count("set aside: the checksum does not match") == 1
+        counts = summary_of(tmp_path)["bench"]
+        assert counts["samples_set_aside"] == 7
+        assert counts["samples_spooled"] == counts["samples_dropped"] == 0
+        assert counts["samples_published"] == counts["readings"] + 245
+        missing = range((bad - 1) * 7, bad * 7)
+        assert [number for _, number in names(late(service))] == [n for n in range(252) if n not in missing]
 
 
-def test_what_waits_for_a_surface_that_is_not_configured_any_more_is_delivered(tmp_path: Path) -> None:
-    async def story() -> None:
-        with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
-            spool.put("press", batch_of(0, 7), monotonic())
-        with cable(tmp_path) as usb:
-            SerialDevice(usb.plug())
-            async with (
-                serving(Service()) as service,
-                running(tmp_path, configs.serial(str(usb.path)), service.url) as daemon,
-            ):
-                await service.until(7, "press", within_s=60)
-                await service.until(20)
-                assert (await daemon.stop()).code == 0
-        with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
-            assert not any(spool.waiting.values())
-
-    asyncio.run(story())
+async def test_spooled_samples_of_a_removed_surface_are_delivered(tmp_path: Path) -> None:
+    with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
+        spool.put("press", batch_of(0, 7), monotonic())
+    with cable(tmp_path) as usb:
+        SerialDevice(usb.plug())
+        async with (
+            serving(Service()) as service,
+            running(tmp_path, configs.serial(str(usb.path)), service.url) as daemon,
+        ):
+            await service.until(7, "press", within_s=60)
+            await service.until(20)
+            assert (await daemon.stop()).code == 0
+    with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
+        assert not any(spool.waiting.values())
 
 
 def stepped_clock(sign: Path) -> str:
@@ -264,61 +243,55 @@ def stepped_clock(sign: Path) -> str:
     )
 
 
-def test_a_clock_stepped_by_an_hour_changes_dates_and_nothing_else(tmp_path: Path) -> None:
+async def test_a_clock_stepped_by_an_hour_changes_dates_and_nothing_else(tmp_path: Path) -> None:
     sign = tmp_path / "an hour later"
 
-    async def story() -> None:
-        with cable(tmp_path) as usb:
-            SerialDevice(usb.plug())
-            async with (
-                serving(Service()) as service,
-                running(tmp_path, configs.serial(str(usb.path)), service.url, code=stepped_clock(sign)) as daemon,
-            ):
-                await service.until(100, within_s=60)
-                sign.touch()
-                async with asyncio.timeout(30):
-                    while service.samples()[-1].acquired_unix_us - service.samples()[0].acquired_unix_us < 3.6e9:
-                        await service.until(len(service.samples()) + 1)
-                await service.until(len(service.samples()) + 200)
-                assert (await daemon.stop()).code == 0
-            samples = service.samples()
-            assert [sample.sequence for sample in samples] == list(range(len(samples)))
-            assert {quality for sample in samples for quality in sample.quality} == {Quality.GOOD}
-            assert all(batch.newest_age_ms < 1500 for _, batch, _ in service.batches)
-            dates = [sample.acquired_unix_us for sample in samples]
-            assert sum(later - earlier > 3.5e9 for earlier, later in pairwise(dates)) == 1
-
-    asyncio.run(story())
+    with cable(tmp_path) as usb:
+        SerialDevice(usb.plug())
+        async with (
+            serving(Service()) as service,
+            running(tmp_path, configs.serial(str(usb.path)), service.url, code=stepped_clock(sign)) as daemon,
+        ):
+            await service.until(100, within_s=60)
+            sign.touch()
+            async with asyncio.timeout(30):
+                while service.samples()[-1].acquired_unix_us - service.samples()[0].acquired_unix_us < 3.6e9:
+                    await service.until(len(service.samples()) + 1)
+            await service.until(len(service.samples()) + 200)
+            assert (await daemon.stop()).code == 0
+        samples = service.samples()
+        assert [sample.sequence for sample in samples] == list(range(len(samples)))
+        assert {quality for sample in samples for quality in sample.quality} == {Quality.GOOD}
+        assert all(batch.newest_age_ms < 1500 for _, batch, _ in service.batches)
+        dates = [sample.acquired_unix_us for sample in samples]
+        assert sum(later - earlier > 3.5e9 for earlier, later in pairwise(dates)) == 1
 
 
-def test_the_summary_counts_what_is_delivered_after_its_surface_was_renamed(tmp_path: Path) -> None:
-    async def story() -> tuple[int, dict[str, float]]:
-        async with tcp_unit(StampingUnit()) as port, serving(Service()) as service:
-            service.problem_of = lambda *_: (503, "")
-            async with running(tmp_path, configs.tcp(port), service.url) as daemon:
-                while service.attempts < 5:  # noqa: ASYNC110 - the daemon is outside
-                    await asyncio.sleep(0.05)
-                path = tmp_path / "daemon.toml"
-                path.write_text(path.read_text().replace("surfaces.bench", "surfaces.press"))
-                daemon.tell(signal.SIGHUP)
+async def test_the_summary_counts_what_is_delivered_after_its_surface_was_renamed(tmp_path: Path) -> None:
+    async with tcp_unit(StampingUnit()) as port, serving(Service()) as service:
+        service.problem_of = lambda *_: (503, "")
+        async with running(tmp_path, configs.tcp(port), service.url) as daemon:
+            while service.attempts < 5:  # noqa: ASYNC110 - the daemon is outside
+                await asyncio.sleep(0.05)
+            path = tmp_path / "daemon.toml"
+            path.write_text(path.read_text().replace("surfaces.bench", "surfaces.press"))
+            daemon.tell(signal.SIGHUP)
+            await asyncio.sleep(1.0)
+            service.problem_of = lambda *_: None
+            await service.until(1, "press", within_s=60)
+            await service.until(1, within_s=60)
+            came = 0
+            while came < len(service.samples()):
+                came = len(service.samples())
                 await asyncio.sleep(1.0)
-                service.problem_of = lambda *_: None
-                await service.until(1, "press", within_s=60)
-                await service.until(1, within_s=60)
-                came = 0
-                while came < len(service.samples()):
-                    came = len(service.samples())
-                    await asyncio.sleep(1.0)
-                assert (await daemon.stop()).code == 0
-            return came, summary_of(tmp_path)["bench"]
-
-    came, bench = asyncio.run(story())
+            assert (await daemon.stop()).code == 0
+        bench = summary_of(tmp_path)["bench"]
     assert (bench["samples_published"], bench["samples_spooled"]) == (came, 0)
 
 
 def old_spool(path: Path, batches: int) -> None:
-    """Make a spool as older versions did: with a log, without checksums."""
-    boot = spool_module.BOOT_ID.read_text().strip()
+    """Create a spool as older versions did: with a write-ahead log, without checksums."""
+    boot = BOOT_ID.read_text().strip()
     columns = "id INTEGER PRIMARY KEY, surface TEXT, samples INTEGER, machine_boot TEXT, newest_monotonic_s REAL"
     with closing(sqlite3.connect(path)) as database:
         database.execute("PRAGMA journal_mode = WAL")
@@ -329,12 +302,13 @@ def old_spool(path: Path, batches: int) -> None:
         database.commit()
 
 
-def test_a_spool_of_an_older_version_on_a_full_disk_is_delivered_once_there_is_room(tmp_path: Path) -> None:
+async def test_a_spool_of_an_older_version_on_a_full_disk_is_delivered_once_there_is_room(tmp_path: Path) -> None:
     batches = 50
     old_spool(tmp_path / "old", batches)
     boot_id = batch_of(0).boot_id
-
-    async def story(disk: SmallDisk) -> None:
+    with small_disk(tmp_path, size_kib=1024) as disk:
+        disk.run("cp", str(tmp_path / "old"), str(disk.path / "spool"))
+        disk.fill()
         publish = f'spool_file = "{disk.path}/spool"'
         async with (
             tcp_unit(StampingUnit()) as port,
@@ -350,8 +324,3 @@ def test_a_spool_of_an_older_version_on_a_full_disk_is_delivered_once_there_is_r
             outcome = await daemon.stop()
         assert outcome.code == 0
         assert f"the disk is full; {10 * batches} samples wait in it" in outcome.err
-
-    with small_disk(tmp_path, size_kib=1024) as disk:
-        disk.run("cp", str(tmp_path / "old"), str(disk.path / "spool"))
-        disk.fill()
-        asyncio.run(story(disk))

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from beamtouch_daemon.sources.polled import PolledSource
-from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import VirtualSurface
@@ -20,8 +19,10 @@ from example_scenes import SCENES
 from parts import require
 
 from .lines import joined_terminals
+from .process import free_port
 from .sessions import polled, source_in, take
-from .test_run import free_port
+
+pytestmark = pytest.mark.anyio
 
 SERVER = Path(__file__).with_name("libmodbus_server.c")
 
@@ -54,42 +55,35 @@ def of(table: str, registers: list[int]) -> PolledSource:
     return polled(table, registers, 100.0)
 
 
-def test_a_libmodbus_server_is_read_over_tcp(server: Path) -> None:
+async def test_a_libmodbus_server_is_read_over_tcp(server: Path) -> None:
     port = free_port()
     table = f'kind = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\ntimeout_ms = 2000'
 
-    async def story() -> list[list[Reading]]:
-        return [
+    with serving(server, "tcp", str(port)):
+        inputs, holding, wide = [
             await take(of(table, [3, 0, 9]), 100),
             await take(of(f"{table}\nfunction = 3", [3, 0, 9]), 50),
             await take(source_in({}, table, ["register = 4\ntype = 'u32'\n", "register = 1"], 100.0), 50),
         ]
-
-    with serving(server, "tcp", str(port)):
-        inputs, holding, wide = asyncio.run(story())
     assert {reading.counts for reading in inputs} == {(1003, 1000, 1009)}
     assert {reading.counts for reading in holding} == {(2003, 2000, 2009)}
     assert {reading.counts for reading in wide} == {(1004 * 65536 + 1005, 1001)}
 
 
-def test_a_libmodbus_server_is_read_over_rtu(server: Path) -> None:
-    async def story() -> tuple[list[Reading], list[Reading]]:
-        with joined_terminals() as (ours, theirs):
-            process = await asyncio.create_subprocess_exec(
-                server, "rtu", theirs, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
-            )
-            try:
-                assert process.stdout is not None
-                assert await process.stdout.readline() == b"ready\n"
-                table = f'kind = "modbus-rtu"\nport = "{ours}"\ntimeout_ms = 1000'
-                together = await take(of(table, [3, 0, 9]), 100)
-                bridged = await take(of(f"{table}\nbridge_registers = 9\nfunction = 3", [3, 0, 9]), 50)
-            finally:
-                process.kill()
-                await process.wait()
-        return together, bridged
-
-    together, bridged = asyncio.run(story())
+async def test_a_libmodbus_server_is_read_over_rtu(server: Path) -> None:
+    with joined_terminals() as (ours, theirs):
+        process = await asyncio.create_subprocess_exec(
+            server, "rtu", theirs, stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE
+        )
+        try:
+            assert process.stdout is not None
+            assert await process.stdout.readline() == b"ready\n"
+            table = f'kind = "modbus-rtu"\nport = "{ours}"\ntimeout_ms = 1000'
+            together = await take(of(table, [3, 0, 9]), 100)
+            bridged = await take(of(f"{table}\nbridge_registers = 9\nfunction = 3", [3, 0, 9]), 50)
+        finally:
+            process.kill()
+            await process.wait()
     assert {reading.counts for reading in together} == {(1003, 1000, 1009)}
     assert {reading.counts for reading in bridged} == {(2003, 2000, 2009)}
 

@@ -20,6 +20,8 @@ from .devices import Fault, NumberingUnit, Pieces, StampingUnit, rtu_units, with
 from .lines import joined_terminals, terminal
 from .sessions import polled, source_in, take, take_across_sessions
 
+pytestmark = pytest.mark.anyio
+
 TIMEOUT_MS = 60.0
 
 
@@ -31,19 +33,16 @@ def make_source(path: str, registers: list[int], rate_hz: float = 100.0) -> Poll
     return polled(table(path), registers, rate_hz)
 
 
-def run_with(
+async def run_with(
     fault: Fault, number: int, registers: list[int] | None = None, rate_hz: float = 100.0
 ) -> tuple[list[Reading], list[str]]:
     """Return readings and errors, having seen that every value is that of the newest request, however late it comes."""
 
-    async def story() -> tuple[list[Reading], list[str]]:
-        with terminal() as line:
-            unit = NumberingUnit(fault)
-            source = make_source(line.path, registers or [0, 1, 2], rate_hz)
-            async with rtu_units(line, {1: unit}):
-                return await take_across_sessions(source, number, lambda reading: check_newest(reading, [unit] * 3))
-
-    return asyncio.run(story())
+    with terminal() as line:
+        unit = NumberingUnit(fault)
+        source = make_source(line.path, registers or [0, 1, 2], rate_hz)
+        async with rtu_units(line, {1: unit}):
+            return await take_across_sessions(source, number, lambda reading: check_newest(reading, [unit] * 3))
 
 
 def check_newest(reading: Reading, units: list[NumberingUnit]) -> None:
@@ -60,19 +59,16 @@ def lost(readings: list[Reading]) -> int:
     return sum(reading.lost for reading in readings)
 
 
-def test_registers_are_read_from_pymodbus_own_server() -> None:
-    async def story() -> None:
-        with joined_terminals() as (ours, theirs):
-            data = SimData(0, values=[100, 101, 102], datatype=DataType.REGISTERS)
-            server = ModbusSerialServer(SimDevice(1, simdata=[data]), port=theirs, baudrate=115_200)
-            await server.serve_forever(background=True)
-            try:
-                readings = await take(make_source(ours, [2, 0, 1]), 20)
-            finally:
-                await server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it without annotations
-        assert {reading.counts for reading in readings} == {(102, 100, 101)}
-
-    asyncio.run(story())
+async def test_registers_are_read_from_pymodbus_own_server() -> None:
+    with joined_terminals() as (ours, theirs):
+        data = SimData(0, values=[100, 101, 102], datatype=DataType.REGISTERS)
+        server = ModbusSerialServer(SimDevice(1, simdata=[data]), port=theirs, baudrate=115_200)
+        await server.serve_forever(background=True)
+        try:
+            readings = await take(make_source(ours, [2, 0, 1]), 20)
+        finally:
+            await server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it without annotations
+    assert {reading.counts for reading in readings} == {(102, 100, 101)}
 
 
 @pytest.mark.parametrize("blocks", [[Block(4, 3)], [Block(0, 1), Block(4, 3)], [Block(4, 1)], [Block(0, 125)]])
@@ -86,8 +82,8 @@ def test_no_probe_is_answered_as_a_value_is_and_there_are_several(blocks: list[B
 
 @pytest.mark.parametrize("registers", [[0, 1, 2], [7]], ids=["a block", "one register"])
 @pytest.mark.parametrize("late_s", [0.08, 0.2, 0.5], ids=["just", "after several slots", "long"])
-def test_a_late_answer_is_never_taken_for_a_later_one(late_s: float, registers: list[int]) -> None:
-    readings, _ = run_with(lambda number, frame: [(late_s if number % 20 == 10 else 0.0, frame)], 40, registers)
+async def test_a_late_answer_is_never_taken_for_a_later_one(late_s: float, registers: list[int]) -> None:
+    readings, _ = await run_with(lambda number, frame: [(late_s if number % 20 == 10 else 0.0, frame)], 40, registers)
     assert sum(gap_s > TIMEOUT_MS / 1e3 for gap_s in gaps_s(readings)) >= 2
 
 
@@ -102,13 +98,13 @@ def test_a_late_answer_is_never_taken_for_a_later_one(late_s: float, registers: 
     ],
     ids=["lost", "truncated", "flipped", "with noise behind it", "with noise before it"],
 )
-def test_a_damaged_answer_costs_its_reading_and_not_the_session(damage: Callable[[bytes], bytes]) -> None:
-    readings, errors = run_with(lambda number, frame: [(0.0, damage(frame) if number == 10 else frame)], 20)
+async def test_a_damaged_answer_costs_its_reading_and_not_the_session(damage: Callable[[bytes], bytes]) -> None:
+    readings, errors = await run_with(lambda number, frame: [(0.0, damage(frame) if number == 10 else frame)], 20)
     assert errors == []
     assert len(readings) == 20
 
 
-def test_flipped_bits_in_one_of_ten_frames_give_no_wrong_value() -> None:
+async def test_flipped_bits_in_one_of_ten_frames_give_no_wrong_value() -> None:
     def flip(number: int, frame: bytes) -> list[tuple[float, bytes]]:
         if number % 10 == 3:
             bit = number * 7919 % (8 * len(frame))
@@ -117,89 +113,85 @@ def test_flipped_bits_in_one_of_ten_frames_give_no_wrong_value() -> None:
             frame = bytes(flipped)
         return [(0.0, frame)]
 
-    readings, errors = run_with(flip, 300)
+    readings, errors = await run_with(flip, 300)
     assert errors == []
     assert all(len(set(reading.counts)) == 1 for reading in readings)  # the unit gives all registers the same value
 
 
-def test_a_doubled_answer_is_thrown_away() -> None:
+async def test_a_doubled_answer_is_thrown_away() -> None:
     def double(number: int, frame: bytes) -> list[tuple[float, bytes]]:
         return [(0.0, frame), (0.003, frame if number % 5 == 0 else b"")]
 
     # The copy comes 3 ms later, the next request after a tenth of a second: in this order on a busy machine too.
-    readings, errors = run_with(double, 30, rate_hz=10.0)
+    readings, errors = await run_with(double, 30, rate_hz=10.0)
     assert errors == []
     assert len(readings) == 30
 
 
-def test_a_refusal_is_an_error_that_says_so() -> None:
-    _, errors = run_with(lambda number, frame: [(0.0, with_crc(bytes([1, 0x84, 2])) if 5 < number < 12 else frame)], 20)
+async def test_a_refusal_is_an_error_that_says_so() -> None:
+    _, errors = await run_with(
+        lambda number, frame: [(0.0, with_crc(bytes([1, 0x84, 2])) if 5 < number < 12 else frame)], 20
+    )
     assert set(errors) == {"unit 1 answers with exception 2: it has no such register"}
 
 
-def test_several_surfaces_and_several_units_share_a_bus() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            units = {address: NumberingUnit() for address in (1, 2, 3)}
-            async with rtu_units(line, units):
-                buses: Buses = {}
-                places = ["register = 0", "register = 1\nunit = 2", "register = 2"]
-                one = source_in(buses, table(line.path, timeout_ms=2000.0), places, 50.0)
-                other = source_in(buses, table(line.path, 3, 2000.0), ["register = 0", "register = 1"], 50.0)
-                both = await asyncio.gather(
-                    take_across_sessions(one, 100, lambda reading: check_odd(reading, units)),
-                    take_across_sessions(other, 100, lambda reading: check_newest(reading, [units[3]] * 2)),
-                )
-            assert len(buses) == 1
-            for readings, errors in both:
-                assert errors == []
-                assert all(None not in reading.counts for reading in readings)
-
+async def test_several_surfaces_and_several_units_share_a_bus() -> None:
     def check_odd(reading: Reading, units: dict[int, NumberingUnit]) -> None:
         # Unit 1 gives its two registers with two requests.
         assert (reading.counts[2], reading.counts[1]) == (units[1].newest, units[2].newest)
         assert reading.counts[0] == units[1].newest - 1
 
-    asyncio.run(story())
+    with terminal() as line:
+        units = {address: NumberingUnit() for address in (1, 2, 3)}
+        async with rtu_units(line, units):
+            buses: Buses = {}
+            places = ["register = 0", "register = 1\nunit = 2", "register = 2"]
+            one = source_in(buses, table(line.path, timeout_ms=2000.0), places, 50.0)
+            other = source_in(buses, table(line.path, 3, 2000.0), ["register = 0", "register = 1"], 50.0)
+            both = await asyncio.gather(
+                take_across_sessions(one, 100, lambda reading: check_odd(reading, units)),
+                take_across_sessions(other, 100, lambda reading: check_newest(reading, [units[3]] * 2)),
+            )
+        assert len(buses) == 1
+        for readings, errors in both:
+            assert errors == []
+            assert all(None not in reading.counts for reading in readings)
 
 
 class BackError(Exception):
     """A unit answers again."""
 
 
-def test_a_dead_unit_costs_the_others_under_a_tenth_and_comes_back_within_2_s() -> None:
+async def test_a_dead_unit_costs_other_units_under_a_tenth_and_returns_within_2_s() -> None:
     timeout_ms = 100.0
 
     def see(reading: Reading) -> None:
         if reading.counts[2] is not None:
             raise BackError
 
-    async def story() -> None:
-        with terminal() as line:
-            units, unanswered = {1: StampingUnit()}, list[int]()
-            async with rtu_units(line, units, unanswered):
-                places = ["register = 0", "register = 1", "register = 0\nunit = 2"]
-                source = source_in({}, table(line.path, timeout_ms=timeout_ms), places, 50.0)
-                await take_across_sessions(source, 1)
-                unanswered.clear()
-                begin_s = monotonic()
-                readings, _ = await take_across_sessions(source, 200)
-                took_s = monotonic() - begin_s
-                assert {reading.counts[2] for reading in readings} == {None}
-                assert len(unanswered) >= 1
-                assert len(unanswered) * timeout_ms / 1e3 < 0.1 * took_s  # of the bus' time
-            units[2] = StampingUnit()
-            async with rtu_units(line, units):
-                begin_s = monotonic()
-                with pytest.raises(BackError):
-                    await take_across_sessions(source, 10_000, see)
-                assert monotonic() - begin_s < 2.0 + 1.0  # a busy machine may add a second
-
-    asyncio.run(story())
+    with terminal() as line:
+        units, unanswered = {1: StampingUnit()}, list[int]()
+        async with rtu_units(line, units, unanswered):
+            places = ["register = 0", "register = 1", "register = 0\nunit = 2"]
+            source = source_in({}, table(line.path, timeout_ms=timeout_ms), places, 50.0)
+            await take_across_sessions(source, 1)
+            unanswered.clear()
+            begin_s = monotonic()
+            readings, _ = await take_across_sessions(source, 200)
+            took_s = monotonic() - begin_s
+            assert {reading.counts[2] for reading in readings} == {None}
+            assert len(unanswered) >= 1
+            assert len(unanswered) * timeout_ms / 1e3 < 0.1 * took_s  # of the bus' time
+        units[2] = StampingUnit()
+        async with rtu_units(line, units):
+            begin_s = monotonic()
+            with pytest.raises(BackError):
+                await take_across_sessions(source, 10_000, see)
+            assert monotonic() - begin_s < 2.0 + 1.0  # a busy machine may add a second
 
 
 @pytest.mark.parametrize("answers", ["nothing", "values only"])
-def test_a_unit_that_is_being_learned_lets_the_others_be_read_after_each_timeout(answers: str) -> None:
+async def test_other_units_are_read_after_each_timeout_of_a_unit_whose_probes_are_tried(answers: str) -> None:
     asked: list[int] = []
 
     def live(_number: int, frame: bytes) -> Pieces:
@@ -210,60 +202,48 @@ def test_a_unit_that_is_being_learned_lets_the_others_be_read_after_each_timeout
         asked.append(2)
         return [(0.0, frame)] if answers == "values only" and frame[2] == 8 else []
 
-    async def story() -> None:
-        with terminal() as line:
-            async with rtu_units(line, {1: StampingUnit(live), 2: StampingUnit(odd)}):
-                buses: Buses = {}
-                fine = source_in(buses, table(line.path), [f"register = {index}" for index in range(4)], 50.0)
-                places = [f"register = {index}\nunit = 2" for index in range(4)]
-                other = asyncio.create_task(take_across_sessions(source_in(buses, table(line.path), places, 50.0), 1))
-                await take_across_sessions(fine, 100)
-                await cancel([other])
-
-    asyncio.run(story())
+    with terminal() as line:
+        async with rtu_units(line, {1: StampingUnit(live), 2: StampingUnit(odd)}):
+            buses: Buses = {}
+            fine = source_in(buses, table(line.path), [f"register = {index}" for index in range(4)], 50.0)
+            places = [f"register = {index}\nunit = 2" for index in range(4)]
+            other = asyncio.create_task(take_across_sessions(source_in(buses, table(line.path), places, 50.0), 1))
+            await take_across_sessions(fine, 100)
+            await cancel([other])
     in_a_row = [len(list(group)) for unit, group in itertools.groupby(asked) if unit == 2]
     assert in_a_row
     assert max(in_a_row) <= 2
 
 
-def test_units_that_owe_answers_never_confuse_each_other() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            units = {
-                address: NumberingUnit(lambda number, frame: [(0.09 if number % 7 == 3 else 0.0, frame)])
-                for address in (1, 2)
-            }
-            async with rtu_units(line, units):
-                places = [f"register = {register}\nunit = {unit}" for unit in (1, 2) for register in (0, 1)]
-                owners = [units[1], units[1], units[2], units[2]]
-                await take_across_sessions(
-                    source_in({}, table(line.path), places, 50.0), 60, lambda reading: check_newest(reading, owners)
-                )
-
-    asyncio.run(story())
+async def test_units_that_owe_answers_never_confuse_each_other() -> None:
+    with terminal() as line:
+        units = {
+            address: NumberingUnit(lambda number, frame: [(0.09 if number % 7 == 3 else 0.0, frame)])
+            for address in (1, 2)
+        }
+        async with rtu_units(line, units):
+            places = [f"register = {register}\nunit = {unit}" for unit in (1, 2) for register in (0, 1)]
+            owners = [units[1], units[1], units[2], units[2]]
+            await take_across_sessions(
+                source_in({}, table(line.path), places, 50.0), 60, lambda reading: check_newest(reading, owners)
+            )
 
 
-def test_a_port_in_use_is_an_error_that_says_so() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            async with rtu_units(line, {1: StampingUnit()}):
-                stream = make_source(line.path, [0, 1]).readings()
-                await anext(stream)
-                with pytest.raises(SourceError, match="does no other program use it"):
-                    await take(make_source(line.path, [0, 1]), 1)
-                await stream.aclose()
-
-    asyncio.run(story())
+async def test_a_port_in_use_is_an_error_that_says_so() -> None:
+    with terminal() as line:
+        async with rtu_units(line, {1: StampingUnit()}):
+            stream = make_source(line.path, [0, 1]).readings()
+            await anext(stream)
+            with pytest.raises(SourceError, match="is no other program using it"):
+                await take(make_source(line.path, [0, 1]), 1)
+            await stream.aclose()
 
 
-def test_an_unplugged_port_is_an_error() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            async with rtu_units(line, {1: StampingUnit()}):
-                stream = make_source(line.path, [0, 1]).readings()
-                await anext(stream)
-                line.unplug()
-                with pytest.raises(SourceError):
-                    await asyncio.wait_for(anext(stream), 2)
-
-    asyncio.run(story())
+async def test_an_unplugged_port_is_an_error() -> None:
+    with terminal() as line:
+        async with rtu_units(line, {1: StampingUnit()}):
+            stream = make_source(line.path, [0, 1]).readings()
+            await anext(stream)
+            line.unplug()
+            with pytest.raises(SourceError):
+                await asyncio.wait_for(anext(stream), 2)

@@ -10,10 +10,12 @@ import pytest
 from pymodbus.constants import ExcCodes
 
 from beamtouch_daemon.sources.polled import PolledSource
-from beamtouch_daemon.sources.reading import Reading, SourceError
+from beamtouch_daemon.sources.reading import SourceError
 
 from .devices import Pieces, StampingUnit, pymodbus_server, tcp_unit
 from .sessions import polled, take, take_across_sessions
+
+pytestmark = pytest.mark.anyio
 
 
 def make_source(port: int, registers: list[int], rate_hz: float = 200.0, timeout_ms: float = 500.0) -> PolledSource:
@@ -21,16 +23,13 @@ def make_source(port: int, registers: list[int], rate_hz: float = 200.0, timeout
     return polled(table, registers, rate_hz)
 
 
-def test_channels_come_in_the_order_of_the_configuration() -> None:
-    async def story() -> None:
-        async with pymodbus_server([100, 101, 102, 0, 104]) as port:
-            (reading,) = await take(make_source(port, [4, 0, 2]), 1)
-            assert reading.counts == (104, 100, 102)
-
-    asyncio.run(story())
+async def test_channels_come_in_the_order_of_the_configuration() -> None:
+    async with pymodbus_server([100, 101, 102, 0, 104]) as port:
+        (reading,) = await take(make_source(port, [4, 0, 2]), 1)
+        assert reading.counts == (104, 100, 102)
 
 
-def test_readings_keep_the_schedule_and_are_stamped_within_their_own_request() -> None:
+async def test_readings_keep_the_schedule_and_are_stamped_within_their_own_request() -> None:
     requests: list[tuple[float, float]] = []
 
     async def action(_function: int, _start: int, _address: int, _count: int, _now: list[int], _set: object) -> None:
@@ -38,11 +37,8 @@ def test_readings_keep_the_schedule_and_are_stamped_within_their_own_request() -
         await asyncio.sleep(0.004)
         requests.append((begin_s, monotonic()))
 
-    async def story() -> list[Reading]:
-        async with pymodbus_server([1, 2], action) as port:
-            return await take(make_source(port, [0, 1], rate_hz=50.0), 50)
-
-    readings = asyncio.run(story())
+    async with pymodbus_server([1, 2], action) as port:
+        readings = await take(make_source(port, [0, 1], rate_hz=50.0), 50)
     for reading, (begin_s, end_s) in zip(readings, requests, strict=True):
         assert begin_s - 0.02 < reading.monotonic_s < end_s + 0.02
     slots = len(readings) - 1 + sum(reading.lost for reading in readings[1:])
@@ -50,67 +46,52 @@ def test_readings_keep_the_schedule_and_are_stamped_within_their_own_request() -
     assert all(later.monotonic_s > earlier.monotonic_s for earlier, later in pairwise(readings))
 
 
-def test_a_register_that_is_not_there_is_an_error_that_says_so() -> None:
-    async def story() -> None:
-        async with pymodbus_server([1, 2]) as port:
-            with pytest.raises(SourceError, match=r"exception 2: it has no such register"):
-                await take(make_source(port, [40]), 1)
-
-    asyncio.run(story())
+async def test_a_register_that_is_not_there_is_an_error_that_says_so() -> None:
+    async with pymodbus_server([1, 2]) as port:
+        with pytest.raises(SourceError, match=r"exception 2: it has no such register"):
+            await take(make_source(port, [40]), 1)
 
 
-def test_a_channel_that_the_device_refuses_is_missing_and_the_others_are_there() -> None:
-    async def story() -> None:
-        async with pymodbus_server([1, 2]) as port:
-            (reading,) = await take(make_source(port, [0, 1, 40]), 1)
-            assert reading.counts == (1, 2, None)
-
-    asyncio.run(story())
+async def test_a_channel_that_the_device_refuses_is_missing_and_the_others_are_there() -> None:
+    async with pymodbus_server([1, 2]) as port:
+        (reading,) = await take(make_source(port, [0, 1, 40]), 1)
+        assert reading.counts == (1, 2, None)
 
 
-def test_a_device_failure_is_an_error() -> None:
+async def test_a_device_failure_is_an_error() -> None:
     async def action(*_: object) -> ExcCodes:
         return ExcCodes.DEVICE_FAILURE
 
-    async def story() -> None:
-        async with pymodbus_server([1], action) as port:
-            with pytest.raises(SourceError, match="exception 4: device failure"):
-                await take(make_source(port, [0]), 1)
-
-    asyncio.run(story())
+    async with pymodbus_server([1], action) as port:
+        with pytest.raises(SourceError, match="exception 4: device failure"):
+            await take(make_source(port, [0]), 1)
 
 
-def test_a_host_that_refuses_is_an_error() -> None:
+async def test_a_host_that_refuses_is_an_error() -> None:
     with socket.socket() as unused:
         unused.bind(("127.0.0.1", 0))
         port = unused.getsockname()[1]
         with pytest.raises(SourceError, match=f"no connection to 127.0.0.1:{port}"):
-            asyncio.run(take(make_source(port, [0]), 1))
+            await take(make_source(port, [0]), 1)
 
 
-def test_a_server_that_goes_away_is_an_error_within_the_timeout_and_can_be_read_again() -> None:
-    async def story() -> None:
-        async with pymodbus_server([1, 2]) as port:
-            source = make_source(port, [0, 1], timeout_ms=100.0)
-            stream = source.readings()
-            await anext(stream)
-        with pytest.raises(SourceError, match=r"does not answer within 100 ms|no connection to"):
-            await asyncio.wait_for(anext(stream), 5)
-        async with pymodbus_server([3, 4], port=port):
-            (reading,) = await take(source, 1)
-            assert reading.counts == (3, 4)
-
-    asyncio.run(story())
+async def test_a_server_that_goes_away_is_an_error_within_the_timeout_and_can_be_read_again() -> None:
+    async with pymodbus_server([1, 2]) as port:
+        source = make_source(port, [0, 1], timeout_ms=100.0)
+        stream = source.readings()
+        await anext(stream)
+    with pytest.raises(SourceError, match=r"does not answer within 100 ms|no connection to"):
+        await asyncio.wait_for(anext(stream), 5)
+    async with pymodbus_server([3, 4], port=port):
+        (reading,) = await take(source, 1)
+        assert reading.counts == (3, 4)
 
 
-def test_a_late_answer_is_never_taken_for_a_later_one() -> None:
+async def test_a_late_answer_is_never_taken_for_a_later_one() -> None:
     unit = StampingUnit(lambda number, frame: [(0.25 if number % 20 == 10 else 0.0, frame)])
 
-    async def story() -> tuple[list[Reading], list[str]]:
-        async with tcp_unit(unit) as port:
-            return await take_across_sessions(make_source(port, [0, 1], timeout_ms=100.0), 60)
-
-    readings, errors = asyncio.run(story())
+    async with tcp_unit(unit) as port:
+        readings, errors = await take_across_sessions(make_source(port, [0, 1], timeout_ms=100.0), 60)
     assert errors == []
     assert sum(reading.lost for reading in readings) >= 3 * 20  # 100 ms at 200 Hz, each time
     ages_s = [unit.age_s(counts, reading.monotonic_s) for reading in readings for counts in reading.counts if counts]
@@ -118,48 +99,40 @@ def test_a_late_answer_is_never_taken_for_a_later_one() -> None:
     assert max(ages_s) < 0.07  # half a timeout, and the time the test itself needs; a late answer is 0.2 s old
 
 
-def test_an_answer_to_something_else_is_no_reading() -> None:
+async def test_an_answer_to_something_else_is_no_reading() -> None:
     def shorten(number: int, frame: bytes) -> Pieces:
         fewer = frame[:4] + b"\x00\x05" + frame[6:8] + b"\x02" + frame[9:11]  # one register where two were asked for
         return [(0.0, fewer if number == 3 else frame)]
 
     unit = StampingUnit(shorten)
 
-    async def story() -> tuple[list[Reading], list[str]]:
-        async with tcp_unit(unit) as port:
-            return await take_across_sessions(make_source(port, [0, 1]), 5)
-
-    readings, errors = asyncio.run(story())
+    async with tcp_unit(unit) as port:
+        readings, errors = await take_across_sessions(make_source(port, [0, 1]), 5)
     assert errors == []
     assert sum(reading.lost for reading in readings) >= 1
 
 
-def test_a_device_that_closes_the_connection_after_each_answer_is_read_in_every_slot() -> None:
-    async def story() -> list[Reading]:
-        async with tcp_unit(StampingUnit(), closes=True) as port:
-            return (await take_across_sessions(make_source(port, [0, 1], rate_hz=5.0), 10))[0]
-
-    assert sum(reading.lost for reading in asyncio.run(story())) <= 3  # a busy machine may miss a slot
+async def test_a_device_that_closes_the_connection_after_each_answer_is_read_in_every_slot() -> None:
+    async with tcp_unit(StampingUnit(), closes=True) as port:
+        readings, _ = await take_across_sessions(make_source(port, [0, 1], rate_hz=5.0), 10)
+    assert sum(reading.lost for reading in readings) <= 3  # a busy machine may miss a slot
 
 
-def test_a_device_that_is_away_costs_the_others_nothing_and_comes_back() -> None:
-    async def story() -> None:
-        async with pymodbus_server([1, 2]) as port:
-            with socket.create_server(("127.0.0.2", port)) as silent:  # takes connections and never says anything
-                text = f'kind = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\ntimeout_ms = 50'
-                source = polled(text, [0, 1], 100.0, ['register = 0\nhost = "127.0.0.2"'])
-                async with aclosing(source.readings()) as stream:
-                    (first,) = await anext(stream)
-                    assert first.counts == (1, 2, None)
-                    taken = [reading for _ in range(100) for reading in await anext(stream)]
-                    assert {reading.counts for reading in taken} == {(1, 2, None)}
-                    assert sum(reading.lost for reading in taken) <= 10
-                    silent.close()
-                    async with pymodbus_server([7], port=port, host="127.0.0.2"), asyncio.timeout(10):
-                        while (await anext(stream))[0].counts != (1, 2, 7):
-                            pass
-
-    asyncio.run(story())
+async def test_a_device_that_is_away_costs_the_others_nothing_and_comes_back() -> None:
+    async with pymodbus_server([1, 2]) as port:
+        with socket.create_server(("127.0.0.2", port)) as silent:  # takes connections and never says anything
+            text = f'kind = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\ntimeout_ms = 50'
+            source = polled(text, [0, 1], 100.0, ['register = 0\nhost = "127.0.0.2"'])
+            async with aclosing(source.readings()) as stream:
+                (first,) = await anext(stream)
+                assert first.counts == (1, 2, None)
+                taken = [reading for _ in range(100) for reading in await anext(stream)]
+                assert {reading.counts for reading in taken} == {(1, 2, None)}
+                assert sum(reading.lost for reading in taken) <= 10
+                silent.close()
+                async with pymodbus_server([7], port=port, host="127.0.0.2"), asyncio.timeout(10):
+                    while (await anext(stream))[0].counts != (1, 2, 7):
+                        pass
 
 
 def with_head(frame: bytes, transaction: int | None = None, unit: int | None = None) -> bytes:
@@ -168,42 +141,30 @@ def with_head(frame: bytes, transaction: int | None = None, unit: int | None = N
     return number + frame[2:6] + (frame[6:7] if unit is None else bytes([unit])) + frame[7:]
 
 
-def test_an_answer_without_its_transaction_number_is_not_believed() -> None:
+async def test_an_answer_without_its_transaction_number_is_not_believed() -> None:
     unit = StampingUnit(lambda number, frame: [(0.0, with_head(frame, transaction=0) if number in {3, 4} else frame)])
 
-    async def story() -> tuple[list[Reading], list[str]]:
-        async with tcp_unit(unit) as port:
-            return await take_across_sessions(make_source(port, [0, 1], timeout_ms=100.0), 10)
-
-    readings, errors = asyncio.run(story())
+    async with tcp_unit(unit) as port:
+        readings, errors = await take_across_sessions(make_source(port, [0, 1], timeout_ms=100.0), 10)
     assert errors == []
     assert sum(reading.lost for reading in readings) >= 2 * 10  # 100 ms at 200 Hz, each time
 
 
-def test_a_device_without_transaction_numbers_is_an_error_that_says_so() -> None:
-    async def story() -> None:
-        async with tcp_unit(StampingUnit(lambda _number, frame: [(0.0, with_head(frame, transaction=0))])) as port:
-            with pytest.raises(SourceError, match="unit 1 answers with transaction number 0"):
-                await take(make_source(port, [0], timeout_ms=100.0), 1)
-
-    asyncio.run(story())
+async def test_a_device_without_transaction_numbers_is_an_error_that_says_so() -> None:
+    async with tcp_unit(StampingUnit(lambda _number, frame: [(0.0, with_head(frame, transaction=0))])) as port:
+        with pytest.raises(SourceError, match="unit 1 answers with transaction number 0"):
+            await take(make_source(port, [0], timeout_ms=100.0), 1)
 
 
 @pytest.mark.parametrize("answers_as", [0, 255])
-def test_a_device_that_always_answers_as_unit_0_or_255_is_read(answers_as: int) -> None:
-    async def story() -> list[Reading]:
-        async with tcp_unit(StampingUnit(lambda _number, frame: [(0.0, with_head(frame, unit=answers_as))])) as port:
-            return await take(make_source(port, [0, 1]), 5)
-
-    readings = asyncio.run(story())
+async def test_a_device_that_always_answers_as_unit_0_or_255_is_read(answers_as: int) -> None:
+    async with tcp_unit(StampingUnit(lambda _number, frame: [(0.0, with_head(frame, unit=answers_as))])) as port:
+        readings = await take(make_source(port, [0, 1]), 5)
     assert len(readings) == 5
     assert all(None not in reading.counts for reading in readings)
 
 
-def test_the_answer_of_another_unit_is_an_error_that_names_it() -> None:
-    async def story() -> None:
-        async with tcp_unit(StampingUnit(lambda _number, frame: [(0.0, with_head(frame, unit=7))])) as port:
-            with pytest.raises(SourceError, match="unit 1 answers as unit 7; state unit = 7"):
-                await take(make_source(port, [0], timeout_ms=100.0), 1)
-
-    asyncio.run(story())
+async def test_the_answer_of_another_unit_is_an_error_that_names_it() -> None:
+    async with tcp_unit(StampingUnit(lambda _number, frame: [(0.0, with_head(frame, unit=7))])) as port:
+        with pytest.raises(SourceError, match="unit 1 answers as unit 7; state unit = 7"):
+            await take(make_source(port, [0], timeout_ms=100.0), 1)

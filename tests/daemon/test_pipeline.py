@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from beamtouch_daemon.config import Surface
-from beamtouch_daemon.pipeline import Pipeline, Taken
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_service.samples import Quality
 
@@ -54,7 +54,7 @@ def test_a_missing_channel_is_null_and_the_other_one_good() -> None:
     assert taken.sample.quality == [Quality.MISSING, Quality.GOOD]
 
 
-def test_what_is_not_good_passes_unfiltered_with_its_quality_and_never_enters_the_average() -> None:
+def test_a_bad_channel_passes_unfiltered_with_its_quality_and_never_enters_the_average() -> None:
     counts = [1000, 1000, 0, 1000, 1000, 4095, 400, 1000, 1000, 1000]
     readings = [Reading(5.0 + i / RATE_HZ, (count, 1500)) for i, count in enumerate(counts)]  # the other is good
     pipeline = make_pipeline()
@@ -76,7 +76,7 @@ def test_what_is_not_good_passes_unfiltered_with_its_quality_and_never_enters_th
     assert [value and round(value, 9) for value in deflections(taken)] == expected
 
 
-def test_after_a_gap_in_the_readings_the_filter_starts_anew() -> None:
+def test_a_gap_in_the_readings_restarts_the_filter() -> None:
     before = readings_of(*[(1000, 1500)] * 4)
     after = readings_of(*[(2000, 1500)] * 4, start_s=5.08)
     in_one = make_pipeline().process(before + after, 0.0)
@@ -92,7 +92,7 @@ def test_one_reading_missed_is_not_a_gap() -> None:
     assert deflections(taken) == [0.0, 0.5]
 
 
-def test_a_new_session_starts_the_filter_anew_and_goes_on_counting() -> None:
+def test_a_new_session_restarts_the_filter_and_continues_the_sequence() -> None:
     pipeline = make_pipeline()
     pipeline.process(readings_of(*[(1000, 1500)] * 4), 0.0)
     pipeline.restart()
@@ -125,7 +125,7 @@ def test_a_gap_does_not_free_a_stuck_channel() -> None:
     assert taken.sample.quality == [Quality.STUCK, Quality.GOOD]
 
 
-def test_what_is_saturated_or_out_of_range_is_not_called_stuck() -> None:
+def test_saturated_and_out_of_range_channels_are_not_called_stuck() -> None:
     taken = make_pipeline(noise_mm=0.003).process(readings_of(*[(4095, 400)] * 20), 0.0)
     assert taken[-1].sample.quality == [Quality.SATURATED, Quality.OUT_OF_RANGE]
 
@@ -135,8 +135,8 @@ def test_without_a_stated_noise_no_channel_is_stuck() -> None:
     assert taken[-1].sample.quality == [Quality.GOOD, Quality.GOOD]
 
 
-def test_a_tracked_zero_comes_off_before_the_filter_and_off_what_is_not_good_too() -> None:
-    tracking = {"band_mm": 0.01, "rate_mm_per_min": 6.0, "most_mm": 1.0}  # 0.001 mm a reading
+def test_a_tracked_zero_is_subtracted_before_the_filter_and_from_bad_channels_too() -> None:
+    tracking = {"band_mm": 0.01, "rate_mm_per_min": 6.0, "max_mm": 1.0}  # 0.001 mm a reading
     pipeline = make_pipeline(window=1, zero_tracking=tracking)
     taken = pipeline.process(readings_of(*[(1005, 998)] * 110, (None, 1500), (400, 1500)), 0.0)
     assert taken[98].sample.deflection_mm == pytest.approx([0.005, -0.002])  # after a second the zeros begin to move
@@ -147,7 +147,7 @@ def test_a_tracked_zero_comes_off_before_the_filter_and_off_what_is_not_good_too
 
 
 def test_a_gap_and_a_new_session_keep_the_zeros_and_hold_them_for_a_second() -> None:
-    pipeline = make_pipeline(window=1, zero_tracking={"band_mm": 0.01, "rate_mm_per_min": 6.0, "most_mm": 1.0})
+    pipeline = make_pipeline(window=1, zero_tracking={"band_mm": 0.01, "rate_mm_per_min": 6.0, "max_mm": 1.0})
     pipeline.process(readings_of(*[(1003, 1000)] * 110), 0.0)
     after_a_gap = pipeline.process(readings_of(*[(1006, 1000)] * 99, start_s=20.0), 0.0)
     pipeline.restart()

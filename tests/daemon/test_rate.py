@@ -1,4 +1,4 @@
-"""The rate of readings beside the declared one, from the device over a real line to what the service gets."""
+"""The rate of readings beside the configured one, from the device over a real line to what the service gets."""
 
 import asyncio
 import re
@@ -18,7 +18,9 @@ from .lines import Terminal, terminal
 from .process import Daemon, Outcome, started
 from .service import Service, serving
 
-DECLARED_HZ = 200.0
+pytestmark = pytest.mark.anyio
+
+CONFIGURED_HZ = 200.0
 
 
 class KeepingDevice(SerialDevice):
@@ -75,60 +77,52 @@ def complaints(outcome: Outcome) -> list[str]:
 
 
 @pytest.mark.parametrize(("factor", "windows"), [(2.0, "shorter"), (0.5, "longer")])
-def test_a_device_at_another_rate_is_marked_until_it_keeps_its_rate(
+async def test_a_device_at_another_rate_is_marked_until_it_keeps_its_rate(
     tmp_path: Path, factor: float, windows: str
 ) -> None:
-    async def story() -> Outcome:
-        with terminal() as line:
-            device = KeepingDevice(line, factor)
-            surface = configs.surface(source=configs.serial(line.path), rate_hz=DECLARED_HZ)
-            async with running(tmp_path, surface) as (service, daemon):
-                await until(service, is_marked)
-                device.factor = 1.0
-                device.restart(round(DECLARED_HZ))
-                await until(service, is_plain)
-                return await daemon.stop()
-
-    outcome = asyncio.run(story())
-    (line,) = complaints(outcome)
-    said = re.search(r"sends ([\d.]+) readings per second, rate_hz is 200: filter windows .* set rate_hz = (\d+)", line)
-    assert said is not None, line
-    assert [float(number) for number in said.groups()] == pytest.approx([factor * DECLARED_HZ] * 2, rel=0.03)
-    assert f"times {windows} than configured" in line
-    assert "readings per second, as declared" in outcome.err
+    with terminal() as line:
+        device = KeepingDevice(line, factor)
+        surface = configs.surface(source=configs.serial(line.path), rate_hz=CONFIGURED_HZ)
+        async with running(tmp_path, surface) as (service, daemon):
+            await until(service, is_marked)
+            device.factor = 1.0
+            device.restart(round(CONFIGURED_HZ))
+            await until(service, is_plain)
+            outcome = await daemon.stop()
+    (complaint,) = complaints(outcome)
+    said = re.search(r"sends ([\d.]+) .*, rate_hz is 200: filter windows .* set rate_hz = (\d+)", complaint)
+    assert said is not None, complaint
+    assert [float(number) for number in said.groups()] == pytest.approx([factor * CONFIGURED_HZ] * 2, rel=0.03)
+    assert f"times {windows} than configured" in complaint
+    assert "readings per second, as configured" in outcome.err
 
 
 @pytest.mark.parametrize(
     ("lose_every", "burst_s"), [(3, 0.0), (0, 0.3)], ids=["a third of the frames lost", "bursts of 300 ms"]
 )
-def test_neither_lost_readings_nor_bursts_are_taken_for_another_rate(
+async def test_neither_lost_readings_nor_bursts_are_taken_for_another_rate(
     tmp_path: Path, lose_every: int, burst_s: float
 ) -> None:
-    async def story() -> tuple[Outcome, list[Batch]]:
-        with terminal() as line:
-            KeepingDevice(line, 1.0, lose_every, burst_s)
-            surface = configs.surface(source=configs.serial(line.path), rate_hz=DECLARED_HZ)
-            async with running(tmp_path, surface) as (service, daemon):
-                await service.until(round(4.5 * DECLARED_HZ * (2 / 3 if lose_every else 1)), within_s=60)
-                return await daemon.stop(), [batch for _, batch, _ in service.batches]
-
-    outcome, batches = asyncio.run(story())
+    with terminal() as line:
+        KeepingDevice(line, 1.0, lose_every, burst_s)
+        surface = configs.surface(source=configs.serial(line.path), rate_hz=CONFIGURED_HZ)
+        async with running(tmp_path, surface) as (service, daemon):
+            await service.until(round(4.5 * CONFIGURED_HZ * (2 / 3 if lose_every else 1)), within_s=60)
+            outcome, batches = await daemon.stop(), [batch for _, batch, _ in service.batches]
     assert complaints(outcome) == []
     assert all(map(is_plain, batches))
 
 
-def test_a_bus_that_cannot_be_polled_so_often_is_marked(tmp_path: Path) -> None:
+async def test_a_bus_that_is_too_slow_for_its_rate_is_marked(tmp_path: Path) -> None:
     def slow(_number: int, frame: bytes) -> Pieces:
         return [(0.02, frame)]
 
-    async def story() -> Outcome:
-        with terminal() as bus:
-            async with rtu_units(bus, {1: StampingUnit(slow)}):
-                source = f"{configs.rtu(bus.path)}\ntimeout_ms = 5000"
-                async with running(tmp_path, configs.surface(source=source, rate_hz=100.0)) as (service, daemon):
-                    await until(service, is_marked)
-                    return await daemon.stop()
-
-    (line,) = complaints(asyncio.run(story()))
-    assert "of 100 readings per second could be polled: filter windows last" in line
-    assert line.endswith("or less")
+    with terminal() as bus:
+        async with rtu_units(bus, {1: StampingUnit(slow)}):
+            source = f"{configs.rtu(bus.path)}\ntimeout_ms = 5000"
+            async with running(tmp_path, configs.surface(source=source, rate_hz=100.0)) as (service, daemon):
+                await until(service, is_marked)
+                outcome = await daemon.stop()
+    (complaint,) = complaints(outcome)
+    assert "of 100 readings per second could be polled: filter windows last" in complaint
+    assert complaint.endswith("or less")

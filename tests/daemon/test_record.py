@@ -11,11 +11,13 @@ from pathlib import Path
 import pytest
 from pymodbus.simulator.simdevice import SimAction
 
-from beamtouch_daemon.record_dialogue import load_of
+from beamtouch_daemon.commands.record_dialogue import load_of
 
 from . import configs
 from .devices import pymodbus_server
 from .process import command
+
+pytestmark = pytest.mark.anyio
 
 HEADER = [
     "unix_time_s,load,position_mm,force_n",
@@ -51,21 +53,18 @@ def record_at_terminal(config: Path, path: Path, typed: str, *options: object) -
         os.close(far)
 
 
-LIMITS = "\n[surfaces.bench.loads]\nposition_mm = [0.0, 400.0]\nmost_force_n = 20.0\n"
+LIMITS = "\n[surfaces.bench.loads]\nposition_mm = [0.0, 400.0]\nmax_force_n = 20.0\n"
 
 
-def on_beam(
+async def on_beam(
     typed: str, folder: Path, *options: object, at_terminal: bool = False, action: SimAction | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Record to loads.csv from a device whose second channel is 0.1 mm down, or one that does as it is told."""
 
-    async def story() -> subprocess.CompletedProcess[str]:
-        async with pymodbus_server([20_000, 21_000], action) as port:
-            config = configs.write(folder, configs.surface(source=configs.tcp(port)) + LIMITS)
-            run = record_at_terminal if at_terminal else record
-            return await asyncio.to_thread(run, config, folder / "loads.csv", typed, *options)
-
-    return asyncio.run(story())
+    async with pymodbus_server([20_000, 21_000], action) as port:
+        config = configs.write(folder, configs.surface(source=configs.tcp(port)) + LIMITS)
+        run = record_at_terminal if at_terminal else record
+        return await asyncio.to_thread(run, config, folder / "loads.csv", typed, *options)
 
 
 def stated(path: Path) -> list[tuple[str, str, str]]:
@@ -87,10 +86,10 @@ def noisy(moves_after: int, counts_per_reading: float, loaded: float = 1000.0) -
     return action
 
 
-def test_loads_that_are_typed_at_a_terminal_are_recorded_and_wrong_answers_asked_again(tmp_path: Path) -> None:
+async def test_loads_that_are_typed_at_a_terminal_are_recorded_and_wrong_answers_asked_again(tmp_path: Path) -> None:
     path = tmp_path / "loads.csv"
     typed = "150 10\nabc\n-3 5\n60 0\n9999 10\n150 10000\n250,5 5\n\n"
-    done = on_beam(typed, tmp_path, "--seconds", 0.3, at_terminal=True)
+    done = await on_beam(typed, tmp_path, "--seconds", 0.3, at_terminal=True)
     assert done.returncode == 0
     assert done.stdout == f"2 loads in {path}; next: design-sensors calibrate MODEL {path} -o MODEL\n"
     for said in (
@@ -121,8 +120,10 @@ def test_loads_that_are_typed_at_a_terminal_are_recorded_and_wrong_answers_asked
         ("150 10000", "is more than 20 N"),
     ],
 )
-def test_a_wrong_answer_from_a_pipe_ends_it_and_keeps_what_was_recorded(tmp_path: Path, wrong: str, said: str) -> None:
-    done = on_beam(f"150 10\n{wrong}\n250 5\n\n", tmp_path, "--seconds", 0.2)
+async def test_a_wrong_answer_from_a_pipe_ends_the_recording_and_keeps_earlier_loads(
+    tmp_path: Path, wrong: str, said: str
+) -> None:
+    done = await on_beam(f"150 10\n{wrong}\n250 5\n\n", tmp_path, "--seconds", 0.2)
     (complaint,) = [line for line in done.stderr.splitlines() if line.startswith("beamtouch-daemon: ")]
     assert done.returncode == 2
     assert said in complaint
@@ -131,90 +132,86 @@ def test_a_wrong_answer_from_a_pipe_ends_it_and_keeps_what_was_recorded(tmp_path
 
 
 @pytest.mark.parametrize("words", [("9999", "10"), ("150", "10000")])
-def test_a_given_load_that_the_surface_cannot_have_is_wrong_input(tmp_path: Path, words: tuple[str, str]) -> None:
-    done = on_beam("\n", tmp_path, "--at", *words)
+async def test_a_given_load_that_the_surface_cannot_have_is_wrong_input(tmp_path: Path, words: tuple[str, str]) -> None:
+    done = await on_beam("\n", tmp_path, "--at", *words)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert done.stderr.startswith("beamtouch-daemon: --at: ")
     assert not (tmp_path / "loads.csv").exists()
-    taken = on_beam("\n", tmp_path, "--at", *words, "--accept", "--seconds", 0.2)
+    taken = await on_beam("\n", tmp_path, "--at", *words, "--accept", "--seconds", 0.2)
     assert taken.returncode == 0
     assert len(stated(tmp_path / "loads.csv")) == 1
 
 
-def test_a_load_that_deflects_nothing_is_refused_and_can_be_accepted(tmp_path: Path) -> None:
+async def test_a_load_that_deflects_nothing_is_refused_and_can_be_accepted(tmp_path: Path) -> None:
     nothing = noisy(0, 0.0, loaded=0.0)
-    done = on_beam("150 10\n\n", tmp_path, "--seconds", 0.5, action=nothing)
+    done = await on_beam("150 10\n\n", tmp_path, "--seconds", 0.5, action=nothing)
     assert done.returncode == 1
-    assert "10 N at 150 mm left out: no load is seen: the largest deflection is " in done.stderr
+    assert "10 N at 150 mm not recorded: no load is seen: the largest deflection is " in done.stderr
     assert done.stderr.splitlines()[-1] == "beamtouch-daemon: bench: not recorded: 10 N at 150 mm; put them on again"
     assert rows_of(tmp_path / "loads.csv") == []
-    taken = on_beam("150 10 accept\n\n", tmp_path, "--seconds", 0.5, "--append", action=nothing)
+    taken = await on_beam("150 10 accept\n\n", tmp_path, "--seconds", 0.5, "--append", action=nothing)
     assert taken.returncode == 0
     assert stated(tmp_path / "loads.csv") == [("1", "150.0", "10.0")]
 
 
-def test_a_load_that_moves_while_it_is_recorded_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+async def test_a_load_that_moves_while_it_is_recorded_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
     slow = noisy(moves_after=150, counts_per_reading=1.7)  # 33 um in a second, after it has settled
-    done = on_beam("150 10\n\n", tmp_path, action=slow)
+    done = await on_beam("150 10\n\n", tmp_path, action=slow)
     assert done.returncode == 1
-    assert "10 N at 150 mm left out: it moved while it was recorded: s2, standard deviation" in done.stderr
+    assert "10 N at 150 mm not recorded: the load moved while it was recorded: s2, standard deviation" in done.stderr
     assert rows_of(tmp_path / "loads.csv") == []
 
 
-def test_a_load_that_rests_is_not_taken_for_one_that_moves(tmp_path: Path) -> None:
-    done = on_beam("150 10\n" * 4 + "\n", tmp_path, "--seconds", 0.5, action=noisy(0, 0.0))
+async def test_a_load_that_rests_is_not_taken_for_one_that_moves(tmp_path: Path) -> None:
+    done = await on_beam("150 10\n" * 4 + "\n", tmp_path, "--seconds", 0.5, action=noisy(0, 0.0))
     assert done.returncode == 0
     assert len(stated(tmp_path / "loads.csv")) == 4
 
 
-def test_the_last_load_can_be_taken_back_also_one_of_before(tmp_path: Path) -> None:
+async def test_the_last_load_can_be_taken_back_also_one_of_before(tmp_path: Path) -> None:
     path = tmp_path / "loads.csv"
-    first = on_beam("150 10\n250 5\nundo\n100 5\n\n", tmp_path, "--seconds", 0.2)
+    first = await on_beam("150 10\n250 5\nundo\n100 5\n\n", tmp_path, "--seconds", 0.2)
     assert first.returncode == 0
-    assert "load 2, 5 N at 250 mm, is taken back" in first.stderr
+    assert "load 2, 5 N at 250 mm, is removed" in first.stderr
     assert stated(path) == [("1", "150.0", "10.0"), ("2", "100.0", "5.0")]
     before = path.read_text()
-    second = on_beam("undo\nundo\nundo\n70 5\n\n", tmp_path, "--seconds", 0.2, "--append")
-    assert "there is no load to take back" in second.stderr
+    second = await on_beam("undo\nundo\nundo\n70 5\n\n", tmp_path, "--seconds", 0.2, "--append")
+    assert "there is no load to remove" in second.stderr
     assert stated(path) == [("1", "70.0", "5.0")]
     assert path.read_text().splitlines()[0] == before.splitlines()[0]
-    given = on_beam("\nundo\n\n\n", tmp_path, "--at", 80, 5, "--at", 90, 5, "--seconds", 0.2, "--append")
+    given = await on_beam("\nundo\n\n\n", tmp_path, "--at", 80, 5, "--at", 90, 5, "--seconds", 0.2, "--append")
     assert given.returncode == 0
     assert [load[1] for load in stated(path)] == ["70.0", "80.0", "90.0"]
 
 
-def talk(folder: Path, turns: list[tuple[int, str]], *options: object) -> tuple[int, str]:
-    """Answer the questions of `record` from a pipe, each with other counts of the second channel; return code and text.
+async def talk(folder: Path, turns: list[tuple[int, str]], *options: object) -> tuple[int, str]:
+    """Answer the questions of `record` from a pipe; return the exit code and what it printed.
 
-    A turn is what the second channel is from then on, and the answer.
+    Before each answer, the second channel gets the counts of that turn.
     """
     second = 20_000
 
     async def action(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
         now[1] = second
 
-    async def story() -> tuple[int, str]:
-        nonlocal second
-        async with pymodbus_server([20_000, 20_000], action) as port:
-            config = configs.write(folder, configs.surface(source=configs.tcp(port)) + LIMITS)
-            program = ["-m", "beamtouch_daemon", "record", config, "-o", folder / "loads.csv", "--seconds", 0.2]
-            pipe = asyncio.subprocess.PIPE
-            process = await asyncio.create_subprocess_exec(
-                sys.executable, *map(str, [*program, *options]), stdin=pipe, stderr=pipe
-            )
-            assert process.stdin is not None
-            assert process.stderr is not None
-            said = ""
-            async with asyncio.timeout(120):
-                for counts, answer in turns:
-                    said += (await process.stderr.readuntil(b"): ")).decode()  # the end of a question
-                    second = counts
-                    process.stdin.write(f"{answer}\n".encode())
-                process.stdin.close()
-                said += (await process.stderr.read()).decode()
-                return await process.wait(), said
-
-    return asyncio.run(story())
+    async with pymodbus_server([20_000, 20_000], action) as port:
+        config = configs.write(folder, configs.surface(source=configs.tcp(port)) + LIMITS)
+        program = ["-m", "beamtouch_daemon", "record", config, "-o", folder / "loads.csv", "--seconds", 0.2]
+        pipe = asyncio.subprocess.PIPE
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, *map(str, [*program, *options]), stdin=pipe, stderr=pipe
+        )
+        assert process.stdin is not None
+        assert process.stderr is not None
+        said = ""
+        async with asyncio.timeout(120):
+            for counts, answer in turns:
+                said += (await process.stderr.readuntil(b"): ")).decode()  # the end of a question
+                second = counts
+                process.stdin.write(f"{answer}\n".encode())
+            process.stdin.close()
+            said += (await process.stderr.read()).decode()
+            return await process.wait(), said
 
 
 DOWN, REST, UP = 21_000, 20_000, 19_000
@@ -222,63 +219,59 @@ DOWN, REST, UP = 21_000, 20_000, 19_000
 THREE = ("--at", 100, 5, "--at", 200, 6, "--at", 300, 7)
 
 
-def test_undo_goes_back_to_the_load_that_was_recorded_last_and_not_to_a_refused_one(tmp_path: Path) -> None:
-    signs = [(DOWN, ""), (REST, ""), (DOWN, "undo"), (DOWN, ""), (DOWN, ""), (DOWN, "")]
-    code, said = talk(tmp_path, signs, *THREE)
-    assert "load 1, 5 N at 100 mm, is taken back" in said
+async def test_undo_removes_the_load_that_was_recorded_last_and_not_a_refused_one(tmp_path: Path) -> None:
+    turns = [(DOWN, ""), (REST, ""), (DOWN, "undo"), (DOWN, ""), (DOWN, ""), (DOWN, "")]
+    code, said = await talk(tmp_path, turns, *THREE)
+    assert "load 1, 5 N at 100 mm, is removed" in said
     assert stated(tmp_path / "loads.csv") == [("1", "100.0", "5.0"), ("2", "200.0", "6.0"), ("3", "300.0", "7.0")]
     assert code == 0
 
 
-def test_a_given_load_that_was_taken_back_and_not_recorded_again_is_named(tmp_path: Path) -> None:
-    code, said = talk(tmp_path, [(DOWN, ""), (DOWN, "undo")], *THREE)
+async def test_a_given_load_that_was_removed_and_not_recorded_again_is_named(tmp_path: Path) -> None:
+    code, said = await talk(tmp_path, [(DOWN, ""), (DOWN, "undo")], *THREE)
     assert code == 1
     assert "bench: not recorded: 5 N at 100 mm; put them on again" in said
 
 
-def test_a_refused_load_is_not_made_good_by_another_equal_one(tmp_path: Path) -> None:
-    code, said = talk(tmp_path, [(REST, ""), (DOWN, "")], "--at", 100, 5, "--at", 100, 5)
+async def test_a_refused_load_stays_unrecorded_when_an_equal_one_is_recorded(tmp_path: Path) -> None:
+    code, said = await talk(tmp_path, [(REST, ""), (DOWN, "")], "--at", 100, 5, "--at", 100, 5)
     assert stated(tmp_path / "loads.csv") == [("1", "100.0", "5.0")]
     assert code == 1
     assert "bench: not recorded: 5 N at 100 mm; put them on again" in said
 
 
-def test_a_load_that_lifts_the_beam_is_refused_and_can_be_accepted(tmp_path: Path) -> None:
-    code, said = talk(tmp_path, [(UP, ""), (UP, "accept")], "--at", 100, 5, "--at", 200, 6)
+async def test_a_load_that_lifts_the_beam_is_refused_and_can_be_accepted(tmp_path: Path) -> None:
+    code, said = await talk(tmp_path, [(UP, ""), (UP, "accept")], "--at", 100, 5, "--at", 200, 6)
     assert "the largest deflection is negative: -0.1 mm (s2), against the load" in said
     assert stated(tmp_path / "loads.csv") == [("1", "200.0", "6.0")]
     assert code == 1
 
 
-def test_a_recording_of_no_length_holds_two_samples(tmp_path: Path) -> None:
-    done = on_beam("150 10\n\n", tmp_path, "--seconds", 0.001)
+async def test_the_shortest_recording_holds_two_samples(tmp_path: Path) -> None:
+    done = await on_beam("150 10\n\n", tmp_path, "--seconds", 0.001)
     assert done.returncode == 0
     assert len(rows_of(tmp_path / "loads.csv")) >= 2
 
 
-def test_loads_that_are_given_wait_for_a_sign_and_are_appended(tmp_path: Path) -> None:
+async def test_loads_that_are_given_wait_for_a_sign_and_are_appended(tmp_path: Path) -> None:
     path = tmp_path / "loads.csv"
 
-    async def story() -> list[subprocess.CompletedProcess[str]]:
-        async with pymodbus_server([20_000, 21_000]) as port:
-            config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)))
-            given = ("--at", 100, 10, "--at", 200, 5, "--seconds", 0.2)
-            first = await asyncio.to_thread(record, config, path, "\n\n", *given)
-            refused = await asyncio.to_thread(record, config, path, "\n\n", *given)
-            more = await asyncio.to_thread(record, config, path, "\n", *given, "--append")
-            return [first, refused, more]
-
-    first, refused, more = asyncio.run(story())
+    async with pymodbus_server([20_000, 21_000]) as port:
+        config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)))
+        given = ("--at", 100, 10, "--at", 200, 5, "--seconds", 0.2)
+        first = await asyncio.to_thread(record, config, path, "\n\n", *given)
+        refused = await asyncio.to_thread(record, config, path, "\n\n", *given)
+        more = await asyncio.to_thread(record, config, path, "\n", *given, "--append")
     assert first.returncode == 0
     assert (refused.returncode, refused.stdout, refused.stderr.count("\n")) == (2, "", 1)
-    assert "is there already; add --append" in refused.stderr
+    assert "already exists; add --append" in refused.stderr
     assert more.returncode == 0
     assert [row["load"] for row in rows_of(path)] == sorted(row["load"] for row in rows_of(path))
     # One sign only: the second load was never put on.
     assert {row["load"] for row in rows_of(path)} == {"1", "2", "3"}
 
 
-def test_a_source_that_fails_ends_it_and_what_was_recorded_stays(tmp_path: Path) -> None:
+def test_a_source_that_fails_ends_the_recording_and_keeps_the_file(tmp_path: Path) -> None:
     path = tmp_path / "loads.csv"
     config = configs.write(tmp_path, configs.surface(source=configs.tcp(9)))  # nothing listens at discard
     done = record(config, path, "150 10\n")
@@ -293,13 +286,15 @@ def test_a_source_that_fails_ends_it_and_what_was_recorded_stays(tmp_path: Path)
         (("--seconds", 0), "--seconds"),
         (("--seconds", "nan"), "--seconds"),
         (("--at", "x", 1), "--at: give two numbers"),
-        (("--surface", "press-7"), "--surface: name one of bench"),
+        (("--surface", "press-7"), "--surface: there is no surface press-7; choose one of bench"),
     ],
 )
-def test_wrong_input_is_one_line_and_writes_nothing(tmp_path: Path, options: tuple[object, ...], said: str) -> None:
+async def test_wrong_input_is_one_line_and_writes_nothing(
+    tmp_path: Path, options: tuple[object, ...], said: str
+) -> None:
     path = tmp_path / "loads.csv"
     config = configs.write(tmp_path, configs.surface())
-    done = asyncio.run(command("record", config, "-o", path, *map(str, options)))
+    done = await command("record", config, "-o", path, *map(str, options))
     assert done.code == 2
     assert said in done.complaint()
     assert not path.exists()
@@ -310,7 +305,7 @@ def test_another_surfaces_file_is_not_appended_to(tmp_path: Path) -> None:
     path.write_text("unix_time_s,load\n1,1\n")
     done = record(configs.write(tmp_path, configs.surface()), path, "", "--append")
     assert done.returncode == 2
-    assert "other columns" in done.stderr
+    assert "its columns are not those of this surface" in done.stderr
     assert path.read_text() == "unix_time_s,load\n1,1\n"
 
 

@@ -6,13 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon import late_delivery, service_client
-from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.delivery import client as service_client
+from beamtouch_daemon.delivery import late_delivery
+from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Batch, Note
 
+from .publishing import SENDER, Bench, put, sequences, taken, until
 from .service import Service, serving
-from .test_publisher import SENDER, Bench, put, run, sequences, taken, until
+
+pytestmark = pytest.mark.anyio
 
 
 def test_the_types_of_problems_are_those_of_the_service() -> None:
@@ -22,10 +25,10 @@ def test_the_types_of_problems_are_those_of_the_service() -> None:
 
 
 @pytest.mark.parametrize("kind", ["invalid-request", "malformed-json"])
-def test_a_batch_that_will_never_be_taken_is_kept_aside_and_does_not_stand_in_the_way(
+async def test_a_batch_that_will_never_be_taken_is_kept_aside_and_does_not_stand_in_the_way(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, kind: str
 ) -> None:
-    async def story(spool: Spool | None) -> Bench:
+    async def attempt(spool: Spool | None) -> Bench:
         service = Service()
         service.problem_of = lambda batch, _: (422, kind) if batch.samples[0].sequence == 0 else None
         async with serving(service), Bench(service, spool=spool) as bench:
@@ -38,25 +41,22 @@ def test_a_batch_that_will_never_be_taken_is_kept_aside_and_does_not_stand_in_th
             assert sequences(service) == [3, 4]
             return bench
 
-    assert asyncio.run(asyncio.wait_for(story(None), 15)).outbox.dropped == 3
+    assert (await attempt(None)).outbox.dropped == 3
     with Spool(tmp_path / "spool", 10**6) as spool:
-        assert asyncio.run(asyncio.wait_for(story(spool), 15)).outbox.dropped == 0
+        assert (await attempt(spool)).outbox.dropped == 0
         assert (spool.set_aside["bench"], spool.waiting["bench"]) == (3, 0)
     assert sum("set aside: status 422: No." in record.getMessage() for record in caplog.records) == 1
 
 
-def test_samples_with_a_note_that_the_service_does_not_know_are_delivered_without_it() -> None:
-    async def story() -> None:
-        service = Service()
-        service.problem_of = lambda batch, _: (422, "invalid-request") if batch.notes else None
-        async with serving(service), Bench(service) as bench:
-            bench.outbox.put([replace(one, notes=(Note.RATE,)) for one in taken(0, 3)])
-            await service.until(3)
-            await bench.finish()
-            assert sequences(service) == [0, 1, 2]
-            assert bench.outbox.dropped == 0
-
-    run(story())
+async def test_samples_with_a_note_that_the_service_does_not_know_are_delivered_without_it() -> None:
+    service = Service()
+    service.problem_of = lambda batch, _: (422, "invalid-request") if batch.notes else None
+    async with serving(service), Bench(service) as bench:
+        bench.outbox.put([replace(one, notes=(Note.RATE,)) for one in taken(0, 3)])
+        await service.until(3)
+        await bench.finish()
+        assert sequences(service) == [0, 1, 2]
+        assert bench.outbox.dropped == 0
 
 
 PROXY = ""
@@ -80,10 +80,10 @@ PROXY = ""
         (504, PROXY),
     ],
 )
-def test_what_may_be_taken_another_time_is_kept_in_memory_or_on_disk(tmp_path: Path, status: int, kind: str) -> None:
+async def test_a_batch_refused_for_now_is_kept_in_memory_or_on_disk(tmp_path: Path, status: int, kind: str) -> None:
     refuses = True
 
-    async def story(spool: Spool | None) -> None:
+    async def attempt(spool: Spool | None) -> None:
         nonlocal refuses
         refuses, service = True, Service()
         service.problem_of = lambda *_: (status, kind) if refuses else None
@@ -98,14 +98,15 @@ def test_what_may_be_taken_another_time_is_kept_in_memory_or_on_disk(tmp_path: P
             assert bench.outbox.dropped == 0
             assert spool is None or spool.set_aside["bench"] == 0
 
-    run(story(None))
+    await attempt(None)
     with Spool(tmp_path / "spool", 10**6) as spool:
-        run(story(spool))
+        await attempt(spool)
 
 
 @pytest.mark.parametrize("kind", ["too-large", PROXY])
-def test_a_batch_that_is_too_large_is_split_live_and_from_the_disk(tmp_path: Path, kind: str) -> None:
-    async def story(spool: Spool) -> None:
+async def test_a_batch_that_is_too_large_is_split_live_and_from_the_disk(tmp_path: Path, kind: str) -> None:
+    with Spool(tmp_path / "spool", 10**6) as spool:
+        put(spool, 0, 100)
         service = Service()
         service.problem_of = lambda _, length: (413, kind) if length > 1000 else None
         async with serving(service), Bench(service, spool=spool) as bench:
@@ -116,16 +117,13 @@ def test_a_batch_that_is_too_large_is_split_live_and_from_the_disk(tmp_path: Pat
             assert bench.outbox.dropped == spool.set_aside["bench"] == 0
             await until(lambda: bench.publisher.spooled == 0 and bench.publisher.published == 150)
 
-    with Spool(tmp_path / "spool", 10**6) as spool:
-        put(spool, 0, 100)
-        run(story(spool))
 
-
-def test_a_single_sample_that_is_too_large_is_kept_aside(tmp_path: Path) -> None:
+async def test_a_single_sample_that_is_too_large_is_kept_aside(tmp_path: Path) -> None:
     def problem(batch: Batch, _: int) -> tuple[int, str] | None:
         return (413, "too-large") if {7, 107} & {sample.sequence for sample in batch.samples} else None
 
-    async def story(spool: Spool) -> None:
+    with Spool(tmp_path / "spool", 10**6) as spool:
+        put(spool, 0, 10)
         service = Service()
         service.problem_of = problem
         async with serving(service), Bench(service, spool=spool) as bench:
@@ -137,12 +135,8 @@ def test_a_single_sample_that_is_too_large_is_kept_aside(tmp_path: Path) -> None
             assert bench.publisher.published == 18
             assert bench.publisher.spooled == bench.outbox.dropped == 0
 
-    with Spool(tmp_path / "spool", 10**6) as spool:
-        put(spool, 0, 10)
-        run(story(spool))
 
-
-def test_batches_of_another_models_channels_wait_and_let_others_pass(
+async def test_batches_of_another_models_channels_wait_and_let_others_pass(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(late_delivery, "PASSED_REST_S", 0.2)
@@ -151,8 +145,12 @@ def test_batches_of_another_models_channels_wait_and_let_others_pass(
     def problem(batch: Batch, _: int) -> tuple[int, str] | None:
         return None if fits or batch.channels == SENDER.channels else (422, "missing-channels")
 
-    async def story(spool: Spool) -> None:
-        nonlocal fits
+    with Spool(tmp_path / "spool", 10**6) as spool:
+        for first in (0, 10):
+            put(spool, first, 10, channels=["s1", "s9"])
+        put(spool, 20, 10)
+        for first in (30, 40):
+            put(spool, first, 10, channels=["s1", "s9"])
         service = Service()
         service.problem_of = problem
         async with serving(service), Bench(service, spool=spool) as bench:
@@ -165,24 +163,19 @@ def test_batches_of_another_models_channels_wait_and_let_others_pass(
             await service.until(55)
             assert sorted(sequences(service)) == [*range(50), *range(100, 105)]
 
-    with Spool(tmp_path / "spool", 10**6) as spool:
-        for first in (0, 10):
-            put(spool, first, 10, channels=["s1", "s9"])
-        put(spool, 20, 10)
-        for first in (30, 40):
-            put(spool, first, 10, channels=["s1", "s9"])
-        run(story(spool))
 
-
-def test_a_batch_that_the_service_fails_on_lets_others_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_batch_that_the_service_fails_on_lets_others_pass(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(late_delivery, "PASSED_REST_S", 0.2)
     fails = True
 
     def problem(batch: Batch, _: int) -> tuple[int, str] | None:
         return (500, "internal") if fails and batch.samples[0].sequence == 0 else None
 
-    async def story(spool: Spool) -> None:
-        nonlocal fails
+    with Spool(tmp_path / "spool", 10**6) as spool:
+        for first in (0, 10, 20):
+            put(spool, first, 10)
         service = Service()
         service.problem_of = problem
         async with serving(service), Bench(service, spool=spool):
@@ -190,8 +183,3 @@ def test_a_batch_that_the_service_fails_on_lets_others_pass(tmp_path: Path, monk
             assert sequences(service) == list(range(10, 30))
             fails = False
             await service.until(30)
-
-    with Spool(tmp_path / "spool", 10**6) as spool:
-        for first in (0, 10, 20):
-            put(spool, first, 10)
-        run(story(spool))

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymodbus.client.mixin import ModbusClientMixin
 
-from beamtouch_daemon.config_sources import ByteOrder
-from beamtouch_daemon.modules import Encoding, module_of, names, words_of
+from beamtouch_daemon.config.modules import Encoding, module_of, names, words_of
+from beamtouch_daemon.config.sources import ByteOrder
 from beamtouch_daemon.sources.registers import Block, Value, blocks_of
 from beamtouch_daemon.sources.rtu_frame import Answer, answer_bytes, find_answer, request, with_checksum
 
@@ -22,18 +22,18 @@ def test_registers_in_a_row_are_one_request() -> None:
     assert blocks_of(words(3, 1, 2)) == (Block(1, 3),)
     assert blocks_of(words(0, 1, 7)) == (Block(0, 2), Block(7, 1))
     assert blocks_of(words(*range(126))) == (Block(0, 125), Block(125, 1))
-    assert blocks_of(words(*range(8)), most=3) == (Block(0, 3), Block(3, 3), Block(6, 2))
+    assert blocks_of(words(*range(8)), max_registers=3) == (Block(0, 3), Block(3, 3), Block(6, 2))
 
 
 def test_a_gap_is_read_along_only_where_that_is_allowed() -> None:
     assert blocks_of(words(0, 3, 9), bridge=2) == (Block(0, 4), Block(9, 1))
     assert blocks_of(words(0, 3, 9), bridge=5) == (Block(0, 10),)
-    assert blocks_of(words(0, 3, 9), most=9, bridge=5) == (Block(0, 4), Block(9, 1))
+    assert blocks_of(words(0, 3, 9), max_registers=9, bridge=5) == (Block(0, 4), Block(9, 1))
 
 
 def test_the_halves_of_a_value_are_read_with_one_request() -> None:
     values = [Value(register, "u32") for register in (0, 2, 4)]
-    assert blocks_of(values, most=5) == (Block(0, 4), Block(4, 2))
+    assert blocks_of(values, max_registers=5) == (Block(0, 4), Block(4, 2))
 
 
 @given(st.sets(st.integers(0, 300), min_size=1), st.integers(1, 125), st.integers(0, 10))
@@ -66,7 +66,7 @@ def test_byte_orders_are_named_after_where_each_byte_stands(order: ByteOrder) ->
     assert Value(0, "u32", order).decode(contents) == 0x01020304
 
 
-def test_a_register_that_is_missing_and_a_number_that_is_none_are_no_value() -> None:
+def test_a_missing_register_and_nan_are_no_value() -> None:
     assert Value(3).decode({2: 1}) is None
     assert Value(3, "u32").decode({3: 1}) is None
     for strange in (math.nan, math.inf):
@@ -98,5 +98,5 @@ def test_every_module_is_whole() -> None:
         module = module_of(name)
         assert module.register_of(module.inputs - 1) + words_of(module.type) - 1 <= 65_535
         assert module.about
-    with pytest.raises(ValueError, match="there is no module nonesuch; there are adam-6017, "):
+    with pytest.raises(ValueError, match="there is no module nonesuch; choose one of adam-6017, "):
         module_of("nonesuch")

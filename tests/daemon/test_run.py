@@ -1,52 +1,33 @@
 """`run` as a process between real devices and a real service."""
 
 import asyncio
-import contextlib
-import json
-import random
 import signal
-import socket
 from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 from time import monotonic
-from typing import Any
 
 import pytest
 
-from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.tasks import cancel
 from beamtouch_service.samples import Batch, Quality
 
 from . import configs
 from .devices import SerialDevice, pymodbus_server
 from .lines import terminal
-from .process import Outcome, started
+from .process import free_port, started, summary_of
 from .service import Service, serving
 
-
-def free_port() -> int:
-    """Return a port that stays free for a while: below those that outgoing connections of this machine get."""
-    while True:
-        port = random.randrange(20_000, 32_000)  # noqa: S311 - no secret
-        with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
-            return port
+pytestmark = pytest.mark.anyio
 
 
-def summary_of(folder: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((folder / "summary.json").read_text())
-    return content["surfaces"]  # type: ignore[no-any-return]
-
-
-def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path: Path) -> None:
-    async def story() -> tuple[Service, Outcome]:
-        async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
-            config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=service.url)
-            async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-                await service.until(100)
-                return service, await daemon.stop()
-
-    service, outcome = asyncio.run(story())
+async def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path: Path) -> None:
+    async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
+        config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=service.url)
+        async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+            await service.until(100)
+            outcome = await daemon.stop()
     samples = service.samples()
     assert [sample.sequence for sample in samples] == list(range(len(samples)))
     assert {tuple(sample.quality) for sample in samples} == {(Quality.GOOD, Quality.SATURATED)}
@@ -64,23 +45,20 @@ def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path: Path)
     assert "Traceback" not in outcome.err
 
 
-def test_one_surface_that_fails_costs_the_others_nothing_and_does_not_fill_the_log(tmp_path: Path) -> None:
-    async def story() -> Outcome:
-        with terminal() as line:
-            SerialDevice(line)
-            async with serving(Service()) as service:
-                config = configs.write(
-                    tmp_path,
-                    configs.surface("dead", configs.tcp(free_port())),
-                    configs.surface("alive", configs.serial(line.path)),
-                    url=service.url,
-                )
-                async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-                    await service.until(150, "alive")
-                    return await daemon.stop(signal.SIGINT)
-
-    outcome = asyncio.run(story())
-    assert outcome.code == 0
+async def test_a_failing_surface_costs_others_nothing_and_does_not_fill_the_log(tmp_path: Path) -> None:
+    with terminal() as line:
+        SerialDevice(line)
+        async with serving(Service()) as service:
+            config = configs.write(
+                tmp_path,
+                configs.surface("dead", configs.tcp(free_port())),
+                configs.surface("alive", configs.serial(line.path)),
+                url=service.url,
+            )
+            async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+                await service.until(150, "alive")
+                outcome = await daemon.stop(signal.SIGINT)
+    assert outcome.code == 130
     summary = summary_of(tmp_path)
     assert set(summary["dead"].values()) == {0}
     assert summary["alive"]["samples_published"] >= 150
@@ -89,26 +67,23 @@ def test_one_surface_that_fails_costs_the_others_nothing_and_does_not_fill_the_l
     assert list(log.values()) == [1]
 
 
-def test_a_device_that_comes_back_is_read_again_and_the_outage_is_counted(tmp_path: Path) -> None:
-    async def story() -> tuple[Outcome, float]:
-        port = free_port()
-        async with serving(Service()) as service:
-            config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=service.url)
-            async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-                async with pymodbus_server([20_000, 20_000], port=port):
-                    await service.until(50)
-                await asyncio.sleep(1.0)
-                begin_s = monotonic()
-                async with pymodbus_server([21_000, 21_000], port=port):
-                    while service.samples()[-1].deflection_mm[0] != pytest.approx(0.1):
-                        await service.until(len(service.samples()) + 1)
-                    back_s = monotonic() - begin_s
-                    values = [sample.deflection_mm[0] for sample in service.samples()]
-                    first = next(value for value in values if value is not None and value != pytest.approx(0.0))
-                    assert first == pytest.approx(0.1)  # nothing from before in its average
-                    return await daemon.stop(), back_s
-
-    outcome, back_s = asyncio.run(story())
+async def test_a_device_that_comes_back_is_read_again_and_the_outage_is_counted(tmp_path: Path) -> None:
+    port = free_port()
+    async with serving(Service()) as service:
+        config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=service.url)
+        async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+            async with pymodbus_server([20_000, 20_000], port=port):
+                await service.until(50)
+            await asyncio.sleep(1.0)
+            begin_s = monotonic()
+            async with pymodbus_server([21_000, 21_000], port=port):
+                while service.samples()[-1].deflection_mm[0] != pytest.approx(0.1):
+                    await service.until(len(service.samples()) + 1)
+                back_s = monotonic() - begin_s
+                values = [sample.deflection_mm[0] for sample in service.samples()]
+                first = next(value for value in values if value is not None and value != pytest.approx(0.0))
+                assert first == pytest.approx(0.1)  # nothing from before in its average
+                outcome = await daemon.stop()
     assert outcome.code == 0
     assert back_s < 2.0
     assert summary_of(tmp_path)["bench"]["readings_lost"] > 180  # a second at 200 Hz
@@ -117,23 +92,20 @@ def test_a_device_that_comes_back_is_read_again_and_the_outage_is_counted(tmp_pa
 
 
 @pytest.mark.parametrize("spool_mb", [0, 200])
-def test_without_a_service_a_stop_gives_up_soon_and_says_what_became_of_the_samples(
+async def test_without_a_service_a_stop_ends_soon_and_reports_the_fate_of_the_samples(
     tmp_path: Path, spool_mb: int
 ) -> None:
-    async def story() -> tuple[Outcome, float]:
-        with terminal() as line:
-            device = SerialDevice(line)
-            url = f"http://127.0.0.1:{free_port()}"
-            config = configs.write(tmp_path, configs.surface(source=configs.serial(line.path)), url=url)
-            config.write_text(config.read_text().replace("batch_ms", f"spool_mb = {spool_mb}\nbatch_ms"))
-            async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-                async with asyncio.timeout(10):
-                    while device.sequence < 50:  # noqa: ASYNC110 - the device is outside
-                        await asyncio.sleep(0.05)
-                begin_s = monotonic()
-                return await daemon.stop(), monotonic() - begin_s
-
-    outcome, took_s = asyncio.run(story())
+    with terminal() as line:
+        device = SerialDevice(line)
+        url = f"http://127.0.0.1:{free_port()}"
+        config = configs.write(tmp_path, configs.surface(source=configs.serial(line.path)), url=url)
+        config.write_text(config.read_text().replace("batch_ms", f"spool_mb = {spool_mb}\nbatch_ms"))
+        async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+            async with asyncio.timeout(10):
+                while device.sequence < 50:  # noqa: ASYNC110 - the device is outside
+                    await asyncio.sleep(0.05)
+            begin_s = monotonic()
+            outcome, took_s = await daemon.stop(), monotonic() - begin_s
     assert outcome.code == 0
     assert took_s < 10  # 2 s are its own; the rest is the machine's
     summary = summary_of(tmp_path)["bench"]
@@ -142,52 +114,46 @@ def test_without_a_service_a_stop_gives_up_soon_and_says_what_became_of_the_samp
     assert sum(value for name, value in summary.items() if name.startswith("samples_")) == summary[kept]
 
 
-def test_what_was_spooled_is_delivered_by_the_next_start_beside_the_present(tmp_path: Path) -> None:
-    async def story() -> None:
-        with terminal() as line:
-            device, port = SerialDevice(line), free_port()
-            url = f"http://127.0.0.1:{port}"
-            config = configs.write(tmp_path, configs.surface(source=configs.serial(line.path)), url=url)
-            async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-                async with asyncio.timeout(10):
-                    while device.sequence < 300:  # noqa: ASYNC110 - the device is outside
-                        await asyncio.sleep(0.05)
-                assert (await daemon.stop()).code == 0
-            before = summary_of(tmp_path)["bench"]
-            with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
-                oldest = spool.oldest("bench")
-                assert oldest is not None
-            async with (
-                serving(Service(("127.0.0.1", port))) as service,
-                started("run", config, "--summary", tmp_path / "summary.json") as daemon,
-            ):
-                old: list[Batch] = []
-                while sum(len(batch.samples) for batch in old) < before["readings"]:
-                    await service.until(len(service.samples()) + 1)
-                    old = [batch for _, batch, _ in service.batches if batch.boot_id == oldest.batch.boot_id]
-                await service.until(len(service.samples()) + 20)
-                assert (await daemon.stop()).code == 0
-            new = [batch for _, batch, _ in service.batches if batch not in old]
-            after = summary_of(tmp_path)["bench"]
-            assert before["samples_spooled"] == before["readings"] >= 250
-            assert after["samples_spooled"] == 0
-            assert after["samples_published"] == after["readings"] + before["readings"]
-            assert max(batch.newest_age_ms for batch in new) < min(batch.newest_age_ms for batch in old)
-            assert [sample.sequence for batch in old for sample in batch.samples] == list(range(before["readings"]))
-
-    asyncio.run(story())
+async def test_spooled_samples_are_delivered_after_the_next_start_alongside_new_ones(tmp_path: Path) -> None:
+    with terminal() as line:
+        device, port = SerialDevice(line), free_port()
+        url = f"http://127.0.0.1:{port}"
+        config = configs.write(tmp_path, configs.surface(source=configs.serial(line.path)), url=url)
+        async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+            async with asyncio.timeout(10):
+                while device.sequence < 300:  # noqa: ASYNC110 - the device is outside
+                    await asyncio.sleep(0.05)
+            assert (await daemon.stop()).code == 0
+        before = summary_of(tmp_path)["bench"]
+        with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
+            oldest = spool.oldest("bench")
+            assert oldest is not None
+        async with (
+            serving(Service(("127.0.0.1", port))) as service,
+            started("run", config, "--summary", tmp_path / "summary.json") as daemon,
+        ):
+            old: list[Batch] = []
+            while sum(len(batch.samples) for batch in old) < before["readings"]:
+                await service.until(len(service.samples()) + 1)
+                old = [batch for _, batch, _ in service.batches if batch.boot_id == oldest.batch.boot_id]
+            await service.until(len(service.samples()) + 20)
+            assert (await daemon.stop()).code == 0
+        new = [batch for _, batch, _ in service.batches if batch not in old]
+        after = summary_of(tmp_path)["bench"]
+        assert before["samples_spooled"] == before["readings"] >= 250
+        assert after["samples_spooled"] == 0
+        assert after["samples_published"] == after["readings"] + before["readings"]
+        assert max(batch.newest_age_ms for batch in new) < min(batch.newest_age_ms for batch in old)
+        assert [sample.sequence for batch in old for sample in batch.samples] == list(range(before["readings"]))
 
 
-def test_a_cancellation_that_a_task_swallows_is_repeated() -> None:
+async def test_a_cancellation_that_a_task_swallows_is_repeated() -> None:
     async def swallow_one() -> None:
         with suppress(asyncio.CancelledError):
             await asyncio.sleep(60)
         await asyncio.sleep(60)
 
-    async def story() -> None:
-        task = asyncio.create_task(swallow_one())
-        await asyncio.sleep(0)
-        await asyncio.wait_for(cancel({task}), 2)
-        assert task.cancelled()
-
-    asyncio.run(story())
+    task = asyncio.create_task(swallow_one())
+    await asyncio.sleep(0)
+    await asyncio.wait_for(cancel({task}), 2)
+    assert task.cancelled()

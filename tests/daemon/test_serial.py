@@ -9,7 +9,7 @@ from time import monotonic
 
 import pytest
 
-from beamtouch_daemon.config_sources import SerialLine
+from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.serial_line import SerialSource
 from beamtouch_protocol import messages
@@ -17,6 +17,8 @@ from beamtouch_protocol import messages
 from .devices import SerialDevice
 from .lines import terminal
 from .sessions import take
+
+pytestmark = pytest.mark.anyio
 
 RATE_HZ = 200.0
 
@@ -33,151 +35,121 @@ async def drain(stream: AsyncGenerator[list[Reading], None], within_s: float = 3
             pass
 
 
-def test_a_session_is_stop_hello_start_readings_stop() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            device = SerialDevice(line)
-            readings = await take(make_source(line.path, [1, 0]), 20)
-            await asyncio.sleep(0.05)
-            session = [message for message in device.received if not isinstance(message, messages.Ping)]
-            assert session == [messages.Stop(), messages.HelloRequest(), messages.Start(200, 1), messages.Stop()]
-            pings = [message for message in device.received if isinstance(message, messages.Ping)]
-            assert [ping.token for ping in pings] == [(pings[0].token + i) % 2**16 for i in range(len(pings))]
-            assert device.received.index(pings[0]) < device.received.index(messages.Start(200, 1))
-            assert [reading.counts for reading in readings] == [(21_000 + i, 20_000 + i) for i in range(20)]
-            assert sum(reading.lost for reading in readings) == 0
-
-    asyncio.run(story())
+async def test_a_session_is_stop_hello_start_readings_stop() -> None:
+    with terminal() as line:
+        device = SerialDevice(line)
+        readings = await take(make_source(line.path, [1, 0]), 20)
+        await asyncio.sleep(0.05)
+        session = [message for message in device.received if not isinstance(message, messages.Ping)]
+        assert session == [messages.Stop(), messages.HelloRequest(), messages.Start(200, 1), messages.Stop()]
+        pings = [message for message in device.received if isinstance(message, messages.Ping)]
+        assert [ping.token for ping in pings] == [(pings[0].token + i) % 2**16 for i in range(len(pings))]
+        assert device.received.index(pings[0]) < device.received.index(messages.Start(200, 1))
+        assert [reading.counts for reading in readings] == [(21_000 + i, 20_000 + i) for i in range(20)]
+        assert sum(reading.lost for reading in readings) == 0
 
 
-def test_times_follow_the_device_clock_across_its_wrap_and_are_never_later_than_now() -> None:
-    async def story() -> list[Reading]:
-        with terminal() as line:
-            SerialDevice(line)
-            readings = await take(make_source(line.path), 100)
-            assert readings[-1].monotonic_s <= monotonic()
-            return readings
-
-    readings = asyncio.run(story())
+async def test_times_follow_the_device_clock_across_its_wrap_and_are_never_later_than_now() -> None:
+    with terminal() as line:
+        SerialDevice(line)
+        readings = await take(make_source(line.path), 100)
+        assert readings[-1].monotonic_s <= monotonic()
     assert all(later.monotonic_s >= earlier.monotonic_s for earlier, later in pairwise(readings))
     assert 0.4 < readings[-1].monotonic_s - readings[0].monotonic_s < 2.0
 
 
-def test_lost_readings_are_counted_and_not_invented() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            device = SerialDevice(line)
-            async with aclosing(make_source(line.path).readings()) as stream:
-                before = await anext(stream)
-                device.lose(7)
-                after = [reading for _ in range(5) for reading in await anext(stream)]
-            assert before[0].lost == 0
-            assert sum(reading.lost for reading in after) == 7
-
-    asyncio.run(story())
+async def test_lost_readings_are_counted_and_not_invented() -> None:
+    with terminal() as line:
+        device = SerialDevice(line)
+        async with aclosing(make_source(line.path).readings()) as stream:
+            before = await anext(stream)
+            device.lose(7)
+            after = [reading for _ in range(5) for reading in await anext(stream)]
+        assert before[0].lost == 0
+        assert sum(reading.lost for reading in after) == 7
 
 
-def test_a_count_is_the_mean_of_the_conversions_that_were_asked_for() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            device = SerialDevice(line, adc_bits=12)
-            settings = SerialLine(kind="serial", port=line.path, oversampling=16)
-            source = SerialSource(settings, [0], RATE_HZ, adc_bits=[12])
-            async with aclosing(source.readings()) as stream:
-                assert (await anext(stream))[0].counts == (device.counts(0)[0],)
-                device.stop()
-                await asyncio.sleep(0.05)
-                first = device.sequence
-                device.send(messages.Reading(first, 0xFFFF_F000, 16, (16 * 4095 + 1, 5)))  # more than 12 bits give
-                device.send(messages.Reading(first + 1, 0xFFFF_F000, 0, (0, 0)))
-                device.send(messages.Reading(first + 2, 0xFFFF_F000, 16, (16 * 7 + 3, 5)))
-                taken = await anext(stream)
-                while taken[-1].counts != (7.1875,):
-                    taken += await asyncio.wait_for(anext(stream), 2)
-            assert all(reading.counts[0] <= 4095 for reading in taken if reading.counts[0] is not None)
-
-    asyncio.run(story())
+async def test_a_count_is_the_mean_of_the_conversions_that_were_asked_for() -> None:
+    with terminal() as line:
+        device = SerialDevice(line, adc_bits=12)
+        settings = SerialLine(kind="serial", port=line.path, oversampling=16)
+        source = SerialSource(settings, [0], RATE_HZ, adc_bits=[12])
+        async with aclosing(source.readings()) as stream:
+            assert (await anext(stream))[0].counts == (device.counts(0)[0],)
+            device.stop()
+            await asyncio.sleep(0.05)
+            first = device.sequence
+            device.send(messages.Reading(first, 0xFFFF_F000, 16, (16 * 4095 + 1, 5)))  # more than 12 bits give
+            device.send(messages.Reading(first + 1, 0xFFFF_F000, 0, (0, 0)))
+            device.send(messages.Reading(first + 2, 0xFFFF_F000, 16, (16 * 7 + 3, 5)))
+            taken = await anext(stream)
+            while taken[-1].counts != (7.1875,):
+                taken += await asyncio.wait_for(anext(stream), 2)
+        assert all(reading.counts[0] <= 4095 for reading in taken if reading.counts[0] is not None)
 
 
-def test_sums_that_do_not_fit_are_refused() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            SerialDevice(line)
-            settings = SerialLine(kind="serial", port=line.path, oversampling=2)
-            with pytest.raises(SourceError, match="sums of 2 conversions of 16 bits do not fit; lower oversampling"):
-                await take(SerialSource(settings, [0], 200.0, adc_bits=[16]), 1)
-
-    asyncio.run(story())
+async def test_sums_that_do_not_fit_are_refused() -> None:
+    with terminal() as line:
+        SerialDevice(line)
+        settings = SerialLine(kind="serial", port=line.path, oversampling=2)
+        with pytest.raises(SourceError, match="sums of 2 conversions of 16 bits do not fit; lower oversampling"):
+            await take(SerialSource(settings, [0], 200.0, adc_bits=[16]), 1)
 
 
-def test_a_repeated_frame_is_not_a_second_reading() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            device = SerialDevice(line)
-            async with aclosing(make_source(line.path).readings()) as stream:
-                await anext(stream)
-                device.stop()
-                await asyncio.sleep(0.05)
-                device.send(messages.Reading(device.sequence + 1, 0xFFFF_F000, 1, (1, 1)))
-                device.send(messages.Reading(device.sequence + 1, 0xFFFF_F000, 1, (1, 1)))
-                device.send(messages.Reading(device.sequence, 0xFFFF_F000, 1, (1, 1)))
-                device.send(messages.Reading(device.sequence + 2, 0xFFFF_F001, 1, (2, 2)))
-                taken: list[Reading] = []
-                while not taken or taken[-1].counts != (2, 2):
-                    taken += await asyncio.wait_for(anext(stream), 2)
-            assert [reading.counts for reading in taken if reading.counts in {(1, 1), (2, 2)}] == [(1, 1), (2, 2)]
-
-    asyncio.run(story())
+async def test_a_repeated_frame_is_not_a_second_reading() -> None:
+    with terminal() as line:
+        device = SerialDevice(line)
+        async with aclosing(make_source(line.path).readings()) as stream:
+            await anext(stream)
+            device.stop()
+            await asyncio.sleep(0.05)
+            device.send(messages.Reading(device.sequence + 1, 0xFFFF_F000, 1, (1, 1)))
+            device.send(messages.Reading(device.sequence + 1, 0xFFFF_F000, 1, (1, 1)))
+            device.send(messages.Reading(device.sequence, 0xFFFF_F000, 1, (1, 1)))
+            device.send(messages.Reading(device.sequence + 2, 0xFFFF_F001, 1, (2, 2)))
+            taken: list[Reading] = []
+            while not taken or taken[-1].counts != (2, 2):
+                taken += await asyncio.wait_for(anext(stream), 2)
+        assert [reading.counts for reading in taken if reading.counts in {(1, 1), (2, 2)}] == [(1, 1), (2, 2)]
 
 
-def test_a_reset_device_begins_a_new_session() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            device = SerialDevice(line)
-            source = make_source(line.path)
-            async with aclosing(source.readings()) as stream:
-                await anext(stream)
-                device.reset(boot_id=2)
-                with pytest.raises(SourceError, match="the device was reset"):
-                    await drain(stream)
-            assert (await take(source, 1))[0].counts == (20_000, 21_000)
-
-    asyncio.run(story())
+async def test_a_reset_device_begins_a_new_session() -> None:
+    with terminal() as line:
+        device = SerialDevice(line)
+        source = make_source(line.path)
+        async with aclosing(source.readings()) as stream:
+            await anext(stream)
+            device.reset(boot_id=2)
+            with pytest.raises(SourceError, match="the device was reset"):
+                await drain(stream)
+        assert (await take(source, 1))[0].counts == (20_000, 21_000)
 
 
-def test_a_device_whose_clock_goes_back_begins_a_new_session_with_fresh_readings() -> None:
+async def test_a_device_whose_clock_goes_back_begins_a_new_session_with_fresh_readings() -> None:
     back_s = 30.0
-
-    async def story() -> None:
-        with terminal() as line:
-            device = SerialDevice(line)
-            stream = make_source(line.path).readings()
+    with terminal() as line:
+        device = SerialDevice(line)
+        async with aclosing(make_source(line.path).readings()) as stream:
             async with asyncio.timeout(30):
                 for _ in range(20):
                     await anext(stream)
             device.set_back(back_s)
             with pytest.raises(SourceError, match="the device's clock went back"):
                 await drain(stream, within_s=30.0)
-            await stream.aclose()
-            readings = await take(make_source(line.path), 20)
-            assert monotonic() - readings[-1].monotonic_s < back_s / 2
-
-    asyncio.run(story())
+        readings = await take(make_source(line.path), 20)
+        assert monotonic() - readings[-1].monotonic_s < back_s / 2
 
 
-def test_noise_and_damaged_frames_give_nothing() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            device = SerialDevice(line)
-            async with aclosing(make_source(line.path).readings()) as stream:
-                taken = await anext(stream)
-                for _ in range(20):
-                    line.write(os.urandom(50))
-                    taken += await anext(stream)
-            assert all(first and second == first + 1000 for first, second in (reading.counts for reading in taken))
-            assert device.sequence > 10
-
-    asyncio.run(story())
+async def test_noise_and_damaged_frames_give_nothing() -> None:
+    with terminal() as line:
+        device = SerialDevice(line)
+        async with aclosing(make_source(line.path).readings()) as stream:
+            taken = await anext(stream)
+            for _ in range(20):
+                line.write(os.urandom(50))
+                taken += await anext(stream)
+        assert all(first and second == first + 1000 for first, second in (reading.counts for reading in taken))
+        assert device.sequence > 10
 
 
 @pytest.mark.parametrize(
@@ -188,67 +160,52 @@ def test_noise_and_damaged_frames_give_nothing() -> None:
         ({}, [0, 1], 1001.0, "at most 1000 readings per second; lower rate_hz"),
     ],
 )
-def test_a_device_that_the_configuration_does_not_describe_is_refused(
+async def test_a_device_that_the_configuration_does_not_describe_is_refused(
     device: dict[str, int], indices: list[int], rate_hz: float, complaint: str
 ) -> None:
-    async def story() -> None:
-        with terminal() as line:
-            SerialDevice(line, **device)
-            with pytest.raises(SourceError, match=complaint):
-                await take(make_source(line.path, indices, rate_hz), 1)
-
-    asyncio.run(story())
+    with terminal() as line:
+        SerialDevice(line, **device)
+        with pytest.raises(SourceError, match=complaint):
+            await take(make_source(line.path, indices, rate_hz), 1)
 
 
-def test_other_adc_bits_than_configured_are_refused() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            SerialDevice(line)
-            settings = SerialLine(kind="serial", port=line.path)
-            with pytest.raises(SourceError, match="the device has 16 ADC bits; correct adc_bits"):
-                await take(SerialSource(settings, [0], 200.0, adc_bits=[12]), 1)
-
-    asyncio.run(story())
+async def test_other_adc_bits_than_configured_are_refused() -> None:
+    with terminal() as line:
+        SerialDevice(line)
+        settings = SerialLine(kind="serial", port=line.path)
+        with pytest.raises(SourceError, match="the device has 16 ADC bits; correct adc_bits"):
+            await take(SerialSource(settings, [0], 200.0, adc_bits=[12]), 1)
 
 
-def test_a_silent_device_is_an_error_in_the_hello_and_in_the_stream(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_silent_device_is_an_error_in_the_hello_and_in_the_stream(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("beamtouch_daemon.sources.serial_line.HELLO_TIMEOUT_S", 0.4)
 
-    async def story() -> None:
-        with terminal() as line:
-            with pytest.raises(SourceError, match=r"no hello within 0\.4 s"):
+    with terminal() as line:
+        with pytest.raises(SourceError, match=r"no hello within 0\.4 s"):
+            await take(make_source(line.path), 1)
+        device = SerialDevice(line)
+        async with aclosing(make_source(line.path).readings()) as stream:
+            await anext(stream)
+            device.stop()
+            with pytest.raises(SourceError, match=r"no reading for 0\.5 s"):
+                await drain(stream)
+
+
+async def test_an_unplugged_port_is_an_error_at_once() -> None:
+    with terminal() as line:
+        device = SerialDevice(line)
+        async with aclosing(make_source(line.path).readings()) as stream:
+            await anext(stream)
+            device.stop()
+            line.unplug()
+            with pytest.raises(SourceError, match=r"is gone|accepts no data"):
+                await drain(stream, within_s=0.4)
+
+
+async def test_a_port_in_use_is_an_error() -> None:
+    with terminal() as line:
+        SerialDevice(line)
+        async with aclosing(make_source(line.path).readings()) as stream:
+            await anext(stream)
+            with pytest.raises(SourceError, match="cannot be opened"):
                 await take(make_source(line.path), 1)
-            device = SerialDevice(line)
-            async with aclosing(make_source(line.path).readings()) as stream:
-                await anext(stream)
-                device.stop()
-                with pytest.raises(SourceError, match=r"no reading for 0\.5 s"):
-                    await drain(stream)
-
-    asyncio.run(story())
-
-
-def test_an_unplugged_port_is_an_error_at_once() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            device = SerialDevice(line)
-            async with aclosing(make_source(line.path).readings()) as stream:
-                await anext(stream)
-                device.stop()
-                line.unplug()
-                with pytest.raises(SourceError, match=r"is gone|does not take data"):
-                    await drain(stream, within_s=0.4)
-
-    asyncio.run(story())
-
-
-def test_a_port_in_use_is_an_error() -> None:
-    async def story() -> None:
-        with terminal() as line:
-            SerialDevice(line)
-            async with aclosing(make_source(line.path).readings()) as stream:
-                await anext(stream)
-                with pytest.raises(SourceError, match="cannot be opened"):
-                    await take(make_source(line.path), 1)
-
-    asyncio.run(story())

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon import config_file
-from beamtouch_daemon.config import ConfigError
-from beamtouch_daemon.service_client import Answer, ServiceClient, UnreachableError
+from beamtouch_daemon.config import file as config_file
+from beamtouch_daemon.config.settings import ConfigError
+from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError
 from certificates import make_certificate
 
 from . import configs
+
+pytestmark = pytest.mark.anyio
 
 ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\n{}"
 
@@ -36,7 +38,7 @@ async def serving(certificate: Path, key: Path) -> AsyncIterator[str]:
         yield f"https://127.0.0.1:{server.sockets[0].getsockname()[1]}"
 
 
-def test_a_certificate_is_trusted_where_it_is_named_and_nowhere_else(tmp_path: Path) -> None:
+async def test_a_certificate_is_trusted_where_it_is_named_and_nowhere_else(tmp_path: Path) -> None:
     certificate, key = make_certificate(tmp_path)
     (tmp_path / "other").mkdir()
     other, _ = make_certificate(tmp_path / "other")
@@ -45,23 +47,20 @@ def test_a_certificate_is_trusted_where_it_is_named_and_nowhere_else(tmp_path: P
         async with ServiceClient(url, "token", certificates) as client:
             return await client.post_samples("bench", b"{}")
 
-    async def story() -> None:
-        async with serving(certificate, key) as url:
-            assert (await post(url, certificate.read_text())).status == 200
-            assert (await post(url, other.read_text() + certificate.read_text())).status == 200
-            for stranger in (None, other.read_text()):
-                with pytest.raises(UnreachableError, match="Certificate"):
-                    await post(url, stranger)
-
-    asyncio.run(asyncio.wait_for(story(), 60))
+    async with serving(certificate, key) as url:
+        assert (await post(url, certificate.read_text())).status == 200
+        assert (await post(url, other.read_text() + certificate.read_text())).status == 200
+        for stranger in (None, other.read_text()):
+            with pytest.raises(UnreachableError, match="Certificate"):
+                await post(url, stranger)
 
 
 @pytest.mark.parametrize(
     ("content", "said"),
-    [(None, "cannot read .*No such file"), (b"", "no certificate in PEM"), (b"no PEM", "no certificate in PEM")],
+    [(None, "cannot read .*No such file"), (b"", "no PEM certificate"), (b"no PEM", "no PEM certificate")],
     ids=["missing", "empty", "something else"],
 )
-def test_a_certificate_that_is_none_is_refused_in_one_line(tmp_path: Path, content: bytes | None, said: str) -> None:
+def test_an_invalid_certificate_is_refused_in_one_line(tmp_path: Path, content: bytes | None, said: str) -> None:
     path = configs.write(tmp_path, configs.surface(source=configs.serial("/dev/null")))
     path.write_text(path.read_text().replace("[publish]", '[publish]\ncertificate_file = "service.pem"'))
     if content is not None:

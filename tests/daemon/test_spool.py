@@ -6,37 +6,16 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon import spool as spool_module
-from beamtouch_daemon.spool import Spool
-from beamtouch_daemon.spool_connection import SpoolError
-from beamtouch_daemon.spool_row import MARGIN_S
-from beamtouch_service.samples import Batch, Quality, Sample
+from beamtouch_daemon.delivery import spool as spool_module
+from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.delivery.spool_connection import SpoolError
+from beamtouch_daemon.delivery.spool_row import MARGIN_S
 
-ROOM = 10_000_000
-
-
-def batch_of(first: int, number: int = 10, age_s: float = 0.0) -> Batch:
-    samples = [
-        Sample(
-            sequence=sequence,
-            acquired_unix_us=round((time.time() - age_s) * 1e6),
-            deflection_mm=[0.25, None],
-            quality=[Quality.GOOD, Quality.MISSING],
-        )
-        for sequence in range(first, first + number)
-    ]
-    return Batch(boot_id="boot-0001", channels=["s1", "s2"], newest_age_ms=age_s * 1e3, samples=samples)
-
-
-def drained(spool: Spool, surface: str = "bench") -> Iterator[Batch]:
-    while (oldest := spool.oldest(surface)) is not None:
-        spool.remove(surface, oldest)
-        yield oldest.batch
+from .spools import ROOM, batch_of, drained
 
 
 def test_batches_come_back_in_order_by_surface_and_over_a_restart(tmp_path: Path) -> None:
@@ -84,7 +63,8 @@ def test_beyond_its_size_the_oldest_are_dropped_and_counted(tmp_path: Path) -> N
 def test_one_process_at_a_time_uses_it(tmp_path: Path) -> None:
     with Spool(tmp_path / "spool", ROOM) as spool:
         spool.put("bench", batch_of(0), 0.0)
-        code = "import sys, pathlib; from beamtouch_daemon.spool import Spool; Spool(pathlib.Path(sys.argv[1]), 9)"
+        code = "import pathlib, sys\nfrom beamtouch_daemon.delivery.spool import Spool\n"
+        code += "Spool(pathlib.Path(sys.argv[1]), 9)"
         command = [sys.executable, "-c", code, str(tmp_path / "spool")]
         done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
         assert "is in use by another process" in done.stderr.splitlines()[-1]
@@ -99,7 +79,7 @@ def test_a_damaged_file_is_put_aside_and_not_lost(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("spool.damaged-*"))) == 1
 
 
-def test_a_folder_that_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:
+def test_a_missing_folder_is_an_error_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(SpoolError, match="cannot be opened"):
         Spool(tmp_path / "absent" / "spool", ROOM)
 
@@ -107,11 +87,11 @@ def test_a_folder_that_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:
 FULL_DISK = """
 import resource, sys, time
 from pathlib import Path
-from beamtouch_daemon.spool import Spool
-from beamtouch_daemon.spool_connection import SpoolError
-from beamtouch_daemon.spool_row import MARGIN_S
+from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.delivery.spool_connection import SpoolError
+from beamtouch_daemon.delivery.spool_row import MARGIN_S
 sys.path.insert(0, {tests!r})
-from daemon.test_spool import batch_of
+from daemon.spools import batch_of
 with Spool(Path({path!r}), 10**9) as spool:
     spool.put("bench", batch_of(0), 0.0)
     resource.setrlimit(resource.RLIMIT_FSIZE, ({most}, {most}))
@@ -142,9 +122,9 @@ def test_a_full_disk_is_an_error_that_changes_nothing(tmp_path: Path) -> None:
 KILLED = """
 import sys, time
 from pathlib import Path
-from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.delivery.spool import Spool
 sys.path.insert(0, {tests!r})
-from daemon.test_spool import batch_of
+from daemon.spools import batch_of
 with Spool(Path({path!r}), 10**9) as spool:
     first = {first}
     while True:

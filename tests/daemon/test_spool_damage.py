@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon import spool as spool_module
-from beamtouch_daemon.spool import Spool
-from beamtouch_daemon.spool_connection import SpoolError
-from beamtouch_daemon.spool_row import row_of
+from beamtouch_daemon.delivery import spool as spool_module
+from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.delivery.spool_connection import SpoolError
+from beamtouch_daemon.delivery.spool_row import row_of
 
-from .test_spool import ROOM, batch_of, drained
+from .spools import ROOM, batch_of, drained
 
 PAGE = 4096
 

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_daemon.config_signal import Channel
-from beamtouch_daemon.stuck import FloatArray, fresh, longest_run, longest_runs, runs
+from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.processing.stuck import fresh, longest_run, longest_runs, runs
+from beamtouch_models.filters import FloatArray
 
 NOISES = (0.3, 0.5, 2.0)
 """Before rounding, in counts."""

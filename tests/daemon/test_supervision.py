@@ -16,17 +16,18 @@ import httpx2
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from beamtouch_daemon.line import PATIENCE_S, Line
-from beamtouch_daemon.spool import Spool
+from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.running.surface_worker import PATIENCE_S, SurfaceWorker
 from parts import require
 
 from . import configs
 from .devices import SerialDevice, pymodbus_server
 from .lines import terminal
-from .process import Outcome, started
+from .process import free_port, started, summary_of
 from .service import Service, serving
-from .test_run import free_port, summary_of
-from .test_spool import batch_of
+from .spools import batch_of
+
+pytestmark = pytest.mark.anyio
 
 UNIT = Path(__file__).parents[2] / "daemon" / "beamtouch-daemon.service"
 
@@ -58,8 +59,8 @@ class Manager:
         return sum(line.startswith(word) for line in self.heard)
 
 
-def test_the_manager_hears_of_the_start_of_progress_of_a_reload_and_of_the_end(tmp_path: Path) -> None:
-    async def story(manager: Manager) -> Outcome:
+async def test_the_service_manager_is_told_of_start_progress_reload_and_stop(tmp_path: Path) -> None:
+    with closing(Manager(tmp_path)) as manager:
         environment = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "400000"}
         async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
             config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=service.url)
@@ -71,60 +72,53 @@ def test_the_manager_hears_of_the_start_of_progress_of_a_reload_and_of_the_end(t
                 await manager.until("READY=1")
                 outcome = await daemon.stop()
                 await manager.until("STOPPING=1")
-                return outcome
-
-    with closing(Manager(tmp_path)) as manager:
-        outcome = asyncio.run(story(manager))
     assert outcome.code == 0
     assert manager.heard[0] == "READY=1"
     assert "STATUS=reading bench" in manager.heard
 
 
 def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> None:
-    def line(acquired_s: float, published_s: float, waiting: int, rate_hz: float = 100.0) -> Line:
+    def worker(acquired_s: float, published_s: float, waiting: int, rate_hz: float = 100.0) -> SurfaceWorker:
         found = SimpleNamespace(
             surface=SimpleNamespace(rate_hz=rate_hz),
             outbox=[None] * waiting,
             acquisition=SimpleNamespace(turned_s=acquired_s),
             publisher=SimpleNamespace(turned_s=published_s),
         )
-        return cast("Line", found)
+        return cast("SurfaceWorker", found)
 
     now_s, long_ago_s = 1000.0, 1000.0 - PATIENCE_S - 1
-    hangs: Callable[[Line, float], bool] = Line.hangs
-    assert not hangs(line(now_s, now_s, 5), now_s)
-    assert hangs(line(long_ago_s, now_s, 5), now_s)  # reading stands still
-    assert hangs(line(now_s, long_ago_s, 5), now_s)  # samples wait, and nobody sends them
-    assert not hangs(line(now_s, long_ago_s, 0), now_s)  # nothing to send
-    assert not hangs(line(long_ago_s, now_s, 0, rate_hz=0.1), now_s)  # it reads that seldom
+    hangs: Callable[[SurfaceWorker, float], bool] = SurfaceWorker.hangs
+    assert not hangs(worker(now_s, now_s, 5), now_s)
+    assert hangs(worker(long_ago_s, now_s, 5), now_s)  # reading stands still
+    assert hangs(worker(now_s, long_ago_s, 5), now_s)  # samples wait, and nobody sends them
+    assert not hangs(worker(now_s, long_ago_s, 0), now_s)  # nothing to send
+    assert not hangs(worker(long_ago_s, now_s, 0, rate_hz=0.1), now_s)  # it reads that seldom
 
 
-def test_a_new_configuration_restarts_what_changed_and_a_wrong_one_changes_nothing(tmp_path: Path) -> None:
-    async def story() -> tuple[Outcome, Service]:
-        with terminal() as line:
-            SerialDevice(line)
-            async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
-                one, other = (
-                    configs.surface("one", configs.tcp(port)),
-                    configs.surface("other", configs.serial(line.path)),
-                )
-                config = configs.write(tmp_path, one, other, url=service.url)
-                async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-                    await service.until(100, "one")
-                    await service.until(100, "other")
-                    good = config.read_text()
-                    config.write_text(good.replace("window", "windw"))
-                    daemon.tell(signal.SIGHUP)
-                    await service.until(len(service.samples("one")) + 100, "one")
-                    config.write_text(good.replace("rest_gap_mm = 2.5", "rest_gap_mm = 2.6", 1))
-                    daemon.tell(signal.SIGHUP)
-                    async with asyncio.timeout(20):
-                        while not any(s.deflection_mm[0] == pytest.approx(0.2) for s in service.samples("one")):
-                            await service.until(len(service.samples("one")) + 1, "one")
-                    await service.until(len(service.samples("other")) + 50, "other")
-                    return await daemon.stop(), service
-
-    outcome, service = asyncio.run(story())
+async def test_a_new_configuration_restarts_what_changed_and_a_wrong_one_changes_nothing(tmp_path: Path) -> None:
+    with terminal() as line:
+        SerialDevice(line)
+        async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
+            one, other = (
+                configs.surface("one", configs.tcp(port)),
+                configs.surface("other", configs.serial(line.path)),
+            )
+            config = configs.write(tmp_path, one, other, url=service.url)
+            async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+                await service.until(100, "one")
+                await service.until(100, "other")
+                good = config.read_text()
+                config.write_text(good.replace("window", "windw"))
+                daemon.tell(signal.SIGHUP)
+                await service.until(len(service.samples("one")) + 100, "one")
+                config.write_text(good.replace("rest_gap_mm = 2.5", "rest_gap_mm = 2.6", 1))
+                daemon.tell(signal.SIGHUP)
+                async with asyncio.timeout(20):
+                    while not any(s.deflection_mm[0] == pytest.approx(0.2) for s in service.samples("one")):
+                        await service.until(len(service.samples("one")) + 1, "one")
+                await service.until(len(service.samples("other")) + 50, "other")
+                outcome = await daemon.stop()
     assert outcome.code == 0
     boots = {
         name: list(dict.fromkeys(batch.boot_id for surface, batch, _ in service.batches if surface == name))
@@ -132,41 +126,38 @@ def test_a_new_configuration_restarts_what_changed_and_a_wrong_one_changes_nothi
     }
     assert len(boots["one"]) == 2
     assert len(boots["other"]) == 1  # it went on undisturbed
-    assert outcome.err.count("the configuration is not read again, the old one holds: ") == 1
+    assert outcome.err.count("the new configuration is wrong, the old one stays in use: ") == 1
     assert "unknown key surfaces.one.filter.windw" in outcome.err
-    assert "configuration read again; started anew: one\n" in outcome.err
+    assert "configuration read again; restarted: one\n" in outcome.err
     for name, counts in summary_of(tmp_path).items():
         assert counts["readings"] == counts["samples_published"] == len(service.samples(name))
         sequences = [(batch.boot_id, s.sequence) for n, batch, _ in service.batches if n == name for s in batch.samples]
         assert len(set(sequences)) == len(sequences)
 
 
-def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Path) -> None:
-    async def story() -> dict[tuple[str, str], float]:
-        port = free_port()
-        async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as device:
-            config = configs.write(tmp_path, configs.surface(source=configs.tcp(device)), url=service.url)
-            config.write_text(config.read_text() + f"\n[metrics]\nport = {port}\n")
-            with Spool(tmp_path / "beamtouch-daemon.spool", 10**6) as spool:
-                spool.put("bench", batch_of(0, 7), 0.0)
-            service.problem_of = lambda batch, _: (422, "invalid-request") if batch.boot_id == "boot-0001" else None
-            async with started("run", config) as daemon, httpx2.AsyncClient(trust_env=False) as client:
-                await service.until(400)
-                async with asyncio.timeout(20):
+async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Path) -> None:
+    port = free_port()
+    async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as device:
+        config = configs.write(tmp_path, configs.surface(source=configs.tcp(device)), url=service.url)
+        config.write_text(config.read_text() + f"\n[metrics]\nport = {port}\n")
+        with Spool(tmp_path / "beamtouch-daemon.spool", 10**6) as spool:
+            spool.put("bench", batch_of(0, 7), 0.0)
+        service.problem_of = lambda batch, _: (422, "invalid-request") if batch.boot_id == "boot-0001" else None
+        async with started("run", config) as daemon, httpx2.AsyncClient(trust_env=False) as client:
+            await service.until(400)
+            async with asyncio.timeout(20):
+                answer = await client.get(f"http://127.0.0.1:{port}/metrics")
+                while 'set_aside_total{surface="bench"} 7.0' not in answer.text:
+                    await asyncio.sleep(0.05)
                     answer = await client.get(f"http://127.0.0.1:{port}/metrics")
-                    while 'set_aside_total{surface="bench"} 7.0' not in answer.text:
-                        await asyncio.sleep(0.05)
-                        answer = await client.get(f"http://127.0.0.1:{port}/metrics")
-                with pytest.raises(httpx2.ConnectError):
-                    await client.get(f"http://127.0.0.2:{port}/metrics")
-                assert (await daemon.stop()).code == 0
-        return {
-            (sample.name, sample.labels.get("where", sample.labels["surface"])): sample.value
-            for family in text_string_to_metric_families(answer.text)
-            for sample in family.samples
-        }
-
-    found = asyncio.run(story())
+            with pytest.raises(httpx2.ConnectError):
+                await client.get(f"http://127.0.0.2:{port}/metrics")
+            assert (await daemon.stop()).code == 0
+    found = {
+        (sample.name, sample.labels.get("where", sample.labels["surface"])): sample.value
+        for family in text_string_to_metric_families(answer.text)
+        for sample in family.samples
+    }
     assert found["beamtouch_readings_total", "bench"] >= 100
     assert 0 < found["beamtouch_samples_published_total", "bench"] <= found["beamtouch_readings_total", "bench"]
     assert found["beamtouch_samples_dropped_total", "bench"] == found["beamtouch_samples_waiting", "disk"] == 0
@@ -177,36 +168,30 @@ def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Pat
     assert found["beamtouch_rate_wrong", "bench"] in {0, 1}
 
 
-def test_a_port_for_metrics_that_is_taken_is_said_in_one_line(tmp_path: Path) -> None:
-    async def story() -> Outcome:
-        with socket.create_server(("127.0.0.1", 0)) as taken:
-            config = configs.write(tmp_path, configs.surface())
-            port = taken.getsockname()[1]
-            config.write_text(config.read_text() + f"\n[metrics]\nport = {port}\n")
-            async with started("run", config) as daemon:
-                return await daemon.end()
-
-    outcome = asyncio.run(story())
+async def test_an_occupied_metrics_port_is_an_error_in_one_line(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        config = configs.write(tmp_path, configs.surface())
+        port = taken.getsockname()[1]
+        config.write_text(config.read_text() + f"\n[metrics]\nport = {port}\n")
+        async with started("run", config) as daemon:
+            outcome = await daemon.end()
     assert outcome.code == 2
     assert outcome.complaint().startswith("metrics.port: cannot listen on 127.0.0.1:")
 
 
-def test_the_log_as_json_is_one_object_per_line(tmp_path: Path) -> None:
+async def test_the_log_as_json_is_one_object_per_line(tmp_path: Path) -> None:
     polls = [0]
 
     async def action(*_: object) -> None:
         polls[0] += 1
 
-    async def story() -> Outcome:
-        url = f"http://127.0.0.1:{free_port()}"
-        async with pymodbus_server([21_000, 65_535], action) as port:
-            config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=url)
-            async with started("run", "--log-format", "json", config) as daemon, asyncio.timeout(30):
-                while polls[0] < 300:  # noqa: ASYNC110 - the daemon is outside
-                    await asyncio.sleep(0.05)
-                return await daemon.stop()
-
-    outcome = asyncio.run(story())
+    url = f"http://127.0.0.1:{free_port()}"
+    async with pymodbus_server([21_000, 65_535], action) as port:
+        config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=url)
+        async with started("run", "--log-format", "json", config) as daemon, asyncio.timeout(30):
+            while polls[0] < 300:  # noqa: ASYNC110 - the daemon is outside
+                await asyncio.sleep(0.05)
+            outcome = await daemon.stop()
     *events, summary = outcome.err.splitlines()
     assert summary.startswith("bench: ")
     found: list[dict[str, Any]] = [json.loads(event) for event in events]

@@ -7,14 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_daemon import tare
-from beamtouch_daemon.calibration import Calibration, FloatArray
-from beamtouch_daemon.config import ConfigError
-from beamtouch_daemon.config_signal import Channel
+from beamtouch_daemon.config import tare_file
+from beamtouch_daemon.config.settings import ConfigError
+from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.processing import tare
+from beamtouch_daemon.processing.characteristic import Characteristic
+from beamtouch_models.filters import FloatArray
 
 CHANNELS = ["s1", "s2"]
 NOISE_MM = 0.002
-CALIBRATION = Calibration.of(
+CHARACTERISTIC = Characteristic.of(
     [
         Channel.model_validate(
             {
@@ -43,7 +45,7 @@ STILL = np.zeros(200)
 
 
 def test_a_surface_at_rest_gives_the_mean_gap_of_every_channel() -> None:
-    gaps = tare.rest_gaps(counts(STILL), CALIBRATION, CHANNELS, None)
+    gaps = tare.rest_gaps(counts(STILL), CHARACTERISTIC, CHANNELS, None)
     assert list(gaps) == CHANNELS
     assert gaps["s1"] == pytest.approx(2.4, abs=4 * NOISE_MM / np.sqrt(200))
     assert gaps["s2"] == pytest.approx(2.6, abs=4 * NOISE_MM / np.sqrt(200))
@@ -54,7 +56,7 @@ def test_noise_alone_is_hardly_ever_taken_for_motion(readings: int) -> None:
     refused = 0
     for seed in range(500):
         try:
-            tare.rest_gaps(counts(np.zeros(readings), seed), CALIBRATION, CHANNELS, None)
+            tare.rest_gaps(counts(np.zeros(readings), seed), CHARACTERISTIC, CHANNELS, None)
         except tare.TareRefusedError:
             refused += 1
     assert refused <= 2  # two channels at 3.5 standard deviations and a step of the ADC: under 0.05 % each
@@ -63,7 +65,7 @@ def test_noise_alone_is_hardly_ever_taken_for_motion(readings: int) -> None:
 def test_an_adc_coarser_than_the_noise_is_not_motion() -> None:
     constant = np.full((200, 2), 20_000.0)
     constant[100:, 0] += 1  # one step, once
-    assert tare.rest_gaps(constant, CALIBRATION, CHANNELS, None)["s2"] == pytest.approx(2.5)
+    assert tare.rest_gaps(constant, CHARACTERISTIC, CHANNELS, None)["s2"] == pytest.approx(2.5)
 
 
 @pytest.mark.parametrize("noise_mm", [None, NOISE_MM])
@@ -78,31 +80,31 @@ def test_an_adc_coarser_than_the_noise_is_not_motion() -> None:
 )
 def test_a_surface_that_moves_is_refused(noise_mm: float | None, motion_mm: FloatArray) -> None:
     with pytest.raises(tare.TareRefusedError, match="s2 moved: standard deviation"):
-        tare.rest_gaps(counts(motion_mm), CALIBRATION, CHANNELS, noise_mm)
+        tare.rest_gaps(counts(motion_mm), CHARACTERISTIC, CHANNELS, noise_mm)
 
 
 def test_fast_vibration_is_refused_when_the_noise_is_known() -> None:
     with pytest.raises(tare.TareRefusedError, match="s2 moved"):
-        tare.rest_gaps(counts(np.tile([5 * NOISE_MM, -5 * NOISE_MM], 100)), CALIBRATION, CHANNELS, NOISE_MM)
+        tare.rest_gaps(counts(np.tile([5 * NOISE_MM, -5 * NOISE_MM], 100)), CHARACTERISTIC, CHANNELS, NOISE_MM)
 
 
 def test_a_channel_that_is_not_good_is_refused() -> None:
     values = counts(STILL)
     values[7, 0] = 65_535
     with pytest.raises(tare.TareRefusedError, match="s1 is saturated in 1 of 200 readings"):
-        tare.rest_gaps(values, CALIBRATION, CHANNELS, None)
+        tare.rest_gaps(values, CHARACTERISTIC, CHANNELS, None)
 
 
-def test_what_is_saved_is_what_is_loaded(tmp_path: Path) -> None:
+def test_a_saved_tare_file_loads_again(tmp_path: Path) -> None:
     path = tmp_path / "bench.tare.json"
-    tare.save(path, "bench", 200, {"s1": 2.4, "s2": 2.6})
-    tare.save(path, "bench", 200, {"s1": 2.5, "s2": 2.7})
-    assert tare.load(path, CHANNELS) == {"s1": 2.5, "s2": 2.7}
+    tare_file.save(path, "bench", 200, {"s1": 2.4, "s2": 2.6})
+    tare_file.save(path, "bench", 200, {"s1": 2.5, "s2": 2.7})
+    assert tare_file.load(path, CHANNELS) == {"s1": 2.5, "s2": 2.7}
     assert os.listdir(tmp_path) == ["bench.tare.json"]  # noqa: PTH208  # nothing else is left behind
 
 
 def test_without_a_file_nothing_is_overridden(tmp_path: Path) -> None:
-    assert tare.load(tmp_path / "bench.tare.json", CHANNELS) == {}
+    assert tare_file.load(tmp_path / "bench.tare.json", CHANNELS) == {}
 
 
 @pytest.mark.parametrize(
@@ -115,8 +117,8 @@ def test_without_a_file_nothing_is_overridden(tmp_path: Path) -> None:
     ],
     ids=["empty", "cut off", "other channels", "no number"],
 )
-def test_a_file_that_does_not_fit_is_refused_with_what_to_do(tmp_path: Path, content: str) -> None:
+def test_a_tare_file_that_does_not_fit_is_refused_with_a_remedy(tmp_path: Path, content: str) -> None:
     path = tmp_path / "bench.tare.json"
     path.write_text(content)
     with pytest.raises(ConfigError, match="delete it or run beamtouch-daemon tare again"):
-        tare.load(path, CHANNELS)
+        tare_file.load(path, CHANNELS)

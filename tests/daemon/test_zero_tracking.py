@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_daemon.config_signal import ZeroTracking
-from beamtouch_daemon.zero_tracking import FloatArray, Rules, State, fresh, track
+from beamtouch_daemon.config.signal import ZeroTracking
+from beamtouch_daemon.processing.zero_tracking import Rules, State, fresh, track
+from beamtouch_models.filters import FloatArray
 
 RATE_HZ = 20.0
 NOISE_MM = 0.001
 BAND_MM = 0.006
-RULES = Rules.of(ZeroTracking(band_mm=BAND_MM, rate_mm_per_min=0.02, most_mm=0.05), RATE_HZ)
+RULES = Rules.of(ZeroTracking(band_mm=BAND_MM, rate_mm_per_min=0.02, max_mm=0.05), RATE_HZ)
 MINUTE = int(60 * RATE_HZ)
 
 
@@ -71,7 +72,7 @@ def test_a_load_within_the_band_is_taken_for_drift() -> None:
 
 def test_it_takes_off_no_more_than_it_may_either_way() -> None:
     left, state = seen(30, 0.004)
-    np.testing.assert_array_equal(state.zero_mm, [RULES.most_mm, -RULES.most_mm])
+    np.testing.assert_array_equal(state.zero_mm, [RULES.max_mm, -RULES.max_mm])
     assert np.abs(left[-MINUTE:].mean(axis=0)).min() > 0.01
 
 
@@ -90,7 +91,7 @@ def test_a_channel_that_is_not_good_holds_all_zeros_and_for_a_second_more() -> N
     assert np.all(np.isfinite(state.zero_mm))
 
 
-def test_a_disturbance_keeps_the_zeros_and_begins_the_second_anew() -> None:
+def test_a_disturbance_keeps_the_zeros_and_restarts_the_second() -> None:
     _, state = track(np.full((50, 1), 0.004), fresh(1), RULES)
     zeros, _ = track(np.full((30, 1), 0.004), state.disturbed(), RULES)
     assert np.flatnonzero(np.diff(zeros[:, 0])).tolist() == list(range(19, 29))
@@ -98,7 +99,7 @@ def test_a_disturbance_keeps_the_zeros_and_begins_the_second_anew() -> None:
 
 
 def test_a_slow_surface_waits_for_ten_readings() -> None:
-    assert Rules.of(ZeroTracking(band_mm=1.0, rate_mm_per_min=1.0, most_mm=1.0), 2.0).calm == 10
+    assert Rules.of(ZeroTracking(band_mm=1.0, rate_mm_per_min=1.0, max_mm=1.0), 2.0).calm == 10
 
 
 streams = st.lists(st.tuples(*[st.floats(-0.008, 0.008) | st.just(math.nan)] * 2), min_size=1, max_size=30)

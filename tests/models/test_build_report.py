@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.build import Built
-from beamtouch_models.build_report import facts as facts_module
-from beamtouch_models.build_report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
-from beamtouch_models.build_report.facts import Facts, gather
-from beamtouch_models.build_report.page import page
+from beamtouch_models.accuracy.model_prior import physics_of
+from beamtouch_models.building.build import Built
+from beamtouch_models.building.report import facts as facts_module
+from beamtouch_models.building.report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
+from beamtouch_models.building.report.facts import Facts, gather
+from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import build as command
-from beamtouch_models.effects import required
-from beamtouch_models.modelfile import Channel, ModelFile
+from beamtouch_models.metadata import Channel
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.placement import Placement, place, place_by_position_error
+from beamtouch_models.pricing.effects import required
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 from example_scenes import PAPER, SCENES
 from in_process import Command
@@ -27,7 +29,8 @@ pytestmark = pytest.mark.long
 
 
 def built_of(path: Path, model: ModelFile, scene: Scene) -> Built:
-    return Built(path.read_bytes(), model.metadata, place(scene, len(model.metadata.layout), 0))
+    physics = required(scene, model.metadata.filter)
+    return Built(path.read_bytes(), model.metadata, place(scene, len(model.metadata.layout), 0), physics)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -54,7 +57,7 @@ def facts(bench_model: Path, bench: ModelFile) -> Facts:
         return gather(scene, built_of(bench_model, bench, scene), lambda _doing, _done: None)
 
 
-def test_the_page_is_whole_and_asks_nothing_of_the_network(facts: Facts) -> None:
+def test_the_page_is_complete_and_makes_no_requests(facts: Facts) -> None:
     text = page(facts)
     tags = Tags(text)
     assert tags.of("html")[0]["lang"] == "en"
@@ -66,7 +69,7 @@ def test_the_page_is_whole_and_asks_nothing_of_the_network(facts: Facts) -> None
     assert not re.search(r"\b(nan|inf|None)\b", " ".join(tags.text))
 
 
-def test_whoever_cannot_see_the_figures_is_told(facts: Facts) -> None:
+def test_every_figure_and_table_is_described_for_screen_readers(facts: Facts) -> None:
     tags = Tags(page(facts))
     figures = tags.of("svg")
     assert len(figures) == len(tags.of("figure")) == len(tags.of("figcaption")) == 5
@@ -75,7 +78,7 @@ def test_whoever_cannot_see_the_figures_is_told(facts: Facts) -> None:
     assert all(cell["scope"] in {"row", "col"} for cell in tags.of("th"))
 
 
-def test_the_page_says_the_layout_and_the_accuracy(facts: Facts) -> None:
+def test_the_page_states_the_layout_and_the_accuracy(facts: Facts) -> None:
     words = " ".join(Tags(page(facts)).text)
     metadata = facts.model.metadata
     for channel in metadata.layout:
@@ -99,7 +102,7 @@ def test_the_error_along_the_beam_adds_up_to_the_mean(facts: Facts) -> None:
     assert profile.position_mm[0] + profile.position_mm[-1] == pytest.approx(400)
 
 
-def test_the_interval_along_the_beam_is_shown_with_its_ends(facts: Facts) -> None:
+def test_the_interval_along_the_beam_is_shown_if_the_model_has_one(facts: Facts) -> None:
     profile = facts.profile
     assert profile.held is not None
     assert profile.width_mm is not None
@@ -133,10 +136,12 @@ def test_layouts_are_compared_on_the_same_contacts(facts: Facts) -> None:
     assert len(Tags(page(facts)).of("tr", "taken")) == 1
 
 
-def test_a_layout_of_its_own_is_listed_too(facts: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_layout_that_no_search_finds_is_listed_too(facts: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 100)
     noise_mm = facts.model.metadata.noise.sample_mm
-    layouts = facts_module._layouts(required(facts.scene), np.array([50.0, 150.0, 250.0, 350.0]), noise_mm, 0)
+    layouts = facts_module._layouts(
+        physics_of(facts.model.metadata), np.array([50.0, 150.0, 250.0, 350.0]), noise_mm, 0
+    )
     assert [layout.taken for layout in layouts] == [False] * (len(layouts) - 1) + [True]
     assert layouts[-1].name == "the model's"
 
@@ -154,7 +159,7 @@ def test_components_are_those_of_the_influence_matrix(facts: Facts) -> None:
     assert matrix.max() * 20 == pytest.approx(facts.model.metadata.max_deflection_mm, rel=0.2)
 
 
-def test_what_a_user_wrote_is_text_and_nothing_else(facts: Facts) -> None:
+def test_text_of_the_user_is_escaped(facts: Facts) -> None:
     scene = "# <script>alert('x')</script> </pre> & more\n"
     metadata = facts.model.metadata.model_copy(update={"scene": scene})
     text = page(replace(facts, model=replace(facts.model, metadata=metadata)))
@@ -162,8 +167,12 @@ def test_what_a_user_wrote_is_text_and_nothing_else(facts: Facts) -> None:
     assert "<script>alert('x')</script>" in " ".join(Tags(text).text)
 
 
-def test_the_same_build_gives_the_same_page(facts: Facts) -> None:
-    assert page(facts) == page(facts)
+def test_the_same_build_gives_the_same_page(facts: Facts, bench_model: Path, bench: ModelFile) -> None:
+    with pytest.MonkeyPatch.context() as fewer:
+        fewer.setattr(facts_module, "PROFILE_DRAWS", 4000)
+        fewer.setattr(facts_module, "LAYOUT_DRAWS", 1000)
+        again = gather(facts.scene, built_of(bench_model, bench, facts.scene), lambda _doing, _done: None)
+    assert page(again) == page(facts)
 
 
 def drawn(facts: Facts, scene_text: str, *positions: float) -> Tags:
@@ -207,7 +216,7 @@ def test_every_support_and_section_is_drawn(facts: Facts, beam: str, supports: i
     assert "Supports: " in tags.of("svg")[0]["aria-label"]
 
 
-def test_labels_of_close_sensors_do_not_lie_on_each_other(facts: Facts) -> None:
+def test_labels_of_close_sensors_do_not_overlap(facts: Facts) -> None:
     text = beam_drawing(
         facts.scene,
         facts.model.metadata.model_copy(
@@ -239,9 +248,7 @@ def test_build_writes_the_report(
     assert output.read_bytes() == bench_model.read_bytes()
 
 
-def test_a_report_in_a_folder_that_is_not_there_is_refused_before_the_work(
-    design_sensors_here: Command, tmp_path: Path
-) -> None:
+def test_a_report_in_a_missing_folder_is_refused_before_the_build(design_sensors_here: Command, tmp_path: Path) -> None:
     output = ("-o", tmp_path / "m.onnx", "--report", tmp_path / "a/b.html")
     done = design_sensors_here("build", SCENES / "paper.toml", *output)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)

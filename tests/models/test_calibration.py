@@ -13,18 +13,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import cli, limit, modelfile
+from beamtouch_models import cli, command_line, modelfile
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.model_prior import physics_of, prior_of_model
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checked_fit
 from beamtouch_models.calibration.fit import Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError, read_loads
 from beamtouch_models.calibration.mistaken import mistaken
 from beamtouch_models.errors import NotGoodEnoughError
-from beamtouch_models.model_prior import physics_of, prior_of_model
 from beamtouch_models.modelfile import Metadata, ModelFile
 from beamtouch_models.rig.imperfections import Imperfections
 from imperfect_surface import imperfections, true_prior, write_readings
 from in_process import Command
-from posterior_cases import Array
 from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake
 
 pytestmark = pytest.mark.long
@@ -40,7 +41,7 @@ def quiet(_doing: str, _done: float) -> None:
     pass
 
 
-def readings(tmp_path: Path, model: ModelFile, real: Imperfections, *, seed: int = 1, **others: Array) -> Path:
+def readings(tmp_path: Path, model: ModelFile, real: Imperfections, *, seed: int = 1, **others: Floats) -> Path:
     path = tmp_path / "loads.csv"
     position, force = others.get("position", POSITIONS), others.get("force", FORCES)
     write_readings(path, model.metadata, true_prior(model.metadata, real), position, force, seed=seed)
@@ -76,7 +77,7 @@ def test_ten_loads_bring_the_error_to_the_limit(bench: ModelFile, calibrated: Ca
     assert calibrated.after_mm.mean() < 0.3 * calibrated.before_mm.mean()
 
 
-def test_what_differs_is_found(bench: ModelFile, calibrated: Calibrated) -> None:
+def test_the_departures_are_found(bench: ModelFile, calibrated: Calibrated) -> None:
     real, found = imperfections(4, bench.metadata), calibrated.fit.departures
     assert set(calibrated.fit.kinds) >= {"gain", "fixity", "curve"}
     assert found.fixity == pytest.approx(real.fixity, abs=0.02)
@@ -93,7 +94,7 @@ def test_the_file_says_what_was_fitted_and_rebuilds_from_itself(calibrated: Cali
     assert calibration.loads == 10
     assert calibration.fitted == list(calibrated.fit.kinds)
     prior = prior_of_model(fresh.metadata)
-    assert prior.noise_mm == pytest.approx(np.hypot(bench.metadata.noise.sample_mm, calibration.unexplained_mm))
+    assert prior.noise_mm == pytest.approx(np.hypot(bench.metadata.noise.sample_mm, calibration.residual_mm))
     drawn = limit.draw(prior, 2000, 3)
     stated = prior.stated(drawn.deflection_mm).astype(np.float32)
     answers = fresh.estimate(stated, np.ones(stated.shape, np.bool_))
@@ -149,14 +150,14 @@ def test_a_mistyped_load_is_named_and_can_be_left_out(
     given = ("calibrate", model, path, "-o", output)
     done = design_sensors_here(*given)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-    assert "load 6 (lines 1002 to 1201) says 179 mm and 2.25 N, but by the other loads" in done.stderr
-    place = re.search(r"pressed with (\S+) N at (\S+) mm", done.stderr)
+    assert "load 6 (lines 1002 to 1201) says 179 mm and 2.25 N, but the other loads" in done.stderr
+    place = re.search(r"place it at (\S+) mm with (\S+) N", done.stderr)
     assert place is not None
-    assert [float(number) for number in place.groups()] == pytest.approx([2.25, 119], rel=0.05)
+    assert [float(number) for number in place.groups()] == pytest.approx([119, 2.25], rel=0.05)
     assert not output.exists()
     missing = design_sensors_here(*given, "--leave-out", "77")
     assert (missing.returncode, missing.stderr.count("\n")) == (2, 1)
-    assert "there is no load 77 to leave out" in missing.stderr
+    assert "no load 77 to leave out" in missing.stderr
     done = design_sensors_here(*given, "--leave-out", "6", "--json")
     found = json.loads(done.stdout)
     assert found["loads_left_out"] == [6]
@@ -175,7 +176,7 @@ def test_two_exchanged_loads_are_both_named(built_model: Callable[[str], Path]) 
 
 @dataclasses.dataclass(frozen=True)
 class Mistyped:
-    """Loads of which one is mistyped, and what they would be."""
+    """Loads with one mistyped load, and the true loads."""
 
     theory: Theory
     honest: Loads
@@ -276,18 +277,18 @@ def test_a_model_that_is_no_better_is_not_written(
     # On a surface without departures a fit only follows the noise, and is no better about every other time.
     model_path, output = built_model("cantilever"), tmp_path / "out.onnx"
     model, position = modelfile.load(model_path), np.linspace(29.0, 191.0, 10)
-    code = cli.DONE
+    code = command_line.DONE
     for seed in range(10):
         path = readings(tmp_path, model, Imperfections(), seed=seed, position=position, force=np.full(10, 2.25))
         code = cli.main(["calibrate", str(model_path), str(path), "-o", str(output), "--json"])
         told = capsys.readouterr()
-        if code != cli.DONE:
+        if code != command_line.DONE:
             break
         found = json.loads(told.out)
         assert found["error_after_mm"]["mean"] <= found["error_before_mm"]["mean"]
         output.unlink()
-    means = re.search(r"located to (\S+) mm by a fit, to (\S+) mm by the model as it is", told.err)
-    assert (code, told.out) == (cli.FAILED, "")
+    means = re.search(r"left-out loads to (\S+) mm, the given model to (\S+) mm", told.err)
+    assert (code, told.out) == (command_line.FAILED, "")
     assert means is not None
     assert float(means[1]) >= float(means[2])
     assert not output.exists()
@@ -350,7 +351,7 @@ def without_most_of_load_3(text: str) -> str:
         ),
     ],
 )
-def test_a_recording_that_cannot_serve_is_one_line(
+def test_an_unusable_recording_is_refused_in_one_line(
     design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path, change: object, said: str
 ) -> None:
     path = readings(tmp_path, bench, Imperfections())
@@ -363,7 +364,7 @@ def test_a_recording_that_cannot_serve_is_one_line(
     assert not output.exists()
 
 
-def test_the_command_says_what_it_found(bench_model: Path, bench: ModelFile, tmp_path: Path) -> None:
+def test_the_command_prints_the_departures(bench_model: Path, bench: ModelFile, tmp_path: Path) -> None:
     path = readings(tmp_path, bench, imperfections(3, bench.metadata))
     output = tmp_path / "real.onnx"
     command = [COMMAND, "calibrate", str(bench_model), str(path), "-o", str(output), "--json"]

@@ -1,9 +1,12 @@
 """The command `design-sensors`, run as a user runs it."""
 
 import json
+import signal
 import subprocess
 import sys
+import time
 import tomllib
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -99,3 +102,41 @@ def test_the_number_of_sensors_may_be_left_to_the_requirement(tmp_path: Path) ->
     done = design_sensors("build", scene, "-o", tmp_path / "model.onnx")
     assert done.returncode == 2
     assert "not even 3 sensors reach requirements.position_error_mm" in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [("--version",), ("build", "--version")])
+def test_it_prints_its_version(arguments: tuple[str, ...]) -> None:
+    done = design_sensors(*arguments)
+    assert (done.returncode, done.stdout) == (0, f"design-sensors {version('beamtouch')}\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((), "design-sensors: the following arguments are required: COMMAND"),
+        (("guess",), "design-sensors: argument COMMAND: invalid choice: 'guess'"),
+        (("build", "scene.toml"), "design-sensors build: the following arguments are required: -o"),
+        (("place", "scene.toml", "--sensors", "two"), "'two' is not a whole number from 1 to 64"),
+        (("place", "scene.toml", "--seed", "9" * 5000), "is not a whole number from 0 to 4294967295"),
+    ],
+)
+def test_wrong_arguments_are_one_line_and_exit_2(arguments: tuple[str, ...], said: str) -> None:
+    done = design_sensors(*arguments)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert said in done.stderr
+    assert "--help" in done.stderr
+
+
+def test_ctrl_c_is_130_and_leaves_no_model(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "beamtouch_models.cli", "reproduce", "-o", str(tmp_path / "figures")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            while not (tmp_path / "figures").is_dir():
+                assert process.poll() is None
+                time.sleep(0.05)
+            process.send_signal(signal.SIGINT)
+            said = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert (process.returncode, said) == (130, ("", "design-sensors: interrupted\n"))
+    assert list((tmp_path / "figures").iterdir()) == []

@@ -5,14 +5,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from beamtouch_models.beam import influence
-from beamtouch_models.components import discernible, log_eigenvalue_product, principal_components
-from beamtouch_models.scene import Beam
+from beamtouch_models.arrays import Floats
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.placement.components import discernible, log_eigenvalue_product, principal_components
+from beamtouch_models.structure import Beam
 from example_scenes import UNIT_BEAM
 
-Array = NDArray[np.float64]
 beam = Beam.model_validate(UNIT_BEAM)
 LOADS = np.arange(1, 400) / 400
 LAYOUTS = {
@@ -23,7 +22,7 @@ LAYOUTS = {
 }
 
 
-def exact_eigenvalues(matrix: Array) -> list[mpmath.mpf]:
+def exact_eigenvalues(matrix: Floats) -> list[mpmath.mpf]:
     """Eigenvalues of X^T X / N0, descending, in 60 digits."""
     with mpmath.workdps(60):
         exact = mpmath.matrix(matrix.tolist())

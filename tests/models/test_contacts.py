@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from beamtouch_models import limit
-from beamtouch_models.contacts import LIKELY, simulated, simulated_enough
-from beamtouch_models.figures import Figure, mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.accuracy import limit, posterior
+from beamtouch_models.accuracy.contacts import LIKELY, simulated, simulated_enough
+from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
 from posterior_cases import prior_of
 
 SEEDS = 50
@@ -18,7 +18,7 @@ CASES = [
 ]
 
 
-def figures_of(case: tuple[str, int, float, bool], count: int, seed: int) -> dict[str, Figure]:
+def figures_of(case: tuple[str, int, float, bool], count: int, seed: int) -> dict[str, Measurement]:
     """Figures of an estimator that is a little off, and states an interval that is a little short."""
     name, sensors, noise, known = case
     prior = prior_of(name, sensors, noise, known=known)
@@ -58,7 +58,7 @@ def test_the_figures_are_those_of_plain_draws(case: tuple[str, int, float, bool]
     name, sensors, noise, known = case
     prior = prior_of(name, sensors, noise, known=known)
     drawn = limit.draw(prior, 20_000, 7)
-    quantiles, deviation = limit.posterior_quantiles(prior, drawn.deflection_mm)
+    quantiles, deviation = posterior.posterior_quantiles(prior, drawn.deflection_mm)
     median = quantiles[:, 0]
     plain = {
         "limit": mean_of(np.abs(median - drawn.position_mm)),

@@ -6,9 +6,9 @@ import mpmath
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
-from beamtouch_models.cramer_rao import mean_error_mm, position_deviation_mm
-from beamtouch_models.prior import Prior
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.cramer_rao import mean_error_mm, position_deviation_mm
+from beamtouch_models.accuracy.prior import Prior
 from example_scenes import paper_scene
 from posterior_cases import prior_of
 

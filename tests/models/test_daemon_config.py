@@ -6,13 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_daemon.config import Surface
-from beamtouch_daemon.config_file import load
-from beamtouch_daemon.pipeline import Pipeline
+from beamtouch_daemon.config.file import load
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.daemon_config import daemon_config
-from beamtouch_models.modelfile import Metadata, ModelFile
-from beamtouch_models.noise import step_mm
+from beamtouch_models.building.daemon_config import daemon_config
+from beamtouch_models.metadata import Metadata
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.pricing.noise import step_mm
 from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import load_scene

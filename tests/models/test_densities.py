@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from beamtouch_models.densities import densities
+from beamtouch_models.accuracy.densities import densities
 
 LEVELS = np.array([0.01, 0.2, 0.5, 0.7, 0.975])
 

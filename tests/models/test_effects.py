@@ -6,17 +6,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
-from beamtouch_models.build import sensor_of
-from beamtouch_models.dynamics import first_frequency_hz, ringing_after_filter, sag_mm
-from beamtouch_models.effects import effects_of, required
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.contacts import simulated_enough
+from beamtouch_models.accuracy.model_prior import physics_of
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import mean_of
+from beamtouch_models.building.build import Choices, build, sensor_of
 from beamtouch_models.errors import SceneError
-from beamtouch_models.modelfile import FilterChoice
-from beamtouch_models.noise import choose_filter, noise_of, sensor_noise_mm
+from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.physics.dynamics import first_frequency_hz, ringing_after_filter, sag_mm
 from beamtouch_models.placement import fewest_sensors
-from beamtouch_models.pricing import Effect
-from beamtouch_models.prior import Prior
-from beamtouch_models.scene import Scene, load_scene
+from beamtouch_models.pricing import effects as effects_module
+from beamtouch_models.pricing.effects import Physics, effects_of, required
+from beamtouch_models.pricing.noise import choose_filter, noise_of, sensor_noise_mm, window_filter
+from beamtouch_models.pricing.prices import Effect
+from beamtouch_models.progress import silent
+from beamtouch_models.scene import Requirements, Scene, load_scene
+from beamtouch_models.trade.points import measured_points, windows_of
 from example_scenes import SCENES, paper_scene
 
 NEW_SCENES = {
@@ -46,8 +52,16 @@ def scene_with(*parts: dict[str, dict[str, Any]], **sensors: object) -> Scene:
     return Scene.model_validate(stated)
 
 
+def effects(scene: Scene) -> tuple[Effect, ...]:
+    return effects_of(scene, choose_filter(scene))
+
+
+def physics(scene: Scene) -> Scene:
+    return required(scene, choose_filter(scene)).scene
+
+
 def priced(scene: Scene) -> dict[str, Effect]:
-    return {effect.name: effect for effect in effects_of(scene)}
+    return {effect.name: effect for effect in effects(scene)}
 
 
 def price(scene: Scene, name: str) -> float:
@@ -64,7 +78,7 @@ def test_a_barely_negligible_effect_changes_the_accuracy_by_less_than_a_percent(
     scene = scene_with(STATED[name], noise_percent_of_max=None, noise_mm=noise)
     assert priced(scene)[name].verdict == "out"
     assert priced(scene_with(STATED[name], noise_percent_of_max=None, noise_mm=noise / 2))[name].verdict == "in"
-    smaller, layout = required(scene), np.array([68.0, 156.0, 244.0, 332.0])
+    smaller, layout = physics(scene), np.array([68.0, 156.0, 244.0, 332.0])
     assert smaller != scene
     # The same contacts with the same noise, estimated with the effect and without it.
     drawn = limit.draw(Prior.of(scene, layout, noise), 4000, 1)
@@ -80,7 +94,7 @@ def test_barely_negligible_adc_steps_change_the_noise_by_less_than_a_percent() -
     count = 3 / (0.8 * 4095)
     scene = scene_with(STATED["ADC steps"], noise_percent_of_max=None, noise_mm=count / math.sqrt(12) / 0.0995)
     assert price(scene, "ADC steps") == pytest.approx(0.0995 / math.hypot(1, 0.0995), rel=1e-12)
-    smaller = required(scene)
+    smaller = physics(scene)
     assert smaller.sensors.adc_bits is None
     assert sensor_noise_mm(smaller) == pytest.approx(noise_of(scene, choose_filter(scene)).sample_mm, rel=0.006)
 
@@ -94,21 +108,21 @@ def test_the_prices_of_the_effects_left_out_sum_to_less_than_a_tenth() -> None:
     assert cheapest / dearest * 0.0999 > 0.001
     judged = priced(scene_with(*both, noise_percent_of_max=None, noise_mm=noise))
     assert sorted(judged[name].verdict for name in ("shear", "contact width")) == ["in", "out"]
-    assert any("with the other effects left out" in effect.reason for effect in judged.values())
+    assert any("the effects left out would together exceed" in effect.reason for effect in judged.values())
 
 
 def test_a_scene_without_negligible_effects_is_unchanged() -> None:
     scene = paper_scene()
-    assert required(scene) is scene
+    assert physics(scene) is scene
     silent = paper_scene(noise_percent_of_max=None, noise_mm=0)
-    assert required(silent) is silent
+    assert physics(silent) is silent
     with pytest.raises(SceneError, match="a noise of 0"):
-        effects_of(silent)
+        effects(silent)
 
 
 def test_noise_in_percent_of_the_deflection_keeps_its_value_in_mm() -> None:
     scene = scene_with(STATED["foundation"], noise_percent_of_max=20.0)
-    smaller = required(scene)
+    smaller = physics(scene)
     assert smaller.beam.foundation_n_mm2 is None
     assert sensor_noise_mm(smaller) == sensor_noise_mm(scene)
 
@@ -141,7 +155,7 @@ def test_overhangs_are_left_out_only_if_they_carry_neither_loads_nor_sensors() -
 def test_a_foundation_that_carries_the_beam_is_in_at_any_price() -> None:
     floating = scene_with({"beam": {"supports": [], "foundation_n_mm2": 0.5}}, noise_percent_of_max=50)
     assert priced(floating)["foundation"].verdict == "in"
-    assert "nothing carries the beam" in priced(floating)["foundation"].reason
+    assert "nothing else supports the beam" in priced(floating)["foundation"].reason
 
 
 @pytest.mark.parametrize(
@@ -189,16 +203,68 @@ def test_a_mean_filter_passes_the_expected_part_of_ringing() -> None:
     )
 
 
+@pytest.fixture
+def pricings(monkeypatch: pytest.MonkeyPatch) -> list[FilterChoice]:
+    """The filters for which effects were really priced, in order."""
+    priced_for: list[FilterChoice] = []
+    real = effects_module.effects_of
+
+    def counted(scene: Scene, chosen: FilterChoice) -> tuple[Effect, ...]:
+        priced_for.append(chosen)
+        return real(scene, chosen)
+
+    monkeypatch.setattr(effects_module, "effects_of", counted)
+    return priced_for
+
+
+def test_a_build_prices_each_effect_once_and_carries_its_physics(pricings: list[FilterChoice]) -> None:
+    scene, text = load_scene(SCENES / "stepped.toml")
+    chosen = window_filter(scene, 2)
+    choices = Choices(filter=chosen)
+    built = build(scene, text, "stepped", count=None, seed=0, progress=silent, choices=choices)
+    assert pricings == [chosen]
+    assert built.physics.effects == effects_of(scene, chosen)
+    assert built.physics.noise == built.metadata.noise
+    assert physics_of(built.metadata) == built.physics.scene
+
+
+def test_trade_prices_each_filter_in_its_own_noise(pricings: list[FilterChoice]) -> None:
+    # Shear is negligible behind no filter, and is not behind the mean of 16 readings, which has a quarter of the noise.
+    rough = scene_with(STATED["shear"], noise_percent_of_max=None, noise_mm=0.01)
+    noise = 0.01 * price(rough, "shear") / 0.05
+    scene = scene_with(STATED["shear"], {"sensors": {"rate_hz": 200.0}}, noise_percent_of_max=None, noise_mm=noise)
+    with_latency = scene.model_copy(update={"requirements": Requirements(latency_ms=80.0)})
+    windows = windows_of(with_latency)
+    assert [required(scene, chosen).scene.beam.shear_modulus_gpa for chosen in (windows[0], windows[-1])] == [None, 80]
+    pricings.clear()
+    trade = measured_points(with_latency, ("posterior",), draws=256, seed=0, progress=silent)
+    assert not trade.failures
+    assert pricings == windows
+    for chosen in (windows[0], windows[-1]):
+        (point,) = (one for one in trade.points if (one.filter, one.sensors, one.quantised) == (chosen, 2, False))
+        smaller = required(with_latency, chosen)
+        assert point.limit_percent.value == pytest.approx(_limit_percent(smaller), rel=1e-9)
+
+
+def _limit_percent(physics: Physics) -> float:
+    """The limit of the layout of two sensors, as a trade with 256 draws measures it."""
+    noise_mm = physics.noise.sample_mm
+    layout = np.array(fewest_sensors(physics.scene, noise_mm, 2, 0).positions_mm)
+    contacts = simulated_enough(Prior.of(physics.scene, layout, noise_mm), 256, 1)
+    assert contacts.deviation_mm is not None
+    return mean_of(contacts.deviation_mm, contacts.weight).value / physics.scene.beam.length_mm * 100
+
+
 @pytest.mark.parametrize("name", NEW_SCENES)
 def test_shipped_scenes_include_the_effects_they_are_named_after_and_can_be_designed(name: str) -> None:
     scene, _ = load_scene(SCENES / f"{name}.toml")
-    assert {effect.name for effect in effects_of(scene) if effect.verdict == "in"} == NEW_SCENES[name]
+    assert {effect.name for effect in effects(scene) if effect.verdict == "in"} == NEW_SCENES[name]
     low, high = scene.sensors.range_mm
     assert low < sensor_of(scene).standoff_mm < high
-    physics = required(scene)
-    noise = noise_of(physics, choose_filter(scene))
-    layout = np.array(fewest_sensors(physics, noise.sample_mm, None, 0).positions_mm)
-    prior = Prior.of(physics, layout, noise.sample_mm)
+    smaller = physics(scene)
+    noise = noise_of(smaller, choose_filter(scene))
+    layout = np.array(fewest_sensors(smaller, noise.sample_mm, None, 0).positions_mm)
+    prior = Prior.of(smaller, layout, noise.sample_mm)
     drawn = limit.draw(prior, 400, 0)
     told = limit.posterior_median_mm(prior, drawn.deflection_mm)
     assert limit.mean_error(prior, drawn, told).percent < 6
@@ -207,11 +273,11 @@ def test_shipped_scenes_include_the_effects_they_are_named_after_and_can_be_desi
 @pytest.mark.parametrize("noise", [1e-300, 1e300])
 def test_extreme_noise_gives_prices_or_a_refusal(noise: float) -> None:
     scene = scene_with({"beam": {"density_kg_m3": 7850}}, noise_percent_of_max=None, noise_mm=noise)
-    assert all(effect.price is None or math.isfinite(effect.price) for effect in effects_of(scene))
-    with pytest.raises(SceneError, match="too small beside the deflection"):
-        effects_of(scene_with({"contact": {"force_n": 19.0}}, noise_percent_of_max=None, noise_mm=5e-324))
+    assert all(effect.price is None or math.isfinite(effect.price) for effect in effects(scene))
+    with pytest.raises(SceneError, match="too small next to the deflection"):
+        effects(scene_with({"contact": {"force_n": 19.0}}, noise_percent_of_max=None, noise_mm=5e-324))
 
 
 def test_a_mass_beyond_float64_is_refused() -> None:
     with pytest.raises(SceneError, match="its mass cannot be computed"):
-        effects_of(scene_with({"beam": {"density_kg_m3": 1e-320}}))
+        effects(scene_with({"beam": {"density_kg_m3": 1e-320}}))

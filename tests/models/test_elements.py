@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from beamtouch_models.beam import influence
-from beamtouch_models.closed_forms import span_of
 from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.physics.closed_forms import span_of
 from beamtouch_models.structure import Beam
 from exact_beam import ExactBeam, fixed, simple
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
-from beamtouch_models.evaluation import at_noise, evaluate
-from beamtouch_models.model_prior import prior_of_model
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.evaluation import at_noise, evaluate
+from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.modelfile import ModelFile
 from in_process import Command
 
@@ -95,7 +95,7 @@ def test_a_bad_request_is_one_line(
     assert said in done.stderr.splitlines()[-1]
 
 
-def test_what_is_not_a_model_is_one_line(design_sensors_here: Command, tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_model_is_refused_in_one_line(design_sensors_here: Command, tmp_path: Path) -> None:
     path = tmp_path / "no.onnx"
     path.write_text("no model")
     done = design_sensors_here("evaluate", path)

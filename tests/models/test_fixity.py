@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from beamtouch_models.beam import influence
-from beamtouch_models.structure import Beam
+from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.structure import Beam, changed_beam
 from example_scenes import UNIT_BEAM
 
 
@@ -73,3 +74,26 @@ def test_one_support_with_fixity_carries_a_beam() -> None:
 def test_an_invalid_fixity_is_refused(support: dict[str, object], said: str) -> None:
     with pytest.raises(ValidationError, match=said):
         Beam.model_validate({**UNIT_BEAM, "supports": [support]})
+
+
+@pytest.mark.parametrize(
+    ("supports", "rigidity", "fixity", "said"),
+    [
+        ([], 1.0, (0.1, 0.0), "the beam has no support"),
+        ([], 1.0, (0.0, 0.1), "the beam has no support"),
+        ([{"at_mm": 0.0}], 1.0, (0.1, 0.2), "the beam has 1 support"),
+        ([{"at_mm": 0.0}, {"at_mm": 1.0, "kind": "fixed"}], 1.0, (0.0, 0.2), "already fixed"),
+        ([], 5e-324, (0.0, 0.0), "rigidity: a flexural rigidity of .* cannot be computed with"),
+    ],
+)
+def test_a_change_that_the_beam_cannot_take_is_a_scene_error(
+    supports: list[dict[str, object]], rigidity: float, fixity: tuple[float, float], said: str
+) -> None:
+    beam = Beam.model_validate({**UNIT_BEAM, "supports": supports, "foundation_n_mm2": 1.0})
+    with pytest.raises(SceneError, match=said):
+        changed_beam(beam, rigidity, fixity)
+
+
+def test_the_only_support_of_a_beam_takes_the_first_fixity() -> None:
+    beam = Beam.model_validate({**UNIT_BEAM, "supports": [{"at_mm": 0.0}], "foundation_n_mm2": 1.0})
+    assert [support.fixity for support in changed_beam(beam, 1.0, (0.3, 0.0)).support_list] == [0.3]

@@ -2,10 +2,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
-from beamtouch_models.beam import influence
-from beamtouch_models.noise import reading_noise_mm
-from beamtouch_models.prior import Prior
+from beamtouch_models.accuracy import limit, posterior
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.pricing.noise import reading_noise_mm
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 
@@ -47,5 +47,5 @@ def test_normal_intervals_in_both_tails(low: float, high: float) -> None:
         root = mpmath.sqrt(2)
         exact = (mpmath.erfc(low / root) - mpmath.erfc(high / root)) / 2
         expected = float(mpmath.log(exact))
-    found = limit._log_normal_interval(np.array([low]), np.array([high]))[0]
+    found = posterior._log_normal_interval(np.array([low]), np.array([high]))[0]
     assert found == pytest.approx(expected, rel=1e-7)

@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.rest import FALSE_ALARM_RATE, contact_threshold
+from beamtouch_models.building.measured import _for_odds, measured
 from beamtouch_models.estimators.estimator import estimator_of
-from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.measured import FALSE_ALARM_RATE, _for_odds, contact_threshold, measured
+from beamtouch_models.session import runner
 from posterior_cases import answers_of, graph_of, prior_of
 
 
 @pytest.mark.parametrize("sensors", [2, 5])
 @pytest.mark.parametrize("rate", [1e-2, 1e-3])
-def test_the_threshold_lets_pass_as_much_rest_as_it_says(sensors: int, rate: float) -> None:
+def test_samples_at_rest_exceed_the_threshold_at_the_stated_rate(sensors: int, rate: float) -> None:
     prior = prior_of("bench", sensors, 1.0, known=False)
     made = estimator_of("posterior", prior, with_force=False, seed=0, progress=lambda _done: None)
     run = runner(to_bytes(_for_odds(made.graph)))

@@ -12,7 +12,7 @@ import onnx
 import pytest
 from onnx import helper
 
-from beamtouch_models import model_trial, modelfile
+from beamtouch_models import modelfile, session
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 
 
@@ -30,7 +30,7 @@ def rewritten(source: Path, target: Path, key: str, value: str | None) -> Path:
     return target
 
 
-def test_a_built_model_loads_and_says_what_it_is(bench: ModelFile) -> None:
+def test_a_built_model_loads_with_its_metadata(bench: ModelFile) -> None:
     assert bench.metadata.name == "bench"
     assert bench.identity.startswith("bench@")
     assert bench.channels == ["s1", "s2", "s3", "s4"]
@@ -75,11 +75,11 @@ def test_other_files_are_refused(tmp_path: Path, bench_model: Path) -> None:
         modelfile.load(tmp_path / "plain.onnx")
 
 
-def test_other_golden_answers_are_refused(tmp_path: Path, bench_model: Path, bench: ModelFile) -> None:
+def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, bench: ModelFile) -> None:
     golden = bench.metadata.golden.model_dump()
     golden["answers"]["position_mm"][3] += 0.6
     changed = rewritten(bench_model, tmp_path / "changed.onnx", "beamtouch.golden", json.dumps(golden))
-    with pytest.raises(ModelFileError, match="golden answers for position_mm do not come out"):
+    with pytest.raises(ModelFileError, match="golden answers for position_mm are not reproduced"):
         modelfile.load(changed)
 
 
@@ -155,10 +155,10 @@ def test_a_file_that_grows_while_it_is_read_is_refused(bench_model: Path, monkey
         modelfile.load(bench_model)
 
 
-def test_what_is_no_file_is_refused_unopened(tmp_path: Path) -> None:
+def test_a_path_that_is_not_a_regular_file_is_refused_unopened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.onnx")
     for path in (tmp_path / "pipe.onnx", tmp_path, Path("/dev/zero")):
-        with pytest.raises(ModelFileError, match="it is no file but something else"):
+        with pytest.raises(ModelFileError, match="it is not a regular file"):
             modelfile.load(path)
 
 
@@ -200,7 +200,7 @@ def test_a_small_file_that_asks_for_much_memory_is_refused(bench_model: Path, tm
         with_burden(bench_model, path, node, doubled, summed, shape=np.array([2**28], np.int64), **constants)
         code, said, most_mib = ran(path)
         (line,) = said.splitlines()
-        assert (code, f"{kind}.onnx: its graph cannot be run on one sample" in line) == (2, True)
+        assert (code, f"{kind}.onnx: its graph fails on a single sample" in line) == (2, True)
         assert most_mib < 400
 
 
@@ -214,8 +214,8 @@ def test_a_graph_that_never_ends_is_refused(bench_model: Path, tmp_path: Path, m
     )
     loop = helper.make_node("Loop", ["times", "always", "zero"], ["burden"], body=body)
     constants = {"times": np.int64(2**60), "always": np.array(True), "zero": np.float32(0)}
-    monkeypatch.setattr(model_trial, "LIMIT_S", 0.5)
-    with pytest.raises(ModelFileError, match="its golden answers take longer than"):
+    monkeypatch.setattr(session, "LIMIT_S", 0.5)
+    with pytest.raises(ModelFileError, match="computing its golden answers takes longer than"):
         modelfile.load(with_burden(bench_model, tmp_path / "loop.onnx", loop, **constants))
 
 
@@ -227,8 +227,8 @@ def test_a_graph_is_computed_within_the_bounds_and_not_when_it_is_loaded(
     filled = helper.make_node("ConstantOfShape", ["shape"], ["filled"])
     summed = helper.make_node("ReduceSum", ["product"], ["burden"], keepdims=0)
     shape = np.array([500, 500], np.int64)
-    monkeypatch.setattr(model_trial, "LIMIT_S", 0.05)
-    with pytest.raises(ModelFileError, match="its golden answers take longer than"):
+    monkeypatch.setattr(session, "LIMIT_S", 0.05)
+    with pytest.raises(ModelFileError, match="computing its golden answers takes longer than"):
         modelfile.load(with_burden(bench_model, tmp_path / "model.onnx", filled, *products, summed, shape=shape))
 
 
@@ -251,6 +251,6 @@ def test_a_graph_with_functions_is_refused_unloaded(bench_model: Path, tmp_path:
 
 
 @pytest.mark.parametrize("value", ["[" * 100_000, "9" * 5000])
-def test_metadata_that_the_parser_does_not_take_is_refused(bench_model: Path, tmp_path: Path, value: str) -> None:
+def test_metadata_beyond_the_limits_of_the_parser_is_refused(bench_model: Path, tmp_path: Path, value: str) -> None:
     with pytest.raises(ModelFileError, match="its metadata is not JSON"):
         modelfile.load(rewritten(bench_model, tmp_path / "changed.onnx", "beamtouch.seed", value))

@@ -1,7 +1,7 @@
 import pytest
 
 from beamtouch_models.errors import SceneError
-from beamtouch_models.noise import choose_filter, noise_of, reading_noise_mm
+from beamtouch_models.pricing.noise import choose_filter, noise_of, reading_noise_mm
 from beamtouch_models.scene import Requirements, Scene
 from example_scenes import paper_scene
 

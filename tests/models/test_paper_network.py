@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from beamtouch_models import paper_network
-from beamtouch_models.limit import Array
-from beamtouch_models.paper_network import _initial, _present, train
+from beamtouch_models.arrays import Floats
+from beamtouch_models.estimators import paper_network
+from beamtouch_models.estimators.paper_network import _initial, _present, train
 from beamtouch_models.reproduction.paper import deflection_mm
 
 LOADS = np.arange(20.0, 201.0, 4.0)
@@ -13,7 +13,7 @@ ONE_SENSOR = deflection_mm([200.0], LOADS)
 TWO_SENSORS = deflection_mm([133.0, 267.0], LOADS)
 
 
-def squared_error(inputs: Array, hidden: Array, output: Array, target: float) -> float:
+def squared_error(inputs: Floats, hidden: Floats, output: Floats, target: float) -> float:
     """Half the squared error, written from its definition."""
     units = 1 / (1 + np.exp(-(inputs @ hidden)))
     answer = 1 / (1 + np.exp(-(units @ output[:-1] + output[-1])))

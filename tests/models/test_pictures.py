@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser
 
-from beamtouch_models.build_report.beam_drawing import beam_drawing
+from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.charts import DARK, LIGHT, SERIES_COLOURS, Chart, Series, draw, standalone
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import load_scene

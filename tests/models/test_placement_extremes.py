@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.errors import SceneError
-from beamtouch_models.limit import accuracy_limit
 from beamtouch_models.placement import place, place_by_position_error, recommended_count
-from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from beamtouch_models.beam import load_positions_mm, scene_influence
 from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.beam import load_positions_mm, scene_influence
 from beamtouch_models.placement import place
 from beamtouch_models.placement.bound import bounder_of
 from beamtouch_models.placement.problem import problem_of

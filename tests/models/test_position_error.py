@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.errors import SceneError
 from beamtouch_models.placement import place, place_by_position_error
 from beamtouch_models.placement.placing import SearchName
 from beamtouch_models.placement.position_error import surrogate_of
 from beamtouch_models.placement.problem import rules_for
-from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 

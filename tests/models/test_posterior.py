@@ -5,18 +5,18 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import IR_VERSION, OPSET
 from beamtouch_models.estimators.posterior.channels import fewest_channels
 from beamtouch_models.export import to_bytes
-from beamtouch_models.limit import Array
-from beamtouch_models.prior import Prior
 from posterior_cases import answers_of, graph_of, prior_of
 
 QUANTILES = (0.5, 0.025, 0.975)
 
 
-def plain_posterior(prior: Prior, reading: Array) -> tuple[Array, tuple[float, float], float]:
+def plain_posterior(prior: Prior, reading: Floats) -> tuple[Floats, tuple[float, float], float]:
     """Quantiles of position, mean and deviation of force, log odds of contact, as sums over a grid of both."""
     # By the trapezoidal and the midpoint rule: finer grids change nothing by a twentieth of what is tolerated.
     grid = np.linspace(*prior.position_mm, 3001)

@@ -8,15 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamtouch_models.accuracy.limit import MeanError
+from beamtouch_models.arrays import Floats
 from beamtouch_models.commands import reproduce as command
-from beamtouch_models.limit import MeanError
-from beamtouch_models.paper_network import PaperNetwork
+from beamtouch_models.estimators.paper_network import PaperNetwork
 from beamtouch_models.reproduction import accuracy, search
 from beamtouch_models.reproduction.accuracy import NOISES_PERCENT, Layout, Performance, performances
 from beamtouch_models.reproduction.components import figure_3, figure_4, figure_7, noise_errors
 from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT, figure_8
 from beamtouch_models.reproduction.finding import Figure, Row
-from beamtouch_models.reproduction.paper import LOADS_MM, Array, dimensionless, equal_pitch_mm
+from beamtouch_models.reproduction.paper import LOADS_MM, dimensionless, equal_pitch_mm
 from beamtouch_models.reproduction.printed import equation_1, printed_rows
 from beamtouch_models.reproduction.reproduce import Reproduction, reproduce
 from beamtouch_models.reproduction.search import EXPECTED_MM, figures_5_and_6, paper_search
@@ -40,11 +41,11 @@ def row_of(figure: Figure | tuple[Row, ...], start: str) -> Row:
     return row
 
 
-def eigenvalues(sensor_mm: Array) -> Array:
+def eigenvalues(sensor_mm: Floats) -> Floats:
     """Eigenvalues of eq. 2, descending, from eq. 1 with a Macaulay bracket and numpy's symmetric solver."""
     x, a = sensor_mm[None, :] / 400, LOADS_MM[:, None] / 400
     matrix = -((2 - a) * (a - 1) * a * x + (1 - a) * x**3 - np.maximum(x - a, 0) ** 3) / 6
-    found: Array = np.linalg.eigvalsh(matrix.T @ matrix / 399)[::-1]
+    found: Floats = np.linalg.eigvalsh(matrix.T @ matrix / 399)[::-1]
     return found
 
 

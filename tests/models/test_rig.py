@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.beam import influence
 from beamtouch_models.errors import SceneError
-from beamtouch_models.modelfile import ModelFile, Sensor
+from beamtouch_models.metadata import Sensor
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.physics.beam import influence
 from beamtouch_models.rig.imperfections import Imperfections, load_imperfections
 from beamtouch_models.rig.pty_line import joined_line, named_line
 from beamtouch_models.rig.script import Load, Script, default_script, load_script
@@ -243,7 +244,7 @@ def test_wrong_imperfections_are_one_line(
 
 def test_a_fixed_support_takes_no_fixity() -> None:
     cantilever, _ = load_scene(SCENES / "cantilever.toml")
-    with pytest.raises(SceneError, match="fixed already"):
+    with pytest.raises(SceneError, match="already fixed"):
         Imperfections(fixity=(0.1, 0.0)).applied_to(cantilever)
 
 

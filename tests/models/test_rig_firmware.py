@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_models.build import build
+from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from in_process import Command

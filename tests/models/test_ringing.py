@@ -9,19 +9,21 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lsim, lti
 
 from beamtouch_models import modelfile
-from beamtouch_models.dynamics import first_frequency_hz
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.dynamics import first_frequency_hz
+from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.rig.imperfections import Imperfections
-from beamtouch_models.rig.ringing import Array, Mode, Ringing, ringing_of
+from beamtouch_models.rig.ringing import Mode, Ringing, ringing_of
 from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import VirtualSurface
-from beamtouch_models.scene import load_scene
+from beamtouch_models.scene import Scene, load_scene
 from example_scenes import SCENES, paper_scene
 
 scene, _ = load_scene(SCENES / "bench.toml")
 
 
-def after_a_step(mode: Mode, times: Array) -> Array:
+def after_a_step(mode: Mode, times: Floats) -> Floats:
     """Deflections of a beam at rest at 0, with a static deflection of 1 applied from the first time on."""
     ringing = Ringing(mode)
     ringing.at(float(times[0]), np.zeros(1))
@@ -58,7 +60,7 @@ def test_velocity_and_deflection_satisfy_the_equation_of_motion() -> None:
     begin, static = np.array([0.3, -0.1]), np.array([0.5, 0.2])
     speed = np.array([4.0, -2.0])
 
-    def motion(_time: float, state: Array) -> Array:
+    def motion(_time: float, state: Floats) -> Floats:
         return np.concatenate([state[2:], omega**2 * (static - state[:2]) - 0.4 * omega * state[2:]])
 
     solved = solve_ivp(motion, (0, 0.31), np.concatenate([begin, speed]), rtol=1e-11, atol=1e-12)
@@ -80,7 +82,7 @@ def test_two_conversions_at_the_same_time_measure_the_same() -> None:
     assert ringing.at(0.01, np.ones(1)) == ringing.at(0.01, np.ones(1))
 
 
-def mean_deflection(model: Path, imperfections: Imperfections, times: Array) -> Array:
+def mean_deflection(model: Path, imperfections: Imperfections, times: Floats) -> Floats:
     """Deflection over the static one, averaged over channels; the load comes right after the first conversion."""
     metadata = modelfile.load(model).metadata
     surface, sensor = VirtualSurface(scene, metadata, 1, imperfections), metadata.sensor
@@ -88,7 +90,7 @@ def mean_deflection(model: Path, imperfections: Imperfections, times: Array) -> 
     counts = np.array([surface.counts(load, float(time)) for load, time in zip(loads, times, strict=True)])
     deflection = sensor.standoff_mm - (sensor.offset_mm + sensor.gain_mm_per_count * counts)
     static = VirtualSurface(scene, metadata, 1)._static_mm(Load(200.0, 8.0))  # the final deflection
-    mean: Array = deflection.mean(axis=1) / static.mean()
+    mean: Floats = deflection.mean(axis=1) / static.mean()
     return mean
 
 
@@ -107,24 +109,28 @@ def test_without_a_damping_ratio_a_surface_follows_at_once(bench_model: Path) ->
     np.testing.assert_allclose(found[1:], 1.0, atol=0.03)
 
 
+def ringing(scene: Scene) -> Ringing | None:
+    return ringing_of(scene, choose_filter(scene), 0.01)
+
+
 def test_a_scene_rings_unless_its_noise_makes_ringing_negligible() -> None:
-    assert ringing_of(scene, 0.01) is not None
+    assert ringing(scene) is not None
     heavy_noise = scene.model_dump()
     heavy_noise["sensors"]["noise_percent_of_max"] = None
     heavy_noise["sensors"]["noise_mm"] = 100.0
-    assert ringing_of(type(scene).model_validate(heavy_noise), 0.01) is None
+    assert ringing(type(scene).model_validate(heavy_noise)) is None
     with pytest.raises(SceneError, match="density_kg_m3"):
-        ringing_of(paper_scene(), 0.01)
+        ringing(paper_scene())
 
 
 def test_without_noise_every_beam_rings() -> None:
     quiet = scene.model_dump()
     quiet["sensors"]["noise_percent_of_max"] = None
     quiet["sensors"]["noise_mm"] = 0.0
-    assert ringing_of(type(scene).model_validate(quiet), 0.01) is not None
+    assert ringing(type(scene).model_validate(quiet)) is not None
 
 
 @pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_shipped_scene_can_ring(path: Path) -> None:
     other, _ = load_scene(path)
-    assert ringing_of(other, 0.01) is not None
+    assert ringing(other) is not None

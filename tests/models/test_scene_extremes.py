@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from beamtouch_models import cli
+from beamtouch_models import cli, command_line
 
 Scene = dict[str, dict[str, Any]]
 
@@ -108,7 +108,7 @@ def check_answered(code: int, out: str, err: str) -> None:
     if code == 0:
         assert all(math.isfinite(number) for number in numbers_in(json.loads(out)))
         return
-    assert code == cli.WRONG_INPUT, err
+    assert code == command_line.WRONG_INPUT, err
     assert out == ""
     assert len([line for line in err.splitlines() if line.startswith("design-sensors: ")]) == 1, err
 
@@ -138,7 +138,7 @@ def test_extreme_numbers_give_a_figure_or_one_line(command: str, examples: int, 
         ("requirements", "latency_ms", 1e300, "more than 10000 readings"),
     ],
 )
-def test_what_no_model_can_carry_is_refused_by_build(
+def test_build_refuses_scenes_that_no_model_can_carry(
     part: str, key: str, value: object, said: str, tmp_path: Path
 ) -> None:
     stated = scene(section=False)

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from beamtouch_models import limit
+from beamtouch_models.accuracy import limit
 from beamtouch_models.estimators.small_network import (
     OUTPUTS,
     Network,

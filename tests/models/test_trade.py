@@ -14,11 +14,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_models import limit, modelfile
+from beamtouch_models import modelfile
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.figures import Figure
-from beamtouch_models.modelfile import FilterChoice
-from beamtouch_models.noise import choose_filter
+from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import load_scene, parse_scene
 from beamtouch_models.trade.front import NotToBeHadError, most_accurate, pareto_front, quickest
 from beamtouch_models.trade.physics import physics_trade
@@ -30,7 +31,7 @@ from in_process import Command
 from posterior_cases import answers_of, prior_of
 
 COMMAND = str(Path(sys.executable).parent / "design-sensors")
-NONE = Figure(0.0, 0.0)
+NONE = Measurement(0.0, 0.0)
 
 
 def point(latency_ms: float, error_mm: float, sensors: int) -> Point:
@@ -46,7 +47,7 @@ POINTS = st.lists(
 
 
 @given(POINTS)
-def test_the_front_is_what_nothing_beats(points: list[Point]) -> None:
+def test_the_front_has_the_points_that_no_other_dominates(points: list[Point]) -> None:
     front = pareto_front(points)
     assert front
     for one in points:
@@ -61,13 +62,13 @@ def test_the_front_is_what_nothing_beats(points: list[Point]) -> None:
 
 
 @given(POINTS, st.sampled_from([0.5, 1.0, 2.5]))
-def test_a_wish_picks_the_best_that_meets_it(points: list[Point], wish: float) -> None:
+def test_a_requirement_picks_the_best_point_that_meets_it(points: list[Point], wish: float) -> None:
     kept = [one for one in points if one.latency_ms <= wish]
     if kept:
         assert most_accurate(points, wish).error_mm == min(one.error_mm for one in kept)
         assert most_accurate(points, wish).latency_ms <= wish
     else:
-        with pytest.raises(NotToBeHadError, match="the quickest takes"):
+        with pytest.raises(NotToBeHadError, match="the fastest takes"):
             most_accurate(points, wish)
     kept = [one for one in points if one.error_mm <= wish]
     if kept:
@@ -78,7 +79,7 @@ def test_a_wish_picks_the_best_that_meets_it(points: list[Point], wish: float) -
             quickest(points, wish)
 
 
-def test_what_is_considered() -> None:
+def test_numbers_of_sensors_and_windows_follow_the_scene() -> None:
     bench, _ = load_scene(SCENES / "bench.toml")
     assert counts_of(bench) == [2, 3, 4, 5]
     assert [chosen.window for chosen in windows_of(bench)] == [1, 2, 4]
@@ -89,7 +90,7 @@ def test_what_is_considered() -> None:
 
 
 @pytest.mark.long
-def test_a_point_states_what_its_model_does() -> None:
+def test_a_point_states_the_error_and_latency_of_its_model() -> None:
     scene = parse_scene(PAPER, "paper")
     kept: list[Trade] = []
     trade = measured_points(scene, ("posterior",), draws=1024, seed=0, progress=lambda *_: None, keep=kept.append)
@@ -125,7 +126,7 @@ def test_quantised_weights_are_integers_and_cost_accuracy() -> None:
     assert plain < rough
 
 
-def test_physics_that_is_dear_cannot_be_left_out() -> None:
+def test_leaving_out_an_expensive_effect_costs_accuracy() -> None:
     scene, _ = load_scene(SCENES / "short-deep.toml")
     found = {effect.effect: effect for effect in physics_trade(scene, draws=400, seed=0)}
     assert found["shear"].verdict == "in"
@@ -157,7 +158,7 @@ def test_the_command_writes_the_folder_and_builds_the_choice(tmp_path: Path) -> 
     assert picture.count("<circle") == len(expected) + 2  # two in the legend
     none = subprocess.run([*common, "--error-mm", "1e-6"], capture_output=True, text=True, check=False)
     assert (none.returncode, none.stdout, none.stderr.count("\n")) == (2, "", 1)
-    assert "nothing has a mean error of 1e-06 mm" in none.stderr
+    assert "no point has a mean error of 1e-06 mm" in none.stderr
 
 
 @pytest.mark.long
@@ -177,7 +178,7 @@ def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Sign
     found = json.loads((out / "trade.json").read_text())
     done = len(found["points"])
     assert (process.returncode, stdout) == (130, "")
-    assert stderr == f"design-sensors: interrupted; {done} of 24 points are done, in {out}\n"
+    assert stderr == f"design-sensors: interrupted; {done} of 24 points are in {out}\n"
     assert 0 < done < found["planned_points"] == 24
     assert all(one["latency_ms"] > 0 and one["error_percent"]["value"] > 0 for one in found["points"])
     assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg"}
@@ -186,7 +187,7 @@ def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Sign
 
 @pytest.mark.long
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_build_of_the_choice_says_what_is_there(tmp_path: Path, stop: signal.Signals) -> None:
+def test_an_interrupted_build_of_the_choice_says_what_is_kept(tmp_path: Path, stop: signal.Signals) -> None:
     scene, out = tmp_path / "conveyor.toml", tmp_path / "out"
     text = (SCENES / "conveyor.toml").read_text().replace("count = 4", "count = [3, 3]")
     scene.write_text(text.replace("latency_ms = 50", "latency_ms = 10").replace("position_error_mm = 20", ""))
@@ -204,14 +205,12 @@ def test_an_interrupted_build_of_the_choice_says_what_is_there(tmp_path: Path, s
     found = json.loads((out / "trade.json").read_text())
     done = len(found["points"])
     assert (process.returncode, stdout, done) == (130, "", found["planned_points"])
-    assert stderr.splitlines()[-1] == f"design-sensors: interrupted; {done} of {done} points are done, in {out}"
+    assert stderr.splitlines()[-1] == f"design-sensors: interrupted; {done} of {done} points are in {out}"
     assert found["physics"]
     assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg"}
 
 
-def test_points_that_cannot_be_had_are_named_and_the_others_are_there(
-    design_sensors_here: Command, tmp_path: Path
-) -> None:
+def test_points_that_fail_are_named_and_the_others_are_kept(design_sensors_here: Command, tmp_path: Path) -> None:
     scene = tmp_path / "narrow.toml"
     # Three sensors with 150 mm between them go on 400 mm, four do not.
     text = PAPER.replace("count = 2", "count = [3, 4]\nmin_distance_mm = 150")
@@ -231,7 +230,7 @@ def test_points_that_cannot_be_had_are_named_and_the_others_are_there(
 @pytest.mark.parametrize(
     "wish", [["--latency-ms", "0"], ["--error-mm", "nan"], ["--error-mm", "1", "--latency-ms", "1"]]
 )
-def test_a_wish_that_makes_no_sense_is_refused_before_the_work(
+def test_a_requirement_that_is_not_positive_is_refused_at_once(
     design_sensors_here: Command, tmp_path: Path, wish: list[str]
 ) -> None:
     done = design_sensors_here("trade", SCENES / "bench.toml", "-o", tmp_path / "out", *wish)

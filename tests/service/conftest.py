@@ -15,10 +15,10 @@ from onnx import TensorProto, helper
 
 from beamtouch_models import modelfile
 from beamtouch_service.access import Access
-from beamtouch_service.app import create_app
-from beamtouch_service.model_keeper import ModelKeeper
+from beamtouch_service.api.app import create_app
+from beamtouch_service.host.model_watch import ModelKeeper
 from beamtouch_service.samples import Batch
-from beamtouch_service.surface import Surface
+from beamtouch_service.surfaces.surface import Surface
 
 TOKEN = "correct-horse-battery-staple"  # noqa: S105  # of these tests only
 READ_TOKEN = "reading-horse-battery-staple"  # noqa: S105

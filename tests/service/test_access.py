@@ -10,7 +10,7 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_service.access import Access
-from beamtouch_service.surface import Surface
+from beamtouch_service.surfaces.surface import Surface
 from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("correct-horse-battery\n")
     settings = load(
         tmp_path,
-        '[server]\nport = 9000\ntoken_file = "token"\n'
+        '[server]\nport = 9000\nwrite_token_file = "token"\n'
         '[surfaces.a]\nmodel = "a.onnx"\nstale_ms = 250\n[surfaces.b]\nmodel = "/elsewhere/b.onnx"\n[surfaces.c]\n',
     )
 
@@ -43,7 +43,7 @@ def test_events_and_streams_are_bounded_unless_told_otherwise(tmp_path: Path) ->
     settings = load_settings(None, {})
     assert (settings.max_streams, settings.events) == (32, EventSettings(None, 30, 100))
 
-    settings = load(tmp_path, "[server]\nmax_streams = 3\n[events]\nfile = 'events.db'\nkeep_days = 1.5\nmost_mb = 2\n")
+    settings = load(tmp_path, "[server]\nmax_streams = 3\n[events]\nfile = 'events.db'\nkeep_days = 1.5\nmax_mb = 2\n")
     assert (settings.max_streams, settings.events) == (3, EventSettings(tmp_path / "events.db", 1.5, 2))
 
 
@@ -70,7 +70,7 @@ def test_a_model_alone_names_its_surface_itself() -> None:
 
 def test_the_token_is_not_printed(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("correct-horse-battery\n")
-    settings = load_settings(None, {"token_file": str(tmp_path / "token")})
+    settings = load_settings(None, {"write_token_file": str(tmp_path / "token")})
 
     assert "correct-horse" not in repr(settings)
 
@@ -87,7 +87,9 @@ def test_the_token_is_not_printed(tmp_path: Path) -> None:
         ("[surfaces.a]\nstale_ms = 0\n", "surfaces.a.stale_ms"),
         ("[surfaces.a]\nstale_ms = nan\n", "surfaces.a.stale_ms: Input should be a finite number"),
         ("[events]\nkeep_days = 0\n", "events.keep_days"),
-        ("[events]\nmost_mb = 0\n", "events.most_mb"),
+        ("[events]\nmax_mb = 0\n", "events.max_mb"),
+        ("[events]\nmost_mb = 2\n", "events.most_mb: this key is now called max_mb"),
+        ("[server]\ntoken_file = 'token'\n", "server.token_file: this key is now called write_token_file"),
         ("[server]\nmax_streams = -1\n", "server.max_streams"),
         ("[server]\nmax_clients = 0\n", "server.max_clients: Input should be greater than or equal to 1"),
         ("[server]\nmax_clients = 4097\n", "server.max_clients: Input should be less than or equal to 4096"),
@@ -97,7 +99,7 @@ def test_the_token_is_not_printed(tmp_path: Path) -> None:
         ("a = " + "[" * 100_000, "is not TOML"),
         ("a = " + "9" * 5000, "is not TOML"),
         ("#" * 2**21, "larger than 1 MiB"),
-        ("[server]\ntoken_file = 'nowhere'\n", "nowhere: No such file or directory; write at least 16 random"),
+        ("[server]\nwrite_token_file = 'nowhere'\n", "nowhere: No such file or directory; write at least 16 random"),
     ],
 )
 def test_a_wrong_config_is_refused_with_the_place_that_is_wrong(tmp_path: Path, text: str, complaint: str) -> None:
@@ -113,7 +115,7 @@ def test_a_wrong_option_is_named_as_it_was_typed() -> None:
 
 
 def test_one_model_is_not_for_several_surfaces(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="--model is for one surface, the config has a, b"):
+    with pytest.raises(ConfigError, match="--model is for a single surface, but the config has a, b"):
         load(tmp_path, "[surfaces.a]\n[surfaces.b]\n", model="m.onnx")
 
 
@@ -153,11 +155,11 @@ def test_sixteen_characters_are_enough(tmp_path: Path) -> None:
 def test_each_purpose_has_a_token_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "token").write_text("correct-horse-battery\n")
     (tmp_path / "read-token").write_text("another-horse-battery\n")
-    text = '[server]\ntoken_file = "token"\nread_token_file = "read-token"\nadmin_token_file = "{}"\n'
+    text = '[server]\nwrite_token_file = "token"\nread_token_file = "read-token"\nadmin_token_file = "{}"\n'
 
     access = load(tmp_path, text.format("read-token")[: text.index("admin")]).access
     assert (access.write, access.read, access.admin) == ("correct-horse-battery", "another-horse-battery", None)
-    with pytest.raises(ConfigError, match="read-token hold the same token; each purpose needs one of its own"):
+    with pytest.raises(ConfigError, match="read-token hold the same token; each purpose needs its own token"):
         load(tmp_path, text.format("read-token"))
 
 

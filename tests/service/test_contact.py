@@ -5,7 +5,7 @@ from dataclasses import asdict
 
 import pytest
 
-from beamtouch_service.contact import State, UnusableEstimateError, decide, rfc3339
+from beamtouch_service.surfaces.contact import State, UnusableEstimateError, decide, rfc3339
 
 ESTIMATE = {
     "contact_log_odds": 3.0,

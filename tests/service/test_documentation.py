@@ -6,14 +6,16 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from fastapi.routing import iter_route_contexts
 from fastapi.testclient import TestClient
 
 from beamtouch_service.access import Access
-from beamtouch_service.app import create_app
-from beamtouch_service.contact import Contact
+from beamtouch_service.api.app import create_app
+from beamtouch_service.api.gate import without_role
 from beamtouch_service.problems import MEDIA_TYPE, Kind, ProblemBody
 from beamtouch_service.samples import Batch
-from beamtouch_service.surface import Surface
+from beamtouch_service.surfaces.contact import Contact
+from beamtouch_service.surfaces.surface import Surface
 
 from .conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
 
@@ -111,3 +113,17 @@ def test_every_route_says_which_tokens_it_takes_and_does_so(has_read_token: bool
                 described = operation["responses"][str(answer.status_code)]
                 assert MEDIA_TYPE in described["content"]
                 assert ("WWW-Authenticate" in answer.headers) == ("WWW-Authenticate" in described.get("headers", {}))
+
+
+def test_every_route_has_exactly_one_role(bench: Bench) -> None:
+    app = bench.app
+    paths = {str(route.path) for route in iter_route_contexts(app.routes)}
+    assert set(without_role(app.routes)) == {path for path in paths if path.count("/") == 1 and "." in path} - {
+        "/openapi.json"
+    } | {"/"}
+
+    @app.get("/forgotten")
+    async def get_forgotten() -> str:
+        return "without a role"
+
+    assert "/forgotten" in without_role(app.routes)

@@ -1,4 +1,4 @@
-"""Contacts on record, asked for: in pages, selected, as CSV, one by one."""
+"""The event routes: pages, selection, CSV, single events."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_service import event_answers
-from service.test_events import RESTING, TOUCHING, Story
+from beamtouch_service.api import event_answers
+from service.event_story import RESTING, TOUCHING, Story
 
 if TYPE_CHECKING:
-    from beamtouch_service.events import Piece
+    from beamtouch_service.events.segments import Segment
+    from beamtouch_service.events.store import EventStore
     from service.conftest import Bench, MakeBatch
 
 
@@ -36,7 +37,7 @@ def test_pages_come_newest_first_and_hold_every_event_once(history: Bench) -> No
     assert [event["id"] for event in found] == [7, 6, 5, 4, 3, 2, 1]
 
 
-def test_time_and_surface_select(history: Bench) -> None:
+def test_the_list_can_be_limited_by_time_and_surface(history: Bench) -> None:
     def ids(query: str) -> list[int]:
         return [event["id"] for event in history.get(f"/events?{query}").json()["events"]]
 
@@ -80,39 +81,44 @@ def test_csv_has_a_row_per_event_and_a_link_to_the_next_page(history: Bench) -> 
         "path=maybe",
     ],
 )
-def test_a_wrong_question_is_a_problem(history: Bench, query: str) -> None:
+def test_a_wrong_query_is_a_problem_that_names_the_parameter(history: Bench, query: str) -> None:
     response = history.get(f"/events?{query}")
 
     assert (response.status_code, response.json()["type"]) == (422, "urn:beamtouch:problem:invalid-request")
     assert response.json()["errors"][0]["pointer"].startswith("#/query/" + query.split("=", maxsplit=1)[0])
 
 
-def test_a_list_has_no_paths_unless_they_are_asked_for_and_then_it_is_short(history: Bench) -> None:
+def test_a_list_has_paths_only_on_request_and_is_then_short(history: Bench) -> None:
     (plain, *_), (full, *_) = (history.get(f"/events{query}").json()["events"] for query in ("", "?path=true&limit=50"))
     assert full.pop("path")
     assert plain == full
 
     response = history.get("/events?limit=51&path=true")
     assert (response.status_code, response.json()["errors"][0]["pointer"]) == (422, "#/query/limit")
-    assert "with path=true at most 50 events" in response.json()["detail"]
+    assert "with path=true, a page has at most 50 events" in response.json()["detail"]
     assert history.get("/events?limit=51&path=false").status_code == 200
 
 
-def test_one_event_is_asked_for_by_its_id(history: Bench) -> None:
+def test_an_id_gives_one_event_with_its_path(history: Bench) -> None:
     assert [point["position_mm"] for point in history.get("/events/3").json()["path"]] == [150.0]
 
     missing = history.get("/events/8")
     assert (missing.status_code, missing.json()["type"]) == (404, "urn:beamtouch:problem:unknown-event")
-    assert missing.json()["detail"].startswith("There is no event 8:")
+    assert missing.json()["detail"].startswith("There is no event 8.")
     for wrong in ("0", "first", str(2**63)):
         problem = history.get(f"/events/{wrong}").json()
         assert (problem["status"], problem["errors"][0]["pointer"]) == (422, "#/path/id")
 
 
-def test_paths_are_not_read_where_they_are_not_answered(history: Bench) -> None:
+def test_paths_are_read_only_for_answers_that_hold_them(history: Bench) -> None:
     recorder = history.app.context.recorder
     assert recorder is not None
-    recorder.ask(lambda store: store._database.execute("UPDATE events SET path = 'none of this is JSON'")).result(60)
+
+    def spoil_paths(store: EventStore) -> None:
+        with store._engine.begin() as connection:
+            connection.exec_driver_sql("UPDATE events SET path = 'none of this is JSON'")
+
+    recorder.ask(spoil_paths).result(60)
 
     assert history.get("/events/3").status_code == 500
     for query in ("", "?format=csv", "?format=csv&path=true"):
@@ -120,19 +126,19 @@ def test_paths_are_not_read_where_they_are_not_answered(history: Bench) -> None:
 
 
 @pytest.mark.parametrize("query", ["", "?format=csv"])
-def test_answers_are_put_into_words_off_the_loop(history: Bench, monkeypatch: pytest.MonkeyPatch, query: str) -> None:
+def test_the_recorders_thread_encodes_answers(history: Bench, monkeypatch: pytest.MonkeyPatch, query: str) -> None:
     threads: list[str] = []
     event = event_answers.event
 
-    def watched(number: int, piece: Piece) -> event_answers.Event:
+    def watched(number: int, segment: Segment) -> event_answers.Event:
         threads.append(current_thread().name)
-        return event(number, piece)
+        return event(number, segment)
 
     monkeypatch.setattr(event_answers, "event", watched)
     assert history.get("/events" + query).status_code == 200
     assert {name.rstrip("0123456789_") for name in threads} == {"events"}
 
 
-def test_events_of_an_unknown_surface_are_a_problem_and_of_a_quiet_one_none(bench: Bench) -> None:
+def test_an_unknown_surface_is_a_problem_and_one_without_events_has_an_empty_list(bench: Bench) -> None:
     assert bench.get("/events?surface=nobody").status_code == 404
     assert bench.get("/events?surface=press-7").json() == {"events": [], "next": None}

@@ -1,26 +1,48 @@
-"""The file of events: bounded, whole after a crash, and honest about what it did not see."""
+"""The store of events: joining, limits, crashes, old formats and unusable files."""
 
 from __future__ import annotations
 
 import shutil
 import sqlite3
+from contextlib import closing
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
 
-from beamtouch_service.event_store import EventStore, EventStoreError, Selection
-from beamtouch_service.events import Begin, End, Piece
-from beamtouch_service.folding import Finish
+from beamtouch_service.events.file import EventStoreError
+from beamtouch_service.events.segmenter import Finish
+from beamtouch_service.events.segments import Begin, End, Segment
+from beamtouch_service.events.store import EventStore, Selection
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
 DAY_S = 86_400.0
+FORMAT_1 = """
+CREATE TABLE events (
+    id INTEGER PRIMARY KEY AUTOINCREMENT, surface TEXT NOT NULL, model TEXT NOT NULL, boot_id TEXT NOT NULL,
+    first_sequence INTEGER NOT NULL, last_sequence INTEGER NOT NULL, touched_us INTEGER NOT NULL,
+    last_us INTEGER NOT NULL, lifted_us INTEGER, "begin" TEXT NOT NULL, "end" TEXT NOT NULL, samples INTEGER NOT NULL,
+    position_sum_mm REAL NOT NULL, peak_force_n REAL, peak_position_mm REAL, degraded INTEGER NOT NULL,
+    path TEXT NOT NULL, recorded_s REAL NOT NULL);
+CREATE INDEX by_time ON events (touched_us, id);
+CREATE INDEX by_surface ON events (surface, touched_us, id);
+CREATE INDEX by_first ON events (surface, boot_id, first_sequence);
+CREATE INDEX by_last ON events (surface, boot_id, last_sequence);
+CREATE INDEX by_record ON events (recorded_s);
+INSERT INTO events VALUES
+    (7, 'press-7', 'tiny@000000', 'boot-0001', 0, 9, 0, 45000, 50000, 'touch', 'lift', 10, 1000.0, NULL, NULL, 0,
+     '[[0, 99.5, 5.25], [5, 98.0, null]]', 0.0),
+    (8, 'press-7', 'tiny@000000', 'boot-0001', 10, 12, 50000, 60000, NULL, 'unseen', 'open', 3, 300.0, NULL, NULL, 0,
+     '[]', 0.0);
+PRAGMA user_version = 1;
+"""
 
 
-def piece(first: int, last: int, *, end: End = End.OPEN, points: int = 1) -> Piece:
-    return Piece(
+def segment(first: int, last: int, *, end: End = End.OPEN, points: int = 1) -> Segment:
+    return Segment(
         "press-7",
         "tiny@000000",
         "boot-0001",
@@ -43,7 +65,7 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def store(path: Path) -> Iterator[EventStore]:
-    store = EventStore(path, keep_s=30 * DAY_S, most_bytes=1_000_000)
+    store = EventStore(path, keep_s=30 * DAY_S, max_bytes=1_000_000)
     yield store
     store.close()
 
@@ -53,59 +75,59 @@ def spans(store: EventStore) -> list[tuple[int, int, int, str]]:
     return [(kept.first_sequence, kept.last_sequence, kept.samples, kept.end.value) for kept in reversed(found)]
 
 
-def test_pieces_that_meet_are_one_in_any_order(store: EventStore) -> None:
-    for part in (piece(20, 29), piece(0, 9, end=End.UNSEEN), piece(10, 19, end=End.UNSEEN)):
+def test_segments_that_meet_are_joined_in_any_order(store: EventStore) -> None:
+    for part in (segment(20, 29), segment(0, 9, end=End.UNSEEN), segment(10, 19, end=End.UNSEEN)):
         store.write("press-7", [part], 0.0)
 
     assert spans(store) == [(0, 29, 30, "open")]
 
 
-def test_a_piece_that_is_known_changes_nothing(store: EventStore) -> None:
-    store.write("press-7", [piece(0, 9, end=End.UNSEEN)], 0.0)
-    store.write("press-7", [piece(4, 7, end=End.UNSEEN), piece(0, 9, end=End.UNSEEN)], 0.0)
+def test_a_known_segment_changes_nothing(store: EventStore) -> None:
+    store.write("press-7", [segment(0, 9, end=End.UNSEEN)], 0.0)
+    store.write("press-7", [segment(4, 7, end=End.UNSEEN), segment(0, 9, end=End.UNSEEN)], 0.0)
 
     assert spans(store) == [(0, 9, 10, "unseen")]
 
 
-def test_a_piece_that_overlaps_what_is_known_extends_it(store: EventStore) -> None:
-    store.write("press-7", [piece(0, 9, end=End.UNSEEN), piece(5, 14)], 0.0)
+def test_a_segment_that_overlaps_an_event_extends_it(store: EventStore) -> None:
+    store.write("press-7", [segment(0, 9, end=End.UNSEEN), segment(5, 14)], 0.0)
 
     assert spans(store) == [(0, 14, 15, "open")]
 
 
-def test_after_a_lift_begins_another_contact(store: EventStore) -> None:
-    store.write("press-7", [piece(0, 9), Finish("boot-0001", 9, End.LIFT, 50_000), piece(10, 12)], 0.0)
+def test_a_segment_after_a_lift_is_another_event(store: EventStore) -> None:
+    store.write("press-7", [segment(0, 9), Finish("boot-0001", 9, End.LIFT, 50_000), segment(10, 12)], 0.0)
 
     assert spans(store) == [(0, 9, 10, "lift"), (10, 12, 3, "open")]
 
 
-def test_what_went_on_when_the_service_stopped_is_unfinished_and_can_go_on(path: Path) -> None:
+def test_an_event_that_was_open_at_a_crash_is_unfinished_and_can_go_on(path: Path) -> None:
     first = EventStore(path, 30 * DAY_S, 1_000_000)
-    first.write("press-7", [piece(0, 9)], 0.0)
-    # As after a crash: the file and its log as they are while it is open.
+    first.write("press-7", [segment(0, 9)], 0.0)
+    # The file and its log as a crash would leave them.
     left = path.with_name("left.db")
     for ending in ("", "-wal"):
         shutil.copy(f"{path}{ending}", f"{left}{ending}")
     second = EventStore(left, 30 * DAY_S, 1_000_000)
     assert spans(second) == [(0, 9, 10, "unfinished")]
 
-    second.write("press-7", [piece(10, 12), Finish("boot-0001", 12, End.LIFT, 70_000)], 0.0)
+    second.write("press-7", [segment(10, 12), Finish("boot-0001", 12, End.LIFT, 70_000)], 0.0)
     assert spans(second) == [(0, 12, 13, "lift")]
     second.close()
     first.close()
 
 
-def test_what_is_too_old_is_dropped(store: EventStore) -> None:
-    store.write("press-7", [piece(0, 1)], 0.0)
-    store.write("press-7", [piece(10, 11)], 20 * DAY_S)
+def test_events_that_are_too_old_are_dropped(store: EventStore) -> None:
+    store.write("press-7", [segment(0, 1)], 0.0)
+    store.write("press-7", [segment(10, 11)], 20 * DAY_S)
 
     assert store.prune(31 * DAY_S) == 1
     assert spans(store) == [(10, 11, 2, "open")]
 
 
-def test_what_is_too_much_is_dropped_the_oldest_first_and_the_file_stays_small(store: EventStore, path: Path) -> None:
+def test_above_the_size_limit_the_oldest_events_are_dropped(store: EventStore, path: Path) -> None:
     for number in range(1200):
-        store.write("press-7", [piece(number * 10, number * 10 + 1, points=100)], float(number))
+        store.write("press-7", [segment(number * 10, number * 10 + 1, points=100)], float(number))
         if number % 100 == 99:
             store.prune(float(number))
 
@@ -117,14 +139,45 @@ def test_what_is_too_much_is_dropped_the_oldest_first_and_the_file_stays_small(s
     assert kept == list(range(11_990, kept[-1] - 10, -10))
 
 
-def test_a_write_that_fails_leaves_nothing_behind(store: EventStore) -> None:
+def test_a_failed_write_changes_nothing(store: EventStore) -> None:
     with pytest.raises(OverflowError):
-        store.write("press-7", [piece(0, 9), piece(2**70, 2**70)], 0.0)
+        store.write("press-7", [segment(0, 9), segment(2**70, 2**70)], 0.0)
 
     assert spans(store) == []
 
 
-def test_a_file_that_is_something_else_is_refused(tmp_path: Path, path: Path) -> None:
+@pytest.mark.parametrize("old_format", [1, 2])
+def test_a_file_of_an_older_format_keeps_its_events(path: Path, old_format: int) -> None:
+    with closing(sqlite3.connect(path)) as older:
+        older.executescript(FORMAT_1)
+        if old_format == 2:
+            older.executescript(
+                "CREATE INDEX by_open ON events (surface) WHERE \"end\" = 'open'; PRAGMA user_version = 2"
+            )
+
+    store = EventStore(path, 30 * DAY_S, 1_000_000)
+    lifted = replace(
+        segment(0, 9, end=End.LIFT), lifted_us=50_000, begin=Begin.TOUCH, path=[(0, 99.5, 5.25), (5, 98.0, None)]
+    )
+    assert store.read(Selection()) == [(8, replace(segment(10, 12, end=End.UNFINISHED), path=[])), (7, lifted)]
+    store.write("press-7", [segment(13, 14), segment(20, 21)], 0.0)
+    assert [number for number, _ in store.read(Selection())] == [9, 8, 7]
+    store.close()
+    with closing(sqlite3.connect(path)) as file:
+        assert file.execute("PRAGMA user_version").fetchone() == (2,)
+        assert file.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'by_open'").fetchone() == (1,)
+
+
+def test_a_database_of_another_program_is_refused_unchanged(path: Path) -> None:
+    with closing(sqlite3.connect(path)) as other:
+        other.execute("CREATE TABLE events (name)")
+    with pytest.raises(EventStoreError, match="events already exists"):
+        EventStore(path, DAY_S, 1_000_000)
+    with closing(sqlite3.connect(path)) as other:
+        assert other.execute("SELECT name FROM sqlite_master").fetchall() == [("events",)]
+
+
+def test_an_unusable_file_is_refused_with_the_reason(tmp_path: Path, path: Path) -> None:
     (tmp_path / "text").write_text("not a database, and long enough to be sure of it\n" * 40)
     with pytest.raises(EventStoreError, match="file is not a database"):
         EventStore(tmp_path / "text", DAY_S, 1_000_000)

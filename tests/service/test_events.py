@@ -1,10 +1,9 @@
-"""Contacts on record: one after another, in pieces, and late."""
+"""Events from samples: in order, in parts, and late."""
 
 from __future__ import annotations
 
 import random
 from itertools import pairwise
-from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,51 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamtouch_models import modelfile
-from beamtouch_service.events import MOST_POINTS, Point, thin
-from beamtouch_service.surface import Surface
+from beamtouch_service.events.segments import MAX_POINTS, Point, thin
+from beamtouch_service.surfaces.surface import Surface
+from service.event_story import HARDER, RESTING, TOUCHING, Row, Story
 
 if TYPE_CHECKING:
     from service.conftest import Bench, BuildModel, MakeBatch
-
-START_US = 1_795_218_046_123_456
-Row = list[float | None]
-TOUCHING: Row = [0.5, 0.25, 0.125]
-HARDER: Row = [0.5, 0.5, 0.25]
-RESTING: Row = [0.0, 0.0, 0.0]
-
-
-def settle(bench: Bench) -> None:
-    """Wait until late samples are on record: a question does not."""
-    recorder, deadline_s = bench.app.context.recorder, monotonic() + 60
-    assert recorder is not None
-    while recorder.late_waiting:
-        assert monotonic() < deadline_s
-        sleep(0.001)
-
-
-class Story:
-    """Samples 5 ms apart, number 0 at `START_US`, delivered in any pieces and order to a service."""
-
-    def __init__(self, bench: Bench, make_batch: MakeBatch, rows: list[Row]) -> None:
-        self.bench, self.make_batch, self.rows = bench, make_batch, rows
-
-    def deliver(self, first: int, last: int, *, age_ms: float = 0.0, boot_id: str = "boot-0001") -> None:
-        """Send samples `first` up to but not with `last`."""
-        body = self.make_batch(*self.rows[first:last], sequence=first, age_ms=age_ms, boot_id=boot_id)
-        for offset, sample in enumerate(body["samples"]):
-            sample["acquired_unix_us"] = START_US + (first + offset) * 5000
-        self.bench.now_s += 0.001
-        assert self.bench.post(body).status_code == 200
-
-    @property
-    def events(self) -> list[dict[str, Any]]:
-        """All events, the oldest first, without what depends on how they came."""
-        settle(self.bench)
-        events, following = list[dict[str, Any]](), ""
-        while following is not None:
-            page = self.bench.get(f"/events?path=true{following and f'&after={following}'}").json()
-            events, following = events + page["events"], page["next"]
-        return [{name: event[name] for name in event if name not in ("id", "model")} for event in reversed(events)]
 
 
 def test_one_contact_is_one_event(bench: Bench, make_batch: MakeBatch) -> None:
@@ -84,7 +44,7 @@ def test_one_contact_is_one_event(bench: Bench, make_batch: MakeBatch) -> None:
     }
 
 
-def test_a_contact_is_on_record_while_it_goes_on(bench: Bench, make_batch: MakeBatch) -> None:
+def test_a_contact_that_goes_on_is_an_open_event(bench: Bench, make_batch: MakeBatch) -> None:
     story = Story(bench, make_batch, [RESTING, *[TOUCHING] * 500, RESTING])
     story.deliver(0, 300)
     (event,) = story.events
@@ -94,10 +54,10 @@ def test_a_contact_is_on_record_while_it_goes_on(bench: Bench, make_batch: MakeB
     story.deliver(300, 502)
     (event,) = story.events
     assert (event["end"], event["samples"], event["dwell_ms"]) == ("lift", 500, 2500.0)
-    assert len(event["path"]) <= MOST_POINTS
+    assert len(event["path"]) <= MAX_POINTS
 
 
-def test_samples_without_all_channels_or_any_answer_degrade_it(bench: Bench, make_batch: MakeBatch) -> None:
+def test_samples_without_all_channels_or_an_estimate_degrade_the_event(bench: Bench, make_batch: MakeBatch) -> None:
     unusable: Row = [1.0, 0.5, 0.5]
     story = Story(bench, make_batch, [RESTING, TOUCHING, unusable, TOUCHING, RESTING, RESTING, TOUCHING, RESTING])
     story.deliver(0, 8)
@@ -105,7 +65,7 @@ def test_samples_without_all_channels_or_any_answer_degrade_it(bench: Bench, mak
     assert [(event["quality"], event["samples"]) for event in story.events] == [("degraded", 2), ("good", 1)]
 
 
-def test_another_sender_ends_what_went_on(bench: Bench, make_batch: MakeBatch) -> None:
+def test_a_new_sender_ends_the_open_event_as_unseen(bench: Bench, make_batch: MakeBatch) -> None:
     story = Story(bench, make_batch, [RESTING, TOUCHING, TOUCHING])
     story.deliver(0, 3)
     story.deliver(1, 3, boot_id="boot-0002")
@@ -113,7 +73,7 @@ def test_another_sender_ends_what_went_on(bench: Bench, make_batch: MakeBatch) -
     assert [(event["begin"], event["end"]) for event in story.events] == [("touch", "unseen"), ("unseen", "open")]
 
 
-def test_an_outage_in_the_middle_is_two_events_until_it_is_filled(bench: Bench, make_batch: MakeBatch) -> None:
+def test_a_gap_in_a_contact_makes_two_events_until_late_samples_fill_it(bench: Bench, make_batch: MakeBatch) -> None:
     story = Story(bench, make_batch, [RESTING, *[TOUCHING] * 8, RESTING])
     story.deliver(0, 3)
     story.deliver(7, 10)
@@ -128,7 +88,7 @@ def test_an_outage_in_the_middle_is_two_events_until_it_is_filled(bench: Bench, 
     assert bench.get("/contact").json() | {"age_ms": 0} == before | {"age_ms": 0}
 
 
-def test_a_contact_that_was_only_seen_late_is_on_record(bench: Bench, make_batch: MakeBatch) -> None:
+def test_a_contact_in_late_samples_only_is_recorded(bench: Bench, make_batch: MakeBatch) -> None:
     story = Story(bench, make_batch, [RESTING, RESTING, TOUCHING, RESTING, RESTING, RESTING])
     story.deliver(0, 1)
     story.deliver(5, 6)
@@ -140,8 +100,8 @@ def test_a_contact_that_was_only_seen_late_is_on_record(bench: Bench, make_batch
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10_000))
-def test_whatever_the_order_of_delivery_the_record_is_the_same(seed: int) -> None:
-    rng = random.Random(seed)  # noqa: S311  # a story, not a secret
+def test_the_order_of_delivery_does_not_change_the_record(seed: int) -> None:
+    rng = random.Random(seed)  # noqa: S311  # no secret
     rows: list[Row] = [RESTING]
     while len(rows) < 60:
         rows += [rng.choice([TOUCHING, HARDER, RESTING])] * rng.randint(1, 8)
@@ -159,7 +119,7 @@ _shared: dict[str, Any] = {}
 
 @pytest.fixture(autouse=True)
 def _share(make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch) -> None:
-    # Hypothesis runs a test many times with the same fixtures; a service must be new each time.
+    # Hypothesis runs a test many times with the same fixtures, and each run needs a new service.
     _shared.update(bench=make_bench, build=build_model, batch=make_batch)
 
 
@@ -170,7 +130,7 @@ def _record(rows: list[Row], parts: list[tuple[int, int]]) -> list[dict[str, Any
     story = Story(bench, _shared["batch"], rows)
     newest = -1
     for first, last in parts:
-        # What was taken before the present is that old, too.
+        # Samples before the newest one are stated as old, too.
         story.deliver(first, last, age_ms=0.0 if last > newest else 60_000.0)
         newest = max(newest, last)
     return story.events
@@ -180,6 +140,6 @@ def test_a_long_path_is_thinned_evenly_and_keeps_its_ends() -> None:
     path: list[Point] = [(i * 1000, float(i), None) for i in range(5000)]
     thinned = thin(path)
 
-    assert len(thinned) <= MOST_POINTS
+    assert len(thinned) <= MAX_POINTS
     assert (thinned[0], thinned[-1]) == (path[0], path[-1])
     assert max(b[0] - a[0] for a, b in pairwise(thinned)) < 60_000

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import pytest
 from starlette.requests import Request
 
-from beamtouch_service.intake import read_body
+from beamtouch_service.api.samples import read_body
 from beamtouch_service.limits import Bucket, Seldom, SeldomFilter
 from beamtouch_service.problems import Kind, ProblemError
-from beamtouch_service.surface import Surface
+from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from starlette.types import Message

@@ -12,11 +12,11 @@ import onnx
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_service import model_keeper
 from beamtouch_service.access import Access
-from beamtouch_service.model_keeper import ModelKeeper
+from beamtouch_service.host import model_watch as model_keeper
+from beamtouch_service.host.model_watch import ModelKeeper
 from beamtouch_service.problems import ProblemError
-from beamtouch_service.surface import Surface
+from beamtouch_service.surfaces.surface import Surface
 from service.conftest import ADMIN_TOKEN, TOKEN
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ def test_a_model_for_channels_that_do_not_arrive_is_refused(
     put(kept.path, build_model(channels=5).read_bytes())
 
     assert asyncio.run(kept.reload(other_beam=True)) is False
-    assert "it needs s4, s5, which the samples of this surface do not have" in str(kept.surface.model_error)
+    assert "it needs s4, s5, but the samples of this surface lack them" in str(kept.surface.model_error)
     assert kept.surface.contact(10.0).position_mm == 150.0
 
 
@@ -161,7 +161,7 @@ def test_a_model_of_another_beam_is_used_only_when_it_is_asked_for(
     assert kept.surface.model_error is None
 
 
-def test_a_word_for_another_beam_holds_until_another_file_takes_its_place(
+def test_permission_for_another_beam_ends_when_another_file_takes_its_place(
     kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch
 ) -> None:
     old, good = identity(kept), kept.path.read_bytes()
@@ -175,9 +175,9 @@ def test_a_word_for_another_beam_holds_until_another_file_takes_its_place(
     put(kept.path, five)
     asyncio.run(polls(kept))
     assert identity(kept) == old
-    assert "to use a model of another beam, ask for it" in str(kept.surface.model_error)
+    assert "to switch to a model of another beam, send" in str(kept.surface.model_error)
 
-    # Nor does it hold once the model was in use.
+    # It also ends once the model was in use.
     assert asyncio.run(kept.reload(other_beam=True)) is True
     put(kept.path, good)
     assert asyncio.run(kept.reload(other_beam=True)) is True
@@ -190,7 +190,7 @@ def test_a_model_whose_answers_take_long_is_refused(
     kept: ModelKeeper, build_model: BuildModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
-    monkeypatch.setattr(model_keeper, "MOST_ANSWER_S", 0.0)
+    monkeypatch.setattr(model_keeper, "MAX_ANSWER_S", 0.0)
     assert asyncio.run(kept.reload()) is False
     assert "one answer takes 0 ms" in str(kept.surface.model_error)
 
@@ -322,7 +322,7 @@ def test_what_is_no_file_is_never_opened(kept: ModelKeeper, caplog: pytest.LogCa
             os.close(os.open(kept.path, os.O_RDWR | os.O_NONBLOCK))
 
     asyncio.run(story())
-    assert "no file but something else" in str(kept.surface.model_error)
+    assert "not a regular file" in str(kept.surface.model_error)
     assert len(caplog.records) == 2
 
 

@@ -1,4 +1,4 @@
-"""What waits to be put on record: bounded, refused before it is too much, and not waited for at a stop."""
+"""Samples that wait to be recorded: limited, refused above the limit, and dropped at a stop."""
 
 from __future__ import annotations
 
@@ -7,16 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_service import recorder as recorder_module
-from beamtouch_service.recorder import MOST_LATE, Recorder
-from service.test_events import RESTING, TOUCHING, Row, settle
+from beamtouch_service.events import recorder as recorder_module
+from beamtouch_service.events.recorder import MAX_LATE, Recorder
+from service.event_story import RESTING, TOUCHING, Row, settle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from service.conftest import Bench, MakeBatch
 
-PRESENT = 10_000_000
+NEWEST = 10_000_000
 ROWS: list[Row] = [*[TOUCHING] * 999, RESTING] * 2
 
 
@@ -28,7 +29,7 @@ def recorder(bench: Bench) -> Recorder:
 
 @pytest.fixture
 def gate(recorder: Recorder) -> Iterator[Event]:
-    """Until it is set, nothing is written: a disk that hangs."""
+    """Nothing is written until it is set, as if the disk hung."""
     gate = Event()
     recorder.ask(lambda _: gate.wait(60))
     yield gate
@@ -37,23 +38,23 @@ def gate(recorder: Recorder) -> Iterator[Event]:
 
 def fill(bench: Bench, make_batch: MakeBatch) -> list[dict[str, Any]]:
     """Post late batches until one is refused; return all of them."""
-    bench.post(make_batch(RESTING, sequence=PRESENT))
+    bench.post(make_batch(RESTING, sequence=NEWEST))
     sent: list[dict[str, Any]] = []
     while len(sent) < 50:
         sent.append(make_batch(*ROWS, sequence=len(ROWS) * len(sent), age_ms=60_000))
         if bench.post(sent[-1]).status_code != 200:
             return sent
-    message = "none was refused"
+    message = "no batch was refused"
     raise AssertionError(message)
 
 
-def test_late_samples_without_room_are_refused_and_are_new_when_they_are_sent_again(
+def test_late_samples_above_the_limit_are_refused_until_there_is_room(
     bench: Bench, make_batch: MakeBatch, recorder: Recorder, gate: Event
 ) -> None:
     sent = fill(bench, make_batch)
     refusal = bench.post(sent[-1])
 
-    assert len(ROWS) * (len(sent) - 1) == recorder.late_waiting == MOST_LATE
+    assert len(ROWS) * (len(sent) - 1) == recorder.late_waiting == MAX_LATE
     assert (refusal.status_code, refusal.headers["retry-after"]) == (503, "1")
     assert refusal.json()["type"] == "urn:beamtouch:problem:busy"
     assert "send the batch again" in refusal.json()["detail"]
@@ -67,16 +68,16 @@ def test_late_samples_without_room_are_refused_and_are_new_when_they_are_sent_ag
     assert recorder.lost == 0
 
 
-def test_a_batch_with_a_present_sample_is_taken_whole_however_much_waits(
+def test_a_batch_with_a_new_sample_is_accepted_above_the_limit(
     bench: Bench, make_batch: MakeBatch, recorder: Recorder, gate: Event
 ) -> None:
     fill(bench, make_batch)
-    assert bench.post(make_batch(TOUCHING, sequence=PRESENT + 2)).status_code == 200
-    mixed = make_batch(TOUCHING, TOUCHING, TOUCHING, sequence=PRESENT + 1)
+    assert bench.post(make_batch(TOUCHING, sequence=NEWEST + 2)).status_code == 200
+    mixed = make_batch(TOUCHING, TOUCHING, TOUCHING, sequence=NEWEST + 1)
 
     assert bench.post(mixed).json() == {"accepted": 2, "repeated": 1}
-    assert bench.get("/contact").json()["sequence"] == PRESENT + 3
-    assert recorder.late_waiting == MOST_LATE + 1
+    assert bench.get("/contact").json()["sequence"] == NEWEST + 3
+    assert recorder.late_waiting == MAX_LATE + 1
     gate.set()
     settle(bench)
     found = [event for event in bench.get("/events?limit=1000").json()["events"] if event["samples"] < 999]
@@ -84,20 +85,22 @@ def test_a_batch_with_a_present_sample_is_taken_whole_however_much_waits(
     assert recorder.lost == 0
 
 
-def test_without_end_not_even_that(bench: Bench, make_batch: MakeBatch, recorder: Recorder, gate: Event) -> None:
+def test_above_twice_the_limit_late_samples_are_lost(
+    bench: Bench, make_batch: MakeBatch, recorder: Recorder, gate: Event
+) -> None:
     bench.post(make_batch(RESTING, sequence=0))
     for number in range(1, 30):
-        # Its last sample is present; then the ones before come, and a present one again.
+        # A new sample first, then the ones before it together with another new one.
         bench.post(make_batch(TOUCHING, sequence=4000 * number))
         body = make_batch(*[TOUCHING] * 2000, sequence=4000 * number - 1998)
         assert bench.post(body).json() == {"accepted": 1999, "repeated": 1}
 
-    assert 2 * MOST_LATE < recorder.late_waiting <= 2 * MOST_LATE + 2000
+    assert 2 * MAX_LATE < recorder.late_waiting <= 2 * MAX_LATE + 2000
     assert recorder.lost > 0
     gate.set()
 
 
-def test_a_stop_does_not_wait_for_what_is_late_and_counts_it(
+def test_a_stop_does_not_wait_for_late_samples_and_counts_them_as_lost(
     bench: Bench,
     make_batch: MakeBatch,
     recorder: Recorder,
@@ -113,18 +116,32 @@ def test_a_stop_does_not_wait_for_what_is_late_and_counts_it(
     stop.join(60)
 
     assert not stop.is_alive()
-    # And the write of the present that stood behind the gate.
+    # The late batches, and the write of the newest sample behind the gate.
     assert recorder.lost == len(sent) - 1 + 1
     assert f"{recorder.lost} writes were lost at the stop" in caplog.text
 
 
-def test_a_stop_writes_what_it_has_time_for(
+def test_a_stop_writes_late_samples_while_it_has_time(
     bench: Bench, make_batch: MakeBatch, recorder: Recorder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bench.post(make_batch(RESTING, sequence=PRESENT))
+    bench.post(make_batch(RESTING, sequence=NEWEST))
     for number in range(3):
         bench.post(make_batch(*ROWS, sequence=len(ROWS) * number, age_ms=60_000))
     monkeypatch.setattr(recorder_module, "STOP_S", 60.0)
     recorder.close()
 
     assert (recorder.late_waiting, recorder.lost) == (0, 0)
+
+
+def test_a_deleted_file_is_logged_and_counted_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    recorder = Recorder(tmp_path / "events.db")
+    recorder.tidy()
+    assert (recorder.lost, caplog.records) == (0, [])
+    (tmp_path / "events.db").unlink()
+    recorder.tidy()
+    recorder.tidy()
+    recorder.close()
+
+    assert [record.levelname for record in caplog.records] == ["ERROR"]
+    assert "was deleted or replaced" in caplog.text
+    assert recorder.lost == 1

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_service.surface import Surface
+from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     import httpx2

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_service.senders import Senders
+from beamtouch_service.surfaces.senders import Senders
 
 if TYPE_CHECKING:
     import pytest
@@ -95,5 +95,5 @@ def test_a_change_of_sender_is_counted_and_logged_seldom(
         bench.post(make_batch(sequence=2 + number))
 
     (record,) = caplog.records
-    assert "press-7: samples come from another sender, now stray-by-hand" in record.getMessage()
+    assert "press-7: the sender changed to stray-by-hand" in record.getMessage()
     assert 'beamtouch_sender_changes_total{surface="press-7"} 10.0' in bench.get("/metrics").text

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_service.sequences import Admission, Runs, SequenceLog
+from beamtouch_service.surfaces.sequence_log import Admission, Runs, SequenceLog
 
 
 def test_a_batch_sent_twice_is_new_once() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_service.problems import Kind, ProblemError
-from beamtouch_service.surface import Surface
+from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,14 +9,14 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_service.problems import Kind
-from beamtouch_service.surface import Surface
-from beamtouch_service.touch import LIFT_FRACTION, levels
+from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.touch import LIFT_FRACTION, levels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from beamtouch_service.samples import Batch, Sample
-    from beamtouch_service.touch import Seen
+    from beamtouch_service.surfaces.touch import Seen
     from service.conftest import Bench, BuildModel, MakeBatch
 
     ParseBatch = Callable[..., Batch]

@@ -7,15 +7,14 @@ from typing import Any
 import httpx2
 import pytest
 
-from beamtouch_models.build import build
-from beamtouch_models.daemon_config import daemon_config
+from beamtouch_models.building.build import build
+from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from line import Line, Surface
-from plain_http import NO_TLS
+from plain_http import NO_TLS, TIMEOUT_S
 from simulated_board import Board
 
-TIMEOUT_S = 60.0
 SCRIPT = "repeat = false\n[[step]]\nseconds = 1e6\nposition_mm = 120\nforce_n = 10\n"
 
 
@@ -39,7 +38,7 @@ def test_a_touch_is_found_through_the_firmware(board: Board, tmp_path: Path) -> 
         end = time.monotonic() + TIMEOUT_S
         while contact.get("state") != "contact" and time.monotonic() < end:
             time.sleep(0.1)
-            answer = httpx2.get(f"{line.url}/contact", verify=NO_TLS)
+            answer = httpx2.get(f"{line.url}/contact", verify=NO_TLS, timeout=TIMEOUT_S)
             contact = answer.json() if answer.is_success else {}
         assert contact["position_mm"] == pytest.approx(120, abs=15)
         assert contact["force_n"] == pytest.approx(10, rel=0.3)

@@ -12,7 +12,7 @@ import pytest
 import tomli_w
 
 from beamtouch_models import modelfile
-from beamtouch_models.daemon_config import daemon_config
+from beamtouch_models.building.daemon_config import daemon_config
 from example_scenes import SCENES
 
 pytestmark = pytest.mark.long

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.daemon_config import daemon_config
+from beamtouch_models.building.daemon_config import daemon_config
 from example_scenes import SCENES
 from line import Kind, Line, Surface, Truth
-from plain_http import NO_TLS
+from plain_http import NO_TLS, TIMEOUT_S
 
 pytestmark = pytest.mark.long
 
@@ -95,7 +95,7 @@ def compare(line: Line, seconds: float) -> tuple[list[Compared], list[Any]]:
     mistaken: list[Any] = []
     deadline = time.monotonic() + seconds
     last = 0.0
-    with httpx2.Client(base_url=line.url) as client:
+    with httpx2.Client(base_url=line.url, timeout=TIMEOUT_S) as client:
         while time.monotonic() < deadline:
             response = client.get("/contact")
             time.sleep(0.02)  # the rig writes the truth every 10 ms
@@ -172,7 +172,7 @@ def wait_for(url: str, accept: Callable[[httpx2.Response], bool]) -> dict[str, A
     """Ask for the contact until the answer is the one wanted, for at most 10 s; returns its body."""
     deadline = time.monotonic() + 10
     while True:
-        response = httpx2.get(f"{url}/contact", verify=NO_TLS)
+        response = httpx2.get(f"{url}/contact", verify=NO_TLS, timeout=TIMEOUT_S)
         if accept(response):
             body: dict[str, Any] = response.json()
             return body

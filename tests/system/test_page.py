@@ -15,7 +15,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from beamtouch_models import modelfile
-from beamtouch_models.daemon_config import daemon_config
+from beamtouch_models.building.daemon_config import daemon_config
 from browser import NO_FIGURE, OpenPage, Watched, chromium, pages
 from example_scenes import SCENES
 from line import Line, Surface, Truth

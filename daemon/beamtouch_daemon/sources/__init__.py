@@ -1,11 +1,11 @@
-"""Where readings come from: Modbus TCP, Modbus RTU and the serial protocol."""
+"""The sources of readings: Modbus TCP, Modbus RTU and the serial protocol."""
 
 from collections.abc import Sequence
 
-from beamtouch_daemon.config import Surface, place_of
-from beamtouch_daemon.config_signal import Channel
-from beamtouch_daemon.config_sources import ModbusRtu, ModbusTcp, SerialLine
-from beamtouch_daemon.modules import Encoding, module_of
+from beamtouch_daemon.config.modules import Encoding, module_of
+from beamtouch_daemon.config.settings import Surface, place_of
+from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
 from beamtouch_daemon.sources.links import RtuLink, TcpLink
 from beamtouch_daemon.sources.polled import Link, Part, PolledSource
 from beamtouch_daemon.sources.reading import Source
@@ -25,9 +25,9 @@ def source_of(surface: Surface, name: str = "", buses: Buses | None = None) -> S
     surface
         The configuration.
     name
-        Of the surface, for the log.
+        Name of the surface, for the log.
     buses
-        Those in use so far; what this surface adds is put in.
+        The buses in use; a new bus is added.
     """
     settings = surface.source
     if isinstance(settings, SerialLine):
@@ -41,7 +41,7 @@ def source_of(surface: Surface, name: str = "", buses: Buses | None = None) -> S
     known = {} if buses is None else buses
     parts = []
     for (host, unit), values in together.items():
-        blocks = blocks_of(list(values.values()), settings.most_registers, settings.bridge_registers)
+        blocks = blocks_of(list(values.values()), settings.max_request_registers, settings.bridge_registers)
         parts.append(Part(_link(settings, host, unit, blocks, known), blocks, values))
     return PolledSource(name, parts, len(surface.channels), surface.rate_hz)
 

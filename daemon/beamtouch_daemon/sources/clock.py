@@ -1,7 +1,8 @@
-"""Device time on the host's clock.
+"""Maps device times to the host's clock.
 
-A stamp that is later than the truth makes an old value look fresh; one that is earlier only makes it look older. So
-whatever is not known counts as age.
+A time stamp that is too late makes an old value look fresh; one that is too early only makes it look older. So every
+doubt makes a reading older. This is written by hand because clock libraries estimate the middle of a round trip, which
+may be too late.
 """
 
 import math
@@ -10,75 +11,75 @@ from collections import deque
 import numpy as np
 
 MAX_DRIFT = 0.01
-"""The most by which a device clock may run slow or fast; a ceramic resonator is within half of it."""
+"""Largest relative error of a device clock; a ceramic resonator is twice as good."""
 ROUND_TRIPS = 60
-"""So many of the last round trips are kept."""
+"""Number of round trips that are kept."""
 ENOUGH_ROUND_TRIPS = 5
-"""From so many on they tell the drift."""
+"""Smallest number of round trips that determines the drift."""
 BEST_PART = 4
-"""One in so many round trips is used for the drift, the quickest."""
+"""The drift is estimated from the fastest round trips, one in this many."""
 BEYOND_S = 1.0
-"""A device time that has not come yet by so much is wrong; taken in, it would make all later readings old."""
+"""A device time further in the future than this is wrong. If it counted, all later readings would look old."""
 
 
 class HostClock:
     """Maps device times to the monotonic clock of the host.
 
-    The offset between the two clocks lies between two bounds. The device handled a ping after it was sent: that is the
-    lower bound, and stamps follow it. A frame arrived after its device time: the smallest difference so far is the
-    upper bound, and no stamp passes it. As the clocks drift, the upper bound creeps upwards at `MAX_DRIFT` of the
-    device's time until a frame holds it down again. Both follow the device's time and not arrivals, so that a line that
-    delivers many readings at once does not make old readings young.
+    The offset between the two clocks lies between two bounds. The device handled a ping after the ping was sent: that
+    gives the lower bound, which time stamps follow. A frame arrives after its device time: the smallest difference so
+    far gives the upper bound, which no time stamp exceeds. Because the clocks drift, the upper bound rises at
+    `MAX_DRIFT` of the device's time until a frame lowers it again. Both bounds follow the device's time and not
+    arrivals, so old readings stay old on a line that delivers many readings in a burst.
 
-    With at least one round trip no stamp is later than the truth, however long an adapter holds readings back. It is
-    earlier by what the quickest pings took to reach the device, and by what the drift may be since. Without any round
-    trip it is later by the smallest delay of a frame.
+    With at least one round trip, no time stamp is too late, however long an adapter holds readings back. It is too
+    early by the time that the fastest pings took to reach the device, plus the possible drift since then. Without a
+    round trip, it is too late by the smallest delay of a frame.
     """
 
     def __init__(self) -> None:
-        self._most_offset_s = math.inf
+        self._max_offset_s = math.inf
         self._device_s = -math.inf
         self._last_s = -math.inf
         self._round_trips = RoundTrips()
 
     def round_trip(self, sent_s: float, device_s: float, received_s: float) -> None:
-        """Take in when a ping was sent and answered [s, host], and the device's time in the answer [s]."""
+        """Add a round trip: host times of the ping and of its answer [s], and the device time in the answer [s]."""
         self._round_trips.add(sent_s, device_s, received_s)
         self.heard(device_s, received_s)
 
     def heard(self, device_s: float, arrival_s: float) -> None:
-        """Take in that a frame of this device time [s] arrived then [s, host]; of a burst all before the first stamp.
+        """Add the device time [s] and the arrival on the host's clock [s] of a frame.
 
-        The newest frame of a burst tells most: the others waited for it.
+        Add all frames of a burst before the first time stamp: the newest has the smallest delay.
         """
         if math.isinf(self._device_s):
             self._device_s = device_s
-        crept_s = self._most_offset_s + MAX_DRIFT * max(0.0, device_s - self._device_s)
-        self._most_offset_s = min(arrival_s - device_s, crept_s)
+        crept_s = self._max_offset_s + MAX_DRIFT * max(0.0, device_s - self._device_s)
+        self._max_offset_s = min(arrival_s - device_s, crept_s)
         self._device_s = max(self._device_s, device_s)
 
     def is_beyond(self, device_s: float, arrival_s: float) -> bool:
-        """Whether a frame that arrived then [s, host] states a device time [s] that cannot have come yet."""
+        """Return whether a frame that arrived at `arrival_s` [s, host] states a device time [s] in the future."""
         earliest_s = self._round_trips.to_host(device_s)
         return earliest_s is not None and earliest_s > arrival_s + BEYOND_S
 
     def is_behind(self, device_s: float, sent_s: float) -> bool:
-        """Whether the answer to a ping that was sent then [s, host] states a device time [s] from well before it."""
-        latest_s = device_s + self._most_offset_s + MAX_DRIFT * max(0.0, device_s - self._device_s)
+        """Return whether the answer to a ping has a device time [s] from well before the ping was sent [s, host]."""
+        latest_s = device_s + self._max_offset_s + MAX_DRIFT * max(0.0, device_s - self._device_s)
         return latest_s < sent_s - BEYOND_S
 
     def to_host(self, device_s: float, arrival_s: float) -> float:
-        """Return when a reading was taken [s]: never later than its arrival, never earlier than the one before.
+        """Return the time of a reading [s]: never later than its arrival, never earlier than the previous one.
 
         Parameters
         ----------
         device_s
-            Its time on the device's clock.
+            Time of the reading on the device's clock.
         arrival_s
-            When its frame arrived, on the monotonic clock.
+            Arrival of its frame on the monotonic clock.
         """
         self.heard(device_s, arrival_s)
-        latest_s = device_s + self._most_offset_s + MAX_DRIFT * (self._device_s - device_s)
+        latest_s = device_s + self._max_offset_s + MAX_DRIFT * (self._device_s - device_s)
         earliest_s = self._round_trips.to_host(device_s)
         taken_s = latest_s if earliest_s is None else min(earliest_s, latest_s)
         self._last_s = max(self._last_s, min(taken_s, arrival_s))
@@ -86,17 +87,16 @@ class HostClock:
 
 
 class RoundTrips:
-    """What questions and answers tell of two clocks: the earliest host time of a device time. No I/O.
+    """Estimates the earliest host time of a device time from round trips. No I/O.
 
-    The device handled a question after it was sent and before its answer arrived. So host time at that device time is
-    not before the sending, whatever the answer waited for on its way. The question that tells most is the one that
-    travelled quickest.
+    The device handled a ping after it was sent, whatever delayed the answer. So the host time at that device time is
+    not before the sending. The ping that reached the device fastest gives the best bound.
 
-    The drift is the slope of a line through the middles of the quickest round trips, by repeated medians (Siegel,
-    Biometrika 69, 1982, 242-244): half of them may be off, as by a queue in one direction, and it stands. The longest
-    of them, over the time between the first and the last, is the doubt about it. Until that is less than `MAX_DRIFT`,
-    the slope is 1 and the doubt is `MAX_DRIFT`. The time from the question that tells most, times the doubt, is taken
-    off.
+    The drift is the slope of a line through the middles of the fastest round trips, by repeated medians (Siegel,
+    Biometrika 69, 1982, 242-244), which tolerate errors in half of them, such as a queue in one direction. The doubt of
+    the slope is the duration of the longest of these round trips divided by the time that they span. Until that is less
+    than `MAX_DRIFT`, the slope is 1 and the doubt is `MAX_DRIFT`. The doubt times the time since the best ping is
+    subtracted.
     """
 
     def __init__(self) -> None:
@@ -107,7 +107,7 @@ class RoundTrips:
         self._doubt = MAX_DRIFT
 
     def add(self, sent_s: float, device_s: float, received_s: float) -> None:
-        """Take in one round trip: host time of the question, device time, host time of the answer [s]."""
+        """Add a round trip: host time of the ping, device time, host time of the answer [s]."""
         self._trips.append((received_s - sent_s, device_s, sent_s))
         if len(self._trips) >= ENOUGH_ROUND_TRIPS:
             self._find_drift()

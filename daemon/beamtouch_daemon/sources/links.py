@@ -1,4 +1,4 @@
-"""The ways to Modbus units: on a serial bus, and behind a TCP connection."""
+"""Links to Modbus units: on a serial bus, and over TCP."""
 
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -7,7 +7,7 @@ from time import monotonic
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-from beamtouch_daemon.config_sources import ModbusTcp
+from beamtouch_daemon.config.sources import ModbusTcp
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_bus import RtuBus
@@ -18,13 +18,13 @@ from beamtouch_daemon.sources.tcp_frame import AnswerHeaders
 
 READ_HOLDING_REGISTERS = 3
 REST_S = 0.5
-"""A unit that was given up rests for so long between attempts."""
+"""Pause between attempts to reach a unit that was given up."""
 REST_TIMEOUTS = 13.0
-"""On a bus for so many timeouts, if that is longer: attempts then cost the other units one part in 14."""
+"""On a bus, wait at least 13 timeouts between attempts, so that they take at most 1/14 of the bus."""
 
 COPIES = (
-    "Modbus RTU numbers no answers: a copy of an answer that comes after the next request, or the answer to another "
-    "master that asks the same unit for as many registers, cannot be told from the answer itself."
+    "Modbus RTU answers carry no number. Two kinds of answers cannot be told from the right one: a copy that comes "
+    "after the next request, and the answer to another master that asks the same unit for as many registers."
 )
 
 
@@ -46,8 +46,8 @@ class RtuLink:
             return (COPIES,)
         silence_s = forgotten_s(self.timeout_s)
         unprovable = (
-            f"{self.name} answers requests for its values only, so a late answer looks like a new one. After one "
-            f"that does not come, it is left alone for {silence_s:g} s; one later than that is taken for a new one."
+            f"{self.name} answers only requests for its values, so a late answer looks like a new one. After a missing "
+            f"answer it is left alone for {silence_s:g} s; an answer that comes even later counts as a new one."
         )
         return unprovable, COPIES
 
@@ -63,8 +63,8 @@ class RtuLink:
 class TcpLink:
     """A unit behind a Modbus TCP server.
 
-    Within a connection the transaction number tells answers apart. A request that timed out ends the connection, and
-    with it any answer that is still under way.
+    Within a connection, transaction numbers tell answers apart. A timeout closes the connection, which discards any
+    late answer.
     """
 
     def __init__(self, settings: ModbusTcp, host: str, unit: int) -> None:
@@ -81,19 +81,19 @@ class TcpLink:
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """None: the transaction number tells answers apart."""
+        """Empty: transaction numbers tell answers apart."""
         return ()
 
     @asynccontextmanager
     async def opened(self) -> AsyncIterator[None]:
-        """Connect when the first registers are read; disconnect at the end."""
+        """Connect at the first read; disconnect at the end."""
         try:
             yield
         finally:
             self._close()
 
     async def read(self, block: Block) -> tuple[Answer, float, float]:
-        """Read registers, connecting first if that has to be."""
+        """Read registers; connect first if necessary."""
         client = await self._connected()
         ask = client.read_holding_registers if self._reads_holding else client.read_input_registers
         begin_s = monotonic()
@@ -104,7 +104,7 @@ class TcpLink:
             complaint = self._headers.complaint or f"does not answer within {self.timeout_s * 1e3:.0f} ms"
             message = f"{self.name} {complaint}"
             raise NoAnswerError(message) from error
-        except BaseException:  # cancelled: the answer is still to come
+        except BaseException:  # cancelled: the answer may still come
             self._close()
             raise
         end_s = monotonic()
@@ -113,11 +113,11 @@ class TcpLink:
         if answer.isError() and answer.function_code == self._function | EXCEPTION:
             return Answer(exception=answer.exception_code), begin_s, end_s
         self._close()
-        message = f"{self.name} gave the answer to another request"
+        message = f"{self.name} answered another request"
         raise NoAnswerError(message)
 
     async def _connected(self) -> AsyncModbusTcpClient:
-        """Return the connection; another one if the device has closed it, as some do after each answer."""
+        """Return the connection. Connect again if the device has closed it: some do so after each answer."""
         if self._client is not None and self._client.connected:
             return self._client
         self._close()

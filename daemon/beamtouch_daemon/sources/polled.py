@@ -1,8 +1,8 @@
-"""Readings of a surface whose channels lie in one or several Modbus units, polled on a schedule that does not drift.
+"""Polls the readings of a surface from one or several Modbus units, on a schedule that does not drift.
 
-Units that answer are read in every slot. One that does not is given up after a few slots: its channels are missing from
-the readings, the others go on, and it is tried again beside the slots, so seldom that the attempts cost the others
-little.
+Units that answer are read in every slot. A unit that does not answer is given up after a few slots: its channels are
+missing from the readings, and the other units continue. It is tried again outside the slots, rarely enough to cost the
+other units little.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ from beamtouch_daemon.sources.rtu_frame import Answer
 from beamtouch_daemon.tasks import cancel
 
 GIVEN_UP_AFTER = 3
-"""So many slots in a row a unit may fail; one that is lost now and then stays in."""
+"""A unit is given up after this many failed slots in a row."""
 
 _EXCEPTIONS = {
     1: "it does not know this function",
@@ -35,58 +35,58 @@ _log = logging.getLogger(__name__)
 
 
 class Link(Protocol):
-    """The way to one unit."""
+    """Connection to one unit."""
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name for messages."""
         ...
 
     @property
     def timeout_s(self) -> float:
-        """How long the unit may take to answer."""
+        """Timeout of an answer."""
         ...
 
     @property
     def rest_s(self) -> float:
-        """How long to leave a unit alone that does not answer, for the sake of others."""
+        """Pause before a unit that does not answer is tried again."""
         ...
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """What cannot be proven of its answers, as far as is known by now; a sentence each."""
+        """What cannot be proven of its answers, as far as is known; a sentence each."""
         ...
 
     def opened(self) -> AbstractAsyncContextManager[None]:
-        """Return a context in which the unit can be read; SourceError if there is no way to it."""
+        """Return a context in which the unit can be read; SourceError if the link cannot be opened."""
         ...
 
     async def read(self, block: Block) -> tuple[Answer, float, float]:
-        """Read registers; return the answer, and when it was asked and answered on the monotonic clock [s].
+        """Read registers; return the answer, and the times of request and answer on the monotonic clock [s].
 
-        Raises NoAnswerError if the unit does not answer, SourceError if the way to it is gone.
+        Raises NoAnswerError if the unit does not answer, SourceError if the link is gone.
         """
         ...
 
 
 @dataclass(slots=True)
 class Part:
-    """One unit with the channels that lie in it."""
+    """One unit and its channels."""
 
     link: Link
     blocks: tuple[Block, ...]
     values: dict[int, Value]
-    """By the index of the channel in the reading."""
+    """Values by the index of their channel in the reading."""
     failures: int = GIVEN_UP_AFTER - 1
-    """Slots in a row without an answer. A unit that never answered is given up at once."""
+    """Failed slots in a row. A unit that never answered is given up at once."""
     rests_until_s: float = 0.0
     complaint: str = ""
-    """Why it failed last."""
+    """Reason of the last failure."""
     attempt: asyncio.Task[None] | None = field(default=None)
 
     @property
     def is_given_up(self) -> bool:
-        """Whether it is left out of the slots."""
+        """Whether the unit is left out of the slots."""
         return self.failures >= GIVEN_UP_AFTER
 
     def failed(self, complaint: str) -> None:
@@ -98,7 +98,7 @@ class Part:
 
 
 class PolledSource:
-    """Readings of one surface, each of all units that answered in its slot."""
+    """Yields readings of one surface, each from all units that answered in its slot."""
 
     def __init__(self, name: str, parts: Sequence[Part], channels: int, rate_hz: float) -> None:
         self._parts = tuple(parts)
@@ -108,11 +108,11 @@ class PolledSource:
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """What cannot be proven of the answers of the units, as far as is known by now; a sentence each."""
+        """What cannot be proven of the answers of the units, as far as is known; a sentence each."""
         return tuple(dict.fromkeys(limit for part in self._parts for limit in part.link.limits))
 
     async def readings(self) -> AsyncGenerator[list[Reading], None]:
-        """Open the ways to the units and yield a reading per slot, until none of them answers."""
+        """Open the links and yield a reading per slot, until no unit answers."""
         async with AsyncExitStack() as stack:
             for part in self._parts:
                 await stack.enter_async_context(part.link.opened())
@@ -131,7 +131,7 @@ class PolledSource:
                     yield [reading]
 
     async def _rest(self) -> None:
-        """Wait until the first unit may be tried, if all were given up, and try all that may be."""
+        """If all units were given up, wait until the first of them may be tried again."""
         if all(part.is_given_up for part in self._parts):
             until_s = min(part.rests_until_s for part in self._parts)
             await asyncio.sleep(max(0.0, until_s - monotonic()))
@@ -140,9 +140,9 @@ class PolledSource:
                     part.failures = GIVEN_UP_AFTER - 1
 
     async def _poll(self, lost: int) -> Reading | None:
-        """Read all units that are not given up; None if none of them answered, SourceError if none is left.
+        """Read all units that are not given up; None if none answered, SourceError if all are given up.
 
-        The reading is as old as the oldest of its parts.
+        The reading is as old as its oldest part.
         """
         if len(self._parts) == 1:
             live: Sequence[Part] = self._parts
@@ -165,9 +165,9 @@ class PolledSource:
         return None
 
     async def _read(self, part: Part) -> tuple[Mapping[int, int], float] | None:
-        """Return what the registers of a unit held, and since when: it was asked then. None if it failed.
+        """Return the contents of a unit's registers, and the time of the first request; None if it failed.
 
-        An answer that waits on its way tells nothing of how long, so the time of asking is the latest that is safe.
+        The delay of an answer is unknown, so the time of the request is the latest safe time stamp.
         """
         contents: dict[int, int] = {}
         refusal, begin_s = 0, None
@@ -192,11 +192,11 @@ class PolledSource:
 
     def _failed(self, part: Part, complaint: str) -> None:
         part.failed(complaint)
-        if part.is_given_up and len(self._parts) > 1:  # the only one ends the session, which is logged there
+        if part.is_given_up and len(self._parts) > 1:  # the end of the session is logged elsewhere
             self._faults[part.link.name].failed(f"{complaint}; trying again")
 
     def _attempt_again(self) -> None:
-        """Try units that were given up and have rested, beside the slots."""
+        """Try units again that were given up, after their pause and outside the slots."""
         for part in self._parts:
             idle = part.attempt is None or part.attempt.done()
             if part.is_given_up and idle and monotonic() >= part.rests_until_s:

@@ -1,25 +1,26 @@
-"""What every source gives, and the clock that polled sources keep."""
+"""What every source has in common: readings, errors, and the schedule of polled sources."""
 
 import asyncio
 import math
 from collections.abc import AsyncGenerator
+from contextlib import aclosing
 from time import monotonic
 from typing import NamedTuple, Protocol
 
 
 class SourceError(Exception):
-    """The source cannot go on and has to be opened anew; the text is one line for the log."""
+    """The source failed and must be opened again; the text is one line for the log."""
 
 
 class NoAnswerError(Exception):
-    """A unit did not answer, or not intact; the text is one line for the log.
+    """A unit did not answer, or its answer was damaged; the text is one line for the log.
 
     Parameters
     ----------
     message
         The text.
     lives
-        Whether the unit has just answered something else.
+        Whether the unit has just answered another request.
     """
 
     def __init__(self, message: str, *, lives: bool = False) -> None:
@@ -28,18 +29,18 @@ class NoAnswerError(Exception):
 
 
 class Reading(NamedTuple):
-    """Raw counts of all channels at one instant; the mean of several conversions need not be whole."""
+    """Raw counts of all channels at one instant; means of several conversions may have fractions."""
 
     monotonic_s: float
     """When it was taken, on the monotonic clock of this host."""
     counts: tuple[float | None, ...]
-    """One per channel, in the order of the configuration; None for a channel that the device did not give."""
+    """One per channel, in the order of the configuration; None if the device did not send it."""
     lost: int = 0
     """Readings lost between this one and the one before it in the same session."""
 
 
 class Source(Protocol):
-    """Where the readings of one surface come from."""
+    """Yields the readings of one surface."""
 
     @property
     def limits(self) -> tuple[str, ...]:
@@ -47,15 +48,26 @@ class Source(Protocol):
         ...
 
     def readings(self) -> AsyncGenerator[list[Reading], None]:
-        """Open the device and yield readings, oldest first, never an empty list, until SourceError.
+        """Open the device and yield non-empty lists of readings, oldest first, until SourceError.
 
-        Closing the generator closes the device. It may be called again afterwards, for the next session.
+        Closing the generator closes the device. A new call then opens the next session.
         """
         ...
 
 
+async def first_readings(source: Source, number: int) -> list[Reading]:
+    """Return the first `number` readings of a new session; SourceError if the source fails."""
+    readings: list[Reading] = []
+    async with aclosing(source.readings()) as stream:
+        async for arrived in stream:
+            readings += arrived
+            if len(readings) >= number:
+                break
+    return readings[:number]
+
+
 class Schedule:
-    """Slots at a fixed rate: slot k begins at start + k / rate, so that nothing adds up.
+    """Slots at a fixed rate: slot k begins at start + k / rate, so that errors do not accumulate.
 
     Parameters
     ----------
@@ -73,7 +85,7 @@ class Schedule:
     def advance(self, now_s: float) -> tuple[float, int]:
         """Take the next slot; return how long to wait for it [s] and how many slots were missed before it.
 
-        A slot that has begun is used at once; slots that have passed altogether are skipped, not caught up.
+        A slot that has begun is used at once; slots that are over are skipped.
         """
         reached = math.floor((now_s - self._start_s) * self._rate_hz)
         following = self._slot + 1

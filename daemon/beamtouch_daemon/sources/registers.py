@@ -1,22 +1,22 @@
-"""Registers of Modbus units: which to ask for with one request, and what their contents mean. Pure; no I/O."""
+"""Registers of Modbus units: how to group them into requests, and how to decode them. Pure; no I/O."""
 
 import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from beamtouch_daemon.config_sources import ByteOrder
-from beamtouch_daemon.modules import Encoding, words_of
+from beamtouch_daemon.config.modules import Encoding, words_of
+from beamtouch_daemon.config.sources import ByteOrder
 
 MAX_REGISTERS = 125
-"""The most that one request may ask for."""
+"""Limit of registers in one request."""
 
 _FORMATS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Registers in a row, read with one request."""
+    """Consecutive registers, read with one request."""
 
     first: int
     count: int
@@ -24,7 +24,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A value in one register, or in two in a row."""
+    """A value in one register, or in two consecutive ones."""
 
     register: int
     encoding: Encoding = "u16"
@@ -32,21 +32,21 @@ class Value:
 
     @property
     def registers(self) -> range:
-        """The registers that it takes."""
+        """The registers of the value."""
         return range(self.register, self.register + words_of(self.encoding))
 
     @property
     def swaps_bytes(self) -> bool:
-        """Whether the two bytes of a register are the other way round."""
+        """Whether the two bytes of each register are swapped."""
         return self.byte_order in {"BADC", "DCBA"}
 
     def decode(self, contents: Mapping[int, int]) -> float | None:
-        """Return the value; None where a register is missing, or where it is no number.
+        """Return the value; None if a register is missing, or if the value is not finite.
 
         Parameters
         ----------
         contents
-            Content of each register that was read, 0 to 65535.
+            Contents of the registers that were read, 0 to 65535.
         """
         if self.encoding == "u16" and not self.swaps_bytes:
             return contents.get(self.register)
@@ -61,24 +61,24 @@ class Value:
         return value if math.isfinite(value) else None
 
 
-def blocks_of(values: Sequence[Value], most: int = MAX_REGISTERS, bridge: int = 0) -> tuple[Block, ...]:
-    """Return the fewest blocks that hold the values, each whole in one, so that its halves are of one instant.
+def blocks_of(values: Sequence[Value], max_registers: int = MAX_REGISTERS, bridge: int = 0) -> tuple[Block, ...]:
+    """Return the smallest number of blocks with all values. No value is split, so its halves are of one instant.
 
     Parameters
     ----------
     values
-        What is needed.
-    most
-        The most registers of a block.
+        The values to read.
+    max_registers
+        Limit of registers in a block.
     bridge
-        So many registers in a row that nobody needs may lie in a block.
+        Largest number of consecutive unused registers within a block.
     """
     blocks: list[Block] = []
     for registers in sorted({(value.registers.start, value.registers.stop) for value in values}):
         begin, end = registers
         last = blocks[-1] if blocks else None
-        # Taking each block as long as it may be gives the fewest of them.
-        if last and begin - (last.first + last.count) <= bridge and end - last.first <= most:
+        # The longest possible blocks give the smallest number of them.
+        if last and begin - (last.first + last.count) <= bridge and end - last.first <= max_registers:
             blocks[-1] = Block(last.first, max(last.count, end - last.first))
         else:
             blocks.append(Block(begin, end - begin))

@@ -1,10 +1,10 @@
 """A serial bus with any number of Modbus RTU units, shared by all surfaces that read from it.
 
-Answers carry no number, so that nothing but order, unit, function and length tells them apart. A client that goes on
-after a late answer takes every answer for the one before it, without an error. Here, at most one request is under way
-on the bus, and a unit that may owe an answer is asked for values only after it has answered probes (`rtu_unit`): at the
-beginning of a session, after an answer that did not come, and after one that came unasked. A unit that answers no probe
-is left alone for long instead.
+Answers carry no number: only order, unit, function and length tell them apart. A client that continues after a late
+answer assigns every answer to the wrong request, without an error. Serial clients of libraries do that, so this one is
+written by hand. It has at most one request on the bus. A unit that may owe an answer must answer probes (`rtu_unit`)
+before it is asked for values: at the beginning of a session, after a missing answer, and after an unexpected one. A
+unit that answers no probe is left alone for a long time instead.
 """
 
 import asyncio
@@ -13,7 +13,7 @@ from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
 from time import monotonic
 
-from beamtouch_daemon.config_sources import ModbusRtu
+from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_exchange import Query, RtuExchange, forgotten_s
@@ -22,31 +22,31 @@ from beamtouch_daemon.sources.rtu_proof import Proof
 from beamtouch_daemon.sources.rtu_unit import AFTER_A_FAILURE, AT_A_START, EXPLORE_S, READ_FUNCTIONS, Probe, Unit
 
 QUIET_S = (0.1, 0.5)
-"""At the beginning of a session a proof holds if nothing comes unasked for a timeout, within these bounds."""
+"""At the start of a session, a proof needs silence for one timeout, but at least and at most this long."""
 PROOFS = 3
-"""Proofs of a unit that still sends something unasked. It is suspect afterwards: another master may be asking it."""
+"""Number of proofs for a unit that sends unexpected answers. Then it is suspect: another master may be asking it."""
 LEARNING_S = 5.0
-"""Trying the probes of an unknown unit ends after this long; a longer wait would look like a hanging daemon."""
+"""Time limit for trying the probes of an unknown unit; a longer wait would look like a hanging daemon."""
 SUSPECT_S = 10.0
-"""After an answer that came unasked, a probe comes before every value for this long."""
+"""After an unexpected answer, a probe precedes every value for this long."""
 
 
 class RtuBus:
-    """One serial port; opened by its first user and closed by its last."""
+    """One serial port, opened by its first user and closed by its last."""
 
     def __init__(self, settings: ModbusRtu) -> None:
         self.line = settings.line
-        """The settings that all its users agree on."""
+        """Line settings of all its users."""
         self._exchange = RtuExchange(settings)
         self._lock = asyncio.Lock()
         """Held for one request and its answer."""
         self._turns: defaultdict[int, asyncio.Lock] = defaultdict(asyncio.Lock)
-        """Held while a unit is read, by its address; other units may be asked between two requests."""
+        """Held while a unit is read, by address; other units may be asked between two requests."""
         self._users = 0
         self._units: dict[int, Unit] = {}
 
     def unit(self, address: int, function: int, blocks: Collection[Block]) -> Unit:
-        """Return a unit that is to be asked for `blocks`; all who read from it share one."""
+        """Return the unit at an address, which will be asked for `blocks`; all its users share it."""
         unit = self._units.setdefault(address, Unit(address))
         unit.will_be_asked(function, blocks)
         return unit
@@ -56,7 +56,7 @@ class RtuBus:
         """Keep the port open during the block; SourceError if it cannot be opened."""
         if self._exchange.port.open():
             for unit in self._units.values():
-                unit.doubt(AT_A_START)  # nobody knows what was asked before
+                unit.doubt(AT_A_START)  # earlier requests are unknown
         self._users += 1
         try:
             yield
@@ -66,12 +66,12 @@ class RtuBus:
                 self._exchange.port.close()
 
     async def read(self, query: Query) -> tuple[Answer, float, float]:
-        """Read registers; return the answer, and when it was asked and answered on the monotonic clock [s].
+        """Read registers; return the answer, and the times of request and answer on the monotonic clock [s].
 
         Raises
         ------
         NoAnswerError
-            The unit does not answer, or is being left alone after it did not.
+            The unit does not answer, or is left alone because it did not answer.
         SourceError
             The port is gone.
         """
@@ -80,26 +80,26 @@ class RtuBus:
             begin_s = monotonic()
             if begin_s < unit.suspect_until_s and not unit.is_unprovable:
                 unit.doubt(AFTER_A_FAILURE)
-            was_missing = unit.missing
-            if was_missing and not (unit.is_unprovable and begin_s - unit.explored_s < EXPLORE_S):
+            was_needed = unit.probes_needed
+            if was_needed and not (unit.is_unprovable and begin_s - unit.explored_s < EXPLORE_S):
                 refusal = await self._bring_in_step(query)
                 if refusal is not None:
                     return refusal, begin_s, monotonic()
-            if not unit.missing:
-                return await self._read(query, lives=bool(was_missing))
+            if not unit.probes_needed:
+                return await self._read(query, lives=bool(was_needed))
         await self._leave_alone(query)
         return await self.read(query)
 
     async def _bring_in_step(self, query: Query) -> Answer | None:
-        """Prove that a unit owes no value; return its refusal if that is all that it gives.
+        """Prove that a unit owes no value; return its refusal if it refuses every request.
 
-        Nothing is proven of a unit that turns out to answer values only. NoAnswerError if a unit does not answer.
+        A unit that answers only requests for values cannot be proven. NoAnswerError if the unit does not answer.
         """
         unit = query.unit
-        is_start = unit.missing >= AT_A_START or not unit.is_known
+        is_start = unit.probes_needed >= AT_A_START or not unit.is_known
         refusal = await self._prove(query)
         for _ in range(PROOFS - 1):
-            if not is_start or unit.missing or await self._is_quiet(query):
+            if not is_start or unit.probes_needed or await self._is_quiet(query):
                 return refusal
             unit.doubt(AT_A_START)
             refusal = await self._prove(query)
@@ -107,7 +107,7 @@ class RtuBus:
         return refusal
 
     async def _is_quiet(self, query: Query) -> bool:
-        """Listen for what an earlier program is owed; return whether nothing came."""
+        """Listen for answers to an earlier program; return whether none came."""
         async with self._lock:
             await self._exchange.listen(min(max(query.timeout_s, QUIET_S[0]), QUIET_S[1]))
             has_come = self._exchange.has_come_from(query.unit, READ_FUNCTIONS)
@@ -115,13 +115,13 @@ class RtuBus:
             return not has_come
 
     async def _prove(self, query: Query) -> Answer | None:
-        """Send probes until the unit owes no value, as far as this program knows."""
+        """Send probes until the unit owes no value to this program; return its refusal, if any."""
         unit, refusal = query.unit, None
         begin_s = monotonic()
         proof = Proof(unit, begin_s, forgotten_s(query.timeout_s))
         if proof.is_held_back:
             raise self._left_alone(query)
-        if not unit.is_known:  # any unit that lives answers this; it is not believed, as it may be late
+        if not unit.is_known:  # any working unit answers this; the answer is not used as a value: it may be late
             answer = await self._ask(query, None)
             proof.lives = answer is not None
             refusal = answer if answer is not None and answer.exception else None
@@ -131,33 +131,31 @@ class RtuBus:
             refusal = answer if is_refused else refusal
             proof.take(probe, lives=answer is not None, answered=answer is not None and not is_refused)
         proof.end(monotonic())
-        if not unit.missing or unit.is_unprovable:
+        if not unit.probes_needed or unit.is_unprovable:
             return None
         if refusal is not None:
             return refusal
         if proof.lives:
-            message = (
-                f"unit {unit.address} answers too late; it is asked for values again once it owes nothing any more"
-            )
+            message = f"unit {unit.address} answers too late; it is asked for values again when it owes no answer"
             raise NoAnswerError(message)
         raise self._no_answer(query)
 
     async def _leave_alone(self, query: Query) -> None:
-        """Wait for the first time until an unprovable unit owes nothing any more; NoAnswerError later, for so long."""
+        """Wait until an unprovable unit owes nothing: the first time here, later with NoAnswerError until then."""
         unit, has_waited, silence_s = query.unit, query.unit.has_waited, forgotten_s(query.timeout_s)
         unit.has_waited = True
-        while unit.missing and (left_s := unit.asked_s + silence_s - monotonic()) > 0:
+        while unit.probes_needed and (left_s := unit.asked_s + silence_s - monotonic()) > 0:
             if has_waited or silence_s > LEARNING_S:
                 raise self._left_alone(query)
             await asyncio.sleep(left_s)
         unit.is_in_step(monotonic())
 
     async def _read(self, query: Query, *, lives: bool) -> tuple[Answer, float, float]:
-        """Ask a unit that owes nothing for values."""
+        """Ask a unit that owes no answer for values."""
         async with self._lock:
             await self._pause()
-            if query.unit.missing:
-                message = f"unit {query.unit.address}: the port was opened anew"
+            if query.unit.probes_needed:
+                message = f"unit {query.unit.address}: the port was opened again"
                 raise SourceError(message)
             begin_s = monotonic()
             answer = await self._exchange.ask(query, None)
@@ -167,7 +165,7 @@ class RtuBus:
         return answer, begin_s, monotonic()
 
     async def _ask(self, query: Query, probe: Probe | None) -> Answer | None:
-        """Send one request to a unit that is being proven; the other units have their turn between two of them."""
+        """Send one request of a proof; other units may be asked between two of them."""
         async with self._lock:
             await self._pause()
             return await self._exchange.ask(query.of(probe) if probe else query, probe)
@@ -179,17 +177,17 @@ class RtuBus:
 
     def _left_alone(self, query: Query) -> NoAnswerError:
         silence_s = forgotten_s(query.timeout_s)
-        message = f"unit {query.unit.address} is left alone for {silence_s:g} s, so that no late answer is believed"
-        return NoAnswerError(message)
+        reason = "so that no late answer counts as a new one"
+        return NoAnswerError(f"unit {query.unit.address} is left alone for {silence_s:g} s, {reason}")
 
     async def _pause(self) -> None:
-        """Wait until a request may be sent. What came unasked is thrown away; a unit that owed nothing is suspect."""
+        """Wait until a request may be sent. Discard unexpected answers; a unit that owed none becomes suspect."""
         exchange = self._exchange
         await exchange.pause()
         if not exchange.received:
             return
         for unit in self._units.values():
-            if not unit.missing and exchange.has_come_from(unit, {function for function, _ in unit.asked}):
+            if not unit.probes_needed and exchange.has_come_from(unit, {function for function, _ in unit.asked}):
                 unit.suspect_until_s = monotonic() + SUSPECT_S
             found = {probe: exchange.find_probe(unit, probe) for probe in unit.unsure}
             unit.learn(probe for probe, answer in found.items() if answer is not None and not answer.exception)

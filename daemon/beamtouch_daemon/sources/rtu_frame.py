@@ -1,8 +1,7 @@
-"""Frames of Modbus RTU, as far as reading registers needs them. Pure; no I/O.
+"""Frames of Modbus RTU for reading registers. Pure; no I/O.
 
-A frame has no mark at its beginning and no number, only a checksum at its end. What tells an answer from others is the
-unit, the function and its length, so that all of them are asked for here, and whatever else is in the buffer is
-passed over.
+A frame has no start mark and no number, only a checksum at its end. An answer is identified by unit, function and
+length, so the functions here require all three and skip everything else in the buffer.
 """
 
 import struct
@@ -12,7 +11,7 @@ from typing import NamedTuple
 from pymodbus.framer.rtu import FramerRTU
 
 EXCEPTION = 0x80
-"""Added to the function of an answer that is a refusal."""
+"""Added to the function code in a refusal."""
 EXCEPTION_BYTES = 5
 ENVELOPE_BYTES = 5
 """Unit, function, number of bytes, and the checksum."""
@@ -23,7 +22,7 @@ class Answer(NamedTuple):
 
     registers: Sequence[int] = ()
     exception: int = 0
-    """Not 0: the unit refuses, and this is its reason."""
+    """Code of the refusal; 0: not refused."""
 
 
 def request(unit: int, function: int, first: int, count: int) -> bytes:
@@ -37,12 +36,12 @@ def with_checksum(body: bytes) -> bytes:
 
 
 def answer_bytes(count: int) -> int:
-    """Return the length of the answer with so many registers."""
+    """Return the length of an answer with `count` registers."""
     return ENVELOPE_BYTES + 2 * count
 
 
 def find_frame(buffer: bytes, unit: int, function: int) -> bool:
-    """Return whether an answer of a unit to a function, of any length, or its refusal is anywhere in a buffer."""
+    """Return whether a buffer contains an answer of any length from a unit to a function, or its refusal."""
     refusal = bytes([unit, function | EXCEPTION])
     answer = bytes([unit, function])
     for begin in range(len(buffer) - EXCEPTION_BYTES + 1):
@@ -59,13 +58,13 @@ def find_frame(buffer: bytes, unit: int, function: int) -> bool:
 
 
 def is_damaged(buffer: bytes, unit: int, function: int, count: int) -> bool:
-    """Return whether a buffer without the answer holds the beginning of one and as many bytes as it should have."""
+    """Return whether a buffer contains the start of an answer and enough bytes, but no intact answer."""
     begin = buffer.find(bytes([unit, function, 2 * count]))
     return begin >= 0 and len(buffer) - begin >= answer_bytes(count)
 
 
 def find_answer(buffer: bytes, unit: int, function: int, count: int) -> Answer | None:
-    """Return the first answer of a unit with so many registers, or its refusal, anywhere in a buffer; None if none."""
+    """Return the first answer of a unit with `count` registers, or its refusal, in a buffer; None if none."""
     whole = bytes([unit, function, 2 * count])
     refusal = bytes([unit, function | EXCEPTION])
     for begin in range(len(buffer) - EXCEPTION_BYTES + 1):

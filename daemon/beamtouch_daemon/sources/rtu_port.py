@@ -1,4 +1,4 @@
-"""A serial port on the event loop: bytes out, and the bytes that have come in."""
+"""A serial port on the event loop that sends and receives bytes."""
 
 import asyncio
 import contextlib
@@ -6,7 +6,7 @@ import termios
 
 import serial
 
-from beamtouch_daemon.config_sources import ModbusRtu
+from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.reading import SourceError
 
 _READ_BYTES = 4096
@@ -18,13 +18,13 @@ class RtuPort:
 
     def __init__(self, settings: ModbusRtu) -> None:
         self.received = bytearray()
-        """What came and was not taken yet."""
+        """Received bytes that are not used yet."""
         self._settings = settings
         self._serial: serial.Serial | None = None
         self._arrived = asyncio.Event()
 
     def open(self) -> bool:
-        """Open the port; return whether it was closed before. SourceError if it cannot be opened."""
+        """Open the port; return False if it was open already. SourceError if it cannot be opened."""
         if self._serial is not None:
             return False
         settings = self._settings
@@ -39,14 +39,14 @@ class RtuPort:
                 exclusive=True,
             )
         except (OSError, ValueError, termios.error) as error:
-            message = f"{settings.port} cannot be opened; is it there, and does no other program use it? ({error})"
+            message = f"{settings.port} cannot be opened ({error}); does it exist, and is no other program using it?"
             raise SourceError(message) from error
         self.received.clear()
         asyncio.get_running_loop().add_reader(self._serial.fileno(), self.read)
         return True
 
     def close(self) -> None:
-        """Close the port, if it is open; who waits for bytes gets SourceError."""
+        """Close the port if it is open; calls that wait for bytes raise SourceError."""
         if self._serial is not None:
             asyncio.get_running_loop().remove_reader(self._serial.fileno())
             with contextlib.suppress(OSError):  # an unplugged device may complain
@@ -55,7 +55,7 @@ class RtuPort:
             self._arrived.set()
 
     async def more(self, within_s: float) -> bool:
-        """Wait for more bytes; return whether some came. SourceError if the port is gone."""
+        """Wait for more bytes; return whether any came. SourceError if the port is gone."""
         self._arrived.clear()
         if self._serial is not None:
             try:
@@ -69,13 +69,13 @@ class RtuPort:
         return True
 
     def read(self) -> None:
-        """Take in what has come."""
+        """Collect received bytes."""
         if self._serial is None:
             return
         try:
             data = self._serial.read(_READ_BYTES)
         except (OSError, termios.error):
-            self.close()  # its users notice, and open it anew
+            self.close()  # its users notice and open it again
             return
         if data:
             self.received += data
@@ -83,12 +83,12 @@ class RtuPort:
             self._arrived.set()
 
     def send(self, frame: bytes) -> None:
-        """Send a frame; SourceError if the port does not take it whole."""
+        """Send a frame; SourceError if the port does not accept all of it."""
         try:
             sent = self._serial.write(frame) if self._serial is not None else 0
         except (OSError, termios.error):
             self.close()
             sent = 0
         if sent != len(frame):
-            message = f"{self._settings.port} is gone, or takes no data"
+            message = f"{self._settings.port} is gone or accepts no data"
             raise SourceError(message)

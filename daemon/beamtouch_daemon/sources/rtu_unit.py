@@ -1,13 +1,13 @@
-"""The order of a unit's answers: what it may still owe, and which requests prove that it owes no value. Pure; no I/O.
+"""The order of a unit's answers: which ones it may still owe, and which requests prove that it owes none. Pure; no I/O.
 
-Modbus RTU answers carry no number, but a unit answers in order. A probe is a request whose answer no value can be
-mistaken for: it has another function, or another length. Once the answer to a probe has come, all that was asked before
-it has been answered or never will be. That holds only for a fresh probe, one of which no earlier answer may be owed:
-of several like ones in a row, the answer to the first proves nothing of what came between it and the last. Values are
-asked for only while no probe is owed, so two kinds of probe that a unit answers are enough, however late it is.
+Modbus RTU answers carry no number, but a unit answers in order. A probe is a request whose answer cannot be mistaken
+for a value, because it has another function or another length. After the answer to a probe, every earlier request has
+been answered or never will be. That holds only if no answer to an earlier probe of the same kind is owed: otherwise the
+answer may belong to the earlier one. Values are requested only while no probe is owed, so two kinds of probe that a
+unit answers are enough, however late it is.
 
-At the beginning of a session nobody knows what an earlier program has asked. Two different probes in succession are
-then needed.
+At the beginning of a session the requests of earlier programs are unknown. Two different probes in succession are
+needed then.
 """
 
 from collections.abc import Collection, Iterable
@@ -16,14 +16,14 @@ from dataclasses import dataclass
 from beamtouch_daemon.sources.registers import MAX_REGISTERS, Block
 
 READ_FUNCTIONS = (1, 2, 3, 4)
-"""Functions that read; a unit without one refuses it, which is an answer as well. A probe never changes a device."""
+"""Functions that only read, so that a probe never changes a device. A refusal is an answer too."""
 EXPLORE_S = 60.0
-"""After so long without a proof, what a unit answers is found out anew; another device may have its address."""
+"""If nothing was proven for this long, the probes are tried again: the address may belong to another device."""
 AT_A_START = 2
-"""Probes needed where the past is unknown."""
+"""Probes needed if earlier requests are unknown."""
 AFTER_A_FAILURE = 1
 LONGER = 2
-"""A probe may ask for up to this many registers more than the longest reading."""
+"""A probe may ask for this many more registers than the longest block."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Probe:
     function: int
     block: Block
     by_length: bool
-    """Whether values are read with the same function, so that only the length of the answer tells."""
+    """Whether values are read with the same function, so that only the length identifies the answer."""
 
 
 @dataclass(slots=True)
@@ -43,7 +43,7 @@ class _Owed:
 
 
 def probes_of(asked: Collection[tuple[int, Block]]) -> tuple[Probe, ...]:
-    """Return probes for a unit that is asked for these blocks by function; those that most units answer come first."""
+    """Return probes for a unit that is asked for these (function, block) pairs; the most widely supported first."""
     function, longest = max(asked, key=lambda one: one[1].count)
     lengths = {block.count for asked_function, block in asked if asked_function == function}
     free = [count for count in range(1, min(longest.count + LONGER, MAX_REGISTERS) + 1) if count not in lengths]
@@ -59,45 +59,45 @@ def _within(first: int, count: int) -> Block:
 
 
 class Unit:
-    """A unit on a bus, whoever reads it, and what it may owe."""
+    """A unit on a bus, and the answers that it may owe."""
 
     def __init__(self, address: int) -> None:
         self.address = address
         self.asked: set[tuple[int, Block]] = set()
-        """All that anyone asks it for: function and block."""
-        self.missing = AT_A_START
-        """Probes to be answered before a value is believed."""
+        """Function and block of all requests for values."""
+        self.probes_needed = AT_A_START
+        """Number of probes to be answered before the next value."""
         self.works: tuple[Probe, ...] = ()
-        """Probes that it answers."""
+        """Probes that the unit answers."""
         self.is_known = False
-        """Whether `works` is all that it answers, or enough."""
+        """Whether `works` is complete or sufficient."""
         self.suspect_until_s = 0.0
-        """A probe comes before every value until then, as copies of answers were seen."""
+        """Until this time a probe precedes every value, because copies of answers were seen."""
         self.asked_s = -EXPLORE_S
-        """When it was asked for anything last, on the monotonic clock."""
+        """Time of the last request, on the monotonic clock."""
         self.explored_s = -EXPLORE_S
         self.proven_s = 0.0
         self.has_waited = False
-        """Whether its first silence is over."""
+        """Whether its first pause without requests is over."""
         self._owed: dict[Probe, _Owed] = {}
 
     @property
     def is_unprovable(self) -> bool:
-        """Whether it answers no probe, so that only a silence separates a late answer from a new one."""
+        """Whether the unit answers no probe, so that only a pause separates late answers from new ones."""
         return self.is_known and not self.works
 
     @property
     def unsure(self) -> tuple[Probe, ...]:
-        """Probes that it may answer after all, if too few are known; a late answer to one shows that."""
+        """Probes that the unit may answer after all, if too few are known; a late answer can show it."""
         is_enough = not self.is_known or len(self.works) >= AT_A_START
         return () if is_enough else tuple(probe for probe in probes_of(self.asked) if probe not in self.works)
 
     def learn(self, probes: Iterable[Probe]) -> None:
-        """Note that it answers further probes."""
+        """Add probes that the unit answers."""
         self.works += tuple(probes)
 
     def will_be_asked(self, function: int, blocks: Collection[Block]) -> None:
-        """Note what a user reads; what it answers is learned anew, as a probe could now be taken for a value."""
+        """Add requests for values. Probes are then learned again, as an old one may look like a new value."""
         more = {(function, block) for block in blocks} - self.asked
         if more:
             self.asked |= more
@@ -106,11 +106,11 @@ class Unit:
             self.doubt(AT_A_START)
 
     def doubt(self, probes: int) -> None:
-        """Require so many probes before the next value."""
-        self.missing = max(self.missing, probes)
+        """Require at least this many probes before the next value."""
+        self.probes_needed = max(self.probes_needed, probes)
 
     def sent(self, probe: Probe | None, now_s: float) -> None:
-        """Note a request: a probe, or None for values."""
+        """Note a sent request: a probe, or None for values."""
         self.asked_s = now_s
         if probe is None:
             self.doubt(AFTER_A_FAILURE)
@@ -118,23 +118,23 @@ class Unit:
             self._owed.setdefault(probe, _Owed(now_s, now_s)).last_s = now_s
 
     def owes(self, probe: Probe) -> bool:
-        """Whether an answer to an earlier probe like this one may still come."""
+        """Return whether an answer to an earlier probe of this kind may still come."""
         return probe in self._owed
 
     def answered(self, probe: Probe, *, fresh: bool) -> None:
-        """Note the answer to a probe: what was asked before it is done, or before the first like it if not `fresh`."""
+        """Note the answer to a probe: all requests before it (not `fresh`: before the first of its kind) are done."""
         first_s = self._owed[probe].first_s
         later = {one: owed for one, owed in self._owed.items() if one == probe or owed.last_s >= first_s}
         self._owed = {} if fresh else later
 
     def is_in_step(self, now_s: float) -> None:
-        """Note that it owes nothing."""
-        self.missing, self.proven_s = 0, now_s
+        """Note that the unit owes no answer."""
+        self.probes_needed, self.proven_s = 0, now_s
 
     def forget(self, before_s: float) -> None:
-        """Forget probes of before a time; their answers come no more."""
+        """Forget probes sent before a time; their answers are no longer expected."""
         self._owed = {one: owed for one, owed in self._owed.items() if owed.last_s >= before_s}
 
     def last_of(self, probes: Collection[Probe]) -> Probe:
-        """Return the probe that was sent last of those, all of which are owed."""
+        """Return the most recently sent of these probes, all of which are owed."""
         return max(probes, key=lambda probe: self._owed[probe].last_s)

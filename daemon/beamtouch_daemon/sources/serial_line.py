@@ -1,8 +1,8 @@
 """A device that speaks the protocol of `PROTOCOL.md` on a serial line.
 
-A session: stop, hello, check who it is, ping until the clocks are known, start, take readings, with a ping now and
-then for the clocks. It ends in SourceError when the port goes away, the device falls silent or was reset, its clock
-goes back, or it is not the device that the configuration describes.
+A session: stop, hello, check the device, ping until its clock is known, start, then take readings and ping now and
+then. It ends with SourceError when the port disappears, when the device falls silent or was reset, when its clock goes
+back, or when it is not the device in the configuration.
 """
 
 import contextlib
@@ -10,7 +10,7 @@ import random
 from collections.abc import AsyncGenerator, Sequence
 from time import monotonic
 
-from beamtouch_daemon.config_sources import SerialLine
+from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources.clock import HostClock
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.serial_port import Arrival, SerialPort
@@ -19,27 +19,27 @@ from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong
 from beamtouch_protocol.sequence import DeviceClock, missing_between
 
 HELLO_TIMEOUT_S = 3.0
-"""Opening the port resets many a board, and its boot loader takes a while."""
+"""Opening the port resets many boards, whose boot loaders then take a while."""
 HELLO_REPEAT_S = 0.3
 SILENCE_S = 0.5
 SILENCE_PERIODS = 10.0
-"""A device is silent after the longer of a time and a number of periods."""
+"""A device is silent after the longer of this time and this number of periods without a reading."""
 PING_S = 0.5
 FIRST_PINGS = 10
 FIRST_PING_S = 0.05
-"""A ping every so often, the first ones sooner, so that the drift of the clocks is known soon."""
+"""Time between pings; the first ones come faster, so that the drift of the clocks is known soon."""
 LATEST_PONG_S = 3.0
 BACK_S = 0.1
-"""A reading whose time is before that of its predecessor by more than this shows that the device's clock went back."""
+"""A reading that is older than its predecessor by more than this shows that the device's clock went back."""
 MAX_COUNT = 65_535
 CLOCK_WENT_BACK = "the device's clock went back"
 _TOKENS = 1 << 16
 _REPEATED = 1 << 15
-"""So many readings cannot be lost without a silence; a sequence number that says so was there before."""
+"""So many readings cannot be lost without a silence, so a larger step of the sequence is a repeated reading."""
 
 
 class SerialSource:
-    """Readings as the device sends them, stamped with the device's own clock mapped to the host's."""
+    """Yields readings as the device sends them, with device times mapped to the host's clock."""
 
     def __init__(self, settings: SerialLine, indices: Sequence[int], rate_hz: float, adc_bits: Sequence[int]) -> None:
         self._path = settings.port
@@ -52,11 +52,11 @@ class SerialSource:
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """None: each reading has a number and the device's time."""
+        """Empty: each reading has a number and the device's time."""
         return ()
 
     async def readings(self) -> AsyncGenerator[list[Reading], None]:
-        """Open the port, introduce, start the device and yield what it sends."""
+        """Open the port, check and start the device, and yield its readings."""
         port = SerialPort(self._path, self._baud)
         try:
             hello = await self._introduce(port)
@@ -77,12 +77,12 @@ class SerialSource:
                     message = f"{self._path}: no reading for {self._silence_s:g} s{_damage(port)} ({asked})"
                     raise SourceError(message)
         finally:
-            with contextlib.suppress(SourceError):  # it may be gone already
+            with contextlib.suppress(SourceError):  # the port may be gone
                 port.send(Stop())
             port.close()
 
     async def _introduce(self, port: SerialPort) -> Hello:
-        """Return the device's hello; readings of a stream that still runs are passed over."""
+        """Return the device's hello; ignore readings of a stream that still runs."""
         deadline_s = monotonic() + HELLO_TIMEOUT_S
         while (now_s := monotonic()) < deadline_s:
             port.send(Stop())
@@ -99,7 +99,7 @@ class SerialSource:
         raise SourceError(message)
 
     async def _meet(self, port: SerialPort, session: "Session") -> None:
-        """Ping until the clocks are known, so that the first reading can be dated: it may be an old one."""
+        """Ping until the device's clock is known, because the first reading may be an old one."""
         deadline_s = monotonic() + HELLO_TIMEOUT_S
         while (now_s := monotonic()) < deadline_s:
             port.send(session.ping(now_s))
@@ -109,12 +109,12 @@ class SerialSource:
                 if session.knows_the_clocks:
                     return
         message = (
-            f"{self._path}: no answer to a ping within {HELLO_TIMEOUT_S:g} s, so the age of its readings is not known"
+            f"{self._path}: no answer to a ping within {HELLO_TIMEOUT_S:g} s, so the age of its readings is unknown"
         )
         raise SourceError(message)
 
     def _require(self, hello: Hello) -> None:
-        """Raise SourceError unless the device is what the configuration says."""
+        """Raise SourceError unless the device fits the configuration."""
         wrong = ""
         if not hello.is_compatible:
             wrong = (
@@ -139,7 +139,7 @@ def _damage(port: SerialPort) -> str:
 
 
 class Session:
-    """What is known of one run of the device: its boot, its sequence and its clock. No I/O."""
+    """State of one session: boot, sequence and clock of the device. No I/O."""
 
     def __init__(self, hello: Hello, indices: tuple[int, ...]) -> None:
         self.knows_the_clocks = False
@@ -148,14 +148,14 @@ class Session:
         self._indices = indices
         self._sequence: int | None = None
         self._device_s = 0.0
-        """Of the last reading, on the device's clock."""
+        """Time of the last reading on the device's clock [s]."""
         self._device_clock = DeviceClock()
         self._host_clock = HostClock()
         self._pinged_s: dict[int, float] = {}
         self._pings = 0
         self._next_ping_s = 0.0
-        # An answer to a ping of an earlier session, held back by an adapter, must not be taken for one of this.
-        self._first_token = random.randrange(_TOKENS)  # noqa: S311 - nobody has to be kept from guessing it
+        # Tokens differ between sessions, because an adapter may hold back an answer to an earlier ping.
+        self._first_token = random.randrange(_TOKENS)  # noqa: S311 - no secret
 
     def ping(self, now_s: float) -> Ping:
         """Return the next ping, which is sent now."""
@@ -167,13 +167,13 @@ class Session:
         return Ping(token)
 
     def ping_if_due(self, now_s: float) -> Ping | None:
-        """Return the ping to send now, if it is time for one."""
+        """Return the ping to send now; None if it is not time yet."""
         return None if now_s < self._next_ping_s else self.ping(now_s)
 
     def take(self, arrivals: Sequence[Arrival]) -> list[Reading]:
-        """Return the readings among what arrived; SourceError if the device was reset, or its clock went back.
+        """Return the readings among the arrivals; SourceError if the device was reset or its clock went back.
 
-        All that arrived together is heard before the first reading is dated: in a burst only the newest is fresh.
+        The clock sees all arrivals before the first reading gets its time: in a burst only the newest is fresh.
         """
         self.take_answers(arrivals)
         fitting = [(at_s, reading) for at_s, message in arrivals if (reading := self._fitting(message)) is not None]
@@ -194,7 +194,7 @@ class Session:
         return readings
 
     def take_answers(self, arrivals: Sequence[Arrival]) -> None:
-        """Take in the pongs among what arrived; SourceError if the device was reset, or its clock went back."""
+        """Use the answers to pings among the arrivals; SourceError if the device was reset or its clock went back."""
         for arrival_s, message in arrivals:
             if isinstance(message, Hello) and message.boot_id != self._hello.boot_id:
                 text = "the device was reset"
@@ -207,10 +207,10 @@ class Session:
                 self.knows_the_clocks = True
 
     def _fitting(self, message: Message) -> messages.Reading | None:
-        """Return a message if it is a reading that can be one of this device."""
+        """Return a message if it is a plausible reading of this device."""
         return message if isinstance(message, messages.Reading) and self._fits(message) else None
 
     def _fits(self, message: messages.Reading) -> bool:
-        """Whether a reading can be one of this device."""
-        most = message.oversampling * (2**self._hello.adc_bits - 1)
-        return len(message.counts) == self._hello.channel_count and most > 0 and max(message.counts) <= most
+        """Return whether a reading is plausible for this device."""
+        highest = message.oversampling * (2**self._hello.adc_bits - 1)
+        return len(message.counts) == self._hello.channel_count and highest > 0 and max(message.counts) <= highest

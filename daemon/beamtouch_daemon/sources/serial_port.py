@@ -1,4 +1,4 @@
-"""A serial port on the event loop: messages out, messages with their arrival times in, no thread and no polling."""
+"""A serial port on the event loop that sends messages and receives them with their arrival times."""
 
 import asyncio
 import contextlib
@@ -13,19 +13,19 @@ from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Message
 
 _READ_BYTES = 4096
-_MOST_READS = 64
-"""At a time: what the drivers of serial lines hold, several times over."""
+_MAX_READS = 64
+"""Limit of reads at a time: several times the buffers of serial drivers."""
 
 
 class Arrival(NamedTuple):
-    """A message, and when it came."""
+    """A message and its arrival time."""
 
     monotonic_s: float
     message: Message
 
 
 class SerialPort:
-    """An open port that no other program can open; SourceError wherever it fails."""
+    """An open port that no other program can open; its functions raise SourceError."""
 
     def __init__(self, path: str, baud: int) -> None:
         self._path = path
@@ -43,7 +43,7 @@ class SerialPort:
 
     @property
     def rejected(self) -> int:
-        """Frames that did not become a message, since the port was opened."""
+        """Number of damaged frames since the port was opened."""
         return self._decoder.counts.rejected
 
     def close(self) -> None:
@@ -53,19 +53,19 @@ class SerialPort:
             self._serial.close()
 
     def send(self, message: Message) -> None:
-        """Send a message; the few bytes of a command always fit into the driver's buffer, so it never waits."""
+        """Send a message without waiting: a command always fits into the driver's buffer."""
         data = encode(message)
         try:
             sent = self._serial.write(data)
         except (OSError, termios.error) as error:
-            failure = f"{self._path} does not take data: {error}"
+            failure = f"{self._path} accepts no data: {error}"
             raise SourceError(failure) from error
         if sent != len(data):
-            failure = f"{self._path} does not take data: its buffer is full"
+            failure = f"{self._path} accepts no data: its buffer is full"
             raise SourceError(failure)
 
     async def receive(self, timeout_s: float) -> list[Arrival]:
-        """Return what has arrived, waiting for at least one message; empty if none came within `timeout_s`."""
+        """Wait for at least one message and return all arrivals; empty if none came within `timeout_s`."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout_s):
                 await self._changed.wait()
@@ -79,14 +79,14 @@ class SerialPort:
         now_s = monotonic()
         data = b""
         try:
-            # All that is there: the newest frame tells how old the others are.
-            for _ in range(_MOST_READS):
+            # Read everything: the newest frame determines the age of the others.
+            for _ in range(_MAX_READS):
                 data += (chunk := self._serial.read(_READ_BYTES))
                 if len(chunk) < _READ_BYTES // 2:
                     break
         except (OSError, termios.error) as error:
             self._failure = f"{self._path} is gone: {error}"
-            # A hung-up port is readable for ever: without this the loop would spin.
+            # A hung-up port stays readable, so the loop would spin.
             asyncio.get_running_loop().remove_reader(self._fd)
             self._changed.set()
             return

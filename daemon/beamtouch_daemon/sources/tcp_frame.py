@@ -1,37 +1,37 @@
-"""Headers of Modbus TCP: which answers belong to a request. Pure; no I/O."""
+"""Headers of Modbus TCP, which assign answers to requests. Pure; no I/O."""
 
 import struct
 
 _HEADER = struct.Struct(">HHHB")
 _BEFORE_UNIT_BYTES = 6
-"""The length in a header counts what comes after it: unit, function and data."""
+"""Bytes of the header before those that its length field counts: unit, function and data."""
 NO_TRANSACTION = 0xFFFF
-"""A transaction number that no request has: pymodbus stays below."""
+"""A transaction number that pymodbus never uses."""
 DEVICE_ITSELF = (0, 255)
-"""Units that mean the device at the other end of the connection, and no unit behind it."""
+"""Unit numbers of the device at the other end of the connection, as opposed to units behind it."""
 
 
 class AnswerHeaders:
-    """Corrects the headers of answers where pymodbus judges them otherwise than it should.
+    """Corrects headers of answers that pymodbus would judge wrongly.
 
-    pymodbus takes transaction number 0 for any; here it is none. pymodbus refuses a device that always answers as
-    unit 0 or 255; here it is accepted, as the transaction number alone proves which request an answer belongs to.
-    An answer of another unit is still refused: behind a gateway it is that of another device.
+    pymodbus accepts transaction number 0 for any request; here it is refused. pymodbus refuses a device that always
+    answers as unit 0 or 255; here it is accepted, because the transaction number proves the answer. An answer of any
+    other unit is refused: behind a gateway it comes from another device.
 
     Parameters
     ----------
     unit
-        The one that is asked.
+        Number of the unit that is asked.
     """
 
     def __init__(self, unit: int) -> None:
         self.complaint: str | None = None
-        """Why the answer to the newest request was refused, if one was."""
+        """Reason why the answer to the newest request was refused; None if it was not."""
         self._unit = unit
         self._transaction = NO_TRANSACTION
 
     def trace(self, sending: bool, data: bytes) -> bytes:
-        """Take note of a request, or return received bytes as pymodbus is to see them, as many as there were."""
+        """Note a request, or return received bytes corrected for pymodbus, with the same length."""
         if sending:
             self._transaction, *_ = _HEADER.unpack_from(data)
             self.complaint = None
@@ -47,7 +47,7 @@ class AnswerHeaders:
     def _judge(self, transaction: int, unit: int) -> tuple[int, int]:
         if transaction != self._transaction:
             if not transaction:
-                self.complaint = "answers with transaction number 0, which does not say what it answers"
+                self.complaint = "answers with transaction number 0, which does not identify the request"
             return transaction or NO_TRANSACTION, unit
         if unit in DEVICE_ITSELF:
             return transaction, self._unit

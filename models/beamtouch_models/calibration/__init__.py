@@ -1,1 +1,1 @@
-"""Calibration: from a few known loads to a model of the real beam."""
+"""Calibration of a model with recorded loads."""

@@ -1,12 +1,14 @@
-"""From recorded loads to a model of the real surface."""
+"""Calibration: recorded loads turn a model into one of the real surface."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models import limit
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.model_prior import physics_of, prior_of_model
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
+from beamtouch_models.building.measured import measured
 from beamtouch_models.calibration.fit import Fit, Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
 from beamtouch_models.calibration.mistaken import Suspect, mistaken
@@ -15,48 +17,48 @@ from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.estimators.onnx_graph import with_linear_input
 from beamtouch_models.export import to_bytes
-from beamtouch_models.measured import measured
-from beamtouch_models.model_prior import physics_of, prior_of_model
-from beamtouch_models.modelfile import Calibration, Departures, Metadata, ModelFile
-from beamtouch_models.prior import Prior
-
-Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
+from beamtouch_models.metadata import Calibration, Departures, Metadata
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.progress import Fraction, Progress
+from beamtouch_models.scene import Scene
 
 UNEXPLAINED = 0.1
-"""Of the deflections that the scene predicts, or of the length: a fit that errs by more is of another surface."""
+"""Largest error of a fit, over the deflections that the scene predicts, and over the length.
+
+Above it, the recording is of another surface.
+"""
 
 
 @dataclass(frozen=True)
 class Calibrated:
-    """A model of the real surface, and how it was found."""
+    """A model of the real surface, with the fit and its errors."""
 
     content: bytes
     metadata: Metadata
     fit: Fit
-    before_mm: Array
+    before_mm: Floats
     """(loads,) position error of the given model."""
-    after_mm: Array
+    after_mm: Floats
     """(loads,) position error of a fit without the load."""
     limit_mm: float
-    """Mean error of the best estimate for such loads with the noise of a sample."""
+    """Mean error of the best estimate for these loads at the noise of a sample."""
 
 
 @dataclass(frozen=True)
 class Checked:
-    """A fit that is better than the given model, on loads that agree."""
+    """A fit to consistent loads that is better than the given model."""
 
     fit: Fit
-    before_mm: Array
-    after_mm: Array
+    before_mm: Floats
+    after_mm: Floats
 
 
 def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
-    """Fit the departures of a model's surface to recorded loads; errors as `calibrate`."""
+    """Fit the departures of a model's surface to recorded loads; raises as `calibrate`."""
     theory = Theory.of(physics_of(model.metadata), model.metadata)
-    exchanged = swapped(theory, loads, [channel.name for channel in model.metadata.layout])
-    if exchanged:
-        raise LoadsError(exchanged)
+    swap = swapped(theory, loads, [channel.name for channel in model.metadata.layout])
+    if swap:
+        raise LoadsError(swap)
     suspects = mistaken(theory, loads, lambda done: progress("looking for loads that do not fit", 0.3 * done))
     if suspects:
         raise LoadsError(_contradiction(loads, suspects))
@@ -65,29 +67,29 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
     left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
     if not left <= UNEXPLAINED:
         raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained"))
-    before = _errors_of_model(model.metadata, loads)
+    before = _errors_of_model(theory.physics, model.metadata, loads)
     after = np.empty(len(loads.number))
     for index in range(len(after)):
-        progress("leaving out one load after the other", 0.5 + 0.2 * index / len(after))
+        progress("leaving out one load at a time", 0.5 + 0.2 * index / len(after))
         after[index] = _error_without(theory, loads, found, index)
     best = _limit_mm(theory.prior, loads, model.metadata.seed, draws=100)
     if not after.mean() <= max(UNEXPLAINED * model.metadata.length_mm, best):
-        raise NotGoodEnoughError(_another_surface(f"locates loads that it has not seen to {after.mean():.3g} mm"))
-    # Where nothing departs from the scene there is nothing to fit, which is right only if the scene locates well.
+        raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {after.mean():.3g} mm"))
+    # A fit without departures is right only if the scene itself locates well.
     if not after.mean() <= before.mean() or (not found.kinds and not after.mean() <= best):
         raise NotGoodEnoughError(_worse(loads, before, after))
     return Checked(found, before, after)
 
 
 def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
-    """Fit a model to recorded loads and make it anew.
+    """Fit a model to recorded loads and rebuild it.
 
     Raises
     ------
     LoadsError
-        A load contradicts the others, or two channels are swapped; the message names them.
+        A load contradicts the others, or channels or ends of the beam are swapped; the message names them.
     NotGoodEnoughError
-        The fit locates loads that it has not seen worse than the given model does, or explains too little of them.
+        The fit locates left-out loads worse than the given model does, or explains too little of the recording.
     """
     metadata = model.metadata
     checked = checked_fit(model, loads, progress)
@@ -100,7 +102,7 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
         departures=found.departures,
         fitted=list(found.kinds),
         loads=len(loads.number),
-        unexplained_mm=_unexplained_mm(found),
+        residual_mm=_residual_mm(found),
         error_before_mm=float(before.mean()),
         error_after_mm=float(after.mean()),
     )
@@ -119,75 +121,76 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
 
 
 def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
-    """Name the loads that contradict the others, and where the others place them."""
+    """Return the message that names the loads that contradict the others, and where the others place them."""
     told = []
     for one in suspects:
         start, end = loads.lines[one.index]
         told.append(
             f"load {loads.number[one.index]} (lines {start} to {end}) says {loads.position_mm[one.index]:g} mm and "
-            f"{loads.force_n[one.index]:g} N, but by the other loads it pressed with {one.force_n:.3g} N at "
-            f"{one.position_mm:.4g} mm"
+            f"{loads.force_n[one.index]:g} N, but the other loads place it at {one.position_mm:.4g} mm with "
+            f"{one.force_n:.3g} N"
         )
     alternatives = not all(one.certain for one in suspects)
     what = "either load may be wrong: " if alternatives and len(suspects) > 1 else ""
     numbers = " ".join(f"--leave-out {loads.number[one.index]}" for one in suspects)
-    end = "record more loads to tell" if what else f"correct it, or use {numbers}"
+    end = "record more loads to find out which" if what else f"correct it, or use {numbers}"
     return f"{what}{'; '.join(told)}; {end}; nothing was written"
 
 
-def _another_surface(told: str) -> str:
+def _another_surface(shown: str) -> str:
+    """Return the message that a recording is not of this surface; `shown` says what the best fit does."""
     return (
-        f"nothing was written: the recording does not fit this model's surface. The best fit {told}. "
+        f"nothing was written: the recording does not fit this model's surface. The best fit {shown}. "
         "Check that model, sensors, positions and forces belong together, and record again"
     )
 
 
-def _worse(loads: Loads, before: Array, after: Array) -> str:
+def _worse(loads: Loads, before: Floats, after: Floats) -> str:
     worst = int(after.argmax())
     return (
-        "nothing was written: a model fitted to these loads would be no better. Left out one by one, they are located "
-        f"to {after.mean():.4g} mm by a fit, to {before.mean():.4g} mm by the model as it is. The farthest off is load "
-        f"{loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), by {after[worst]:.3g} mm. "
+        "nothing was written: a model fitted to these loads would be no better. A fit locates left-out loads to "
+        f"{after.mean():.4g} mm, the given model to {before.mean():.4g} mm. The largest error is that of load "
+        f"{loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), {after[worst]:.3g} mm. "
         "Keep the model, or check the loads and record more over the whole beam"
     )
 
 
-def _unexplained_mm(found: Fit) -> float:
-    """What a prediction is off by beyond the noise of the recording; it widens the intervals."""
-    return float(max(found.unexplained_mm, found.error_mm if found.kinds else 0.0))
+def _residual_mm(found: Fit) -> float:
+    """Return the error of a prediction beyond the noise of the recording; it widens the intervals."""
+    return float(max(found.residual_mm, found.error_mm if found.kinds else 0.0))
 
 
 def _calibrated_prior(theory: Theory, found: Fit) -> Prior:
     prior = theory.prior_with(found.departures)
-    return replace(prior, noise_mm=float(np.hypot(prior.noise_mm, _unexplained_mm(found))))
+    return replace(prior, noise_mm=float(np.hypot(prior.noise_mm, _residual_mm(found))))
 
 
-def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Callable[[float], None]) -> Estimator:
-    name: Name = metadata.estimator  # type: ignore[assignment]  # a file of another name would not have been built
+def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Fraction) -> Estimator:
+    name: Name = metadata.estimator  # type: ignore[assignment]  # no other name is ever built
     with_force = "force_n" in metadata.golden.answers
     made = estimator_of(name, prior, with_force=with_force, seed=metadata.seed, progress=progress)
     graph = with_linear_input(made.graph, np.array(departures.offset_mm), departures.curve_per_mm)
     return replace(made, graph=graph)
 
 
-def _errors_of_model(metadata: Metadata, loads: Loads) -> Array:
-    """Position errors (loads,) by the surface as the given model has it."""
+def _errors_of_model(physics: Scene, metadata: Metadata, loads: Loads) -> Floats:
+    """Return the position errors (loads,) of the given model."""
     departures = None if metadata.calibration is None else metadata.calibration.departures
-    prior = prior_of_model(metadata)
+    prior = prior_of_model(metadata, physics)
     return np.array([_error(prior, departures, loads, index) for index in range(len(loads.number))])
 
 
 def _error_without(theory: Theory, loads: Loads, found: Fit, index: int) -> float:
-    """Position error of a load by a fit without it."""
+    """Return the position error of a load by a fit without it."""
     departures = fit(theory, loads.without(index), found.kinds, found.vector).departures
     return _error(theory.prior_with(departures), departures, loads, index)
 
 
 def _error(prior: Prior, departures: Departures | None, loads: Loads, index: int) -> float:
-    """Position error of a load, located from all its samples.
+    """Return the position error of a load, located from the mean of its samples.
 
-    With the noise of their mean: with that of a single sample, where a weak load presses would be drawn to the middle
-    of the range, which can hide what is wrong with a surface.
+    The noise is that of the mean. With that of a single sample, a weak load would be drawn towards the middle of the
+    range, which can hide an error of the surface.
     """
     reading = loads.stated_mm[index]
     valid = np.isfinite(reading)
@@ -200,7 +203,7 @@ def _error(prior: Prior, departures: Departures | None, loads: Loads, index: int
 
 
 def _limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
-    """Mean error of the best estimate for samples of these loads."""
+    """Return the mean error of the best estimate for samples of these loads."""
     rng = np.random.default_rng(seed)
     clean = loads.force_n[:, None] * prior.influence_at(loads.position_mm)
     noise = rng.normal(scale=prior.noise_mm, size=(draws, *clean.shape))

@@ -1,59 +1,57 @@
-"""The fit of a surface's departures from its scene to known loads, and of only those that the loads support.
+"""The fit of a surface's departures from its scene to known loads, limited to those that the loads support.
 
-Maximum a posteriori: least squares, with each departure held to its scene by how large it plausibly is. Kinds of
-departures are taken in one by one, each only if it lowers the error of loads that are left out of the fit (PRESS, from
-the leverages; Allen 1974, doi 10.1080/00401706.1974.10489157).
+Maximum a posteriori: least squares with a prior on each departure, of its plausible size. Kinds of departures are
+added one by one, each only if it lowers the error of loads that are left out of the fit (PRESS, from the leverages;
+Allen 1974, doi 10.1080/00401706.1974.10489157).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from beamtouch_models.accuracy.model_prior import departed, stated_by
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.calibration.loads import Loads
-from beamtouch_models.model_prior import departed, stated_by
-from beamtouch_models.modelfile import Departures, Metadata
-from beamtouch_models.prior import Prior
+from beamtouch_models.metadata import Departures, Metadata
+from beamtouch_models.progress import Fraction
 from beamtouch_models.scene import Scene
 
-Array = NDArray[np.float64]
-
 GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES = 0.04, 1.5, 0.1, 0.1, 0.03, 3.0
-"""Plausible departures (one deviation): relative gain, sensor position, fixity, relative rigidity, how far the
-characteristic bends at full travel, relative, and the offset in units of the noise of a sample."""
-MOST_FIXITY = 0.9
+"""Standard deviations of plausible departures: relative gain, sensor position, fixity, relative rigidity, relative bend
+of the characteristic at full travel, and offset in units of the noise of a sample."""
+MAX_FIXITY = 0.9
 WORTH = 0.95
-"""A kind of departure is taken if it lowers the error of left-out loads at least to this part."""
+"""A kind of departure is added if it lowers the error of left-out loads to at most this fraction."""
 ROUNDS = 3
-"""Of estimating what is left unexplained, unless it stays the same."""
-MOST_INFLUENCES = 64
-"""Bounds the memory of influence matrices."""
+"""Largest number of times that the residual is estimated."""
+MAX_INFLUENCES = 64
+"""Number of influence matrices that are kept; it bounds their memory."""
 
 
 @dataclass(frozen=True)
 class Theory:
-    """The surface as its scene and its model have it."""
+    """The surface as its scene and its model describe it."""
 
     physics: Scene
-    sensor_mm: Array
+    sensor_mm: Floats
     prior: Prior
     max_deflection_mm: float
-    influences: dict[tuple[float, ...], Array] = field(default_factory=dict, repr=False, compare=False)
-    """Influence matrices that were computed of late."""
+    influences: dict[tuple[float, ...], Floats] = field(default_factory=dict, repr=False, compare=False)
+    """Influence matrices that were computed recently."""
 
     @classmethod
     def of(cls, physics: Scene, metadata: Metadata) -> "Theory":
-        """Take it from a model."""
+        """Return the theory of a model."""
         sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
         prior = Prior.of(physics, sensor_mm, metadata.noise.sample_mm)
         return cls(physics, sensor_mm, prior, metadata.max_deflection_mm)
 
     @cached_property
     def kinds(self) -> dict[str, slice]:
-        """Kinds of departures, and where each stands in the vector of all; all are in units of their plausible size."""
+        """Kinds of departures with their places in the vector of all, which has units of their plausible sizes."""
         channels = len(self.sensor_mm)
         sizes = {"rigidity": 1, "gain": channels, "position": channels, "curve": 1, "fixity": 2, "offset": channels}
         starts = np.cumsum([0, *sizes.values()]).tolist()
@@ -75,14 +73,14 @@ class Theory:
         """Length of the vector of all departures."""
         return 4 + 3 * len(self.sensor_mm)
 
-    def departures(self, vector: Array) -> Departures:
-        """What a vector stands for."""
+    def departures(self, vector: Floats) -> Departures:
+        """Return the departures that a vector encodes."""
         channels = len(self.sensor_mm)
         rigidity, gain, position, curve, fixity, offset = np.split(
             vector, np.cumsum([1, channels, channels, 1, 2]).tolist()
         )
         left, right = (
-            float(np.clip(FIXITY * value, 0.0, MOST_FIXITY)) if hinged else 0.0
+            float(np.clip(FIXITY * value, 0.0, MAX_FIXITY)) if hinged else 0.0
             for value, hinged in zip(fixity, self.hinged, strict=True)
         )
         return Departures(
@@ -95,17 +93,17 @@ class Theory:
         )
 
     def prior_with(self, departures: Departures) -> Prior:
-        """The surface with departures."""
+        """Return the prior of the surface with departures."""
         return departed(self.prior, self.physics, self.sensor_mm, departures)
 
-    def stated_mm(self, vector: Array, loads: Loads) -> Array:
-        """What its sensors state of loads, (loads, channels)."""
+    def stated_mm(self, vector: Floats, loads: Loads) -> Floats:
+        """Return the deflections that its sensors measure under loads, (loads, channels)."""
         departures = self.departures(vector)
-        # Gains, offsets and the curve leave the beam as it is, so its influence is often the same again.
+        # Gains, offsets and the curve do not change the beam, so its influence matrix can often be reused.
         ungained = departures.model_copy(update={"gain": [1.0] * len(departures.gain)})
         parts = (ungained.rigidity, *ungained.fixity, *ungained.position_offset_mm, *loads.position_mm.tolist())
         if parts not in self.influences:
-            if len(self.influences) >= MOST_INFLUENCES:
+            if len(self.influences) >= MAX_INFLUENCES:
                 self.influences.clear()
             self.influences[parts] = self.prior_with(ungained).influence_at(loads.position_mm)
         deflection_mm = loads.force_n[:, None] * np.array(departures.gain) * self.influences[parts]
@@ -118,17 +116,17 @@ class Fit:
 
     theory: Theory
     kinds: tuple[str, ...]
-    vector: Array
-    unexplained_mm: float
-    """Standard deviation of what is left, beyond the noise of the recording."""
+    vector: Floats
     residual_mm: float
-    """Standard deviation of what is left, per degree of freedom."""
+    """Standard deviation of the residuals beyond the noise of the recording."""
+    scatter_mm: float
+    """Standard deviation of the residuals, per degree of freedom."""
     freedom: float
-    """Degrees of freedom that are left: deflections less the departures that they decide."""
-    left_out_mm: Array
-    """(loads, channels) stated less predicted, each load left out of the fit; NaN where nothing was stated."""
-    covariance: Array
-    """(departures, departures) of the errors of the vector, in its units; 0 where not fitted."""
+    """Remaining degrees of freedom: deflections minus the departures that they determine."""
+    left_out_mm: Floats
+    """(loads, channels) measured minus predicted, each load left out of the fit; NaN without a measurement."""
+    covariance: Floats
+    """(departures, departures) covariance of the vector, in its units; 0 if not fitted."""
 
     @property
     def error_mm(self) -> float:
@@ -136,20 +134,20 @@ class Fit:
         return float(np.sqrt(np.nanmean(self.left_out_mm**2)))
 
     @property
-    def spread(self) -> Array:
-        """(departures,) standard errors, in the units of the vector; 0 where not fitted."""
+    def spread(self) -> Floats:
+        """(departures,) standard errors, in the units of the vector; 0 if not fitted."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def departures(self) -> Departures:
-        """What was fitted."""
+        """The fitted departures."""
         return self.theory.departures(self.vector)
 
 
 def fit(
-    theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Array | None = None, *, rounds: int = ROUNDS
+    theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Floats | None = None, *, rounds: int = ROUNDS
 ) -> Fit:
-    """Fit some kinds of departures; the others stay as the scene has them."""
+    """Fit some kinds of departures; the others stay as in the scene."""
     free = np.concatenate([np.arange(theory.size)[theory.kinds[kind]] for kind in kinds]) if kinds else np.arange(0)
     vector = np.zeros(theory.size) if start is None else start.copy()
     vector[np.setdiff1d(np.arange(theory.size), free)] = 0.0
@@ -157,19 +155,19 @@ def fit(
     stated = np.isfinite(loads.stated_mm)
     unexplained, jacobian = 0.0, np.zeros((int(stated.sum()), len(free)))
 
-    def residuals(part: Array) -> Array:
+    def residuals(part: Floats) -> Floats:
         vector[free] = part
         left = (loads.stated_mm - theory.stated_mm(vector, loads))[stated]
         return np.concatenate([left / np.hypot(loads.deviation_mm[stated], unexplained), part])
 
     for _ in range(rounds):
         if len(free):
-            # The default method, "trf", never leaves a start on a bound, and a fixity starts on 0.
+            # The default method, "trf", cannot leave a start on a bound, and fixities start at 0.
             start_at = np.clip(vector[free], low, high)
             found = least_squares(residuals, start_at, bounds=(low, high), method="dogbox", ftol=1e-5, max_nfev=30)
             vector[free], jacobian = found.x, found.jac[: stated.sum()]
         left = (loads.stated_mm - theory.stated_mm(vector, loads))[stated]
-        # As many degrees of freedom go as the data, and not the plausible sizes, decide.
+        # Only departures that the data determine, rather than the prior, use up degrees of freedom.
         freedom = max(1.0, len(left) - float(np.trace(_hat(jacobian))))
         variance = float((left**2).sum() / freedom)
         before, unexplained = unexplained, float(np.sqrt(max(0.0, variance - (loads.deviation_mm[stated] ** 2).mean())))
@@ -183,7 +181,7 @@ def fit(
     return Fit(theory, kinds, vector.copy(), unexplained, float(np.sqrt(variance)), freedom, left_out, covariance)
 
 
-def supported_fit(theory: Theory, loads: Loads, progress: Callable[[float], None]) -> Fit:
+def supported_fit(theory: Theory, loads: Loads, progress: Fraction) -> Fit:
     """Fit the kinds of departures that lower the error of left-out loads."""
     best, open_kinds = fit(theory, loads, ()), list(theory.kinds)
     while open_kinds:
@@ -197,21 +195,21 @@ def supported_fit(theory: Theory, loads: Loads, progress: Callable[[float], None
     return best
 
 
-def _bounds(theory: Theory, free: NDArray[np.intp]) -> tuple[Array, Array]:
+def _bounds(theory: Theory, free: Indices) -> tuple[Floats, Floats]:
     low, high = np.full(theory.size, -8.0), np.full(theory.size, 8.0)
     if "fixity" in theory.kinds:
-        low[theory.kinds["fixity"]], high[theory.kinds["fixity"]] = 0.0, MOST_FIXITY / FIXITY
+        low[theory.kinds["fixity"]], high[theory.kinds["fixity"]] = 0.0, MAX_FIXITY / FIXITY
     return low[free], high[free]
 
 
-def _hat(jacobian: Array) -> Array:
-    """What the fit makes of each residual from each, with plausible sizes of variance 1 on the departures."""
-    matrix: Array = jacobian @ np.linalg.solve(jacobian.T @ jacobian + np.eye(jacobian.shape[1]), jacobian.T)
+def _hat(jacobian: Floats) -> Floats:
+    """Return the hat matrix of the residuals, with priors of variance 1 on the departures."""
+    matrix: Floats = jacobian @ np.linalg.solve(jacobian.T @ jacobian + np.eye(jacobian.shape[1]), jacobian.T)
     return matrix
 
 
-def _left_out(residual: Array, jacobian: Array, load: NDArray[np.intp]) -> Array:
-    """Residuals of each load were it left out of the fit, all its channels together."""
+def _left_out(residual: Floats, jacobian: Floats, load: Indices) -> Floats:
+    """Return the residuals of each load when all its channels are left out of the fit."""
     hat, left_out = _hat(jacobian), residual.copy()
     for one in np.unique(load):
         rows = np.flatnonzero(load == one)

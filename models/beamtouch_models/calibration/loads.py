@@ -1,4 +1,4 @@
-"""Recorded loads: what `beamtouch-daemon record` wrote, averaged per load."""
+"""Recorded loads, from a file that `beamtouch-daemon record` wrote, averaged per load."""
 
 import csv
 from collections.abc import Sequence
@@ -6,49 +6,47 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.errors import InputError
-from beamtouch_models.modelfile import Metadata
-
-Array = NDArray[np.float64]
+from beamtouch_models.metadata import Metadata
 
 FEWEST_POSITIONS = 4
 SMALLEST_SPREAD = 0.4
-"""Of the positions, over the range of contacts."""
+"""Smallest spread of the positions, over the range of contacts."""
 FEWEST_SAMPLES = 5
-MOST_DEFLECTIONS = 100.0
-"""A sample of more times the model's largest deflection is no deflection in mm."""
-FORCES = 1000.0
-"""A force this many times below or above the range of forces is no force in N."""
+MAX_DEFLECTIONS = 100.0
+"""Largest sample, over the largest deflection of the model; a larger one cannot be in mm."""
+FORCE_FACTOR = 1000.0
+"""Factor by which a force may lie below or above the range of forces; beyond, it cannot be in N."""
 GOOD = "good"
 
 
 class LoadsError(InputError):
-    """The recording cannot be read, is of another surface, or cannot determine a fit."""
+    """A recording cannot be read, belongs to another surface, or cannot determine a fit."""
 
 
 @dataclass(frozen=True)
 class Loads:
-    """Known loads and what the sensors stated of them."""
+    """Known loads and the deflections that the sensors measured."""
 
-    number: NDArray[np.intp]
-    """(loads,) as in the file."""
-    position_mm: Array
-    force_n: Array
-    stated_mm: Array
-    """(loads, channels) mean deflection; NaN where a channel was not good."""
-    deviation_mm: Array
+    number: Indices
+    """(loads,) numbers in the file."""
+    position_mm: Floats
+    force_n: Floats
+    stated_mm: Floats
+    """(loads, channels) mean deflection; NaN if a channel was not good."""
+    deviation_mm: Floats
     """(loads, channels) standard deviation of that mean."""
-    lines: NDArray[np.intp]
-    """(loads, 2) first and last line of the file that belong to each load, counted from 1."""
+    lines: Indices
+    """(loads, 2) first and last line of each load in the file, counted from 1."""
 
     def without(self, index: int) -> "Loads":
-        """Return all but one."""
+        """Return all loads but one."""
         kept = np.arange(len(self.number)) != index
         return self[kept]
 
-    def __getitem__(self, kept: NDArray[np.bool_]) -> "Loads":
+    def __getitem__(self, kept: Bools) -> "Loads":
         return Loads(
             self.number[kept],
             self.position_mm[kept],
@@ -60,7 +58,7 @@ class Loads:
 
 
 def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) -> Loads:
-    """Read and average a recording, without the loads of some numbers; raises LoadsError that says what is wrong."""
+    """Read and average a recording, leaving out some loads by number; raises LoadsError with the reason."""
     channels = [channel.name for channel in metadata.layout]
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -86,7 +84,7 @@ def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) ->
         raise LoadsError(message) from None
     for number in leave_out:
         if number not in loads.number:
-            message = f"{path}: there is no load {number} to leave out; it has {', '.join(map(str, loads.number))}"
+            message = f"{path}: no load {number} to leave out; the loads are {', '.join(map(str, loads.number))}"
             raise LoadsError(message)
     loads = loads[~np.isin(loads.number, leave_out)]
     _check(path, loads, metadata)
@@ -105,7 +103,7 @@ def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadat
             for row in rows
         ]
     )
-    beyond = np.argwhere(np.abs(stated) > MOST_DEFLECTIONS * metadata.max_deflection_mm)
+    beyond = np.argwhere(np.abs(stated) > MAX_DEFLECTIONS * metadata.max_deflection_mm)
     if len(beyond):
         line, channel = beyond[0]
         message = (
@@ -118,7 +116,7 @@ def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadat
     good = np.array([np.isfinite(stated[number == load]).sum(axis=0) for load in loads])
     sums = np.array([np.nansum(stated[number == load], axis=0) for load in loads])
     mean = np.where(good >= FEWEST_SAMPLES, sums / np.maximum(good, 1), np.nan)
-    # Samples of a moving average share readings: their mean is about as good as that of as many readings.
+    # Samples of a moving average share readings, so their mean is only as good as that of as many readings.
     deviation = metadata.noise.reading_mm / np.sqrt(np.maximum(good, 1))
     last = np.array([np.flatnonzero(number == load)[-1] for load in loads])
     for name, values in (("position_mm", position), ("force_n", force)):
@@ -134,7 +132,7 @@ def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadat
 
 
 def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
-    """Refuse what no fit could use."""
+    """Raise LoadsError if no fit could use the loads."""
     low, high = metadata.ranges.position_mm
     weakest, strongest = metadata.ranges.force_n
     each = zip(loads.number, loads.lines, loads.position_mm, loads.force_n, strict=True)
@@ -142,7 +140,7 @@ def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
         if not low <= position <= high:
             message = f"{path}: load {number} at {position:g} mm is not within {low:g}..{high:g} mm"
             raise LoadsError(message)
-        if force <= 0 or not weakest / FORCES <= force <= strongest * FORCES:
+        if force <= 0 or not weakest / FORCE_FACTOR <= force <= strongest * FORCE_FACTOR:
             message = (
                 f"{path}: load {number} (lines {start} to {end}) has a force of {force:g} N, but the model is for "
                 f"{weakest:g}..{strongest:g} N; correct it, or use --leave-out {number}"
@@ -153,7 +151,7 @@ def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
     if len(positions) < FEWEST_POSITIONS or spread < SMALLEST_SPREAD:
         message = (
             f"{path}: {len(positions)} different positions over {spread:.0%} of the range cannot determine a fit; "
-            f"record at least {FEWEST_POSITIONS}, better 10, spread over the whole beam"
+            f"record at least {FEWEST_POSITIONS}, preferably 10, spread over the whole beam"
         )
         raise LoadsError(message)
     for number, (start, end), stated in zip(loads.number, loads.lines, loads.stated_mm, strict=True):
@@ -165,7 +163,5 @@ def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
             raise LoadsError(message)
     silent = np.isnan(loads.stated_mm).all(axis=0)
     if silent.any():
-        message = (
-            f"{path}: {metadata.layout[int(silent.argmax())].name} has no good samples; repair it and record again"
-        )
+        message = f"{path}: {metadata.layout[int(silent.argmax())].name} has no good samples; check it and record again"
         raise LoadsError(message)

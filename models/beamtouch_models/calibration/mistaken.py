@@ -1,68 +1,63 @@
-"""The search for recorded loads that contradict the others: a position or a force that was mistyped.
+"""The search for recorded loads that contradict the others, because a position or a force was mistyped.
 
-A fit bends towards a wrong load, so its residuals do not show which one is wrong. Each load is therefore judged by a
-fit without it, with the test of the externally studentized residual (Cook & Weisberg, Residuals and Influence in
-Regression, 1982, sec. 2.2).
-Two wrong loads can hide each other, so pairs are left out together where one load less does not make the rest agree.
+A wrong load pulls the fit towards itself, so residuals do not show which load is wrong. Each load is therefore tested
+against a fit without it, with its externally studentized residual (Cook & Weisberg, Residuals and Influence in
+Regression, 1982, sec. 2.2). Two wrong loads can hide each other, so pairs are left out as well if the rest disagrees.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.fit import ROUNDS, Fit, Theory, fit
 from beamtouch_models.calibration.loads import Loads
-
-Array = NDArray[np.float64]
+from beamtouch_models.progress import Fraction, silent
 
 CHANCE = 1e-4
-"""Probability that one of the loads of an honest recording is called mistaken."""
+"""Probability that any load of a correct recording is called mistaken."""
 FAR_NOISES = 8.0
-"""A load that is closer than this to what the others predict, in noises of a sample, does no harm to a model."""
+"""Distance to the prediction of the others, in noises of a sample, below which a load does no harm."""
 AGREED_NOISES = 3.0
-"""Loads that leave less than this unexplained, in noises of a sample, agree: no pair of them is looked for."""
+"""Residual, in noises of a sample, below which loads agree, so that no pair is searched for."""
 LIKE_THE_BEST = 2.0
-"""Left out, a load may be the mistaken one if the rest then scatters no more than this times the least scatter."""
+"""A load may be the mistaken one if the rest scatters at most this many times the smallest scatter without it."""
 PAIRED = 3
-"""Loads that are tried in a pair with every other: those that leave the least scatter when left out alone."""
+"""Number of loads that are tried in pairs with every other: those that leave the smallest scatter alone."""
 FEWEST_FOR_PAIRS = 5
-"""Loads; of fewer, without two, too little is left to fit."""
+"""Largest number of loads for which no pairs are left out, since too few would remain."""
 GRID = 401
-"""Positions at which a load is looked for."""
+"""Number of positions at which a load is searched for."""
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """A load that the others contradict."""
+    """A load that contradicts the others."""
 
     index: int
-    """Among the loads."""
+    """Index among the loads."""
     position_mm: float
     force_n: float
-    """Where and how hard the load pressed, by a fit to the others."""
+    """Position and force of the load by a fit to the others."""
     certain: bool
-    """Whether no other load may be the mistaken one instead."""
+    """Whether no other load can be the mistaken one instead."""
 
 
 @dataclass(frozen=True)
 class _Trial:
-    """A fit to all loads but some."""
+    """A fit without some loads."""
 
     fitted: Fit
     left_out: tuple[int, ...]
 
     def contradicts(self, loads: Loads) -> bool:
-        """Whether the loads that were left out all contradict the fit, beyond chance and by enough to matter."""
+        """Return whether all left-out loads contradict the fit, beyond chance and by enough to matter."""
         return all(_contradicts(self.fitted, loads, index) for index in self.left_out)
 
 
-def mistaken(
-    theory: Theory, loads: Loads, progress: Callable[[float], None] = lambda _done: None
-) -> tuple[Suspect, ...]:
+def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple[Suspect, ...]:
     """Find loads that contradict the others.
 
     Returns
@@ -75,9 +70,9 @@ def mistaken(
     for index in range(count):
         progress(index / count)
         singles.append(_without(theory, loads, (index,), rounds=1))
-    singles.sort(key=lambda trial: trial.fitted.residual_mm)
+    singles.sort(key=lambda trial: trial.fitted.scatter_mm)
     best = _without(theory, loads, singles[0].left_out)
-    if best.fitted.unexplained_mm > AGREED_NOISES * theory.prior.noise_mm and count > FEWEST_FOR_PAIRS:
+    if best.fitted.residual_mm > AGREED_NOISES * theory.prior.noise_mm and count > FEWEST_FOR_PAIRS:
         pair = _best_pair(theory, loads, [trial.left_out[0] for trial in singles[:PAIRED]], progress)
         if pair.contradicts(loads):
             return tuple(_suspect(pair.fitted, loads, index, certain=True) for index in pair.left_out)
@@ -85,27 +80,27 @@ def mistaken(
         return ()
     like_it = [best]
     for trial in singles[1:]:
-        if trial.fitted.residual_mm <= LIKE_THE_BEST * singles[0].fitted.residual_mm:
+        if trial.fitted.scatter_mm <= LIKE_THE_BEST * singles[0].fitted.scatter_mm:
             whole = _without(theory, loads, trial.left_out)
             like_it += [whole] if whole.contradicts(loads) else []
     certain = len(like_it) == 1
     return tuple(_suspect(trial.fitted, loads, *trial.left_out, certain=certain) for trial in like_it)
 
 
-def _best_pair(theory: Theory, loads: Loads, indices: list[int], progress: Callable[[float], None]) -> _Trial:
+def _best_pair(theory: Theory, loads: Loads, indices: list[int], progress: Fraction) -> _Trial:
     every = combinations(range(len(loads.number)), 2)
     pairs = [pair for pair in every if not set(pair).isdisjoint(indices)]
     trials = []
     for number, pair in enumerate(pairs):
         progress(number / len(pairs))
         trials.append(_without(theory, loads, pair, rounds=1))
-    return _without(theory, loads, min(trials, key=lambda trial: trial.fitted.residual_mm).left_out)
+    return _without(theory, loads, min(trials, key=lambda trial: trial.fitted.scatter_mm).left_out)
 
 
 def _without(theory: Theory, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> _Trial:
     kept = np.ones(len(loads.number), np.bool_)
     kept[list(left_out)] = False
-    # From the scene, never from a fit that the load took part in.
+    # Start from the scene, not from a fit that included the load.
     return _Trial(fit(theory, loads[kept], tuple(theory.kinds), rounds=rounds), left_out)
 
 
@@ -117,21 +112,21 @@ def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
     if not np.sqrt(np.mean(off**2)) >= FAR_NOISES * theory.prior.noise_mm:
         return False
     slope = _slope(fitted, load, predicted)[valid]
-    scatter = np.maximum(load.deviation_mm[0][valid], fitted.residual_mm)
+    scatter = np.maximum(load.deviation_mm[0][valid], fitted.scatter_mm)
     total = np.diag(scatter**2) + slope @ fitted.covariance @ slope.T
     ratio = float(off @ np.linalg.solve(total, off)) / len(off)
     chance = f_distribution.sf(ratio, len(off), fitted.freedom)
     return bool(chance < CHANCE / len(loads.number))
 
 
-def _slope(fitted: Fit, load: Loads, predicted: Array, step: float = 1e-3) -> Array:
+def _slope(fitted: Fit, load: Loads, predicted: Floats, step: float = 1e-3) -> Floats:
     """Change of a load's prediction with each entry of the vector, (channels, departures)."""
     nearby = [fitted.theory.stated_mm(fitted.vector + step * one, load)[0] for one in np.eye(fitted.theory.size)]
     return (np.stack(nearby, axis=1) - predicted[:, None]) / step
 
 
 def _suspect(fitted: Fit, loads: Loads, index: int, *, certain: bool) -> Suspect:
-    """Say where the load pressed and how hard, by least squares over the range of positions."""
+    """Return where the load pressed and how hard, by least squares over the range of positions."""
     stated = loads.stated_mm[index]
     valid = np.isfinite(stated)
     departures = fitted.departures

@@ -1,1 +1,1 @@
-"""What each command of `design-sensors` does, a module each with a function `run`: read, call the pure parts, write."""
+"""The commands of `design-sensors`: one module each, whose `run` reads files, calls the other folders and writes."""

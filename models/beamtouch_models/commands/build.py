@@ -1,4 +1,4 @@
-"""`design-sensors build`: from a scene to a model file, with a daemon config if wanted."""
+"""`design-sensors build`: builds the model file of a scene, and optionally a daemon configuration and a report."""
 
 import argparse
 import re
@@ -6,24 +6,23 @@ import sys
 from pathlib import Path
 
 from beamtouch_models import modelfile
-from beamtouch_models.build import Choices, build
-from beamtouch_models.build_report.facts import gather
-from beamtouch_models.build_report.page import page
+from beamtouch_models.building.build import Choices, build
+from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
+from beamtouch_models.building.report.facts import gather
+from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import inspect
 from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.daemon_config import daemon_config, write_token_if_absent
-from beamtouch_models.effects import effects_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.export import write_whole
 from beamtouch_models.scene import load_scene
 
 
 def run(options: argparse.Namespace) -> None:
-    """Build, write what was asked for, and print what the model says of itself."""
+    """Build, write the requested files, and print the metadata of the model."""
     scene, text = load_scene(options.scene)
     for path in (options.output, options.daemon_config, options.report):
         if path is not None and not path.parent.is_dir():
-            message = f"{path.parent}: no such folder; make it first"
+            message = f"{path.parent}: no such folder; create it first"
             raise SceneError(message)
     name = surface_name(options.scene)
     with shown_progress() as progress:
@@ -45,13 +44,16 @@ def run(options: argparse.Namespace) -> None:
         token = write_token_if_absent(options.daemon_config.parent)
         print(
             f"try it:  beamtouch-rig {options.scene} --model {options.output} --modbus-tcp 127.0.0.1:5020\n"
-            f"         beamtouch-service run --model {options.output} --token-file {token}\n"
+            f"         beamtouch-service run --model {options.output} --write-token-file {token}\n"
             f"         beamtouch-daemon run {options.daemon_config}",
             file=sys.stderr,
         )
-    for effect in effects_of(scene):
+    for effect in built.physics.effects:
         if effect.verdict == "not modelled" and effect.having is not None:
-            print(f"note:    {effect.name} is worth {effect.price:.2g} of the noise: {effect.reason}", file=sys.stderr)
+            print(
+                f"note:    {effect.name} is {effect.price:.2g} times the noise but not modelled: {effect.reason}",
+                file=sys.stderr,
+            )
     inspect.show(modelfile.load_bytes(built.content, str(options.output)), as_json=options.json)
 
 

@@ -1,13 +1,13 @@
-"""`design-sensors calibrate`: a model of the real beam, from recorded loads."""
+"""`design-sensors calibrate`: fits a model to the real beam, using recorded loads."""
 
 import argparse
 import json
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models import modelfile
+from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.calibration.fit import Fit
 from beamtouch_models.calibration.loads import read_loads
@@ -17,10 +17,10 @@ from beamtouch_models.export import write_whole
 
 
 def run(options: argparse.Namespace) -> None:
-    """Calibrate, write the model, and say what differs and what it is worth."""
+    """Calibrate, write the model, and print the departures and the errors before and after."""
     model = modelfile.load(options.model)
     if not options.output.parent.is_dir():
-        message = f"{options.output.parent}: no such folder; make it first"
+        message = f"{options.output.parent}: no such folder; create it first"
         raise InputError(message)
     loads = read_loads(options.readings, model.metadata, options.leave_out)
     with shown_progress() as progress:
@@ -73,18 +73,21 @@ def _lines(found: Calibrated, identity: str) -> list[tuple[str, str]]:
     return [
         ("model", identity),
         ("loads", f"{len(found.before_mm)}"),
-        *((kind, text() if kind in found.fit.kinds else "as the scene says") for kind, text in shown.items()),
+        *((kind, text() if kind in found.fit.kinds else "as in the scene") for kind, text in shown.items()),
         (
             "before",
             f"{found.before_mm.mean():.3g} mm mean error of these loads, {found.before_mm.max():.3g} mm worst",
         ),
-        ("after", f"{found.after_mm.mean():.3g} mm mean, {found.after_mm.max():.3g} mm worst, each load left out once"),
+        (
+            "after",
+            f"{found.after_mm.mean():.3g} mm mean, {found.after_mm.max():.3g} mm worst, each by a fit without the load",
+        ),
         ("limit", f"{found.limit_mm:.3g} mm mean error of single samples of these loads, at best"),
     ]
 
 
-def _standard_errors(fit: Fit) -> dict[str, NDArray[np.float64]]:
-    """Standard errors by kind, in the units of the departures."""
+def _standard_errors(fit: Fit) -> dict[str, Floats]:
+    """Return the standard errors by kind, in the units of the departures."""
     near, at = fit.theory.departures(fit.vector + 1e-3), fit.departures
     units = {
         "rigidity": np.array([near.rigidity - at.rigidity]),

@@ -1,4 +1,4 @@
-"""`design-sensors evaluate`: a model beside the accuracy limit."""
+"""`design-sensors evaluate`: measures a model and compares it with the accuracy limit."""
 
 import argparse
 import json
@@ -13,18 +13,18 @@ from rich.console import Console
 from rich.table import Table
 
 from beamtouch_models import modelfile
+from beamtouch_models.accuracy.evaluation import Errors, Evaluation, at_noise, evaluate
+from beamtouch_models.accuracy.model_prior import prior_of_model
+from beamtouch_models.accuracy.statistics import Measurement
+from beamtouch_models.building.held_limit import check_scale
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import InputError
-from beamtouch_models.evaluation import Errors, Evaluation, at_noise, evaluate
-from beamtouch_models.figures import Figure
-from beamtouch_models.held_limit import check_scale
-from beamtouch_models.model_prior import prior_of_model
 
 WIDTH_WITHOUT_TERMINAL = 120
 
 
 def run(options: argparse.Namespace) -> None:
-    """Evaluate at each noise that was asked for, or at the model's own, and print it."""
+    """Evaluate at each given noise, or at the noise of the model, and print the results."""
     model = modelfile.load(options.model)
     for noise_mm in options.noise:
         if not 0 <= noise_mm < math.inf:
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _json(found: Evaluation) -> dict[str, Any]:
-    """Everything, with the errors in percent of the length besides."""
+    """Return all results, with the errors also in percent of the length."""
     fields = asdict(found)
     for name, errors in (("span", found.span), ("middle", found.middle)):
         if errors is not None:
@@ -70,9 +70,7 @@ def _json(found: Evaluation) -> dict[str, Any]:
 
 
 def _show(console: Console, model: modelfile.ModelFile, found: Evaluation) -> None:
-    title = (
-        f"{model.identity} ({model.metadata.estimator}), noise {found.noise_mm:.3g} mm a sample, {found.draws} contacts"
-    )
+    title = f"{model.identity} ({model.metadata.estimator}), noise {found.noise_mm:.3g} mm, {found.draws} contacts"
     table = Table(title=title, box=SIMPLE_HEAD, title_justify="left")
     table.add_column("position error")
     for heading in ("whole range, mm", "% of length", "middle 60 %, mm", "% of length"):
@@ -82,7 +80,7 @@ def _show(console: Console, model: modelfile.ModelFile, found: Evaluation) -> No
         cells = []
         for errors in (found.span, found.middle):
             value = None if errors is None else pick(errors)
-            scaled = value.scaled(percent) if isinstance(value, Figure) else value and value * percent
+            scaled = value.scaled(percent) if isinstance(value, Measurement) else value and value * percent
             cells += [_text(value), _text(scaled)]
         table.add_row(label, *cells)
     ratios = [_text(None if errors is None else errors.ratio) for errors in (found.span, found.middle)]
@@ -92,7 +90,7 @@ def _show(console: Console, model: modelfile.ModelFile, found: Evaluation) -> No
         console.print(f" {label:<18} {text}  {remark}".rstrip(), highlight=False)
 
 
-_ROWS: tuple[tuple[str, Callable[[Errors], Figure | float | None]], ...] = (
+_ROWS: tuple[tuple[str, Callable[[Errors], Measurement | float | None]], ...] = (
     ("mean", lambda errors: errors.mean_mm),
     ("95th percentile", lambda errors: errors.p95_mm),
     ("worst", lambda errors: errors.worst_mm),
@@ -102,24 +100,24 @@ _ROWS: tuple[tuple[str, Callable[[Errors], Figure | float | None]], ...] = (
 
 
 def _lines(found: Evaluation) -> list[tuple[str, str, str]]:
-    """What is not a position error, as label, value and remark; what the model does not state is left out."""
+    """Return results other than position errors as label, value and remark, without those that the model lacks."""
     share = [
-        ("position interval", found.position_coverage, "% of contacts lie in it; 95 % is stated", 100.0),
+        ("position interval", found.position_coverage, "% of contacts lie inside; nominally 95 %", 100.0),
         ("its width", found.position_width_mm, "mm, mean", 1.0),
-        ("force interval", found.force_coverage, "% of forces lie in it; 95 % is stated", 100.0),
+        ("force interval", found.force_coverage, "% of forces lie inside; nominally 95 %", 100.0),
         ("force error", found.force_error_n, "N, mean", 1.0),
         ("missed contacts", found.missed, "% of contacts", 100.0),
-        ("false contacts", found.false_alarms, "of a million samples at rest", 1e6),
+        ("false contacts", found.false_alarms, "per million samples at rest", 1e6),
     ]
     lines = [
         (label, _text(value.scaled(factor)), remark) for label, value, remark, factor in share if value is not None
     ]
     if found.cramer_rao_mean_mm is None:
-        return [*lines, ("without noise", "", "the limit is 0, so there is no ratio to state")]
+        return [*lines, ("without noise", "", "the limit is 0, so there is no ratio")]
     return [*lines, ("Cramer-Rao", f"{found.cramer_rao_mean_mm:.4g}", "mm, mean |error| of an unbiased estimate")]
 
 
-def _text(value: Figure | float | None) -> str:
+def _text(value: Measurement | float | None) -> str:
     if value is None:
         return "-"
-    return f"{value.value:.4g} +- {value.standard_error:.2g}" if isinstance(value, Figure) else f"{value:.4g}"
+    return f"{value.value:.4g} +- {value.standard_error:.2g}" if isinstance(value, Measurement) else f"{value:.4g}"

@@ -3,7 +3,8 @@
 import argparse
 import json
 
-from beamtouch_models import modelfile, report
+from beamtouch_models import modelfile
+from beamtouch_models.building import description
 
 
 def run(options: argparse.Namespace) -> None:
@@ -13,4 +14,4 @@ def run(options: argparse.Namespace) -> None:
 
 def show(model: modelfile.ModelFile, *, as_json: bool) -> None:
     """Print a model as one JSON object or as text."""
-    print(json.dumps(report.describe(model)) if as_json else report.summary(model))
+    print(json.dumps(description.describe(model)) if as_json else description.summary(model))

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from beamtouch_models.beam import max_deflection_mm
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.building.held_limit import check_scale
 from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.effects import required
 from beamtouch_models.errors import SceneError
-from beamtouch_models.held_limit import check_scale
-from beamtouch_models.limit import accuracy_limit
-from beamtouch_models.noise import choose_filter, noise_of
+from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.placement import Placement, place, place_by_position_error, recommended_count
-from beamtouch_models.prior import Prior
+from beamtouch_models.pricing.effects import required
+from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.scene import Scene, load_scene
 
 LIMIT_DRAWS = 10_000
@@ -26,9 +26,10 @@ def run(options: argparse.Namespace) -> None:
     """Place the sensors of a scene and print the layout with its score, gap and accuracy limit."""
     started = time.perf_counter()
     stated, _ = load_scene(options.scene)
-    check_scale(noise_of(stated, choose_filter(stated)).sample_mm, max_deflection_mm(stated))
-    scene = required(stated)
-    noise_mm = noise_of(scene, choose_filter(scene)).sample_mm
+    chosen = choose_filter(stated)
+    check_scale(noise_of(stated, chosen).sample_mm, max_deflection_mm(stated))
+    physics = required(stated, chosen)
+    scene, noise_mm = physics.scene, physics.noise.sample_mm
     count = options.sensors or _count_of(scene)
     if options.components is not None and options.components > count:
         message = f"--components {options.components}: {count} sensors have no more than {count} components"

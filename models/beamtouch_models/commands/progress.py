@@ -1,15 +1,17 @@
-"""Progress of long work, shown where somebody is watching."""
+"""A progress bar on a terminal."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from beamtouch_models import progress
+
 
 @contextmanager
-def shown_progress() -> Iterator[Callable[[str, float], None]]:
-    """Show progress on stderr if that is a terminal; yields what to call with the doing and the fraction done."""
+def shown_progress() -> Iterator[progress.Progress]:
+    """Show progress on standard error if that is a terminal; yields the function to report it with."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as display:

@@ -1,4 +1,4 @@
-"""`design-sensors trade`: what speed, sensors and samples buy in accuracy."""
+"""`design-sensors trade`: measures accuracy against speed, number of sensors and filter."""
 
 import argparse
 import json
@@ -15,7 +15,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from beamtouch_models.build import Choices, build
+from beamtouch_models.building.build import Choices, build
 from beamtouch_models.commands.build import surface_name
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.commands.reproduce import folder_of
@@ -32,11 +32,11 @@ from beamtouch_models.trade.results import HEADINGS, json_of, markdown, plot, ro
 WIDTH_WITHOUT_TERMINAL = 180
 
 Kept = tuple[Trade, list[LeftOut]]
-"""Results for the folder."""
+"""The results that the folder has."""
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure every point, write the folder, print the front, and build the point that was asked for."""
+    """Measure every point, write the folder, print the front, and build the requested point."""
     for option, value in (("--latency-ms", options.latency_ms), ("--error-mm", options.error_mm)):
         if value is not None and not 0 < value < math.inf:
             message = f"{option} {value:g}: give a positive number"
@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _run(options: argparse.Namespace, kept: list[Kept]) -> None:
-    """Do all of it; `kept` holds the newest results at any time."""
+    """Do the work of `run`; `kept` always holds the newest results."""
     scene, text = load_scene(options.scene)
     folder, name = folder_of(options.output), surface_name(options.scene)
     trade, physics = _measured(scene, name, folder, options, kept)
@@ -75,13 +75,13 @@ def _run(options: argparse.Namespace, kept: list[Kept]) -> None:
         print(json.dumps({"output": str(folder), "picked": chosen, **results}))
         return
     _show(front, len(points))
-    print(f"all of {len(points)} points in {folder}: trade.md, trade.svg, trade.json", file=sys.stderr)
+    print(f"all {len(points)} points are in {folder}: trade.md, trade.svg, trade.json", file=sys.stderr)
     if picked is not None:
         print(f"built {folder / f'{name}.onnx'}: {named(picked)}; {picked.error_mm:.3g} mm, {picked.latency_ms:.3g} ms")
 
 
 def _measured(scene: Scene, name: str, folder: Path, options: argparse.Namespace, kept: list[Kept]) -> Kept:
-    """Measure everything; what is done is in the folder at any time."""
+    """Measure all points and effects; the folder always has the results so far."""
     estimators = tuple(options.estimators or NAMES)
 
     def keep(trade: Trade) -> None:
@@ -90,18 +90,19 @@ def _measured(scene: Scene, name: str, folder: Path, options: argparse.Namespace
     with shown_progress() as progress:
         trade = measured_points(scene, estimators, draws=options.draws, seed=options.seed, progress=progress, keep=keep)
         keep(trade)
-        progress("leaving out physics", 1.0)
+        progress("leaving out effects", 1.0)
         return trade, physics_trade(scene, draws=options.draws, seed=options.seed)
 
 
 def _keep(folder: Path, name: str, trade: Trade, physics: list[LeftOut], kept: list[Kept]) -> dict[str, Any]:
-    # Kept first: an interruption while the files are written writes them again.
+    """Write the results so far, and keep them for an interruption; returns the content of trade.json."""
+    # Kept before they are written: after an interruption between two files, all are written again.
     kept[:] = [(trade, physics)]
     return _write(folder, name, trade, physics)
 
 
 def _write(folder: Path, name: str, trade: Trade, physics: list[LeftOut]) -> dict[str, Any]:
-    """Write what there is; each file is replaced as a whole. Returns what is in trade.json."""
+    """Write the results so far, each file as a whole; returns the content of trade.json."""
     front = pareto_front(trade.points)
     results = json_of(trade, front, physics)
     write_whole(folder / "trade.json", (json.dumps(results, indent=1) + "\n").encode())
@@ -111,17 +112,17 @@ def _write(folder: Path, name: str, trade: Trade, physics: list[LeftOut]) -> dic
 
 
 def _interrupted(kept: list[Kept], options: argparse.Namespace) -> str:
-    """Write what is kept, as the interruption may have come between two files; return what to say of it."""
+    """Write the kept results, as the interruption may have come between two files; returns the message."""
     if not kept:
-        return "interrupted; no point is done, and nothing was written"
+        return "interrupted before the first point; nothing was written"
     ((trade, physics),) = kept
     _write(options.output, surface_name(options.scene), trade, physics)
-    return f"interrupted; {len(trade.points)} of {trade.planned} points are done, in {options.output}"
+    return f"interrupted; {len(trade.points)} of {trade.planned} points are in {options.output}"
 
 
 @contextmanager
 def _termination_interrupts() -> Iterator[None]:
-    """Take SIGTERM for Ctrl-C, so that both end with a word on what was kept."""
+    """Treat SIGTERM like Ctrl-C, so that both report what was kept."""
 
     def interrupt(_signal: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt

@@ -1,23 +1,21 @@
 """The estimators by name. Each is a function from a prior to a graph; the first is the default."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import onnx
 
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.paper_graph import paper_graph, trained_as_in_the_paper
 from beamtouch_models.estimators.posterior.channels import fewest_channels
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.estimators.small_network import train
 from beamtouch_models.estimators.small_network_graph import small_network_graph
 from beamtouch_models.estimators.teacher import may_miss_one
-from beamtouch_models.prior import Prior
+from beamtouch_models.progress import Fraction
 
 Name = Literal["posterior", "small-network", "paper-network"]
 NAMES: tuple[Name, ...] = get_args(Name)
-Progress = Callable[[float], None]
-"""Called with the fraction that is done."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class Estimator:
     """Smallest number of working channels with which it gives a position."""
 
 
-def estimator_of(name: Name, prior: Prior, *, with_force: bool, seed: int, progress: Progress) -> Estimator:
+def estimator_of(name: Name, prior: Prior, *, with_force: bool, seed: int, progress: Fraction) -> Estimator:
     """Make an estimator for a prior; the same seed gives the same graph."""
     match name:
         case "posterior":

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import onnx
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike
 from onnx import TensorProto, helper, numpy_helper
 
-from beamtouch_models.modelfile import INPUTS
+from beamtouch_models.arrays import Floats
+from beamtouch_models.metadata import INPUTS
 
 OPSET = 17
 IR_VERSION = 8
@@ -63,7 +64,7 @@ class Graph:
         return names
 
 
-def with_linear_input(made: onnx.ModelProto, offset_mm: NDArray[np.float64], curve_per_mm: float) -> onnx.ModelProto:
+def with_linear_input(made: onnx.ModelProto, offset_mm: Floats, curve_per_mm: float) -> onnx.ModelProto:
     """Return the model with corrected inputs: it computes y + curve y^2 with y = measured deflection - offset."""
     if not (np.any(offset_mm) or curve_per_mm):
         return made

@@ -3,10 +3,10 @@
 import numpy as np
 import onnx
 
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.onnx_graph import Graph, model
-from beamtouch_models.modelfile import INPUTS
-from beamtouch_models.paper_network import TARGET_HIGH, TARGET_LOW, PaperNetwork, train
-from beamtouch_models.prior import Prior
+from beamtouch_models.estimators.paper_network import TARGET_HIGH, TARGET_LOW, PaperNetwork, train
+from beamtouch_models.metadata import INPUTS
 
 PATTERNS = 399
 """Number of load positions in training, as in the paper."""

@@ -9,20 +9,17 @@ The loss is the cost of an error. A position that is wrong by d, where the poste
 sqrt(s^2 + d^2) - s to the error: little at the ends of the beam, where s is large, and nearly d in the middle.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.estimators.teacher import Lessons, lessons
-from beamtouch_models.prior import Prior
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from beamtouch_models.progress import Fraction
 
 HIDDEN = (20, 20)
 EXAMPLES = 12_000
@@ -41,14 +38,14 @@ class Inputs:
     """Scaling of deflections to the inputs of the first layer."""
 
     noise_mm: float
-    centre: Array
+    centre: Floats
     """(channels,) mean direction of a contact's deflection."""
-    axes: Array
+    axes: Floats
     """(channels, channels) principal axes of the directions, each over its spread."""
     log_centre: float
     log_spread: float
 
-    def features(self, deflection_mm: Array, valid: Bools) -> Array:
+    def features(self, deflection_mm: Floats, valid: Bools) -> Floats:
         """Return the inputs of the first layer, (samples, 2 channels + 1)."""
         scaled = np.where(valid, deflection_mm, 0.0) / self.noise_mm
         length = np.sqrt((scaled**2).sum(axis=1, keepdims=True) + 1)
@@ -56,10 +53,10 @@ class Inputs:
         log_length = (np.log(length) - self.log_centre) / self.log_spread
         return np.concatenate([direction, log_length, ~valid], axis=1)
 
-    def log_length(self, deflection_mm: Array, valid: Bools) -> Array:
+    def log_length(self, deflection_mm: Floats, valid: Bools) -> Floats:
         """Return the logarithm of the length of the deflection in units of the noise, (samples,)."""
         scaled = np.where(valid, deflection_mm, 0.0) / self.noise_mm
-        log: Array = np.log((scaled**2).sum(axis=1) + 1) / 2
+        log: Floats = np.log((scaled**2).sum(axis=1) + 1) / 2
         return log
 
 
@@ -68,14 +65,14 @@ class Network:
     """Weights and scales; `small_network_graph` writes the same arithmetic as an ONNX graph."""
 
     inputs: Inputs
-    layers: tuple[tuple[Array, Array], ...]
+    layers: tuple[tuple[Floats, Floats], ...]
     """(weights, bias) of the hidden layers, with tanh, and of the linear output layer."""
     position_mm: tuple[float, float]
     force_n: tuple[float, float]
     width: tuple[float, float] = (1.0, 1.0)
     """Factors on the widths of the position's and the force's interval, set so that 95 % hold the truth."""
 
-    def raw(self, features: Array) -> Array:
+    def raw(self, features: Floats) -> Floats:
         """Return the raw outputs (samples, 7) for features (samples, 2 channels + 1)."""
         return _forward(self.layers, features)[-1]
 
@@ -89,7 +86,7 @@ class Network:
 def train(
     prior: Prior,
     seed: int,
-    progress: Callable[[float], None],
+    progress: Fraction,
     *,
     hidden: tuple[int, ...] = HIDDEN,
     examples: int = EXAMPLES,
@@ -105,7 +102,7 @@ def train(
     start = np.concatenate([_initial(rng, fan_in, fan_out) for fan_in, fan_out in pairwise(sizes)])
     done = 0
 
-    def loss(flat: Array) -> tuple[float, Array]:
+    def loss(flat: Floats) -> tuple[float, Floats]:
         nonlocal done
         done += 1
         progress(min(1.0, done / (1.1 * iterations)))
@@ -123,11 +120,11 @@ def train(
 class Targets:
     """Target outputs, with the weights of their errors."""
 
-    raw: Array
+    raw: Floats
     """(samples, 7)"""
-    spread: Array
+    spread: Floats
     """(samples, 2) deviation of position and force, in the units of their outputs."""
-    weight: Array
+    weight: Floats
     """(samples, 7)"""
 
 
@@ -168,7 +165,9 @@ def _targets(prior: Prior, inputs: Inputs, taught: Lessons) -> Targets:
     return Targets(raw, spread, weight / len(raw))
 
 
-def loss_and_gradient(layers: tuple[tuple[Array, Array], ...], features: Array, target: Targets) -> tuple[float, Array]:
+def loss_and_gradient(
+    layers: tuple[tuple[Floats, Floats], ...], features: Floats, target: Targets
+) -> tuple[float, Floats]:
     """Return the loss and its flat gradient, in the order weights, bias, weights, bias, ..."""
     values = _forward(layers, features)
     off = values[-1] - target.raw
@@ -179,7 +178,7 @@ def loss_and_gradient(layers: tuple[tuple[Array, Array], ...], features: Array, 
         cost[:, output], slope[:, output] = whole - spread, off[:, output] / whole
     loss = float((target.weight * cost).sum())
     slope *= target.weight
-    gradients: list[Array] = []
+    gradients: list[Floats] = []
     for index in range(len(layers) - 1, -1, -1):
         gradients[:0] = [(values[index].T @ slope).ravel(), slope.sum(axis=0)]
         if index:
@@ -187,7 +186,7 @@ def loss_and_gradient(layers: tuple[tuple[Array, Array], ...], features: Array, 
     return loss, np.concatenate(gradients)
 
 
-def _forward(layers: tuple[tuple[Array, Array], ...], features: Array) -> list[Array]:
+def _forward(layers: tuple[tuple[Floats, Floats], ...], features: Floats) -> list[Floats]:
     """Return the features, the values of the hidden layers, and the raw outputs."""
     values = [features]
     for weights, bias in layers[:-1]:
@@ -196,13 +195,13 @@ def _forward(layers: tuple[tuple[Array, Array], ...], features: Array) -> list[A
     return [*values, values[-1] @ weights + bias]
 
 
-def _initial(rng: np.random.Generator, fan_in: int, fan_out: int) -> Array:
+def _initial(rng: np.random.Generator, fan_in: int, fan_out: int) -> Floats:
     """Return random initial weights (Glorot & Bengio 2010) and random biases, so that no two units are alike."""
     weights = rng.normal(scale=np.sqrt(2 / (fan_in + fan_out)), size=fan_in * fan_out)
     return np.concatenate([weights, rng.normal(scale=0.1, size=fan_out)])
 
 
-def _layers(flat: Array, sizes: tuple[int, ...]) -> tuple[tuple[Array, Array], ...]:
+def _layers(flat: Floats, sizes: tuple[int, ...]) -> tuple[tuple[Floats, Floats], ...]:
     layers, start = [], 0
     for fan_in, fan_out in pairwise(sizes):
         weights = flat[start : start + fan_in * fan_out].reshape(fan_in, fan_out)

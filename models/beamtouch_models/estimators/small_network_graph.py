@@ -5,13 +5,11 @@ Each operation costs about as much as all the arithmetic of this network, so the
 
 import numpy as np
 import onnx
-from numpy.typing import NDArray
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph, model
 from beamtouch_models.estimators.small_network import ODDS_SCALE, Network
-from beamtouch_models.modelfile import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
-
-Array = NDArray[np.float64]
+from beamtouch_models.metadata import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
 
 
 def small_network_graph(network: Network, *, with_force: bool) -> onnx.ModelProto:
@@ -63,7 +61,7 @@ def _features(graph: Graph, noise_mm: float) -> tuple[str, str]:
     return graph.apply("Concat", direction, log_size, graph.cast(valid, np.float32), axis=1), log_size
 
 
-def _on_plain_features(network: Network, weights: Array, bias: Array) -> tuple[Array, Array]:
+def _on_plain_features(network: Network, weights: Floats, bias: Floats) -> tuple[Floats, Floats]:
     """Return the first layer for plain features: not centred, turned or scaled, and valid instead of missing."""
     inputs, channels = network.inputs, len(network.inputs.centre)
     direction, log_size, missing = weights[:channels], weights[channels : channels + 1], weights[channels + 1 :]
@@ -72,7 +70,7 @@ def _on_plain_features(network: Network, weights: Array, bias: Array) -> tuple[A
     return np.concatenate([turned, scaled, -missing]), bias + shift
 
 
-def _in_units(network: Network, weights: Array, bias: Array) -> tuple[Array, Array]:
+def _in_units(network: Network, weights: Floats, bias: Floats) -> tuple[Floats, Floats]:
     """Return the last layer with outputs in mm, in nats, and as log of the force in N minus log of the size in mm."""
     centre, half = network.position_scale
     factor = np.array([half, 1, 1, ODDS_SCALE, 1, 1, 1])

@@ -3,21 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.estimators.running import runner
-from beamtouch_models.modelfile import FORCE_OUTPUTS, POSITION_OUTPUTS
-from beamtouch_models.prior import Prior
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
+from beamtouch_models.session import runner
 
 REST_SHARE, WEAK_SHARE = 0.1, 0.15
 """Shares of the examples without a contact, and with a weak contact, at which the odds change sign."""
 MISSING_SHARE = 0.2
 """Share of the examples in which one channel is missing, if a position can be found without it."""
-MOST_ODDS = 30.0
+MAX_ODDS = 30.0
 """Log odds are clipped to this value; beyond it, contact or rest is certain."""
 
 
@@ -25,18 +22,18 @@ MOST_ODDS = 30.0
 class Lessons:
     """Readings and answers. The columns of the answers are the median and the ends of the 95 % interval."""
 
-    deflection_mm: Array
+    deflection_mm: Floats
     """(samples, channels), with noise."""
     valid: Bools
     touched: Bools
     """Whether a contact with a force in the range touches."""
-    true_position_mm: Array
-    true_force_n: Array
-    position: Array
+    true_position_mm: Floats
+    true_force_n: Floats
+    position: Floats
     """(samples, 3) mm"""
-    force: Array
+    force: Floats
     """(samples, 3) N"""
-    log_odds: Array
+    log_odds: Floats
 
 
 def may_miss_one(prior: Prior) -> bool:
@@ -67,5 +64,5 @@ def lessons(prior: Prior, rng: np.random.Generator, size: int, *, contacts_only:
         force,
         np.stack([columns[name] for name in POSITION_OUTPUTS[:3]], axis=1),
         np.stack([columns[name] for name in FORCE_OUTPUTS], axis=1),
-        np.clip(columns[POSITION_OUTPUTS[3]], -MOST_ODDS, MOST_ODDS),
+        np.clip(columns[POSITION_OUTPUTS[3]], -MAX_ODDS, MAX_ODDS),
     )

@@ -14,11 +14,9 @@ doi 10.1145/2746539.2746576; Li & Xie 2024, doi 10.1287/opre.2022.2388); multipl
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.placement.problem import Problem
-
-Array = NDArray[np.float64]
 
 LEFT_OUT = 1e-6
 """Squared length that T may leave out of any column, relative to what the scored components need. On the coordinates
@@ -31,9 +29,9 @@ class Bound:
 
     value: float
     """No layout of the region scores more."""
-    through: Array
+    through: Floats
     """(sensors, candidates): bound on the layouts whose k-th sensor is at i; -inf outside the region."""
-    price: Array
+    price: Floats
     """(candidates,): h_i above; 1 at the sensors of an optimum."""
 
 
@@ -42,9 +40,9 @@ class Bounder:
     """The data that all bounds of one problem share."""
 
     problem: Problem
-    features: Array
+    features: Floats
     """(coordinates, candidates): the coordinates on which T is free."""
-    rest: Array
+    rest: Floats
     """(candidates,): squared length of each column in all other coordinates."""
 
     @property
@@ -52,7 +50,7 @@ class Bounder:
         """Fraction of the usual number of bounds to compute; the cost of one grows as the cube of the coordinates."""
         return min(1.0, (100 / len(self.features)) ** 3)
 
-    def bound(self, weights: Array, region: NDArray[np.bool_]) -> Bound:
+    def bound(self, weights: Floats, region: Bools) -> Bound:
         """Bound the layouts of a region.
 
         Parameters
@@ -80,7 +78,7 @@ def bounder_of(problem: Problem) -> Bounder:
     return Bounder(problem, problem.features[:kept], left_out[kept])
 
 
-def _gradient(spectrum: Array, leading: int) -> tuple[Array, float]:
+def _gradient(spectrum: Floats, leading: int) -> tuple[Floats, float]:
     """Return the eigenvalues of T, ascending, and its eigenvalue on all coordinates left out.
 
     T inverts the first eigenvalues of `spectrum` (descending). It stops where the sum of the remaining eigenvalues,

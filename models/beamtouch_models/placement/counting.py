@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
-from beamtouch_models.beam import load_positions_mm, scene_influence
-from beamtouch_models.components import discernible, principal_components
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.errors import SceneError
-from beamtouch_models.layout import equal_pitch_mm
-from beamtouch_models.limit import accuracy_limit
+from beamtouch_models.physics.beam import load_positions_mm, scene_influence
+from beamtouch_models.placement.components import discernible, principal_components
+from beamtouch_models.placement.layout import equal_pitch_mm
 from beamtouch_models.placement.placing import Placement, place
-from beamtouch_models.prior import Prior
 from beamtouch_models.scene import Scene
 
 PROBES = 8

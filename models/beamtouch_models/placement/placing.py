@@ -1,31 +1,29 @@
 """Placement of sensors by a criterion and a search, with a proof where the criterion has a bound."""
 
-from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from beamtouch_models.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
-from beamtouch_models.components import log_eigenvalue_product
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
-from beamtouch_models.layout import Candidates, Indices
+from beamtouch_models.physics.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
+from beamtouch_models.placement.components import log_eigenvalue_product
+from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.position_error import Surrogate, decided, surrogate_of
 from beamtouch_models.placement.problem import Problem, problem_of, rules_for
 from beamtouch_models.placement.proof import bound_gap, prove
 from beamtouch_models.placement.search_exact import Run, exact_search, first_best, pattern_search
 from beamtouch_models.placement.search_paper import paper_runs, paper_search
+from beamtouch_models.progress import Progress, silent
 from beamtouch_models.scene import Scene
 
-Array = NDArray[np.float64]
 Criterion = Literal["eigenvalue-product", "position-error"]
 SearchName = Literal["exact", "paper"]
 Certify = Literal["nothing", "bound", "proof"]
-Progress = Callable[[str, float], None]
 
 SURROGATE_STARTS = 2
 
@@ -65,10 +63,6 @@ def _one_thread() -> AbstractContextManager[object]:
     return limited
 
 
-def _silent(_doing: str, _done: float) -> None:
-    pass
-
-
 def place(
     scene: Scene,
     count: int,
@@ -77,7 +71,7 @@ def place(
     *,
     search: SearchName = "exact",
     certify: Certify = "nothing",
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> Placement:
     """Place sensors so that the product of the leading eigenvalues (eq. 4) is largest.
 
@@ -122,7 +116,7 @@ def place_by_position_error(
     *,
     leading: int | None = None,
     search: SearchName = "exact",
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> Placement:
     """Place sensors so that the accuracy limit is smallest; arguments and errors as `place`.
 
@@ -150,7 +144,7 @@ def place_by_position_error(
     return _placement(rules, layout, score_positions(scene, positions, leading), runs[0], _total(runs), None)
 
 
-def score_positions(scene: Scene, positions_mm: Array, leading: int | None = None) -> float:
+def score_positions(scene: Scene, positions_mm: Floats, leading: int | None = None) -> float:
     """Return the logarithm of the eigenvalue product of a layout; lengths in units of l, W/(EI) = 1."""
     matrix = scene_influence(scene, positions_mm, load_positions_mm(scene))
     score = float(log_eigenvalue_product(matrix, leading))

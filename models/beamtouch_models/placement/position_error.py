@@ -6,20 +6,19 @@ are one array operation. The second is the accuracy limit of a few contacts on a
 for every layout (common random numbers). Neither bounds how much better another layout could be.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models.beam import scene_influence
-from beamtouch_models.densities import densities
-from beamtouch_models.layout import Candidates, Indices
-from beamtouch_models.limit import accuracy_limit, log_likelihood, spread_contacts
-from beamtouch_models.prior import Prior
+from beamtouch_models.accuracy.densities import densities
+from beamtouch_models.accuracy.limit import accuracy_limit, spread_contacts
+from beamtouch_models.accuracy.posterior import log_likelihood
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.placement.layout import Candidates
+from beamtouch_models.progress import Fraction
 from beamtouch_models.scene import Scene
-
-Array = NDArray[np.float64]
 
 GRID = 257
 DRAWS = 256
@@ -31,20 +30,21 @@ MAX_EXCHANGES = 200
 
 @dataclass(frozen=True)
 class Surrogate:
-    """The accuracy limit of a few contacts on a coarse grid, for layouts of one scene."""
+    """The accuracy limit of a few contacts on a coarse grid, for layouts of the same beam."""
 
-    scene: Scene
+    force_n: tuple[float, float]
+    """Range of forces, with equal ends if the force is known."""
     rules: Candidates
-    position_mm: Array
+    position_mm: Floats
     """(grid,) over the scene's range."""
-    shapes: Array
+    shapes: Floats
     """(grid, candidates), deflection per newton over the noise."""
-    clean: Array
+    clean: Floats
     """(draws, candidates), deflection over the noise."""
-    noise: Array
+    noise: Floats
     """(draws, sensors), with variance 1."""
 
-    def scores(self, layouts: Indices) -> Array:
+    def scores(self, layouts: Indices) -> Floats:
         """Return minus the mean |position error| in mm of layouts (population, sensors); -inf if a rule is broken."""
         allowed = self.rules.allowed(layouts)
         pairs = zip(layouts, allowed, strict=True)
@@ -54,20 +54,20 @@ class Surrogate:
         shapes = self.shapes[:, layout]
         size = np.linalg.norm(shapes, axis=1)
         projection = (self.clean[:, layout] + self.noise) @ (shapes / np.where(size > 0, size, 1.0)[:, None]).T
-        density = log_likelihood(self.scene.contact.force_range_n, size, projection, projection**2 / 2)
+        density = log_likelihood(self.force_n, size, projection, projection**2 / 2)
         return float(densities(np.broadcast_to(self.position_mm, density.shape), density).mean_distance().mean())
 
-    def cramer_rao_mm(self, sums: Array) -> Array:
+    def cramer_rao_mm(self, sums: Floats) -> Floats:
         """Return the mean Cramer-Rao bound on the error (...), limited by the range, from `sums` (3, grid, ...)."""
         slope, mixed, size = sums
-        low, high = self.scene.contact.force_range_n
+        low, high = self.force_n
         square = (low * low + low * high + high * high) / 3
         information = slope
         if low < high:
             # A slope along the deflection itself cannot be distinguished from a change of the force.
             information = np.maximum(slope - mixed**2 / np.maximum(size, np.finfo(np.float64).tiny), 0)
         span = self.position_mm[-1] - self.position_mm[0]
-        bound: Array = (1 / np.sqrt(information * square + 12 / span**2)).mean(axis=0)
+        bound: Floats = (1 / np.sqrt(information * square + 12 / span**2)).mean(axis=0)
         return bound
 
     def cramer_rao_layout(self, start: Indices) -> Indices:
@@ -97,7 +97,7 @@ def surrogate_of(scene: Scene, rules: Candidates, count: int, noise_mm: float, s
         Prior.of(scene, np.zeros(count), noise_mm), DRAWS, np.random.default_rng(seed)
     )
     return Surrogate(
-        scene,
+        scene.contact.force_range_n,
         rules,
         grid,
         scene_influence(scene, rules.position_mm, grid) / noise_mm,
@@ -112,7 +112,7 @@ def decided(
     layouts: list[Indices],
     noise_mm: float,
     seed: int,
-    progress: Callable[[float], None],
+    progress: Fraction,
 ) -> Indices:
     """Return the layout with the smallest accuracy limit; `layouts` lists the most promising first."""
     distinct = list({tuple(layout): layout for layout in layouts}.values())[:FINALISTS]

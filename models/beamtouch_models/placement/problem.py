@@ -4,15 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
-from beamtouch_models.components import log_eigenvalue_product
+from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
-from beamtouch_models.layout import Candidates, Indices, candidates, equal_pitch_mm
+from beamtouch_models.physics.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
+from beamtouch_models.placement.components import log_eigenvalue_product
+from beamtouch_models.placement.layout import Candidates, candidates, equal_pitch_mm
 from beamtouch_models.scene import Scene
-
-Array = NDArray[np.float64]
 
 TAIL = 1e-8
 """Squared length that the coordinates may leave out of any column, relative to the smallest scored component."""
@@ -25,18 +23,18 @@ class Problem:
     rules: Candidates
     count: int
     leading: int
-    matrix: Array
+    matrix: Floats
     """(loads, candidates), with entries up to 1."""
-    features: Array
+    features: Floats
     """(coordinates, candidates): the columns of `matrix` in an orthogonal basis, the largest coordinates first."""
-    tail: Array
+    tail: Floats
     """(candidates,): squared length of each column outside the coordinates."""
     starts: tuple[Indices, Indices]
     """The layouts of equal pitch and of greedy pivoting, fitted to the rules."""
     offset: float
     """Constant per component in a score, from the scale of the matrix and the number of loads."""
 
-    def scores(self, layouts: Indices) -> Array:
+    def scores(self, layouts: Indices) -> Floats:
         """Return the log eigenvalue product of layouts (population, sensors), to 1e-7; -inf if a rule is broken."""
         columns = np.moveaxis(self.features[:, layouts], 0, 2)
         logs = _log_volumes(columns) if self.leading == self.count else _log_leading(columns, self.leading)
@@ -52,7 +50,7 @@ class Problem:
         position = self.rules.position_mm
         return self.fitted(rng.uniform(position[0], position[-1], size=self.count))
 
-    def fitted(self, wanted_mm: Array) -> Indices:
+    def fitted(self, wanted_mm: Floats) -> Indices:
         """Return the allowed layout nearest to wanted positions (sensors,)."""
         layout = self.rules.fitted(wanted_mm)
         if layout is None:
@@ -103,7 +101,7 @@ def problem_of(scene: Scene, count: int, leading: int | None = None) -> Problem:
     return problem_from(matrix, rules, equal, leading, deflection_unit_mm_per_n(scene.beam))
 
 
-def problem_from(matrix: Array, rules: Candidates, equal: Indices, leading: int, unit: float = 1.0) -> Problem:
+def problem_from(matrix: Floats, rules: Candidates, equal: Indices, leading: int, unit: float = 1.0) -> Problem:
     """Return the placement problem of an influence matrix (loads, candidates).
 
     Parameters
@@ -137,7 +135,7 @@ def problem_from(matrix: Array, rules: Candidates, equal: Indices, leading: int,
     return Problem(rules, len(equal), leading, matrix, features, tail, starts, offset)
 
 
-def reduced(matrix: Array, leading: int) -> tuple[Array, Array, Indices]:
+def reduced(matrix: Floats, leading: int) -> tuple[Floats, Floats, Indices]:
     """Reduce columns to coordinates in an orthogonal basis, by Gram-Schmidt with the longest remainder first.
 
     Parameters
@@ -177,7 +175,7 @@ def reduced(matrix: Array, leading: int) -> tuple[Array, Array, Indices]:
     return features, np.zeros(matrix.shape[1]), np.array(pivots, dtype=np.intp)
 
 
-def _log_volumes(columns: Array) -> Array:
+def _log_volumes(columns: Floats) -> Floats:
     """Return log det(X^T X) (population,) by Gram-Schmidt, for columns (population, sensors, coordinates)."""
     rest = np.array(columns)
     total = np.zeros(len(rest))
@@ -191,8 +189,8 @@ def _log_volumes(columns: Array) -> Array:
     return total
 
 
-def _log_leading(columns: Array, leading: int) -> Array:
+def _log_leading(columns: Floats, leading: int) -> Floats:
     """Return the log product of the leading eigenvalues of X^T X, for columns (population, sensors, coordinates)."""
     singular = np.linalg.svd(columns, compute_uv=False)[:, :leading]
-    logs: Array = 2 * np.log(np.maximum(singular, np.finfo(np.float64).tiny)).sum(axis=1)
+    logs: Floats = 2 * np.log(np.maximum(singular, np.finfo(np.float64).tiny)).sum(axis=1)
     return logs

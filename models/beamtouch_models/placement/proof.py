@@ -2,18 +2,16 @@
 
 import heapq
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models.layout import Indices
+from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.placement.bound import Bounder, bounder_of
 from beamtouch_models.placement.problem import Problem
+from beamtouch_models.progress import Fraction, silent
 
-Array = NDArray[np.float64]
-Region = NDArray[np.bool_]
+Region = Bools
 
 MARGIN = 1e-8
 """Generous bound on rounding errors of a bound or a score, in log units; scores this close are equal. If the components
@@ -51,7 +49,7 @@ class _Region:
     number: int
     mask: Region = field(compare=False)
     """(sensors, candidates)."""
-    weights: Array = field(compare=False)
+    weights: Floats = field(compare=False)
     """(sensors, candidates), summing to 1 in each row."""
 
 
@@ -66,7 +64,7 @@ def prove(
     problem: Problem,
     layout: Indices,
     max_regions: int | None = None,
-    progress: Callable[[float], None] = lambda _gap: None,
+    progress: Fraction = silent,
 ) -> Proof:
     """Prove a layout the best on the grid, or replace it by a better one, or bound the gap.
 
@@ -141,7 +139,7 @@ class _Search:
         second = self.tightened(first.mask, (at_layout + spread) / 2, max(10, int(ROOT_STEPS * self.bounder.ease)))
         return second and max(first, second)
 
-    def tightened(self, mask: Region, weights: Array, steps: int, known: float = np.inf) -> _Region | None:
+    def tightened(self, mask: Region, weights: Floats, steps: int, known: float = np.inf) -> _Region | None:
         """Return a region with its bound, without the candidates that the bound excludes; None if nothing is left."""
         self.regions += 1
         weights = _within(mask, weights)
@@ -172,10 +170,10 @@ class _Search:
                 self.score, self.layout = exact, layouts[index]
 
 
-def _within(mask: Region, weights: Array) -> Array:
+def _within(mask: Region, weights: Floats) -> Floats:
     """Restrict weights to a region; each row sums to 1, and no weight inside is 0, so that it can grow again."""
     inside = np.where(mask, np.maximum(weights, FLOOR), 0.0)
-    normal: Array = inside / inside.sum(axis=1, keepdims=True)
+    normal: Floats = inside / inside.sum(axis=1, keepdims=True)
     return normal
 
 

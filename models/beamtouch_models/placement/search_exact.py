@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from itertools import combinations, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models.layout import Candidates, Indices
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.problem import Problem
-
-Array = NDArray[np.float64]
 
 RANDOM_STARTS = 2
 LEADING_RANDOM_STARTS = 4
@@ -82,7 +80,7 @@ def exchange(problem: Problem, start: Indices) -> Run:
     return Run(layout, tuple(trail), evaluations)
 
 
-def _score_and_gains(problem: Problem, layout: Indices) -> tuple[float, Array]:
+def _score_and_gains(problem: Problem, layout: Indices) -> tuple[float, Floats]:
     """Return the score of a layout, and the change of the squared volume by each exchange (sensor, candidate).
 
     The change is a factor, 0 if a rule forbids the exchange.
@@ -98,7 +96,7 @@ def _score_and_gains(problem: Problem, layout: Indices) -> tuple[float, Array]:
     remainder = features - basis @ along
     inverse = np.linalg.inv(triangle)
     squares = np.einsum("ij,ij->j", remainder, remainder)
-    gains: Array = (inverse @ along) ** 2 + squares * np.einsum("ij,ij->i", inverse, inverse)[:, None]
+    gains: Floats = (inverse @ along) ** 2 + squares * np.einsum("ij,ij->i", inverse, inverse)[:, None]
     near = rules.conflicts(layout)
     gains[(near.sum(axis=0) - near) > 0] = 0
     if len(rules.fixed):
@@ -112,7 +110,7 @@ def _with_pairs(problem: Problem, run: Run) -> Run:
 
 
 def pattern_search(
-    score: Callable[[Indices], Array],
+    score: Callable[[Indices], Floats],
     rules: Candidates,
     start: Indices,
     step: int | None = None,

@@ -1,19 +1,18 @@
 """The paper's search: clone the best layout, vary the clones, keep the best, shrink the variation when nothing gains.
 
 Scores are logarithms, computed for the whole population at once. Two additions to the paper make it reach the optimum
+from beamtouch_models.arrays import Floats, Indices
 from every seed: it restarts from other layouts, and some clones move one or two sensors instead of all.
 """
 
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models.layout import Candidates, Indices
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.problem import Problem
 from beamtouch_models.placement.search_exact import GAIN, Run
-
-Array = NDArray[np.float64]
 
 RANDOM_STARTS = 2
 LEADING_RANDOM_STARTS = 5
@@ -33,7 +32,9 @@ def paper_runs(problem: Problem, seed: int) -> list[Run]:
     return [paper_search(problem.scores, problem.rules, start, rng) for start in starts]
 
 
-def paper_search(score: Callable[[Indices], Array], rules: Candidates, start: Indices, rng: np.random.Generator) -> Run:
+def paper_search(
+    score: Callable[[Indices], Floats], rules: Candidates, start: Indices, rng: np.random.Generator
+) -> Run:
     """Run the paper's search once.
 
     Parameters

@@ -1,1 +1,1 @@
-"""The paper's figures 2 to 8, recomputed and compared with the paper."""
+"""Reproduction of the paper's figures."""

@@ -4,22 +4,22 @@ The networks learn from computed deflections without noise, as the paper's did. 
 its readings carry noise that the networks were not trained with.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from beamtouch_models import limit
-from beamtouch_models.limit import MeanError
-from beamtouch_models.paper_network import MAX_EPOCHS, PaperNetwork, train
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.limit import MeanError
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
+from beamtouch_models.estimators.paper_network import MAX_EPOCHS, PaperNetwork, train
 from beamtouch_models.placement import place
-from beamtouch_models.prior import Prior
+from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.reproduction.paper import (
     LENGTH_MM,
     LOADS_MM,
     SCENE,
-    Array,
     deflection_mm,
     equal_pitch_mm,
 )
@@ -50,9 +50,9 @@ class Performance:
     """The measured errors of a layout."""
 
     layout: Layout
-    positions_mm: Array
+    positions_mm: Floats
     networks: tuple[PaperNetwork, ...]
-    error_percent: Array
+    error_percent: Floats
     """(networks, noises): mean |error| of each network at each of NOISES_PERCENT, eq. 5."""
     limit: MeanError
     """Accuracy limit at RIG_NOISE_PERCENT."""
@@ -80,7 +80,7 @@ class Performance:
         return float(np.interp(percent, np.maximum.accumulate(means), NOISES_PERCENT))
 
 
-def layouts(seed: int) -> dict[Layout, Array]:
+def layouts(seed: int) -> dict[Layout, Floats]:
     """Return the layouts of figure 8: at equal pitch, and with the largest eigenvalue product."""
     found = {}
     for count in COUNTS:
@@ -90,12 +90,12 @@ def layouts(seed: int) -> dict[Layout, Array]:
 
 
 def performances(
-    placed: dict[Layout, Array],
+    placed: dict[Layout, Floats],
     seed: int,
     *,
     networks: int = NETWORKS,
     max_epochs: int = MAX_EPOCHS,
-    progress: Callable[[float], None] = lambda _done: None,
+    progress: Fraction = silent,
 ) -> dict[Layout, Performance]:
     """Train `networks` of the paper's networks for each layout and measure them, in percent of the length."""
     trained = train(
@@ -112,7 +112,7 @@ def performances(
     }
 
 
-def _measured(layout: Layout, positions: Array, networks: tuple[PaperNetwork, ...], seed: int) -> Performance:
+def _measured(layout: Layout, positions: Floats, networks: tuple[PaperNetwork, ...], seed: int) -> Performance:
     unit_mm = float(deflection_mm([LENGTH_MM / 2], [LENGTH_MM / 2])[0, 0]) / 100
     clean = limit.draw(Prior.of(SCENE, positions, 0.0), DRAWS, seed)
     rng = np.random.default_rng([seed, layout.sensors])

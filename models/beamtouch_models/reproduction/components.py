@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.charts import Chart, Series
-from beamtouch_models.components import Components, principal_components
+from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.reproduction.finding import Figure, Row, compared, rounded
-from beamtouch_models.reproduction.paper import LOADS_MM, MAX_DEFLECTION, Array, dimensionless, equal_pitch_mm
+from beamtouch_models.reproduction.paper import LOADS_MM, MAX_DEFLECTION, dimensionless, equal_pitch_mm
 
 DISCERNIBLE = 0.005
 """A curve within less than this share of a plot's height looks like a flat line: half a millimetre of 100 mm."""
@@ -82,7 +83,7 @@ def _meanings(found: Components) -> tuple[Row, Row]:
     )
 
 
-def noise_errors(noise_percent: float, seed: int) -> tuple[Array, float, float]:
+def noise_errors(noise_percent: float, seed: int) -> tuple[Floats, float, float]:
     """Return the mean |error| of each component under noise, in percent of its mean size, and the fit y = A x^B.
 
     Returns
@@ -94,7 +95,7 @@ def noise_errors(noise_percent: float, seed: int) -> tuple[Array, float, float]:
     rng = np.random.default_rng([seed, round(noise_percent * 1000)])
     noise = rng.normal(size=(NOISE_DRAWS, *matrix.shape)) * noise_percent / 100
     error = np.abs(noise * MAX_DEFLECTION @ found.vectors).mean(axis=(0, 1))
-    percent: Array = error / np.abs(found.transformed).mean(axis=0) * 100
+    percent: Floats = error / np.abs(found.transformed).mean(axis=0) * 100
     exponent, factor = np.polyfit(np.log(np.arange(1, 9)), np.log(percent), 1)
     return percent, float(np.exp(factor)), float(exponent)
 
@@ -124,7 +125,7 @@ def figure_4(seed: int) -> Figure:
     return Figure(4, "noise", f"{says}.", chart, results, _noise_rows(*found.values()))
 
 
-def _noise_rows(at_2: tuple[Array, float, float], at_10: tuple[Array, float, float]) -> tuple[Row, ...]:
+def _noise_rows(at_2: tuple[Floats, float, float], at_10: tuple[Floats, float, float]) -> tuple[Row, ...]:
     (low, low_factor, low_exponent), (high, high_factor, high_exponent) = at_2, at_10
     return (
         compared(
@@ -152,7 +153,7 @@ def _noise_rows(at_2: tuple[Array, float, float], at_10: tuple[Array, float, flo
     )
 
 
-def figure_7(optimised_mm: Array) -> Figure:
+def figure_7(optimised_mm: Floats) -> Figure:
     """Return figure 7: the components of four sensors at equal pitch and of four optimised sensors."""
     equal = principal_components(dimensionless(equal_pitch_mm(4))).transformed
     best = principal_components(dimensionless(optimised_mm)).transformed
@@ -178,7 +179,7 @@ def figure_7(optimised_mm: Array) -> Figure:
     return Figure(7, "components-optimised", f"{says}.", chart, results, _peak_rows(peaks, from_eight))
 
 
-def _peak_rows(peaks: Array, from_eight: Array) -> tuple[Row, ...]:
+def _peak_rows(peaks: Floats, from_eight: Floats) -> tuple[Row, ...]:
     change, other = (peaks - 1) * 100, (from_eight - 1) * 100
     against_eight = (
         f"relative to eight equal sensors it changes by {other[0]:.0f} %, but so does the fourth, by {other[3]:.0f} %"

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from beamtouch_models.charts import Chart, Series
-from beamtouch_models.paper_network import COMPOSITE_ERROR
+from beamtouch_models.estimators.paper_network import COMPOSITE_ERROR
 from beamtouch_models.reproduction.accuracy import (
     COUNTS,
     KINDS,

@@ -1,13 +1,12 @@
 """The paper's beam, loads, layouts and noise."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from beamtouch_models.beam import influence
+from beamtouch_models.arrays import Floats
+from beamtouch_models.physics.beam import influence
 from beamtouch_models.scene import Scene
 from beamtouch_models.structure import Beam
-
-Array = NDArray[np.float64]
 
 LENGTH_MM = 400.0
 FORCE_N = 10.0
@@ -29,16 +28,16 @@ MAX_DEFLECTION = 1 / 48
 """Deflection at a load in the middle, in units of W l^3/(EI)."""
 
 
-def equal_pitch_mm(count: int) -> Array:
+def equal_pitch_mm(count: int) -> Floats:
     """Return the positions of sensors that divide the beam into equal parts; (count,) in mm."""
     return LENGTH_MM * np.arange(1, count + 1) / (count + 1)
 
 
-def dimensionless(sensor_mm: ArrayLike) -> Array:
+def dimensionless(sensor_mm: ArrayLike) -> Floats:
     """Return the influence matrix of a layout, (399, sensors), with lengths in units of l and W/(EI) = 1."""
     return influence(_UNIT_BEAM, np.asarray(sensor_mm) / LENGTH_MM, LOADS_MM / LENGTH_MM)
 
 
-def deflection_mm(sensor_mm: ArrayLike, load_mm: ArrayLike = LOADS_MM) -> Array:
+def deflection_mm(sensor_mm: ArrayLike, load_mm: ArrayLike = LOADS_MM) -> Floats:
     """Return the deflection at each sensor under the paper's weight, (loads, sensors) in mm."""
     return FORCE_N * influence(SCENE.beam, sensor_mm, load_mm)

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from beamtouch_models.components import principal_components
+from beamtouch_models.arrays import Floats
+from beamtouch_models.placement.components import principal_components
 from beamtouch_models.reproduction.finding import Row, compared
-from beamtouch_models.reproduction.paper import FORCE_N, LENGTH_MM, LOADS_MM, Array, deflection_mm, equal_pitch_mm
+from beamtouch_models.reproduction.paper import FORCE_N, LENGTH_MM, LOADS_MM, deflection_mm, equal_pitch_mm
 
 PRINTED_PITCH_MM = (67, 80, 100, 133)
 MAX_SENSORS = 40
@@ -41,10 +42,10 @@ def printed_rows() -> tuple[Row, ...]:
     )
 
 
-def equation_1(x: Array, a: Array, *, macaulay: bool) -> Array:
+def equation_1(x: Floats, a: Floats, *, macaulay: bool) -> Floats:
     """Return equation 1 in units of W l^3/(EI), with x and a over the length; upward is positive."""
     beyond = np.maximum(x - a, 0.0) if macaulay else x - a
-    deflection: Array = ((2 - a) * (a - 1) * a * x + (1 - a) * x**3 - beyond**3) / 6
+    deflection: Floats = ((2 - a) * (a - 1) * a * x + (1 - a) * x**3 - beyond**3) / 6
     return deflection
 
 

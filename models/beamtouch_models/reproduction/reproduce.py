@@ -2,14 +2,14 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from beamtouch_models.charts import draw, standalone
-from beamtouch_models.paper_network import MAX_EPOCHS
+from beamtouch_models.estimators.paper_network import MAX_EPOCHS
+from beamtouch_models.progress import Progress
 from beamtouch_models.reproduction.accuracy import NETWORKS, Layout, layouts, performances
 from beamtouch_models.reproduction.components import figure_3, figure_4, figure_7
 from beamtouch_models.reproduction.figure_8 import figure_8
@@ -18,7 +18,6 @@ from beamtouch_models.reproduction.printed import printed_rows
 from beamtouch_models.reproduction.search import figures_5_and_6
 from beamtouch_models.reproduction.sensor import figure_2
 
-Progress = Callable[[str, float], None]
 TABLE, RESULTS = "table.md", "results.json"
 
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.charts import Chart, Series
 from beamtouch_models.reproduction.finding import Figure, Row, compared, rounded
-from beamtouch_models.reproduction.paper import LOADS_MM, Array, dimensionless, equal_pitch_mm
+from beamtouch_models.reproduction.paper import LOADS_MM, dimensionless, equal_pitch_mm
 
 SENSORS, LEADING = 8, 4
 POPULATION = 100
@@ -29,9 +30,9 @@ EXPECTED_MM = (68, 69, 156, 157, 243, 244, 331, 332)
 class Search:
     """A run of the paper's search."""
 
-    positions_mm: Array
+    positions_mm: Floats
     """(generations + 1, sensors): the start, then the best layout of each generation."""
-    log_product: Array
+    log_product: Floats
     """(generations + 1,) ln of the product of the leading eigenvalues; lengths in units of l, W/(EI) = 1."""
 
     @property
@@ -145,8 +146,8 @@ def _figure_6(run: Search) -> Figure:
     return Figure(6, "performance", f"{says}.", chart, results, rows)
 
 
-def _scores(matrix: Array, layouts: np.ndarray[tuple[int, ...], np.dtype[np.intp]], leading: int) -> Array:
+def _scores(matrix: Floats, layouts: np.ndarray[tuple[int, ...], np.dtype[np.intp]], leading: int) -> Floats:
     """Score all layouts (population, sensors) at once; four of eight components are large enough for a plain SVD."""
     singular = np.linalg.svd(np.moveaxis(matrix[:, layouts - 1], 1, 0), compute_uv=False)[:, :leading]
-    scores: Array = (2 * np.log(singular) - np.log(len(matrix))).sum(axis=1)
+    scores: Floats = (2 * np.log(singular) - np.log(len(matrix))).sum(axis=1)
     return scores

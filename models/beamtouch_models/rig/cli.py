@@ -4,70 +4,54 @@ import argparse
 import asyncio
 import sys
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import NoReturn
+
+from beamtouch_models.command_line import DONE, INTERRUPTED, Parser, exit_code, whole_number
+from beamtouch_models.errors import InputError
 
 PROGRAM = "beamtouch-rig"
-DONE, WRONG_INPUT, INTERRUPTED = 0, 2, 130
-
-
-class _Parser(argparse.ArgumentParser):
-    """Reports wrong arguments in one line, without the usage."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `beamtouch-rig`; returns the exit code: 0 stopped by SIGTERM, 2 wrong input, 130 interrupted by Ctrl-C."""
-    try:
-        return _run(_parser().parse_args(arguments))
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    options = _parser().parse_args(arguments)
+    return exit_code(PROGRAM, "rig", lambda: _run(options))
 
 
 def _run(options: argparse.Namespace) -> int:
-    try:
-        # Imported here, so that a missing extra is reported in one line.
-        from beamtouch_models import modelfile  # noqa: PLC0415
-        from beamtouch_models.errors import InputError  # noqa: PLC0415
-        from beamtouch_models.rig.by_hand import ByHand  # noqa: PLC0415
-        from beamtouch_models.rig.firmware import ADC_BITS, Firmware  # noqa: PLC0415
-        from beamtouch_models.rig.imperfections import Imperfections, load_imperfections  # noqa: PLC0415
-        from beamtouch_models.rig.run import Device, run  # noqa: PLC0415
-        from beamtouch_models.rig.script import Script, default_script, load_script  # noqa: PLC0415
-        from beamtouch_models.rig.surface import VirtualSurface  # noqa: PLC0415
-        from beamtouch_models.scene import load_scene  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        return _fail(f"needs {error.name}: pip install 'beamtouch[rig]'")
-    try:
-        scene, _ = load_scene(options.scene)
-        model = modelfile.load(options.model)
-        length_mm = scene.beam.length_mm
-        if options.by_hand:
-            script: Script | ByHand = ByHand(length_mm)
-        else:
-            script = load_script(options.script, length_mm) if options.script else default_script(scene)
-        imperfect = load_imperfections(options.imperfections) if options.imperfections else Imperfections()
-        surface = VirtualSurface(scene, model.metadata, options.seed, imperfect)
-        firmware = Firmware(*options.firmware) if options.firmware else None
-        if firmware and options.serial is None:
-            return _fail("--firmware needs --serial")
-        if firmware and surface.sensor.adc_bits != ADC_BITS:
-            return _fail(f"the firmware's ADC has {ADC_BITS} bits; set sensors.adc_bits = {ADC_BITS} in the scene")
-        device = Device(options.modbus_tcp, options.modbus_rtu, options.serial, firmware)
-        interrupted = asyncio.run(run(surface, script, device, options.truth))
-    except InputError as error:
-        return _fail(str(error))
-    except OSError as error:
-        return _fail(f"{error.filename}: {error.strerror}")
+    # Imported here, so that --help is quick and a missing extra is reported in one line.
+    from beamtouch_models import modelfile  # noqa: PLC0415
+    from beamtouch_models.rig.by_hand import ByHand  # noqa: PLC0415
+    from beamtouch_models.rig.firmware import ADC_BITS, Firmware  # noqa: PLC0415
+    from beamtouch_models.rig.imperfections import Imperfections, load_imperfections  # noqa: PLC0415
+    from beamtouch_models.rig.run import Device, run  # noqa: PLC0415
+    from beamtouch_models.rig.script import Script, default_script, load_script  # noqa: PLC0415
+    from beamtouch_models.rig.surface import VirtualSurface  # noqa: PLC0415
+    from beamtouch_models.scene import load_scene  # noqa: PLC0415
+
+    scene, _ = load_scene(options.scene)
+    model = modelfile.load(options.model)
+    length_mm = scene.beam.length_mm
+    if options.by_hand:
+        script: Script | ByHand = ByHand(length_mm)
+    else:
+        script = load_script(options.script, length_mm) if options.script else default_script(scene)
+    imperfect = load_imperfections(options.imperfections) if options.imperfections else Imperfections()
+    surface = VirtualSurface(scene, model.metadata, options.seed, imperfect)
+    firmware = Firmware(*options.firmware) if options.firmware else None
+    if firmware and options.serial is None:
+        message = "--firmware needs --serial"
+        raise InputError(message)
+    if firmware and surface.sensor.adc_bits != ADC_BITS:
+        message = f"the firmware's ADC has {ADC_BITS} bits; set sensors.adc_bits = {ADC_BITS} in the scene"
+        raise InputError(message)
+    device = Device(options.modbus_tcp, options.modbus_rtu, options.serial, firmware)
+    interrupted = asyncio.run(run(surface, script, device, options.truth))
     return INTERRUPTED if interrupted else DONE
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(PROGRAM, description="Simulates a surface and serves its readings over Modbus or serial.")
-    parser.add_argument("--version", action="version", version=f"{PROGRAM} {_version()}")
+def _parser() -> Parser:
+    parser = Parser(PROGRAM, description="Simulates a surface and serves its readings over Modbus or serial.")
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file of the simulated beam (TOML)")
     parser.add_argument(
         "--model", type=Path, required=True, metavar="MODEL", help="model file with the sensor positions (.onnx)"
@@ -106,23 +90,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--imperfections", type=Path, metavar="FILE", help="differences of the real surface from the scene (TOML)"
     )
-    parser.add_argument("--seed", type=_seed, default=0, metavar="S", help="seed of the noise (default 0)")
+    parser.add_argument(
+        "--seed", type=whole_number(0, 2**32 - 1), default=0, metavar="S", help="seed of the noise (default 0)"
+    )
     return parser
-
-
-def _version() -> str:
-    """Return the installed version, or `0+source` in a source tree that is not installed."""
-    try:
-        return version("beamtouch")
-    except PackageNotFoundError:
-        return "0+source"
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        message = f"{text!r} is not a whole number from 0"
-        raise argparse.ArgumentTypeError(message)
-    return int(text)
 
 
 def _address(text: str) -> tuple[str, int]:
@@ -131,11 +102,6 @@ def _address(text: str) -> tuple[str, int]:
         message = f"{text!r} is not HOST:PORT, such as 127.0.0.1:5020"
         raise argparse.ArgumentTypeError(message)
     return host, int(port)
-
-
-def _fail(reason: str) -> int:
-    print(f"{PROGRAM}: {reason}", file=sys.stderr)
-    return WRONG_INPUT
 
 
 if __name__ == "__main__":

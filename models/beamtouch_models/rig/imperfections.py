@@ -1,19 +1,16 @@
 """Imperfections: differences of a real surface from its scene and its model, which calibration removes."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import Field
 
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.scene import Scene, first_error
+from beamtouch_models.scene import Scene, parse, read_text
 from beamtouch_models.structure import Finite, Fixity, PositiveFinite, Strict, changed_beam
-from beamtouch_models.text_file import read_text
 
-Array = NDArray[np.float64]
 DampingRatio = Annotated[float, Field(gt=0, lt=1)]
 
 
@@ -51,25 +48,18 @@ class Imperfections(Strict):
         beam = changed_beam(scene.beam, self.rigidity, self.fixity)
         return scene.model_copy(update={"beam": beam})
 
-    def sensors_mm(self, layout_mm: Array) -> Array:
+    def sensors_mm(self, layout_mm: Floats) -> Floats:
         """Return the true positions of the sensors at `layout_mm` (channels,)."""
         return layout_mm + (np.array(self.position_offset_mm) if self.position_offset_mm else 0.0)
 
-    def seen_mm(self, deflection_mm: Array) -> Array:
+    def seen_mm(self, deflection_mm: Floats) -> Floats:
         """Return the deflections that the sensors measure under true deflections (channels,)."""
         gain = np.array(self.gain) if self.gain else 1.0
         offset = np.array(self.offset_mm) if self.offset_mm else 0.0
-        seen: Array = gain * (deflection_mm + self.curve_per_mm * deflection_mm**2) - offset
+        seen: Floats = gain * (deflection_mm + self.curve_per_mm * deflection_mm**2) - offset
         return seen
 
 
 def load_imperfections(path: Path) -> Imperfections:
     """Read an imperfections file; raises SceneError with the reason if it is wrong."""
-    text = read_text(path)
-    try:
-        return Imperfections.model_validate(tomllib.loads(text))
-    except ValidationError as error:
-        message = f"{path}: {first_error(error)}"
-    except (ValueError, RecursionError) as error:
-        message = f"{path}: not valid TOML: {error}"
-    raise SceneError(message)
+    return parse(Imperfections, read_text(path), str(path))

@@ -4,15 +4,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models import dynamics
-from beamtouch_models.effects import effects_of
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.noise import sensor_noise_mm
+from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.physics import dynamics
+from beamtouch_models.pricing.effects import effects_of
+from beamtouch_models.pricing.noise import sensor_noise_mm
 from beamtouch_models.scene import Scene
-
-Array = NDArray[np.float64]
 
 _GONE = 700.0
 """Time constants after which nothing of the ringing is left in float64."""
@@ -27,7 +26,7 @@ class Mode:
     damping_ratio: float
     """zeta, between 0 and 1."""
 
-    def after(self, seconds: float, static: Array, deflection: Array, velocity: Array) -> tuple[Array, Array]:
+    def after(self, seconds: float, static: Floats, deflection: Floats, velocity: Floats) -> tuple[Floats, Floats]:
         """Return deflections and velocities after a time with constant static deflection.
 
         The exact solution, for any time (Blevins, Formulas for Natural Frequency and Mode Shape, 1979, ch. 2). All
@@ -50,9 +49,9 @@ class Ringing:
 
     def __init__(self, mode: Mode) -> None:
         self._mode = mode
-        self._last: tuple[float, Array, Array] | None = None
+        self._last: tuple[float, Floats, Floats] | None = None
 
-    def at(self, seconds: float, static: Array) -> Array:
+    def at(self, seconds: float, static: Floats) -> Floats:
         """Return the deflections (channels,) at a time [s] that is not before the last one.
 
         The load at a conversion is assumed to act since the previous conversion, so that a mode much faster than the
@@ -66,8 +65,8 @@ class Ringing:
         return deflection
 
 
-def ringing_of(scene: Scene, damping_ratio: float) -> Ringing | None:
-    """Return the ringing of a scene; None if its price is negligible, so that deflections follow the load at once.
+def ringing_of(scene: Scene, chosen: FilterChoice, damping_ratio: float) -> Ringing | None:
+    """Return the ringing of a scene; None if its price behind a filter is negligible, and deflections follow at once.
 
     Raises
     ------
@@ -79,7 +78,7 @@ def ringing_of(scene: Scene, damping_ratio: float) -> Ringing | None:
         message = "damping_ratio needs beam.density_kg_m3, beam.width_mm and beam.thickness_mm in the scene"
         raise SceneError(message)
     if sensor_noise_mm(scene) > 0:  # without noise nothing is negligible
-        (priced,) = (effect for effect in effects_of(scene) if effect.name == "dynamics")
+        (priced,) = (effect for effect in effects_of(scene, chosen) if effect.name == "dynamics")
         if priced.verdict == "out":
             return None
     return Ringing(Mode(frequency, damping_ratio))

@@ -1,14 +1,12 @@
 """Scripts of loads that touch, move and lift on the virtual surface."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from beamtouch_models.errors import SceneError
-from beamtouch_models.scene import Scene
-from beamtouch_models.text_file import read_text
+from beamtouch_models.scene import Scene, parse, read_text
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -67,16 +65,7 @@ class Script(BaseModel):
 
 def load_script(path: Path, length_mm: float) -> Script:
     """Read a script file for a beam of `length_mm`; raises SceneError with the reason if it is wrong."""
-    text = read_text(path)
-    try:
-        script = Script.model_validate(tomllib.loads(text))
-    except ValidationError as error:
-        first = error.errors()[0]
-        message = f"{path}: {'.'.join(map(str, first['loc']))}: {first['msg'].removeprefix('Value error, ')}"
-        raise SceneError(message) from None
-    except (ValueError, RecursionError) as error:
-        message = f"{path}: not valid TOML: {error}"
-        raise SceneError(message) from None
+    script = parse(Script, read_text(path), str(path))
     for number, step in enumerate(script.step, start=1):
         ends = step.position_mm if isinstance(step.position_mm, tuple) else (step.position_mm,)
         if any(end is not None and not 0 <= end <= length_mm for end in ends):

@@ -3,16 +3,15 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.beam import scene_influence
+from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.modelfile import Metadata, Sensor
-from beamtouch_models.noise import sensor_noise_mm
+from beamtouch_models.metadata import Metadata, Sensor
+from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.pricing.noise import sensor_noise_mm
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.ringing import Ringing, ringing_of
 from beamtouch_models.rig.script import Load
 from beamtouch_models.scene import Scene
-
-Array = NDArray[np.float64]
 
 PERFECT = Imperfections()
 
@@ -33,7 +32,9 @@ class VirtualSurface:
         self._noise_mm = sensor_noise_mm(scene)
         self._rng = np.random.default_rng(seed)
         damping_ratio = imperfections.damping_ratio
-        self._ringing: Ringing | None = None if damping_ratio is None else ringing_of(self._scene, damping_ratio)
+        self._ringing: Ringing | None = (
+            None if damping_ratio is None else ringing_of(self._scene, model.filter, damping_ratio)
+        )
 
     def counts(self, load: Load, seconds: float) -> list[int]:
         """Convert all channels once under a load and return their counts (channels,).
@@ -46,28 +47,28 @@ class VirtualSurface:
         """Return the sensor outputs (channels,) under a load, 0 to 1 of the ADC's scale; arguments as `counts`."""
         return [float(output) for output in output_of_gap(self.sensor, self._noisy_gap_mm(load, seconds))]
 
-    def _noisy_gap_mm(self, load: Load, seconds: float) -> Array:
+    def _noisy_gap_mm(self, load: Load, seconds: float) -> Floats:
         static = self._static_mm(load)
         deflection = static if self._ringing is None else self._ringing.at(seconds, static)
         gap = self.sensor.standoff_mm - self._imperfections.seen_mm(deflection)
         return gap + self._rng.normal(scale=self._noise_mm, size=gap.shape)
 
-    def _static_mm(self, load: Load) -> Array:
+    def _static_mm(self, load: Load) -> Floats:
         """Return the deflections (channels,) of the beam at rest under a load."""
         if load.position_mm is None:
             return np.zeros(self.channels)
-        deflection: Array = load.force_n * scene_influence(self._scene, self._sensor_mm, load.position_mm)[0]
+        deflection: Floats = load.force_n * scene_influence(self._scene, self._sensor_mm, load.position_mm)[0]
         return deflection
 
 
-def counts_of_gap(sensor: Sensor, gap_mm: Array) -> NDArray[np.int64]:
+def counts_of_gap(sensor: Sensor, gap_mm: Floats) -> NDArray[np.int64]:
     """Return the counts of a proximity sensor with its ADC."""
     full_scale = 2**sensor.adc_bits - 1
     counts: NDArray[np.int64] = np.rint(output_of_gap(sensor, gap_mm) * full_scale).astype(np.int64)
     return counts
 
 
-def output_of_gap(sensor: Sensor, gap_mm: Array) -> Array:
+def output_of_gap(sensor: Sensor, gap_mm: Floats) -> Floats:
     """Return the output of a proximity sensor, 0 to 1, with the characteristic of the paper's figure 2.
 
     The linear range takes the middle 80 % of the scale; beyond it the output approaches the end of the scale.
@@ -75,5 +76,5 @@ def output_of_gap(sensor: Sensor, gap_mm: Array) -> Array:
     full_scale = 2**sensor.adc_bits - 1
     linear = (gap_mm - sensor.offset_mm) / sensor.gain_mm_per_count / full_scale
     inside = np.clip(linear, 0.1, 0.9)
-    levelled: Array = inside + 0.1 * np.tanh((linear - inside) / 0.1)
+    levelled: Floats = inside + 0.1 * np.tanh((linear - inside) / 0.1)
     return levelled

@@ -1,1 +1,1 @@
-"""What speed, sensors and samples buy in accuracy, measured on this machine."""
+"""The trade between speed, sensors, filter and accuracy."""

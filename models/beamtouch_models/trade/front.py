@@ -1,4 +1,4 @@
-"""Which points are worth having, and which one a wish picks."""
+"""The Pareto front of the trade, and the point that meets a requirement."""
 
 from collections.abc import Sequence
 
@@ -7,11 +7,11 @@ from beamtouch_models.trade.points import Point
 
 
 class NotToBeHadError(InputError):
-    """No point of the trade meets the wish."""
+    """No point of the trade meets the requirement."""
 
 
 def pareto_front(points: Sequence[Point]) -> list[Point]:
-    """Points that no other beats in latency, error and number of sensors at once, the quickest first."""
+    """Return the points that no other dominates in latency, error and number of sensors; fastest first."""
     return sorted(
         (point for point in points if not any(_beats(other, point) for other in points)),
         key=lambda point: (point.latency_ms, point.error_mm, point.sensors),
@@ -19,18 +19,18 @@ def pareto_front(points: Sequence[Point]) -> list[Point]:
 
 
 def _beats(one: Point, other: Point) -> bool:
-    """Whether one is nowhere worse and somewhere better."""
+    """Return whether a point is better in one respect and worse in none."""
     ours, theirs = ((point.latency_ms, point.error_mm, point.sensors) for point in (one, other))
     return all(a <= b for a, b in zip(ours, theirs, strict=True)) and ours != theirs
 
 
 def most_accurate(points: Sequence[Point], latency_ms: float) -> Point:
-    """Return the point of least error that answers within a latency; NotToBeHadError names the nearest otherwise."""
+    """Return the point with the smallest error within a latency; otherwise NotToBeHadError names the nearest."""
     kept = [point for point in points if point.latency_ms <= latency_ms]
     if not kept:
         nearest = min(points, key=lambda point: point.latency_ms)
         message = (
-            f"nothing answers within {latency_ms:g} ms; the quickest takes {nearest.latency_ms:.3g} ms "
+            f"no point answers within {latency_ms:g} ms; the fastest takes {nearest.latency_ms:.3g} ms "
             f"({named(nearest)}); raise sensors.rate_hz"
         )
         raise NotToBeHadError(message)
@@ -38,19 +38,19 @@ def most_accurate(points: Sequence[Point], latency_ms: float) -> Point:
 
 
 def quickest(points: Sequence[Point], error_mm: float) -> Point:
-    """Return the quickest point within an error, then that of fewest sensors; NotToBeHadError names the nearest."""
+    """Return the fastest point within an error, ties by sensors; otherwise NotToBeHadError names the nearest."""
     kept = [point for point in points if point.error_mm <= error_mm]
     if not kept:
         nearest = min(points, key=lambda point: point.error_mm)
         message = (
-            f"nothing has a mean error of {error_mm:g} mm; the best has {nearest.error_mm:.3g} mm ({named(nearest)}); "
-            "allow more sensors, more requirements.latency_ms, or take sensors with less noise"
+            f"no point has a mean error of {error_mm:g} mm; the best has {nearest.error_mm:.3g} mm ({named(nearest)}); "
+            "allow more sensors or more requirements.latency_ms, or use sensors with less noise"
         )
         raise NotToBeHadError(message)
     return min(kept, key=lambda point: (point.latency_ms, point.sensors))
 
 
 def named(point: Point) -> str:
-    """Say what a point is, in a few words."""
+    """Return a short description of a point."""
     smoothing = "no filter" if point.filter.window == 1 else f"mean of {point.filter.window} readings"
     return f"{point.estimator}{', int8' if point.quantised else ''}, {point.sensors} sensors, {smoothing}"

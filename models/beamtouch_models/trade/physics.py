@@ -1,43 +1,44 @@
-"""What leaving an effect of physics out saves, and what it costs in accuracy."""
+"""The accuracy and computing time of a surface without each of its physical effects."""
 
 import time
 from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.contacts import simulated_enough
-from beamtouch_models.effects import effects_of, required
+from beamtouch_models.accuracy.contacts import simulated_enough
+from beamtouch_models.accuracy.prior import TABLE, Prior
+from beamtouch_models.accuracy.statistics import Measurement, ratio_of
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.estimators.running import runner
-from beamtouch_models.figures import Figure, ratio_of
-from beamtouch_models.noise import choose_filter, noise_of
 from beamtouch_models.placement import fewest_sensors
-from beamtouch_models.prior import TABLE, Prior
+from beamtouch_models.pricing.effects import required
+from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.scene import Scene
+from beamtouch_models.session import runner
 
 REPEATS = 5
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """An effect of a scene's physics, and the surface without it."""
+    """A surface without one of its physical effects."""
 
     effect: str
     price: float
-    """Largest change of a deflection that it causes, over the noise of a sample."""
+    """Price of the effect, in units of the noise of a sample."""
     verdict: str
-    error_over_limit: Figure
-    """Of an estimator that knows nothing of it, on contacts of the whole physics."""
+    error_over_limit: Measurement
+    """Ratio for an estimator without the effect, on contacts with all effects."""
     influence_ms: float
-    """Time of an influence table without it."""
+    """Time to compute an influence table without the effect."""
     influence_with_ms: float
 
 
 def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
-    """Leave out each effect that can be left out, one at a time."""
-    noise_mm = noise_of(scene, choose_filter(scene)).sample_mm
+    """Measure the surface without each effect that can be left out, one at a time."""
+    chosen = choose_filter(scene)
+    noise_mm, physics = noise_of(scene, chosen).sample_mm, required(scene, chosen)
     count = scene.sensors.count_range[0]
-    layout = np.array(fewest_sensors(required(scene), noise_mm, count, seed).positions_mm)
+    layout = np.array(fewest_sensors(physics.scene, noise_mm, count, seed).positions_mm)
     whole = Prior.of(scene, layout, noise_mm)
     contacts = simulated_enough(whole, draws, seed + 1)
     best = contacts.deviation_mm
@@ -46,7 +47,7 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
     reading = contacts.drawn.deflection_mm.astype(np.float32)
     with_ms = _table_ms(whole)
     found = []
-    for effect in effects_of(scene):
+    for effect in physics.effects:
         if effect.leave_out is None or effect.price is None:
             continue
         without = Prior.of(effect.leave_out(scene), layout, noise_mm)
@@ -58,7 +59,7 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
 
 
 def _table_ms(prior: Prior) -> float:
-    """Median time of an influence table."""
+    """Return the median time to compute an influence table."""
     grid, times = np.linspace(*prior.position_mm, TABLE), []
     for _ in range(REPEATS):
         start = time.perf_counter()

@@ -1,40 +1,39 @@
-"""The points of the trade: estimator, sensors, filter, precision; each with its error and what it costs."""
+"""The points of the trade: estimator, sensors, filter and precision, each with its error and cost."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models.beam import check_small_angles, max_deflection_mm
-from beamtouch_models.contacts import Contacts, simulated_enough
-from beamtouch_models.effects import required
+from beamtouch_models.accuracy.contacts import Contacts, simulated_enough
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
+from beamtouch_models.arrays import Floats, Floats32
+from beamtouch_models.building.held_limit import check_scale
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
-from beamtouch_models.estimators.running import runner
 from beamtouch_models.export import to_bytes
-from beamtouch_models.figures import Figure, mean_of, ratio_of
-from beamtouch_models.held_limit import check_scale
-from beamtouch_models.modelfile import FilterChoice
-from beamtouch_models.noise import noise_of, reading_noise_mm, window_filter
+from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.physics.beam import check_small_angles, max_deflection_mm
 from beamtouch_models.placement import fewest_sensors
-from beamtouch_models.prior import Prior
+from beamtouch_models.pricing.effects import Physics, required
+from beamtouch_models.pricing.noise import noise_of, reading_noise_mm, window_filter
+from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.scene import MIN_SENSORS, Scene
+from beamtouch_models.session import runner
 from beamtouch_models.trade.quantised import quantised
 from beamtouch_models.trade.timing import ROUNDS, Times, inference_times
 
-Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
-
 WINDOWS = (1, 2, 4, 8, 16)
 LONGEST_MS = 100.0
-"""Of a filter, where the scene states no latency."""
+"""Longest filter if the scene states no latency."""
 AROUND = 2
-"""How many sensors fewer, and one less how many more, than the scene states."""
+"""If the scene states a number of sensors, fewer ones down to AROUND less are measured, and one more."""
 FIRST_ROUNDS = 5
-"""Rounds of timing when a point is made, for results that are kept so far; at the end all are timed again, in turns."""
+"""Rounds of timing for intermediate results; at the end all points are timed again, in turns."""
 SERIAL_BAUD, FRAME_BYTES, BYTE_BITS = 1_000_000, 13, 10
-"""A reading on the serial line of PROTOCOL.md: so many bytes and two per channel, of ten bits each."""
+"""Transfer of a reading by PROTOCOL.md: FRAME_BYTES and two bytes per channel, of ten bits each."""
 
 
 @dataclass(frozen=True)
@@ -45,26 +44,26 @@ class Point:
     sensors: int
     filter: FilterChoice
     quantised: bool
-    error_percent: Figure
-    """Mean |position error|, of the length."""
+    error_percent: Measurement
+    """Mean |position error| in percent of the length."""
     error_mm: float
-    limit_percent: Figure
-    """Of this layout and filter, on the same contacts."""
-    ratio: Figure
+    limit_percent: Measurement
+    """Accuracy limit of this layout and filter, on the same contacts."""
+    ratio: Measurement
     times: Times
     poll_ms: float
-    """From the instant of a reading until the daemon has it."""
+    """Time from a reading until the daemon has it."""
     bytes: int
     latency_ms: float
-    """From a touch to the first answer that knows only it: half a period on average, poll, filter, inference."""
+    """Time from a touch to the first answer for it alone: half a period on average, poll, filter, inference."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Points that could not be had."""
+    """A point, or all points of a layout, that could not be built."""
 
     estimator: Name | None
-    """None: the layout could not be had, with any estimator."""
+    """None if the layout failed, for every estimator."""
     sensors: int
     filter: FilterChoice
     reason: str
@@ -77,7 +76,7 @@ class Trade:
     points: tuple[Point, ...]
     failures: tuple[Failure, ...]
     planned: int
-    """Points that there are in the end, if none fails."""
+    """Number of points at the end, if none fails."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +85,9 @@ class _Made:
     filter: FilterChoice
     prior: Prior
     quantised: bool
-    error_mm: Figure
-    best_mm: Figure
-    ratio: Figure
+    error_mm: Measurement
+    best_mm: Measurement
+    ratio: Measurement
 
     @property
     def content(self) -> bytes:
@@ -96,13 +95,13 @@ class _Made:
 
 
 def windows_of(scene: Scene) -> list[FilterChoice]:
-    """Filters to consider: windows that double, up to the scene's latency."""
+    """Return the filters to measure: windows that double, up to the scene's latency."""
     most = (scene.requirements.latency_ms or LONGEST_MS) * scene.sensors.rate_hz / 1000
     return [window_filter(scene, window) for window in WINDOWS if window == 1 or window <= most + 1e-9]
 
 
 def counts_of(scene: Scene) -> list[int]:
-    """Numbers of sensors to consider: the scene's range, or some about the number that it states."""
+    """Return the numbers of sensors to measure: the scene's range, or numbers around the one that it states."""
     fewest, most = scene.sensors.count_range
     if fewest == most:
         fewest, most = max(MIN_SENSORS + 1, fewest - AROUND, len(scene.sensors.fixed_mm)), fewest + 1
@@ -118,34 +117,35 @@ def measured_points(
     progress: Progress,
     keep: Callable[[Trade], None] = lambda _trade: None,
 ) -> Trade:
-    """Make and measure every point.
+    """Build and measure every point.
 
     Parameters
     ----------
-    scene, estimators : what to build, and how positions are found
-    draws, seed : contacts per point, and of everything random
-    progress : told what is being done
-    keep : given what there is, after each estimator of a layout
+    scene, estimators : the scene, and the estimators to measure
+    draws, seed : contacts per point, and the seed of all random numbers
+    progress : called with the current point
+    keep : called with the points so far, after each estimator of a layout
 
     Raises
     ------
     SceneError
-        The scene cannot be built, with no number of sensors. A point that fails alone is among the failures.
+        No point can be built. If only some points fail, they are listed as failures.
     """
     check_small_angles(scene)
     if reading_noise_mm(scene) == 0:
-        message = "sensors: a noise of 0 leaves nothing to trade; state the noise of a reading"
+        message = "sensors: with a noise of 0 there is nothing to trade; state the noise of a reading"
         raise SceneError(message)
     deflection_mm = max_deflection_mm(scene)
     layouts = [(count, chosen) for count in counts_of(scene) for chosen in windows_of(scene)]
     total = len(layouts) * len(estimators)
+    physics_of = cache(partial(required, scene))
     made: list[_Made] = []
     points: list[Point] = []
     failures: list[Failure] = []
     for number, (count, chosen) in enumerate(layouts):
         try:
             check_scale(noise_of(scene, chosen).sample_mm, deflection_mm)
-            contacts, prior = _contacts(scene, count, chosen, draws, seed)
+            contacts, prior = _contacts(physics_of(chosen), count, draws, seed)
         except SceneError as error:
             failures.append(Failure(None, count, chosen, str(error)))
             continue
@@ -158,7 +158,7 @@ def measured_points(
                 failures.append(Failure(name, count, chosen, str(error)))
                 continue
             made += found
-            points += _timed(scene, found, FIRST_ROUNDS, lambda _done: None)
+            points += _timed(scene, found, FIRST_ROUNDS, silent)
             keep(Trade(tuple(points), tuple(failures), 2 * total))
     if not made:
         raise SceneError(failures[0].reason)
@@ -166,41 +166,40 @@ def measured_points(
     return Trade(tuple(points), tuple(failures), 2 * total)
 
 
-def _contacts(scene: Scene, count: int, chosen: FilterChoice, draws: int, seed: int) -> tuple[Contacts, Prior]:
-    physics = required(scene)
-    noise_mm = noise_of(physics, chosen).sample_mm
-    layout = np.array(fewest_sensors(physics, noise_mm, count, seed).positions_mm)
-    prior = Prior.of(physics, layout, noise_mm)
+def _contacts(physics: Physics, count: int, draws: int, seed: int) -> tuple[Contacts, Prior]:
+    noise_mm = physics.noise.sample_mm
+    layout = np.array(fewest_sensors(physics.scene, noise_mm, count, seed).positions_mm)
+    prior = Prior.of(physics.scene, layout, noise_mm)
     return simulated_enough(prior, draws, seed + 1), prior
 
 
 def _made(scene: Scene, name: Name, chosen: FilterChoice, prior: Prior, contacts: Contacts, seed: int) -> list[_Made]:
-    """An estimator as it is and with 8-bit weights; raises SceneError where it does not answer in numbers."""
+    """Return an estimator as it is and with 8-bit weights; SceneError if an answer is not finite."""
     best, weight = contacts.deviation_mm, contacts.weight
-    one = estimator_of(name, prior, with_force=scene.wants_force, seed=seed, progress=lambda _done: None)
+    one = estimator_of(name, prior, with_force=scene.wants_force, seed=seed, progress=silent)
     reading = contacts.drawn.deflection_mm.astype(np.float32)
     found = []
     for graph in (one.graph, quantised(one.graph)):
         answers = runner(to_bytes(graph))(reading, np.ones(reading.shape, np.bool_))
         error = contacts.mean_error_mm(answers["position_mm"])
         if best is None or not np.isfinite(error).all():
-            message = "it answers some readings with no number"
+            message = "some of its answers are not finite"
             raise SceneError(message)
         figures = mean_of(error, weight), mean_of(best, weight), ratio_of(error * weight, best * weight)
         found.append(_Made(replace(one, graph=graph), chosen, prior, graph is not one.graph, *figures))
     return found
 
 
-def _timed(scene: Scene, made: Sequence[_Made], rounds: int, progress: Callable[[float], None]) -> list[Point]:
+def _timed(scene: Scene, made: Sequence[_Made], rounds: int, progress: Fraction) -> list[Point]:
     readings = [(one.content, _reading(one.prior)) for one in made]
     times = inference_times(readings, progress, rounds)
     return [_point(scene, one, time) for one, time in zip(made, times, strict=True)]
 
 
-def _reading(prior: Prior) -> NDArray[np.float32]:
-    """A contact a third along the range, with the middle force."""
+def _reading(prior: Prior) -> Floats32:
+    """Return the reading of a contact at a third of the range, with the middle force."""
     low, high = prior.position_mm
-    clean: Array = sum(prior.force_n) / 2 * prior.influence_at(np.array([low + (high - low) / 3]))[0]
+    clean: Floats = sum(prior.force_n) / 2 * prior.influence_at(np.array([low + (high - low) / 3]))[0]
     return clean.astype(np.float32)
 
 

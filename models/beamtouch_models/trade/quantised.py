@@ -1,4 +1,4 @@
-"""A graph with its weights as 8-bit integers."""
+"""Quantisation of a graph's weights to 8 bits."""
 
 import logging
 import tempfile
@@ -9,9 +9,9 @@ from onnxruntime.quantization import QuantType, quantize_dynamic
 
 
 def quantised(graph: onnx.ModelProto) -> onnx.ModelProto:
-    """Return the graph with the weights of its float32 products as int8, and their inputs quantised as they come."""
+    """Return the graph with the weights of its float32 products as int8; their inputs are quantised at run time."""
     before = logging.root.manager.disable
-    logging.disable(logging.WARNING)  # it recommends a step that this graph does not need, once per call
+    logging.disable(logging.WARNING)  # each call recommends a step that this graph does not need
     try:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "quantised.onnx"

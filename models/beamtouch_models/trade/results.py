@@ -25,12 +25,12 @@ HEADINGS = (
     "kB",
 )
 FRONT_COLOUR = 7
-"""The colours before it are those of three estimators, each in two precisions."""
+"""The colours before it belong to three estimators in two precisions."""
 PHYSICS_HEADINGS = ("effect", "price", "verdict", "error over limit without it", "influence table, ms", "with it, ms")
 
 
 def json_of(trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut]) -> dict[str, Any]:
-    """Everything, for JSON."""
+    """Return all results, for JSON."""
     return {
         "planned_points": trade.planned,
         "points": [{**_fields(point), "on_front": point in front} for point in trade.points],
@@ -44,7 +44,7 @@ def _fields(point: Point) -> dict[str, Any]:
 
 
 def row(point: Point, *, on_front: bool) -> tuple[str, ...]:
-    """A point as cells."""
+    """Return a point as the cells of a row."""
     return (
         "*" if on_front else "",
         f"{point.estimator}{' int8' if point.quantised else ''}",
@@ -64,7 +64,7 @@ def row(point: Point, *, on_front: bool) -> tuple[str, ...]:
 
 
 def physics_row(effect: LeftOut) -> tuple[str, ...]:
-    """An effect as cells."""
+    """Return an effect as the cells of a row."""
     error = effect.error_over_limit
     return (
         effect.effect,
@@ -77,13 +77,13 @@ def physics_row(effect: LeftOut) -> tuple[str, ...]:
 
 
 def markdown(name: str, trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut]) -> str:
-    """The tables as Markdown."""
+    """Return the tables as Markdown."""
     lines = [
-        f"# What speed buys in accuracy: {name}",
+        f"# Accuracy against speed: {name}",
         "",
-        f"{len(trade.points)} of {trade.planned} points, measured in one run on one machine. A point on the front (*)",
-        "is beaten by no other in time, error and sensors at once. A contact is known after half a reading period, the",
-        "transfer of a reading on a serial line of 1 Mbaud, the filter's settling and an inference.",
+        f"{len(trade.points)} of {trade.planned} points, measured in one run on one machine. Points on the front (*)",
+        "are not dominated by any other in time, error and number of sensors. A contact is known after half a reading",
+        "period, the transfer of a reading at 1 Mbaud, the settling of the filter, and an inference.",
         "",
         *_table(HEADINGS, [row(point, on_front=point in front) for point in _sorted(trade.points)]),
         "",
@@ -91,8 +91,8 @@ def markdown(name: str, trade: Trade, front: Sequence[Point], physics: Sequence[
         *[""] * bool(trade.failures),
         "## Physics",
         "",
-        "Each effect left out by itself: what an estimator that knows nothing of it loses, and what the time of its",
-        "influence table is.",
+        "Each effect left out by itself: the error of an estimator without it, and the time to compute its influence",
+        "table.",
         "",
         *_table(PHYSICS_HEADINGS, [physics_row(effect) for effect in physics]),
         "",
@@ -101,14 +101,14 @@ def markdown(name: str, trade: Trade, front: Sequence[Point], physics: Sequence[
 
 
 def said(failure: Failure) -> str:
-    """Say what failed, and why."""
+    """Return a line on what failed, and why."""
     window = failure.filter.window
     smoothing = "no filter" if window == 1 else f"mean of {window} readings"
     return f"{failure.estimator or 'every estimator'}, {failure.sensors} sensors, {smoothing}: {failure.reason}"
 
 
 def plot(points: Sequence[Point], front: Sequence[Point]) -> str:
-    """Error over the time after which a contact is known, as SVG; each point bears its number of sensors."""
+    """Return a plot of error over time as SVG; each point is labelled with its number of sensors."""
     kinds = list(dict.fromkeys((point.estimator, point.quantised) for point in points))
     series = []
     for colour, (name, is_quantised) in enumerate(kinds):
@@ -120,8 +120,8 @@ def plot(points: Sequence[Point], front: Sequence[Point]) -> str:
     hull = [(x, y) for index, (x, y) in enumerate(best) if all(y < before for _, before in best[:index])]
     series.append(Series("front, any number of sensors", [x for x, _ in hull], [y for _, y in hull], FRONT_COLOUR))
     says = (
-        "Mean error over the time after which a contact is known, a point per way to build the model, each with its "
-        "number of sensors and * on the front"
+        "Mean error over the time until a contact is known, one point per way to build the model, labelled with its "
+        "number of sensors, and with * on the front"
     )
     return standalone(draw(Chart(says, "known after, ms", "mean |error|, mm", series, log_x=True, log_y=True)))
 

@@ -1,4 +1,4 @@
-"""Inference times of many graphs in one run, in turns, so that a noisy machine is as unkind to each."""
+"""Inference times of many graphs, measured in turns, so that other load on the machine affects all of them alike."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import onnxruntime as ort
-from numpy.typing import NDArray
 
-from beamtouch_models.modelfile import session_options
+from beamtouch_models.arrays import Floats32
+from beamtouch_models.progress import Fraction, silent
+from beamtouch_models.session import session_options
 
 ROUNDS, CALLS = 40, 50
 BATCH, BATCH_CALLS = 1000, 1
@@ -19,15 +20,15 @@ class Times:
     """Inference times in microseconds."""
 
     p50_us: float
-    """Of one sample at a time."""
+    """Median for single samples."""
     p99_us: float
     batch_us: float
-    """Per sample, of a thousand at once."""
+    """Time per sample in batches of a thousand."""
 
 
 def inference_times(
-    graphs: Sequence[tuple[bytes, NDArray[np.float32]]],
-    progress: Callable[[float], None] = lambda _done: None,
+    graphs: Sequence[tuple[bytes, Floats32]],
+    progress: Fraction = silent,
     rounds: int = ROUNDS,
 ) -> list[Times]:
     """Time graphs, each with a reading (channels,) of a contact."""
@@ -49,7 +50,7 @@ def inference_times(
     ]
 
 
-def _session(content: bytes, reading: NDArray[np.float32]) -> tuple[Callable[[], object], Callable[[], object]]:
+def _session(content: bytes, reading: Floats32) -> tuple[Callable[[], object], Callable[[], object]]:
     session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
     feeds = [
         {"deflection_mm": np.tile(reading, (batch, 1)), "valid": np.ones((batch, len(reading)), np.bool_)}

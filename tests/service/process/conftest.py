@@ -16,7 +16,7 @@ from playwright.sync_api import Browser
 
 from browser import OpenPage, chromium, pages
 from certificates import make_certificate
-from plain_http import NO_TLS
+from plain_http import NO_TLS, TIMEOUT_S
 from service.conftest import READ_TOKEN, TOKEN, BuildModel, batch_of, write_model
 
 CLI = ("-m", "beamtouch_service.cli")
@@ -33,13 +33,13 @@ class Service:
 
     def get(self, path: str, token: str | None = None) -> httpx2.Response:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
-        return httpx2.get(self.url + path, headers=headers, trust_env=False, verify=NO_TLS)
+        return httpx2.get(self.url + path, headers=headers, trust_env=False, verify=NO_TLS, timeout=TIMEOUT_S)
 
     def post(self, body: dict[str, Any] | bytes | Iterator[bytes]) -> httpx2.Response:
         content = json.dumps(body).encode() if isinstance(body, dict) else body
         headers = {"Authorization": f"Bearer {self.token}"}
         url = f"{self.url}/surfaces/press-7/samples"
-        return httpx2.post(url, content=content, headers=headers, trust_env=False, verify=NO_TLS)
+        return httpx2.post(url, content=content, headers=headers, trust_env=False, verify=NO_TLS, timeout=TIMEOUT_S)
 
     def stop(self, signal_number: int) -> tuple[int, str]:
         """Send a signal; return exit code and standard error."""
@@ -143,7 +143,7 @@ def start_page(
         if read is not None:
             read_token_file.write_text(read)
             options += ("--read-token-file", str(read_token_file))
-        return start_service("--model", model, "--token-file", token_file, "--stale-ms", "60000", *options)
+        return start_service("--model", model, "--write-token-file", token_file, "--stale-ms", "60000", *options)
 
     return start_page
 
@@ -163,7 +163,8 @@ def touched_in(folder: Path) -> Iterator[Service]:
         f'[server]\nmax_clients = 8\n[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = 60000\n'
     )
     with commands_in(folder) as start:
-        service = service_of(start("run", "--port", "0", "--config", "service.toml", "--token-file", token), TOKEN)
+        options = ("run", "--port", "0", "--config", "service.toml", "--write-token-file", token)
+        service = service_of(start(*options), TOKEN)
         assert service.post(batch_of()).status_code == 200
         yield service
 

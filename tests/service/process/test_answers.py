@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import httpx2
 
+from plain_http import TIMEOUT_S
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
@@ -28,7 +30,7 @@ def test_without_a_model_there_is_no_contact(start_service: StartService, token_
     (tmp_path / "service.toml").write_text("[surfaces.press-7]\n")
 
     assert problem(start_service()) == "no-surface"
-    assert problem(start_service("--config", "service.toml", "--token-file", token_file)) == "no-model"
+    assert problem(start_service("--config", "service.toml", "--write-token-file", token_file)) == "no-model"
 
 
 def test_from_the_first_sample_to_silence(
@@ -38,7 +40,7 @@ def test_from_the_first_sample_to_silence(
     token_file: Path,
     wait_for: Callable[[Callable[[], bool]], None],
 ) -> None:
-    service = start_service("--model", build_model(), "--token-file", token_file, "--stale-ms", "1000")
+    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "1000")
     assert problem(service) == "no-samples"
 
     service.post(make_batch(sequence=1))
@@ -59,7 +61,7 @@ def test_an_answer_does_not_wait_for_the_network(start_service: StartService) ->
     service = start_service()
 
     # On one connection, where an answer in two packets would wait 40 ms for an acknowledgement.
-    with httpx2.Client(base_url=service.url, trust_env=False) as client:
+    with httpx2.Client(base_url=service.url, trust_env=False, timeout=TIMEOUT_S) as client:
         fastest = min(client.get("/health/live").elapsed.total_seconds() for _ in range(20))
     assert fastest < 0.02
 
@@ -67,7 +69,7 @@ def test_an_answer_does_not_wait_for_the_network(start_service: StartService) ->
 def test_a_body_without_an_end_is_cut_off(
     start_service: StartService, build_model: BuildModel, token_file: Path
 ) -> None:
-    service = start_service("--model", build_model(), "--token-file", token_file)
+    service = start_service("--model", build_model(), "--write-token-file", token_file)
 
     def chunks() -> Iterator[bytes]:
         for _ in range(40):
@@ -88,22 +90,22 @@ def test_without_a_token_file_writes_are_refused_and_the_log_says_how_to_allow_t
     code, errors = service.stop(signal.SIGTERM)
     assert code == 0
     limit, refusal = errors.splitlines()
-    assert "start with --token-file FILE" in limit
+    assert "start with --write-token-file FILE" in limit
     assert "refused (unauthorized): 1 since" in refusal
 
 
-def test_sigterm_and_ctrl_c_end_it_quietly(
+def test_sigterm_and_ctrl_c_end_the_service_without_a_word(
     start_service: StartService, build_model: BuildModel, token_file: Path
 ) -> None:
-    for number in (signal.SIGTERM, signal.SIGINT):
-        service = start_service("--model", build_model(), "--token-file", token_file)
-        assert service.stop(number) == (0, "")
+    for number, code in ((signal.SIGTERM, 0), (signal.SIGINT, 130)):
+        service = start_service("--model", build_model(), "--write-token-file", token_file)
+        assert service.stop(number) == (code, "")
 
 
 def test_it_stops_with_a_sender_connected(
     start_service: StartService, build_model: BuildModel, token_file: Path
 ) -> None:
-    service = start_service("--model", build_model(), "--token-file", token_file)
+    service = start_service("--model", build_model(), "--write-token-file", token_file)
     answers: list[httpx2.Response] = []
     sent, release = threading.Event(), threading.Event()
 

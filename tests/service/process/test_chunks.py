@@ -1,4 +1,4 @@
-"""Bodies in chunks over raw sockets: what they cost, and where they end."""
+"""Chunked bodies over raw sockets: what they cost, and where they end."""
 
 import os
 from pathlib import Path
@@ -20,18 +20,18 @@ def processor_s(service: Service) -> float:
 
 
 @pytest.mark.parametrize("size", [MEGABYTE, 1000], ids=["one", "many"])
-def test_a_chunk_costs_the_same_whatever_is_in_it(touched_service: Service, size: int) -> None:
+def test_the_cost_of_a_chunk_does_not_depend_on_its_content(touched_service: Service, size: int) -> None:
     head = HEAD + f"Authorization: Bearer {TOKEN}\r\n\r\n".encode()
     before_s = processor_s(touched_service)
     chunks = (b"%x\r\n%b\r\n" % (size, b"\n" * size)) * (MEGABYTE // size)
     (answer,) = said(touched_service, head + chunks + b"0\r\n\r\n", 1)
 
     assert status(answer[0]) == 400
-    # A piece for each line end took 1.5 s.
+    # With one piece per line end, it took 1.5 s.
     assert processor_s(touched_service) - before_s < 0.5
 
 
-def test_a_connection_ends_with_an_answer_that_did_not_wait_for_the_chunks(touched_service: Service) -> None:
+def test_a_connection_ends_after_an_answer_that_was_given_before_all_chunks_came(touched_service: Service) -> None:
     with connected(touched_service) as connection, connection.makefile("rb") as stream:
         connection.sendall(HEAD + b"\r\n5\r\nab")
         assert stream.readline().startswith(b"HTTP/1.1 401 ")

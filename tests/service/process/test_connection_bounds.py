@@ -139,11 +139,11 @@ def test_who_connects_for_tls_and_says_nothing_is_cut_off(
     assert time.monotonic() - begin_s > 2
 
 
-def test_handshakes_that_do_not_get_on_keep_nobody_out(
+def test_unfinished_handshakes_keep_nobody_out(
     start_service: StartService, certificate: tuple[Path, Path], token_file: Path
 ) -> None:
     service = start_service(
-        "--certificate-file", certificate[0], "--key-file", certificate[1], "--token-file", token_file
+        "--certificate-file", certificate[0], "--key-file", certificate[1], "--write-token-file", token_file
     )
     port, before_mb = int(service.url.rpartition(":")[2]), resident_mb(service)
     trusted = ssl.create_default_context(cafile=str(certificate[0]))

@@ -1,4 +1,4 @@
-"""Events of a real process: over a kill, a stop, and a file that cannot be used."""
+"""Events of a real process: a kill, a stop, a full disk, a dead sender, and unusable files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ TOUCHING, RESTING = [0.5, 0.25, 0.125], [0.0, 0.0, 0.0]
 def config(tmp_path: Path, build_model: BuildModel, token_file: Path) -> Path:
     path = tmp_path / "service.toml"
     path.write_text(
-        f"[server]\ntoken_file = '{token_file}'\n[events]\nfile = 'events.db'\n"
+        f"[server]\nwrite_token_file = '{token_file}'\n[events]\nfile = 'events.db'\n"
         f"[surfaces.press-7]\nmodel = '{build_model()}'\nstale_ms = 60000\n"
     )
     return path
@@ -36,7 +36,7 @@ def events(service: Service) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
-def test_events_outlive_the_process_and_an_open_one_is_unfinished(
+def test_events_survive_the_process_and_an_open_one_is_unfinished(
     start_service: StartService, make_batch: MakeBatch, config: Path, how: signal.Signals
 ) -> None:
     service = start_service("--config", config)
@@ -48,17 +48,17 @@ def test_events_outlive_the_process_and_an_open_one_is_unfinished(
     service = start_service("--config", config)
     assert [(event["end"], event["samples"]) for event in events(service)] == [("unfinished", 2), ("lift", 1)]
 
-    # The sender lives on: it sends again what it is not sure of, and what came since.
+    # The sender still runs: it repeats samples without a receipt, and sends new ones.
     service.post(make_batch(TOUCHING, TOUCHING, RESTING, sequence=5))
     assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 3), ("lift", 1)]
 
 
-def test_what_the_disk_does_not_take_is_counted_and_the_present_goes_on(
+def test_failed_writes_are_counted_and_do_not_affect_the_contact(
     start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
 ) -> None:
     service = start_service("--config", config)
     with closing(sqlite3.connect(config.parent / "events.db", isolation_level=None)) as other:
-        other.execute("BEGIN EXCLUSIVE")  # as a backup that hangs
+        other.execute("BEGIN EXCLUSIVE")  # like a backup that hangs
         service.post(make_batch(RESTING, TOUCHING, RESTING))
         assert service.get("/contact").json()["state"] == "clear"
         wait_for(lambda: "beamtouch_event_writes_lost_total 1.0" in service.get("/metrics").text)
@@ -71,7 +71,7 @@ def test_what_the_disk_does_not_take_is_counted_and_the_present_goes_on(
     assert "events are lost: database is locked" in errors
 
 
-def test_a_file_of_events_that_cannot_be_used_is_refused_in_one_line(command: Command, config: Path) -> None:
+def test_an_unusable_file_is_refused_in_one_line(command: Command, config: Path) -> None:
     (config.parent / "events.db").write_text("something else entirely\n" * 100)
     process = command("run", "--port", "0", "--config", config)
     output, errors = process.communicate(timeout=60)
@@ -87,7 +87,7 @@ def stale_soon(config: Path) -> Path:
 
 
 def on_record(config: Path) -> list[tuple[str, int]]:
-    """End and number of samples of each event, as another process sees them; nobody asks the service."""
+    """End and number of samples of each event, read by another process, without a query to the service."""
     with closing(sqlite3.connect(config.parent / "events.db")) as other:
         return other.execute('SELECT "end", samples FROM events ORDER BY touched_us, id').fetchall()
 
@@ -103,7 +103,7 @@ def test_an_event_ends_when_its_surface_is_stale_and_goes_on_with_the_next_sampl
     assert (event["end"], event["lifted_at"], event["samples"]) == ("stale", None, 2)
     assert ",stale," in service.get("/events?format=csv").text
 
-    # The sender was held up only.
+    # The sender was only delayed.
     service.post(make_batch(TOUCHING, sequence=4))
     wait_for(lambda: on_record(config)[0][1] == 3)
     wait_for(lambda: on_record(config) == [("stale", 3)])
@@ -118,7 +118,7 @@ def test_late_samples_complete_the_event_of_a_dead_sender(
     service.post(make_batch(RESTING, TOUCHING, TOUCHING))
     wait_for(lambda: on_record(config) == [("stale", 2)])
 
-    # The daemon comes back under another boot id, and sends what its former life had spooled.
+    # The daemon restarts with another boot id, and sends the samples it had spooled before.
     service.post(make_batch(RESTING, TOUCHING, boot_id="boot-0002"))
     service.post(make_batch(TOUCHING, TOUCHING, sequence=4, age_ms=60_000))
     wait_for(lambda: on_record(config)[0] == ("unseen", 4))
@@ -127,7 +127,7 @@ def test_late_samples_complete_the_event_of_a_dead_sender(
     wait_for(lambda: sorted(on_record(config)) == [("lift", 5), ("stale", 1)])
 
 
-def test_a_full_disk_leaves_one_open_event_at_most(
+def test_a_full_disk_leaves_at_most_one_open_event(
     start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
 ) -> None:
     service = start_service("--config", config)
@@ -146,7 +146,7 @@ def test_a_full_disk_leaves_one_open_event_at_most(
     service.post(make_batch(RESTING, sequence=4))
     wait_for(lambda: lost() > 0)
     let_files_grow(grow=True)
-    # Its lift was seen and is not on record. No sample comes any more.
+    # Its lift was seen but not recorded. No more samples come.
     wait_for(lambda: on_record(config) == [("unseen", 2)])
 
     service.post(make_batch(TOUCHING, sequence=5))
@@ -162,7 +162,7 @@ def test_a_full_disk_leaves_one_open_event_at_most(
     assert [event["end"] for event in events(service)] == ["lift", "unseen", "unseen"]
 
 
-def test_no_event_is_answered_as_open_that_a_full_disk_left_open(
+def test_an_event_that_a_full_disk_left_open_is_answered_as_unseen_or_stale(
     start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
 ) -> None:
     service = start_service("--config", config)
@@ -181,22 +181,23 @@ def test_no_event_is_answered_as_open_that_a_full_disk_left_open(
     wait_for(lambda: on_record(config)[0][0] == "unseen")
 
 
-def test_a_file_of_the_older_format_is_upgraded_in_place(
-    start_service: StartService, make_batch: MakeBatch, config: Path
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_deleted_or_replaced_file_is_an_error_in_the_log(
+    start_service: StartService, make_batch: MakeBatch, config: Path, *, replaced: bool
 ) -> None:
     service = start_service("--config", config)
-    service.post(make_batch(RESTING, TOUCHING, RESTING, TOUCHING, TOUCHING))
-    assert len(events(service)) == 2
-    service.stop(signal.SIGKILL)
-    with closing(sqlite3.connect(config.parent / "events.db")) as older:
-        older.executescript("DROP INDEX by_open; PRAGMA user_version = 1; UPDATE events SET \"end\" = 'open'")
+    service.post(make_batch(RESTING, TOUCHING))
+    assert len(events(service)) == 1
+    (config.parent / "events.db").unlink()
+    if replaced:
+        (config.parent / "events.db").touch()
+    # The service answers from the file that it still has.
+    service.post(make_batch(RESTING, sequence=3))
+    assert [event["end"] for event in events(service)] == ["lift"]
 
-    service = start_service("--config", config)
-    assert [event["end"] for event in events(service)] == ["unfinished", "unfinished"]
-    service.post(make_batch(TOUCHING, RESTING, sequence=6))
-    assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 3), ("unfinished", 1)]
-    with closing(sqlite3.connect(config.parent / "events.db")) as other:
-        assert other.execute("PRAGMA user_version").fetchone() == (2,)
+    code, errors = service.stop(signal.SIGTERM)
+    assert code == 0
+    assert errors.count("the file of events was deleted or replaced while open; restart the service") == 1
 
 
 @pytest.mark.parametrize("other_path", ["events.db", "link.db", "folder/../events.db", "hard.db"])
@@ -217,7 +218,7 @@ def test_a_second_service_on_the_same_file_is_refused(
     assert (process.returncode, output) == (2, "")
     (line,) = errors.splitlines()
     assert f"{other_path}: another running service writes to it" in line
-    # It changed nothing, and whoever only reads is not in the way.
+    # The second service changed nothing, and readers are not affected.
     assert on_record(config) == [("open", 2)]
     service.post(make_batch(RESTING, sequence=4))
     assert [event["end"] for event in events(service)] == ["lift"]
@@ -226,7 +227,7 @@ def test_a_second_service_on_the_same_file_is_refused(
     assert [event["end"] for event in events(start_service("--config", config))] == ["lift"]
 
 
-def test_a_service_waits_for_the_former_one_to_stop(
+def test_a_new_service_waits_until_the_one_before_has_stopped(
     start_service: StartService, command: Command, config: Path
 ) -> None:
     service = start_service("--config", config)

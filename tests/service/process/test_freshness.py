@@ -21,7 +21,7 @@ BODY_TAKES_S = 0.5
 def test_the_time_that_a_body_takes_makes_its_samples_older(
     start_service: StartService, build_model: BuildModel, token_file: Path, make_batch: MakeBatch
 ) -> None:
-    service = start_service("--model", build_model(), "--token-file", token_file, "--stale-ms", "60000")
+    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "60000")
     body = json.dumps(make_batch(age_ms=100.0)).encode()
     head = (
         f"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {TOKEN}\r\n"

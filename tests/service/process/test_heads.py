@@ -10,7 +10,7 @@ from itertools import count
 
 import pytest
 
-from beamtouch_service.heads import MAX_HEAD_BYTES, MAX_HEADERS
+from beamtouch_service.host.heads import MAX_HEAD_BYTES, MAX_HEADERS
 
 from ..conftest import TOKEN, MakeBatch
 from .conftest import Service, touched_in

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import httpx2
 import onnx
 
-from beamtouch_models.modelfile import POSITION_OUTPUTS
+from beamtouch_models.metadata import POSITION_OUTPUTS
 from beamtouch_service import cli
 from plain_http import NO_TLS
 from service.conftest import ADMIN_TOKEN
@@ -49,7 +49,7 @@ def test_a_file_that_is_replaced_is_used_within_seconds_and_a_bad_one_never(
     path.write_bytes(good)
     wait_for(lambda: model(service) == first)
     _, errors = service.stop(signal.SIGTERM)
-    assert errors.count("the new model is not used, the old one holds") == 1
+    assert errors.count("the new model cannot be used, the old one stays in use") == 1
     assert errors.count("instead of") == 2
 
 
@@ -175,7 +175,7 @@ def test_check_says_in_one_line_what_is_wrong(
         file.truncate(2_000_000_000)
     for path, complaint in (
         (tmp_path / "large.onnx", "it is larger than 4 MiB"),
-        (Path("/dev/zero"), "it is no file but something else"),
+        (Path("/dev/zero"), "it is not a regular file"),
         (tmp_path / "nowhere.onnx", "No such file or directory"),
         (tmp_path / "text.onnx", "damaged or not an ONNX file"),
         (build_model(outputs=("position_mm",)), "it has no output contact_log_odds"),

@@ -26,7 +26,7 @@ LONG_MS = "60000"
 @pytest.fixture
 def fresh(start_service: StartService, build_model: BuildModel, token_file: Path) -> Service:
     """A service of the surface press-7 whose samples stay fresh for a minute."""
-    return start_service("--model", build_model(), "--token-file", token_file, "--stale-ms", LONG_MS)
+    return start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", LONG_MS)
 
 
 def test_contact_degraded_and_too_few_channels(fresh: Service, make_batch: MakeBatch, open_page: OpenPage) -> None:
@@ -52,7 +52,7 @@ def test_contact_degraded_and_too_few_channels(fresh: Service, make_batch: MakeB
     fresh.post(make_batch([0.5, None, None], sequence=3, quality=["good", "missing", "saturated"]))
     seen.wait_for_state("problem")
     assert seen.text("headline") == "Too few working channels"
-    assert "repair s2 (missing), s3 (saturated)" in seen.text("detail")
+    assert "Check s2 (missing), s3 (saturated)" in seen.text("detail")
     assert seen.text("position") == NO_FIGURE
     assert "saturated" in seen.text("channels")
     assert seen.complaints == []
@@ -66,7 +66,7 @@ def test_a_model_without_force_says_so(
     open_page: OpenPage,
 ) -> None:
     model = build_model(outputs=("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds"))
-    service = start_service("--model", model, "--token-file", token_file, "--stale-ms", LONG_MS)
+    service = start_service("--model", model, "--write-token-file", token_file, "--stale-ms", LONG_MS)
     service.post(make_batch())
     seen = open_page(service.url)
     seen.wait_for_state("contact")
@@ -251,7 +251,7 @@ def durations(seen: Watched) -> list[str]:
 def test_the_contact_of_a_sender_that_fell_silent_is_shown_as_ended(
     start_service: StartService, build_model: BuildModel, token_file: Path, make_batch: MakeBatch, open_page: OpenPage
 ) -> None:
-    service = start_service("--model", build_model(), "--token-file", token_file, "--stale-ms", "500")
+    service = start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "500")
     seen = open_page(service.url)
     service.post(make_batch([0.0, 0.0, 0.0], [0.5, 0.25, 0.125]))
     seen.wait_for_text("headline", "Stale")

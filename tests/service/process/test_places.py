@@ -11,6 +11,8 @@ from pathlib import Path
 import httpx2
 import pytest
 
+from plain_http import TIMEOUT_S
+
 from ..conftest import TOKEN, BuildModel, MakeBatch
 from .conftest import Service, StartService
 from .raw import connected, fields, get
@@ -63,7 +65,7 @@ def start(start_service: StartService, build_model: BuildModel, token_file: Path
             f"[server]\nmax_clients = {most}\nmax_clients_per_address = {per_address}\n"
             f'[surfaces.press-7]\nmodel = "{build_model()}"\nstale_ms = 60000\n'
         )
-        return start_service("--config", "service.toml", "--token-file", token_file, *options)
+        return start_service("--config", "service.toml", "--write-token-file", token_file, *options)
 
     return start
 
@@ -103,7 +105,10 @@ def test_idle_connections_keep_nobody_out(
 ) -> None:
     service = start(256, 128)
     statuses: list[int] = []
-    with flood(service, sources, words) as opened, httpx2.Client(base_url=service.url, trust_env=False) as kept:
+    with (
+        flood(service, sources, words) as opened,
+        httpx2.Client(base_url=service.url, trust_env=False, timeout=TIMEOUT_S) as kept,
+    ):
         while opened[0] < 300:
             time.sleep(0.01)
         before = opened[0]
@@ -143,7 +148,7 @@ def test_among_equal_addresses_the_longest_idle_leaves_first(start: Start, make_
             assert asks(polls, "/contact") == b"HTTP/1.1 200 OK"
 
 
-def test_who_does_not_read_leaves_before_who_polls(start: Start, make_batch: MakeBatch) -> None:
+def test_a_client_that_does_not_read_leaves_before_one_that_polls(start: Start, make_batch: MakeBatch) -> None:
     service = start(6, 6)
     assert service.post(make_batch()).status_code == 200
     with ExitStack() as stack:
@@ -152,7 +157,7 @@ def test_who_does_not_read_leaves_before_who_polls(start: Start, make_batch: Mak
             unread = stack.enter_context(connect(service, f"127.0.0.{host}"))
             unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             unread.sendall(get("/openapi.json") * 60)
-        # Meanwhile the service has written all that is taken.
+        # Meanwhile the service has written everything that the clients' sockets take.
         assert {asks(polls, "/contact") for _ in range(200)} == {b"HTTP/1.1 200 OK"}
         for host in range(8, 13):
             assert asks(stack.enter_context(connect(service, f"127.0.0.{host}")), "/contact") == b"HTTP/1.1 200 OK"

@@ -41,14 +41,14 @@ def test_a_model_cut_in_half(command: Command, build_model: BuildModel) -> None:
     model.write_bytes(content[: len(content) // 2])
 
     line = refusal(command("run", "--port", "0", "--model", model))
-    assert line.startswith(f"beamtouch-service: model {model}: damaged or not an ONNX file; build it again")
+    assert line.startswith(f"beamtouch-service: model {model}: damaged or not an ONNX file; rebuild it with")
 
 
 def test_a_port_in_use(command: Command) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         line = refusal(command("run", "--port", str(taken.getsockname()[1])))
 
-    assert line.endswith("in use; stop what listens there, or choose another with --port")
+    assert line.endswith("in use; stop the program that listens there, or choose another port with --port")
 
 
 def test_an_unknown_option_or_no_command(command: Command) -> None:
@@ -80,23 +80,23 @@ def test_a_model_that_takes_only_its_own_golden_batch(
         value.type.tensor_type.shape.dim[0].dim_value = 2
     path.write_bytes(model.SerializeToString())
 
-    assert "cannot be run on one sample" in refused_here(capsys, "--model", path)
+    assert "its graph fails on a single sample" in refused_here(capsys, "--model", path)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::"])  # noqa: S104  # that it is refused is the point
 def test_the_network_without_tokens(capsys: pytest.CaptureFixture[str], host: str, token_file: Path) -> None:
     line = refused_here(capsys, "--host", host, "--port", "0")
-    assert line.endswith("add --token-file FILE and --read-token-file FILE, or use 127.0.0.1")
+    assert line.endswith("add --write-token-file FILE and --read-token-file FILE, or use 127.0.0.1")
 
-    line = refused_here(capsys, "--host", host, "--port", "0", "--token-file", token_file)
-    assert line.endswith("for writing and one for reading: add --read-token-file FILE, or use 127.0.0.1")
+    line = refused_here(capsys, "--host", host, "--port", "0", "--write-token-file", token_file)
+    assert line.endswith("a write token and a read token: add --read-token-file FILE, or use 127.0.0.1")
 
 
 def test_a_host_that_is_not_this_machine(
     capsys: pytest.CaptureFixture[str], token_file: Path, read_token_file: Path
 ) -> None:
-    assert "no address of this machine" in refused_here(capsys, "--host", "no.such.host.invalid")
-    tokens = ("--token-file", token_file, "--read-token-file", read_token_file)
+    assert "is not an address of this machine" in refused_here(capsys, "--host", "no.such.host.invalid")
+    tokens = ("--write-token-file", token_file, "--read-token-file", read_token_file)
     assert "not on this machine" in refused_here(capsys, "--host", "192.0.2.1", "--port", "0", *tokens)
 
 
@@ -116,7 +116,7 @@ def test_a_wrong_config(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> N
 def test_a_token_file_that_is_empty(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (tmp_path / "token").touch()
 
-    line = refused_here(capsys, "--token-file", tmp_path / "token")
+    line = refused_here(capsys, "--write-token-file", tmp_path / "token")
     assert "empty; write at least 16 random characters to it" in line
 
 

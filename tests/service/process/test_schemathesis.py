@@ -18,7 +18,7 @@ CHECKS_NOT_HELD = "not_a_server_error,positive_data_acceptance"
 def test_no_answer_departs_from_the_document(
     start_service: StartService, build_model: BuildModel, token_file: Path, tmp_path: Path
 ) -> None:
-    service = start_service("--model", build_model(), "--token-file", token_file)
+    service = start_service("--model", build_model(), "--write-token-file", token_file)
     program = Path(sys.executable).with_name("schemathesis")
     command = [
         *(str(program), "run", f"{service.url}/openapi.json", "--header", f"Authorization: Bearer {service.token}"),

@@ -13,7 +13,7 @@ import httpx2
 import pytest
 
 from certificates import make_certificate
-from plain_http import NO_TLS
+from plain_http import NO_TLS, TIMEOUT_S
 from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
 
 if TYPE_CHECKING:
@@ -47,7 +47,14 @@ def test_no_token_is_ever_in_the_log(
     read_token_file: Path,
     admin_token_file: Path,
 ) -> None:
-    tokens = ("--token-file", token_file, "--read-token-file", read_token_file, "--admin-token-file", admin_token_file)
+    tokens = (
+        "--write-token-file",
+        token_file,
+        "--read-token-file",
+        read_token_file,
+        "--admin-token-file",
+        admin_token_file,
+    )
     service = start_service("--model", build_model(), *tokens)
     wrong = "a-wrong-token-that-someone-mistyped"
 
@@ -76,14 +83,14 @@ def test_https(
     start_service: StartService, build_model: BuildModel, token_file: Path, certificate: tuple[Path, Path]
 ) -> None:
     options = ("--certificate-file", certificate[0], "--key-file", certificate[1])
-    service = start_service("--model", build_model(), "--token-file", token_file, *options)
+    service = start_service("--model", build_model(), "--write-token-file", token_file, *options)
     context = ssl.create_default_context(cafile=str(certificate[0]))
 
     assert service.url.startswith("https://127.0.0.1:")
-    with httpx2.Client(verify=context, trust_env=False) as client:
+    with httpx2.Client(verify=context, trust_env=False, timeout=TIMEOUT_S) as client:
         assert client.get(service.url + "/health/live").json() == {"status": "live"}
     service.process.send_signal(signal.SIGHUP)
-    with httpx2.Client(verify=context, trust_env=False) as client:
+    with httpx2.Client(verify=context, trust_env=False, timeout=TIMEOUT_S) as client:
         assert client.get(service.url + "/health/live").json() == {"status": "live"}
 
 
@@ -107,7 +114,7 @@ def test_a_certificate_that_is_replaced_while_the_service_runs(
     reload()
     errors = service.process.stderr
     assert errors is not None
-    while "the new certificate is not used" not in (line := errors.readline()):
+    while "the new certificate cannot be used" not in (line := errors.readline()):
         assert line
     assert shown() == first[0]
     certificate[1].write_bytes(second[1])
@@ -128,7 +135,7 @@ def test_a_certificate_that_will_not_do(command: Command, certificate: tuple[Pat
         assert process.returncode == 2
         return str(line)
 
-    assert "PEM; make them again" in refused(certificate[1], certificate[0])
+    assert "not a PEM certificate and its key" in refused(certificate[1], certificate[0])
     assert "nowhere.pem: No such file" in refused(tmp_path / "nowhere.pem", certificate[1])
     process = command("run", "--port", "0", "--key-file", certificate[1])
     assert "certificate_file is missing" in process.communicate(timeout=30)[1]
@@ -138,7 +145,7 @@ def test_a_certificate_that_will_not_do(command: Command, certificate: tuple[Pat
 def test_a_body_that_trickles_is_given_up_after_ten_seconds(
     start_service: StartService, build_model: BuildModel, token_file: Path
 ) -> None:
-    service = start_service("--model", build_model(), "--token-file", token_file)
+    service = start_service("--model", build_model(), "--write-token-file", token_file)
     head = f"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {TOKEN}\r\n"
     with socket.create_connection(address(service)) as connection:
         connection.sendall(f"{head}Content-Length: 1000\r\n\r\n".encode())
@@ -198,7 +205,7 @@ def test_too_many_batches_per_second(
     start_service: StartService, tmp_path: Path, token_file: Path, make_batch: MakeBatch
 ) -> None:
     (tmp_path / "service.toml").write_text("[server]\nmax_batches_per_s = 0.1\n[surfaces.press-7]\n")
-    service = start_service("--config", "service.toml", "--token-file", token_file)
+    service = start_service("--config", "service.toml", "--write-token-file", token_file)
 
     batch: dict[str, Any] = make_batch()
     assert service.post(batch).status_code == 200

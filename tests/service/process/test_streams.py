@@ -27,7 +27,7 @@ STATE = {"surface", "contact", "problem", "age_ms", "channels", "length_mm", "se
 
 @pytest.fixture
 def service(start_service: StartService, build_model: BuildModel, token_file: Path) -> Service:
-    return start_service("--model", build_model(), "--token-file", token_file, "--stale-ms", "60000")
+    return start_service("--model", build_model(), "--write-token-file", token_file, "--stale-ms", "60000")
 
 
 def states(response: httpx2.Response) -> Iterator[dict[str, Any]]:
@@ -129,7 +129,7 @@ def test_so_many_streams_and_no_more_until_one_ends(
 def test_it_stops_with_streams_open_one_of_which_is_not_read(
     start_service: StartService, build_model: BuildModel, make_batch: MakeBatch, token_file: Path, posts: int
 ) -> None:
-    service = start_service("--model", build_model(channels=64), "--token-file", token_file)
+    service = start_service("--model", build_model(channels=64), "--write-token-file", token_file)
     with ExitStack() as stack:
         read: list[int] = []
 
@@ -159,7 +159,7 @@ def test_a_client_that_does_not_read_is_dropped_and_costs_others_nothing(
     # Many channels, so that the buffers of the system are soon full.
     model = build_model(channels=64)
     (tmp_path / "service.toml").write_text(
-        f"[server]\nmax_streams = 1\ntoken_file = '{token_file}'\n"
+        f"[server]\nmax_streams = 1\nwrite_token_file = '{token_file}'\n"
         f"[surfaces.press-7]\nmodel = '{model}'\nstale_ms = 60000\n"
     )
     service = start_service("--config", "service.toml")

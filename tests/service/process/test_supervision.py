@@ -90,7 +90,8 @@ def test_a_service_that_stands_still_is_not_alive(
     environment = {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "400000"}
     stuck = (
         "import sys, time\n"
-        "from beamtouch_service import surface, cli\n"
+        "from beamtouch_service import cli\n"
+        "from beamtouch_service.surfaces import surface\n"
         "held = surface.Surface.summary\n"
         "def hang(self, now_s):\n"
         "    if now_s > begin_s + 2: time.sleep(60)\n"
@@ -156,7 +157,7 @@ def test_the_service_runs_where_no_memory_may_become_code(build_model: BuildMode
     program = (
         "import ctypes, sys, pathlib\n"
         "if ctypes.CDLL(None).prctl(65, 1, 0, 0, 0): sys.exit(77)\n"  # PR_SET_MDWE, as MemoryDenyWriteExecute=
-        "from beamtouch_service import check, server\n"
+        "from beamtouch_service.host import check, server\n"
         "print(check.report(pathlib.Path(sys.argv[1]), as_json=True))\n"
     )
     done = subprocess.run(

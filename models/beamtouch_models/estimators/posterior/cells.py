@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models.prior import Prior
-
-Array = NDArray[np.float64]
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
 
 FINE = 20_001
 """Positions from which the spacing of the cells is computed."""
@@ -37,13 +35,13 @@ FLOOR = 1e-4
 class Cells:
     """Cells of the position range, side by side."""
 
-    edges_mm: Array
+    edges_mm: Floats
     """(cells + 1,)"""
-    middles_mm: Array
+    middles_mm: Floats
     """(cells,) half way in the change of the reading."""
-    influence: Array
+    influence: Floats
     """(cells, channels) mm/N, at the middles of the cells."""
-    step: Array
+    step: Floats
     """(cells,) change of the reading across a cell: in deviations of the noise, or in radians if the force is open."""
 
 
@@ -90,12 +88,12 @@ def cells_of(prior: Prior, count: int) -> Cells:
     return _spaced(prior, *_fine(prior), count)
 
 
-def _fine(prior: Prior) -> tuple[Array, Array]:
+def _fine(prior: Prior) -> tuple[Floats, Floats]:
     fine = np.linspace(*prior.position_mm, FINE)
     return fine, prior.table(fine)
 
 
-def _spaced(prior: Prior, fine_mm: Array, influence: Array, count: int) -> Cells:
+def _spaced(prior: Prior, fine_mm: Floats, influence: Floats, count: int) -> Cells:
     """Space cells evenly in a metric that mixes the change of the reading, of position and of the log of its size."""
     known = prior.force_is_known
     floor = (FLOOR * np.abs(influence).max()) ** 2

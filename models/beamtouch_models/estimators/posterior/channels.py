@@ -2,13 +2,13 @@
 
 from itertools import combinations
 
-from beamtouch_models.limit import accuracy_limit
-from beamtouch_models.prior import Prior
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior
 
 ENOUGH = 0.5
 """A set of channels determines a position if its error is at most this share of the error of a guess without any."""
 DRAWS = 512
-MOST_SETS = 70
+MAX_SETS = 70
 """Up to this many sets of one size are all evaluated; of more, only sets of neighbours, which have the least
 information."""
 
@@ -24,7 +24,7 @@ def fewest_channels(prior: Prior, seed: int) -> int:
     every = range(prior.channels)
     for size in range(1, prior.channels):
         sets = list(combinations(every, size))
-        if len(sets) > MOST_SETS:
+        if len(sets) > MAX_SETS:
             sets = [tuple(range(start, start + size)) for start in range(prior.channels - size + 1)]
         limits = (accuracy_limit(prior.without(*(set(every) - set(kept))), DRAWS, seed) for kept in sets)
         if all(limit.percent <= ENOUGH * guess_percent for limit in limits):

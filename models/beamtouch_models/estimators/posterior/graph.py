@@ -30,11 +30,11 @@ from dataclasses import dataclass
 import numpy as np
 import onnx
 
+from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.onnx_graph import Graph, model
 from beamtouch_models.estimators.posterior.cells import Design, design_for
 from beamtouch_models.estimators.posterior.tables import FIRST, REST_WEIGHT, Tables, tables_of
-from beamtouch_models.modelfile import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
-from beamtouch_models.prior import Prior
+from beamtouch_models.metadata import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
 
 QUANTILES = (0.5, 0.025, 0.975)
 NORMAL = 1.959964

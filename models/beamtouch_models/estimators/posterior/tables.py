@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.posterior.cells import Design, cells_of
-from beamtouch_models.prior import Prior
-
-Array = NDArray[np.float64]
 
 REST_WEIGHT = 1000.0
 """Negative log weight of rest in the posterior, so large that rest has no effect where something touches."""
@@ -24,24 +22,24 @@ TINY = 1e-12
 class Tables:
     """Constants per cell, with one rest cell before and one after the cells of the range; N in all."""
 
-    influence: Array
+    influence: Floats
     """(channels, N) mm/N."""
-    low_n: Array
-    high_n: Array
+    low_n: Floats
+    high_n: Floats
     """(N,) bounds of the best force."""
-    log_weight: Array
+    log_weight: Floats
     """(N,) logarithm of a cell's share of the range times the width of the force's posterior."""
-    temper: Array
+    temper: Floats
     """(N,) k: the likelihood is widened by t = 1 + k |z|^2 / s^2, or by 1 + k if the force is known."""
-    width_mm: Array
+    width_mm: Floats
     """(N,) widths of the cells; the first entry is the start of the range."""
-    middle_mm: Array
+    middle_mm: Floats
     """(N,) middles of the cells."""
-    force_variance: Array
+    force_variance: Floats
     """(N,) variance of the force at a position, in N^2."""
 
     @property
-    def squares(self) -> Array:
+    def squares(self) -> Floats:
         """(channels, N) squared influence."""
         return self.influence**2
 

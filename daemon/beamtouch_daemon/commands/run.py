@@ -1,0 +1,40 @@
+"""`run`: reads all surfaces and publishes their samples until it is stopped."""
+
+import argparse
+import asyncio
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+from beamtouch_daemon.exits import DONE, FAILED, INTERRUPTED, WRONG_INPUT, complain
+from beamtouch_daemon.files import write_atomically
+from beamtouch_daemon.running import runtime
+from beamtouch_daemon.running.surface_worker import Summary
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the command; ConfigError if the configuration, or a file that it names, cannot be used."""
+    path: Path | None = arguments.summary
+    if path and not path.parent.is_dir():
+        return complain(f"--summary: {path.parent} is not a directory", WRONG_INPUT)
+    ended = asyncio.run(runtime.run(arguments.config))
+    for name, summary in ended.summaries.items():
+        _print(name, summary)
+    if path:
+        content = {"surfaces": {name: dataclasses.asdict(summary) for name, summary in ended.summaries.items()}}
+        try:
+            write_atomically(path, json.dumps(content, indent=2) + "\n")
+        except OSError as error:
+            return complain(f"--summary: cannot write {path}: {error.strerror}", FAILED)
+    return INTERRUPTED if ended.is_interrupted else DONE
+
+
+def _print(name: str, summary: Summary) -> None:
+    print(
+        f"{name}: {summary.readings} readings taken, {summary.readings_lost} lost; "
+        f"{summary.samples_published} samples published, {summary.samples_dropped} dropped"
+        + (f", {summary.samples_set_aside} set aside in the spool" if summary.samples_set_aside else "")
+        + (f", {summary.samples_spooled} in the spool for the next start" if summary.samples_spooled else ""),
+        file=sys.stderr,
+    )

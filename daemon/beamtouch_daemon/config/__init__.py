@@ -1,0 +1,1 @@
+"""The daemon's settings, and the files that hold them: configuration, tare, known modules."""

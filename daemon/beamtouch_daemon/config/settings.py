@@ -1,0 +1,227 @@
+"""The daemon's configuration: unknown keys are refused, and names state their units. `config.file` reads it."""
+
+import ssl
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Self
+from urllib.parse import urlsplit
+
+from pydantic import (
+    AfterValidator,
+    Field,
+    FiniteFloat,
+    PrivateAttr,
+    ValidationInfo,
+    model_validator,
+)
+
+from beamtouch_daemon.config.modules import module_of
+from beamtouch_daemon.config.signal import Channel, Filter, LowPass, NoFilter, Pair, Positive, ZeroTracking
+from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
+from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
+
+
+class ConfigError(Exception):
+    """The configuration cannot be used; the text is one line for the user."""
+
+
+def reason_of(error: OSError | UnicodeDecodeError) -> str:
+    """Return the reason why a file cannot be read, in a few words."""
+    return (error.strerror if isinstance(error, OSError) else None) or "not text"
+
+
+def _http_url(value: str) -> str:
+    parts = urlsplit(value)
+    if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment:
+        message = "must look like http://127.0.0.1:8420"
+        raise ValueError(message)
+    _ = parts.port  # raises ValueError when it is not a port number
+    return value.rstrip("/")
+
+
+class Publish(Strict):
+    """The service that receives the samples, and the buffers in front of it."""
+
+    url: Annotated[str, AfterValidator(_http_url)]
+    """Address of the service, without a path."""
+    token_file: RelativePath
+    """File with the service's bearer token and nothing else."""
+    certificate_file: RelativePath | None = None
+    """Certificates to trust with https (PEM); default: those of the system."""
+    batch_ms: Annotated[FiniteFloat, Field(ge=1, le=10_000)] = 4.0
+    """Longest time to collect samples for one request."""
+    queue_samples: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
+    """Limit of undelivered samples per surface in memory; beyond it the oldest are dropped and counted."""
+    spool_file: RelativePath = Path("beamtouch-daemon.spool")
+    """Keeps undelivered samples on disk."""
+    spool_mb: Annotated[FiniteFloat, Field(ge=0, le=100_000)] = 200.0
+    """Limit of the spool's size; beyond it the oldest samples are dropped and counted. 0: no spool."""
+
+
+class Metrics(Strict):
+    """Metrics for Prometheus, on this machine only."""
+
+    port: NetworkPort | None = None
+    """GET http://127.0.0.1:PORT/metrics; default: no metrics."""
+
+
+def place_of(source: Source, channel: Channel) -> tuple[str, int, int]:
+    """Return host, unit and first register of a channel; ValueError if the configuration does not say them."""
+    message = ""
+    module = None if isinstance(source, SerialLine) or source.module is None else module_of(source.module)
+    if isinstance(source, SerialLine) and (channel.input, channel.unit, channel.host, channel.type) != (None,) * 4:
+        message = f"channel {channel.name}: input, unit, host and type are for Modbus; a serial channel has a register"
+    elif isinstance(source, ModbusRtu) and channel.host is not None:
+        message = f"channel {channel.name}: host is for modbus-tcp"
+    elif (channel.input is None) == (channel.register_ is None):
+        message = f"channel {channel.name}: state its register{' or its input' if module else ''}"
+    elif channel.input is not None and module is None:
+        message = f"channel {channel.name}: input needs the source's module; state the register"
+    elif channel.input is not None and module is not None and channel.input >= module.inputs:
+        message = f"channel {channel.name}: the module has inputs 0 to {module.inputs - 1}"
+    if message:
+        raise ValueError(message)
+    register = channel.register_
+    if register is None and module is not None and channel.input is not None:
+        register = module.register_of(channel.input)
+    host, unit = getattr(source, "host", ""), getattr(source, "unit", 0)
+    return channel.host or host, unit if channel.unit is None else channel.unit, register or 0
+
+
+class Loads(Strict):
+    """The loads that the model covers; `record` refuses others."""
+
+    position_mm: Pair
+    """Range of positions, from the left end of the beam."""
+    max_force_n: Positive
+    """Largest force."""
+
+
+class Surface(Strict):
+    """One beam with its sensors."""
+
+    rate_hz: Annotated[FiniteFloat, Field(gt=0, le=10_000)]
+    """Readings per second."""
+    tare_file: RelativePath | None = None
+    """Rest gaps that `tare` measured; default: NAME.tare.json beside the configuration."""
+    noise_mm: Positive | None = None
+    """Standard deviation of one reading; default: estimated from the readings.
+
+    `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is stuck.
+    """
+    source: Source
+    filter: Filter = NoFilter()
+    zero_tracking: ZeroTracking | None = None
+    loads: Loads | None = None
+    """Default: `record` checks neither positions nor forces."""
+    channels: Annotated[tuple[Channel, ...], Field(strict=False, min_length=1, max_length=MAX_CHANNELS)]
+
+    @model_validator(mode="after")
+    def _names_are_distinct(self) -> Self:
+        name, times = Counter(channel.name for channel in self.channels).most_common(1)[0]
+        if times > 1:
+            message = f"two channels have the same name {name}"
+            raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _rate_is_possible(self) -> Self:
+        module = getattr(self.source, "module", None)
+        max_hz = None if module is None else module_of(module).max_hz
+        message = ""
+        if isinstance(self.filter, LowPass) and self.filter.cutoff_hz >= self.rate_hz / 2:
+            message = f"filter.cutoff_hz must lie below half of rate_hz, {self.rate_hz / 2} Hz"
+        elif isinstance(self.source, SerialLine) and (self.rate_hz < 1 or self.rate_hz != int(self.rate_hz)):
+            message = "rate_hz must be a whole number for a serial source"
+        elif max_hz is not None and self.rate_hz > max_hz:
+            message = f"rate_hz: {module} converts {max_hz:g} times a second; a higher rate would read old values again"
+        if message:
+            raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _channels_can_be_read(self) -> Self:
+        places = Counter(place_of(self.source, channel) for channel in self.channels)
+        (_, _, register), times = places.most_common(1)[0]
+        if times > 1:
+            message = f"two channels have the same register {register}"
+            raise ValueError(message)
+        return self
+
+    @property
+    def channel_names(self) -> list[str]:
+        """The channel names in their order."""
+        return [channel.name for channel in self.channels]
+
+
+class Config(Strict):
+    """The whole file. Relative paths in it start from the `directory` in the validation context."""
+
+    publish: Publish
+    metrics: Metrics = Metrics()
+    surfaces: Annotated[dict[SurfaceName, Surface], Field(min_length=1)]
+    _directory: Path = PrivateAttr(default=Path())
+
+    @model_validator(mode="after")
+    def _take_directory(self, info: ValidationInfo) -> Self:
+        if info.context:
+            self._directory = info.context["directory"]
+        return self
+
+    @model_validator(mode="after")
+    def _ports_can_be_shared(self) -> Self:
+        users: dict[str, list[ModbusRtu | SerialLine]] = {}
+        for surface in self.surfaces.values():
+            if not isinstance(surface.source, ModbusTcp):
+                users.setdefault(surface.source.port, []).append(surface.source)
+        for port, sources in users.items():
+            lines = {source.line if isinstance(source, ModbusRtu) else None for source in sources}
+            message = ""
+            if len(sources) > 1 and None in lines:
+                message = f"{len(sources)} surfaces use {port}; a serial port serves one surface"
+            elif len(lines) > 1:
+                message = f"surfaces on {port} state different baud, parity, stop_bits or silence_ms; make them equal"
+            if message:
+                raise ValueError(message)
+        return self
+
+    @property
+    def spool_file(self) -> Path:
+        """Path of the spool."""
+        return self._directory / self.publish.spool_file
+
+    def tare_file(self, name: str) -> Path:
+        """Return the path of the tare file of surface `name`."""
+        return self._directory / (self.surfaces[name].tare_file or f"{name}.tare.json")
+
+    def read_certificates(self) -> str | None:
+        """Return the certificates to trust (PEM), None for those of the system; ConfigError if they cannot be used."""
+        if self.publish.certificate_file is None:
+            return None
+        path = self._directory / self.publish.certificate_file
+        try:
+            pem = path.read_text(encoding="ascii")
+        except (OSError, UnicodeDecodeError) as error:
+            message = f"publish.certificate_file: cannot read {path} ({reason_of(error)})"
+            raise ConfigError(message) from error
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=pem)
+        except (ssl.SSLError, ValueError) as error:
+            message = f"publish.certificate_file: {path} contains no PEM certificate; name the service's"
+            raise ConfigError(message) from error
+        return pem
+
+    def read_token(self) -> str:
+        """Return the bearer token; ConfigError if it cannot be read."""
+        path = self._directory / self.publish.token_file
+        try:
+            token = path.read_text(encoding="ascii").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            message = (
+                f"publish.token_file: cannot read {path} ({reason_of(error)}); it must contain the service's token"
+            )
+            raise ConfigError(message) from error
+        if not token or not token.isprintable() or " " in token:
+            message = f"publish.token_file: {path} must contain the service's token and nothing else"
+            raise ConfigError(message)
+        return token

@@ -1,0 +1,155 @@
+"""Settings of the signal chain from counts to samples: filters, zero tracking, channels."""
+
+import math
+from itertools import pairwise
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, FiniteFloat, model_validator
+
+from beamtouch_daemon.config.modules import Encoding
+from beamtouch_daemon.config.sources import Strict
+from beamtouch_service.samples import ChannelName
+
+
+def _nonzero(value: float) -> float:
+    if value == 0:
+        message = "must not be 0: every count would give the same gap"
+        raise ValueError(message)
+    return value
+
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
+
+
+class _Spike(Strict):
+    spike_mm: Positive | None = None
+    """Replace a deflection by the median of the last three if it differs from it by more than this."""
+
+
+class NoFilter(_Spike):
+    """Every reading is a sample."""
+
+    kind: Literal["none"] = "none"
+
+
+class MovingAverage(_Spike):
+    """Mean of the last `window` readings."""
+
+    kind: Literal["moving-average"]
+    window: Annotated[int, Field(ge=1, le=10_000)] = 4
+    """Number of readings in the mean."""
+
+
+class LowPass(_Spike):
+    """Low-pass with a single pole."""
+
+    kind: Literal["low-pass"]
+    cutoff_hz: Positive
+    """Frequency of the -3 dB point."""
+
+
+class Adaptive(_Spike):
+    """Mean of the readings since the last step."""
+
+    kind: Literal["adaptive"]
+    window: Annotated[int, Field(ge=2, le=10_000)]
+    """Largest number of readings in the mean."""
+    step_mm: Positive
+    """The mean restarts when two successive readings differ from it by more than this, with the same sign."""
+
+
+Filter = Annotated[NoFilter | MovingAverage | LowPass | Adaptive, Field(discriminator="kind")]
+
+
+class ZeroTracking(Strict):
+    """Follows a slow drift of the rest gaps while nothing touches the beam."""
+
+    band_mm: Positive
+    """Zeros move only while no channel deflects by more than this. A load below it in all channels counts as drift."""
+    rate_mm_per_min: Positive
+    """Fastest drift that is followed."""
+    max_mm: Positive
+    """Largest total correction of a channel, either way."""
+
+
+class Channel(Strict):
+    """One sensor: the address of its counts, and their meaning."""
+
+    name: ChannelName
+    register_: Annotated[int | None, Field(alias="register", ge=0, le=65_535)] = None
+    """Modbus: address of the first register, from 0. Serial: index in the frame, from 0."""
+    input: Annotated[int, Field(ge=0, le=63)] | None = None
+    """Number of the input, from 0, instead of `register`; only if the source names its module."""
+    unit: Annotated[int, Field(ge=0, le=255)] | None = None
+    """Modbus: unit of this channel; default: the source's."""
+    host: Annotated[str, Field(min_length=1)] | None = None
+    """Modbus TCP: device of this channel; default: the source's."""
+    type: Encoding | None = None
+    """Modbus: data type of the counts; default: the module's, or u16."""
+    gain_mm_per_count: Annotated[FiniteFloat, AfterValidator(_nonzero)] | None = None
+    """gap = offset + gain x counts."""
+    offset_mm: FiniteFloat | None = None
+    table: Annotated[tuple[Pair, ...], Field(strict=False)] | None = None
+    """[counts, gap] points instead of gain and offset, joined by straight lines; out-of-range beyond the ends."""
+    rest_gap_mm: FiniteFloat
+    """Gap with nothing on the beam; the tare file overrides it."""
+    range_mm: Pair
+    """Linear range of the sensor; gaps outside it are out-of-range."""
+    adc_bits: Annotated[int, Field(ge=1, le=16)] = 16
+    """Counts of 0 and of 2**adc_bits - 1 are saturated."""
+    counts_range: Pair | None = None
+    """Counts at these ends and beyond are saturated; overrides `adc_bits`."""
+    stuck_after_ms: Positive | None = None
+    """A channel is stuck when its counts have not changed for longer; default: from the surface's `noise_mm`."""
+
+    @model_validator(mode="after")
+    def _ranges_in_order(self) -> Self:
+        for name, ends in (("range_mm", self.range_mm), ("counts_range", self.counts_range)):
+            if ends is not None and not ends[0] < ends[1]:
+                message = f"{name} must be [smaller, larger], not [{ends[0]}, {ends[1]}]"
+                raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _one_characteristic(self) -> Self:
+        line = {"gain_mm_per_count": self.gain_mm_per_count, "offset_mm": self.offset_mm}
+        missing = [key for key, value in line.items() if value is None]
+        if self.table is not None and len(missing) < len(line):
+            message = "give a table, or gain_mm_per_count with offset_mm, not both"
+            raise ValueError(message)
+        if self.table is None and missing:
+            message = f"{' and '.join(missing)} missing; give gain_mm_per_count with offset_mm, or a table"
+            raise ValueError(message)
+        if self.table is not None:
+            _check_table(self.table)
+        return self
+
+    @property
+    def points(self) -> tuple[tuple[float, float], ...]:
+        """Counts and gap [mm] at the beginning of each piece of the characteristic."""
+        return self.table or ((0.0, self.offset_mm or 0.0),)
+
+    @property
+    def slopes(self) -> tuple[float, ...]:
+        """Slope of each piece [mm per count]; the last piece of a table continues beyond its end."""
+        if self.table is None:
+            return (self.gain_mm_per_count or math.nan,)
+        inner = tuple((b[1] - a[1]) / (b[0] - a[0]) for a, b in pairwise(self.table))
+        return (*inner, inner[-1])
+
+
+def _check_table(table: tuple[tuple[float, float], ...]) -> None:
+    if len(table) < 2:
+        message = f"table needs at least 2 points [counts, gap_mm], not {len(table)}"
+        raise ValueError(message)
+    for before, after in pairwise(table):
+        if not before[0] < after[0]:
+            message = f"table: counts must increase, but {after[0]:g} follows {before[0]:g}"
+            raise ValueError(message)
+        if after[1] == before[1] or (after[1] > before[1]) != (table[1][1] > table[0][1]):
+            message = f"table: gaps must all increase or all decrease, but {after[1]:g} mm follows {before[1]:g} mm"
+            raise ValueError(message)
+        if not 0 < abs(after[1] - before[1]) / (after[0] - before[0]) < math.inf:
+            message = f"table: no slope can be computed from {before[0]:g} to {after[0]:g} counts"
+            raise ValueError(message)

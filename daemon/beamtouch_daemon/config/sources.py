@@ -1,0 +1,106 @@
+"""Settings of the sources: Modbus TCP, Modbus RTU and the serial protocol."""
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+from beamtouch_daemon.config.modules import module_of
+
+Milliseconds = Annotated[FiniteFloat, Field(ge=1, le=60_000)]
+NetworkPort = Annotated[int, Field(ge=1, le=65_535)]
+Baud = Annotated[int, Field(ge=300, le=12_000_000)]
+ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+"""Order of the four bytes of a 32-bit value, A the most significant; BADC and DCBA also swap 16-bit values."""
+
+
+def _known(name: str) -> str:
+    module_of(name)
+    return name
+
+
+class Strict(BaseModel):
+    """Settings that refuse unknown keys, convert no types and cannot be changed."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Modbus(Strict):
+    """Settings of Modbus TCP and RTU."""
+
+    module: Annotated[str, AfterValidator(_known)] | None = None
+    """Name of a known module; its channels may then state `input` instead of `register`."""
+    function: Literal[3, 4] | None = None
+    """4: input registers (default). 3: holding registers."""
+    max_registers: Annotated[int, Field(ge=1, le=125)] | None = None
+    """Limit of registers in one request; default: the module's, or 125."""
+    bridge_registers: Annotated[int, Field(ge=0, le=124)] = 0
+    """Up to this many unused registers are read along to save a request; the unit must have them."""
+    byte_order: ByteOrder = "ABCD"
+
+    @model_validator(mode="after")
+    def _module_is_of_this_kind(self) -> Self:
+        kind = None if self.module is None else module_of(self.module).kind
+        if kind is not None and kind != getattr(self, "kind", kind):
+            message = f"module {self.module} speaks {kind}"
+            raise ValueError(message)
+        return self
+
+    @property
+    def function_code(self) -> int:
+        """Number of the function that reads the registers."""
+        known = None if self.module is None else module_of(self.module).function
+        return self.function or known or 4
+
+    @property
+    def max_request_registers(self) -> int:
+        """Limit of registers in one request."""
+        known = None if self.module is None else module_of(self.module).max_registers
+        return self.max_registers or known or 125
+
+
+class ModbusTcp(Modbus):
+    """A device with Modbus TCP."""
+
+    kind: Literal["modbus-tcp"]
+    host: Annotated[str, Field(min_length=1)]
+    port: NetworkPort = 502
+    unit: Annotated[int, Field(ge=0, le=255)] = 1
+    timeout_ms: Milliseconds = 200.0
+    """Timeout of the connection, and of each reply."""
+
+
+class ModbusRtu(Modbus):
+    """Units on a serial bus with 8 data bits. Surfaces may share a bus if they state the same line settings."""
+
+    kind: Literal["modbus-rtu"]
+    port: Annotated[str, Field(min_length=1)]
+    """Path of the serial device."""
+    baud: Baud = 115_200
+    parity: Literal["none", "even", "odd"] = "none"
+    stop_bits: Literal[1, 2] = 1
+    unit: Annotated[int, Field(ge=1, le=247)] = 1
+    timeout_ms: Milliseconds = 100.0
+    """Timeout of each reply. A unit that does not answer is asked again after 13 timeouts."""
+    silence_ms: Annotated[FiniteFloat, Field(ge=0, le=1000)] | None = None
+    """Silence between frames; default, as in the standard: 3.5 characters, or 1.75 ms above 19200 baud."""
+
+    @property
+    def line(self) -> tuple[object, ...]:
+        """Line settings, which must be equal for all users of a bus."""
+        return (self.baud, self.parity, self.stop_bits, self.silence_ms)
+
+
+class SerialLine(Strict):
+    """A device that speaks the protocol of `PROTOCOL.md`."""
+
+    kind: Literal["serial"]
+    port: Annotated[str, Field(min_length=1)]
+    """Path of the serial device."""
+    baud: Baud = 1_000_000
+    oversampling: Annotated[int, Field(ge=1, le=255)] = 1
+    """Number of conversions that the device averages in one reading."""
+
+
+RelativePath = Annotated[Path, Field(strict=False)]
+Source = Annotated[ModbusTcp | ModbusRtu | SerialLine, Field(discriminator="kind")]

@@ -1,0 +1,46 @@
+"""The tare file: the rest gaps that `tare` measured, in a small JSON file beside the configuration."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
+
+from beamtouch_daemon.config.settings import ConfigError
+from beamtouch_daemon.files import write_atomically
+from beamtouch_service.samples import ChannelName, SurfaceName
+
+
+class TareFile(BaseModel):
+    """Content of the file."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    surface: SurfaceName
+    taken_at: str
+    """UTC, ISO 8601; for the record."""
+    readings: int
+    """Number of readings in the mean."""
+    rest_gap_mm: dict[ChannelName, FiniteFloat]
+
+
+def save(path: Path, surface: str, readings: int, rest_gap_mm: dict[str, float]) -> None:
+    """Write a tare file whole or not at all; OSError if that is impossible."""
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    content = TareFile(surface=surface, taken_at=now, readings=readings, rest_gap_mm=rest_gap_mm)
+    write_atomically(path, content.model_dump_json(indent=2) + "\n")
+
+
+def load(path: Path, channels: Sequence[str]) -> dict[str, float]:
+    """Return the rest gaps [mm] by channel name; empty without a file. ConfigError if the file cannot be used."""
+    try:
+        content = TareFile.model_validate_json(path.read_bytes())
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValidationError) as error:
+        message = f"{path}: not a tare file; delete it or run beamtouch-daemon tare again"
+        raise ConfigError(message) from error
+    if set(content.rest_gap_mm) != set(channels):
+        message = f"{path}: made for other channels; delete it or run beamtouch-daemon tare again"
+        raise ConfigError(message)
+    return content.rest_gap_mm

@@ -1,0 +1,1 @@
+"""Samples to the service: outbox, spool, client."""

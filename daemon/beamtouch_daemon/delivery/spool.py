@@ -1,0 +1,251 @@
+"""The spool keeps undelivered batches on disk: bounded, and intact after a crash at any moment.
+
+It is one SQLite file. Every change is a transaction that has reached the disk when the call returns, so a crash of the
+process or the machine leaves each batch either in the file or not. A damaged row is set aside: it stays in the file for
+inspection, and delivery continues without it. All calls block; `Disk` makes them in a thread. It is written by hand
+because no queue library bounds the size, survives a full disk and rescues rows of a damaged file.
+"""
+
+import logging
+import sqlite3
+import time
+import uuid
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Self
+
+from beamtouch_daemon.delivery import spool_entries
+from beamtouch_daemon.delivery.spool_connection import SpoolConnection, SpoolError
+from beamtouch_daemon.delivery.spool_row import BadRowError, Spooled, batch_of, row_of
+from beamtouch_daemon.faults import Fault
+from beamtouch_service.samples import Batch
+
+BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
+ASIDE_SHARE = 0.1
+"""Share of the spool for batches that are set aside; beyond it the oldest of them are deleted."""
+SWEEP_BATCHES = 500
+"""Limit of deletions in one transaction."""
+
+_log = logging.getLogger(__name__)
+
+
+class TooLargeError(SpoolError):
+    """A single batch is larger than the whole spool."""
+
+
+class Spool:
+    """The spool file; only one process can use it at a time.
+
+    Parameters
+    ----------
+    path
+        Created if it does not exist. A damaged file is renamed, and its readable rows go into a new one.
+    max_bytes
+        Limit of all batches together; beyond it the oldest are dropped and counted.
+
+    Raises
+    ------
+    SpoolError
+        It cannot be opened or created, or another process uses it.
+    """
+
+    def __init__(self, path: Path, max_bytes: int) -> None:
+        self.waiting: Counter[str] = Counter()
+        """Samples that wait for delivery, by surface."""
+        self.dropped: Counter[str] = Counter()
+        """Samples that were dropped for lack of room or lost with a deleted file, by surface."""
+        self.set_aside: Counter[str] = Counter()
+        """Samples that cannot be delivered and are kept for inspection, by surface."""
+        self._max_bytes = max_bytes
+        self._aside_fault = Fault(_log, "spool")
+        self._done: set[int] = set()
+        """Numbers of delivered batches that are not deleted from the file yet."""
+        self._skipped: set[int] = set()
+        """Numbers of batches that are set aside, perhaps not yet in the file."""
+        self._next = 1
+        # Without this file, every start counts as another boot: ages are then too large, never too small.
+        self._machine_boot = BOOT_ID.read_text().strip() if BOOT_ID.exists() else str(uuid.uuid4())
+        self._bytes = 0
+        self._file = SpoolConnection(
+            path,
+            round(ASIDE_SHARE * max_bytes),
+            self._take_stock,
+            lambda: self._done | self._skipped,
+            self._lose_all,
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with suppress(SpoolError):
+            while self.sweep():
+                pass
+        self._file.close()
+
+    @property
+    def put_aside(self) -> Path | None:
+        """New path of a damaged file."""
+        return self._file.put_aside
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the file is open; on a full disk it can be opened only once there is room."""
+        return self._file.is_open
+
+    def open(self) -> None:
+        """Open the file if it is not open. SpoolError if that is not possible now."""
+        with self._file.access("open"):
+            pass
+
+    @property
+    def unremoved(self) -> int:
+        """Number of delivered batches that are still in the file."""
+        return len(self._done)
+
+    def put(self, surface: str, batch: Batch, newest_monotonic_s: float, *, is_last: bool = False) -> int:
+        """Add a batch after all others of its surface; without room, drop the oldest batches of all surfaces.
+
+        Parameters
+        ----------
+        surface, batch
+            The batch and its surface.
+        newest_monotonic_s
+            Time of its last sample on the monotonic clock [s].
+        is_last
+            Whether the daemon is stopping, so that the room reserved on a full disk may be used.
+
+        Returns
+        -------
+        int
+            The number of the batch.
+
+        Raises
+        ------
+        SpoolError
+            It could not be written; nothing changed. TooLargeError if it never can be.
+        """
+        row = row_of(surface, batch, self._machine_boot, newest_monotonic_s)
+        if (length := len(row[4])) > self._max_bytes:
+            message = f"a batch of {length} bytes is larger than the spool"
+            raise TooLargeError(message)
+        try:
+            self._insert(row, length)
+        except SpoolError:
+            if not is_last or not self._file.release():
+                raise
+            self._insert(row, length)
+        self._next += 1
+        self.waiting[surface] += len(batch.samples)
+        return self._next - 1
+
+    def put_refused(self, surface: str, batch: Batch, reason: str) -> None:
+        """Keep a batch for inspection that the service will never take. SpoolError if that fails."""
+        number = self.put(surface, batch, max(0.0, time.monotonic() - batch.newest_age_ms / 1e3))
+        self.keep_aside(surface, number, reason)
+
+    def oldest(self, surface: str, after: int = 0) -> Spooled | None:
+        """Return the oldest batch of a surface whose number is above `after`; None if there is none.
+
+        Damaged rows are set aside on the way. SpoolError if the file cannot be read.
+        """
+        while True:
+            with self._file.access("read") as database:
+                number = spool_entries.next_number(database, surface, after)
+            if number is None:
+                return None
+            after = number
+            if after in self._done or after in self._skipped:
+                continue
+            try:
+                return self._read(after)
+            except BadRowError as error:
+                self.keep_aside(surface, after, str(error))
+
+    def remove(self, surface: str, spooled: Spooled) -> None:
+        """Mark a batch as delivered. It only comes back after a crash before `sweep`."""
+        self._done.add(spooled.number)
+        self.waiting[surface] -= len(spooled.batch.samples)
+
+    def sweep(self) -> int:
+        """Delete delivered batches from the file; return their number. SpoolError if it cannot be written."""
+        numbers = sorted(self._done)[:SWEEP_BATCHES]
+        if not numbers:
+            return 0
+        with self._file.access("write to") as database:
+            freed = [spool_entries.delete(database, number) for number in numbers]
+        self._bytes -= sum(freed)
+        self._done.difference_update(numbers)
+        if not any(self.waiting.values()):
+            with suppress(SpoolError), self._file.access("shrink") as database:  # frees the room for other programs
+                database.executescript("PRAGMA incremental_vacuum;")
+            self._file.reserve()
+        return len(numbers)
+
+    def keep_aside(self, surface: str, number: int, reason: str) -> None:
+        """Set a batch aside: keep it in the file, undelivered. If the file cannot be written, note that in memory."""
+        self._skipped.add(number)
+        samples = 0
+        with suppress(SpoolError), self._file.access("read") as database:
+            samples = spool_entries.samples_of(database, number)
+        self.waiting[surface] -= samples
+        self.set_aside[surface] += samples
+        self._aside_fault.failed(f"{surface}: a batch of {samples} samples is set aside: {reason}")
+        with suppress(SpoolError):
+            with self._file.access("write to") as database:
+                spool_entries.set_aside(database, number, reason)
+            with self._file.access("write to") as database:
+                freed = spool_entries.trim_aside(database, ASIDE_SHARE * self._max_bytes)
+            self._bytes -= freed
+
+    def _insert(self, row: tuple[Any, ...], length: int) -> None:
+        with self._file.access("write to") as database:
+            deleted = spool_entries.delete_oldest(database, self._bytes + length - self._max_bytes)
+            spool_entries.insert(database, self._next, row)
+        self._bytes += length
+        for number, name, samples, freed, waits in deleted:
+            self._bytes -= freed
+            if waits and number not in self._done | self._skipped:
+                self.waiting[name.decode()] -= samples
+                self.dropped[name.decode()] += samples
+
+    def _read(self, number: int) -> Spooled:
+        """Return a batch; BadRowError for a damaged row, SpoolError if the whole file cannot be read."""
+        try:
+            with self._file.access("read") as database:
+                row = spool_entries.row(database, number)
+        except SpoolError as error:
+            if not self._file.is_open:  # damaged
+                raise
+            # One bad sector is one bad row. If the whole disk is gone, this write fails too, and is tried again.
+            reason = f"it cannot be read ({error.__cause__})"
+            with self._file.access("write to") as database:
+                spool_entries.set_aside(database, number, reason)
+            raise BadRowError(reason) from error
+        if row is None:
+            message = "the row is gone"
+            raise BadRowError(message)
+        return batch_of(row, number, self._machine_boot)
+
+    def _lose_all(self) -> None:
+        """Count all waiting samples as dropped."""
+        self.dropped.update(self.waiting)
+        self.waiting.clear()
+        self._done.clear()
+        self._skipped.clear()
+
+    def _take_stock(self, database: sqlite3.Connection, lost: Counter[str]) -> None:
+        """Count the batches in the file, and those that it lost."""
+        before, reason = Counter(self.waiting), "its surface has no valid name"
+        with database:
+            nameless = spool_entries.set_nameless_aside(database, reason)
+        if nameless:
+            self.set_aside[""] += nameless
+            self._aside_fault.failed(f"{nameless} samples are set aside: {reason}")
+        self._bytes, last, waiting = spool_entries.totals(database)
+        self._next = max(self._next, last + 1)
+        self.waiting.clear()
+        self.waiting.update(waiting)
+        for surface in before | lost:
+            self.set_aside[surface] += max(lost[surface], before[surface] - self.waiting[surface])

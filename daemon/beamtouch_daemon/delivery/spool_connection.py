@@ -1,0 +1,155 @@
+"""The connection to the spool's file. It reopens the file after an error and replaces a damaged file."""
+
+import logging
+import sqlite3
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from beamtouch_daemon.delivery import spool_file, spool_rescue
+
+_log = logging.getLogger(__name__)
+
+
+class SpoolError(Exception):
+    """The spool cannot be used now; the text is one line for the log."""
+
+
+class SpoolFullError(SpoolError):
+    """The disk has no room to create the spool, or to convert one of an older version."""
+
+
+class SpoolConnection:
+    """Transactions on the file. On a full disk it may not be open yet; each access tries again.
+
+    Parameters
+    ----------
+    path
+        Created if it does not exist.
+    reserve_bytes
+        Room to reserve on the disk, and to release when the disk is full.
+    on_open
+        Called after each opening, with the number of rows that were lost by damage, by surface.
+    without
+        Returns the numbers of rows that need not be rescued.
+    on_gone
+        Called if the file was deleted or replaced while it was in use; everything in it is lost.
+
+    Raises
+    ------
+    SpoolError
+        It cannot be opened or created, or another process uses it.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        reserve_bytes: int,
+        on_open: Callable[[sqlite3.Connection, Counter[str]], None],
+        without: Callable[[], set[int]],
+        on_gone: Callable[[], None],
+    ) -> None:
+        self.put_aside: Path | None = None
+        """New path of a damaged file."""
+        self._path = path
+        self._reserve_bytes = reserve_bytes
+        self._on_open = on_open
+        self._without = without
+        self._on_gone = on_gone
+        self._identity: tuple[int, int] | None = None
+        """Device and inode number of the open file."""
+        self._damage: str | None = None
+        """Damage that was found while the file was in use."""
+        self._database: sqlite3.Connection | None = None
+        try:
+            self._connect()
+        except SpoolFullError as error:  # new samples can still be delivered
+            _log.error("%s; undelivered samples are kept in memory until there is room", error)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a connection; there is none while the disk is full, or once damage was found."""
+        return self._database is not None
+
+    @contextmanager
+    def access(self, doing: str) -> Iterator[sqlite3.Connection]:
+        """Use the file in a transaction; SpoolError if it fails. A damaged file is replaced at the next access."""
+        if self._database is not None and _identity_of(self._path) != self._identity:
+            _log.error("%s was deleted or replaced while in use; the samples in it are lost", self._path)
+            self.close()
+            self._on_gone()
+        database = self._database or self._connect()
+        try:
+            with database:
+                yield database
+        except sqlite3.DatabaseError as error:
+            if spool_file.is_damage(error):
+                self._damage = str(error)
+                self.close()
+            message = f"cannot {doing} the spool: {error}"
+            raise SpoolError(message) from error
+
+    def reserve(self) -> None:
+        """Reserve room on the disk, if there is any."""
+        spool_file.reserve(self._path, self._reserve_bytes)
+
+    def release(self) -> bool:
+        """Release that room; return whether there was any."""
+        return spool_file.release(self._path)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._database is not None:
+            self._database.close()
+            self._database = None
+
+    def _connect(self) -> sqlite3.Connection:
+        database: sqlite3.Connection | None = None
+        try:
+            database, lost = self._opened()
+            self._on_open(database, lost)
+        except (sqlite3.DatabaseError, OSError) as error:
+            if database is not None:
+                database.close()
+            raise self._explained(error) from error
+        self._database, self._identity = database, _identity_of(self._path)
+        self.reserve()
+        return database
+
+    def _opened(self) -> tuple[sqlite3.Connection, Counter[str]]:
+        try:
+            if self._damage is not None:
+                raise spool_file.DamagedError(self._damage)
+            return spool_file.opened(self._path), Counter()
+        except spool_file.DamagedError as error:
+            aside = self.put_aside = spool_rescue.put_aside(self._path, int(time.time()))
+            self._damage = None
+            words = "the spool is damaged (%s); it is kept as %s, and its readable rows go into a new one"
+            _log.error(words, error, aside)
+        database = spool_file.opened(self._path)
+        try:
+            return database, spool_rescue.rescue(aside, database, self._without())
+        except BaseException:
+            database.close()
+            raise
+
+    def _explained(self, error: Exception) -> SpoolError:
+        code = getattr(error, "sqlite_errorcode", None)
+        if code == sqlite3.SQLITE_BUSY:
+            return SpoolError(f"{self._path} is in use by another process")
+        if code == sqlite3.SQLITE_FULL:
+            if samples := spool_file.samples_in(self._path):
+                return SpoolFullError(f"{self._path} cannot be opened: the disk is full; {samples} samples wait in it")
+            return SpoolFullError(f"{self._path} cannot be created: the disk is full")
+        return SpoolError(f"{self._path} cannot be opened ({error}); choose a file in a writable folder")
+
+
+def _identity_of(path: Path) -> tuple[int, int] | None:
+    """Return device and inode number of a file; None if it does not exist."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino

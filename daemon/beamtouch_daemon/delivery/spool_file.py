@@ -1,0 +1,129 @@
+"""The SQLite file of the spool: opened for one process, and usable on a full disk.
+
+A delete must need no new room, or a full disk could never be emptied. So the file has a rollback journal that keeps its
+length, where a write-ahead log would have to grow. From the start the journal is long enough for a delete.
+"""
+
+import os
+import sqlite3
+from contextlib import closing, suppress
+from pathlib import Path
+
+JOURNAL_BYTES = 65_536
+"""Initial length of the journal: several times what the removal of one batch needs."""
+RESERVE_BYTES = 4_000_000
+RESERVE_SHARE = 0.1
+MIN_RESERVE_BYTES = 32_000
+"""Reserved room for samples in memory when the daemon stops on a full disk: upper limit, share of the free room, lower
+limit."""
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS batch (
+    id INTEGER PRIMARY KEY,
+    surface TEXT NOT NULL,
+    samples INTEGER NOT NULL,
+    machine_boot TEXT NOT NULL,
+    newest_monotonic_s REAL NOT NULL,
+    content TEXT NOT NULL,
+    checksum INTEGER
+);
+CREATE INDEX IF NOT EXISTS by_surface ON batch (surface, id);
+CREATE TABLE IF NOT EXISTS aside (id INTEGER PRIMARY KEY, reason TEXT NOT NULL);
+CREATE VIEW IF NOT EXISTS entry AS SELECT
+    id, CAST(surface AS BLOB) AS name, surface,
+    CASE WHEN typeof(samples) = 'integer' AND samples BETWEEN 1 AND 2000 THEN samples ELSE 1 END AS samples,
+    coalesce(length(CAST(content AS BLOB)), 0) AS length,
+    id NOT IN (SELECT id FROM aside) AS waits
+FROM batch;
+"""
+"""Tables of batches and of those set aside, and a view that counts damaged rows too."""
+_DAMAGE = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
+
+
+class DamagedError(sqlite3.DatabaseError):
+    """The structure of the file is damaged."""
+
+
+def opened(path: Path) -> sqlite3.Connection:
+    """Open or create the file. Texts come out as bytes, because a damaged text may not decode.
+
+    Raises
+    ------
+    DamagedError
+        The file is no database, or its structure is damaged.
+    sqlite3.DatabaseError
+        It cannot be opened or created.
+    """
+    database = sqlite3.connect(path, timeout=1.0, check_same_thread=False)
+    try:
+        database.text_factory = bytes
+        for setting in (
+            "locking_mode = EXCLUSIVE",
+            "auto_vacuum = INCREMENTAL",
+            "journal_mode = PERSIST",
+            "synchronous = FULL",
+            "secure_delete = OFF",
+        ):
+            database.execute(f"PRAGMA {setting}")
+        database.execute("BEGIN EXCLUSIVE")  # takes the lock and keeps it
+        database.commit()
+        columns = {name for _, name, *_ in database.execute("PRAGMA table_info(batch)")}
+        if columns and b"checksum" not in columns:  # created by an older version
+            database.execute("ALTER TABLE batch ADD COLUMN checksum INTEGER")
+        database.executescript(_SCHEMA)
+        found = database.execute("PRAGMA quick_check").fetchone()
+        if found != (b"ok",):
+            raise DamagedError(found[0].decode(errors="replace"))
+    except sqlite3.DatabaseError as error:
+        database.close()
+        if is_damage(error) and not isinstance(error, DamagedError):
+            raise DamagedError(*error.args) from error
+        raise
+    with suppress(OSError):  # without this room, deletes fail while the disk is full
+        _lengthen(path.with_name(f"{path.name}-journal"), JOURNAL_BYTES)
+    return database
+
+
+def samples_in(path: Path) -> int:
+    """Return the number of samples in a file of any version that cannot be opened for use; 0 if that fails too."""
+    if not path.exists():
+        return 0
+    with suppress(sqlite3.DatabaseError), closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA locking_mode = EXCLUSIVE")  # a write-ahead log can then be read without an index file
+        samples: int = database.execute("SELECT coalesce(sum(samples), 0) FROM batch").fetchone()[0]
+        return samples
+    return 0
+
+
+def reserve(path: Path, max_bytes: int) -> None:
+    """Reserve room beside the file, up to `max_bytes` and a tenth of the free room; do nothing if that fails."""
+    ballast = _ballast(path)
+    with suppress(OSError):
+        disk = os.statvfs(path)
+        size = min(RESERVE_BYTES, max_bytes, round(disk.f_bavail * disk.f_frsize * RESERVE_SHARE))
+        if size >= MIN_RESERVE_BYTES and not ballast.exists():
+            ballast.write_bytes(os.urandom(size))  # some file systems store no zeros
+
+
+def release(path: Path) -> bool:
+    """Release that room; return whether there was any."""
+    try:
+        _ballast(path).unlink()
+    except OSError:
+        return False
+    return True
+
+
+def _ballast(path: Path) -> Path:
+    return path.with_name(f"{path.name}-reserve")
+
+
+def is_damage(error: sqlite3.Error) -> bool:
+    """Whether an error says that the structure of the file is damaged."""
+    return isinstance(error, DamagedError) or getattr(error, "sqlite_errorcode", 0) & 0xFF in _DAMAGE
+
+
+def _lengthen(path: Path, size: int) -> None:
+    """Make a file at least `size` bytes long, with real content."""
+    with path.open("ab") as file:
+        file.write(bytes(max(0, size - file.tell())))

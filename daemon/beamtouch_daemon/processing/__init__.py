@@ -1,0 +1,1 @@
+"""Readings to samples: characteristic, quality, zero, filters. Pure."""

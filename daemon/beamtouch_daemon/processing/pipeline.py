@@ -1,0 +1,149 @@
+"""Turns readings into samples: characteristic, quality, zero, filter, sequence number."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing import stuck, zero_tracking
+from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
+from beamtouch_daemon.processing.filters import stages
+from beamtouch_daemon.sources.reading import Reading
+from beamtouch_models.filters import Chain, FloatArray
+from beamtouch_service.samples import Note, Quality, Sample
+
+GAP_PERIODS = 3.0
+"""The filter restarts if two readings are further apart than this many periods."""
+
+_GOOD = QUALITIES.index(Quality.GOOD)
+_MISSING = QUALITIES.index(Quality.MISSING)
+_STUCK = QUALITIES.index(Quality.STUCK)
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """A sample and the newest reading in it."""
+
+    reading: Reading
+    sample: Sample
+    notes: tuple[Note, ...] = ()
+    """Notes on the surface at that time."""
+
+    @property
+    def monotonic_s(self) -> float:
+        """Time of the reading on the monotonic clock of this host [s]; determines the age when the sample is sent."""
+        return self.reading.monotonic_s
+
+
+def counts_of(readings: Sequence[Reading]) -> FloatArray:
+    """Return the counts, shape (readings, channels), NaN where a count is missing or not finite."""
+    counts = np.array(
+        [[np.nan if count is None else count for count in reading.counts] for reading in readings], dtype=np.float64
+    )
+    counts[np.isinf(counts)] = np.nan
+    return counts
+
+
+class Pipeline:
+    """Turns the readings of one surface into samples, in order.
+
+    A channel that is not good passes with its unfiltered deflection, for the record, and never enters the filter. After
+    a gap in the readings the filter restarts, so that no old value passes for a new one. The states of the stuck check
+    and of the zeros survive the gap. A channel is missing until its filter has enough readings. No samples are emitted
+    until at least one channel's filter has filled, so the newest sample before a short gap stays in use until then.
+    """
+
+    def __init__(self, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None) -> None:
+        channels = len(surface.channels)
+        self._characteristic = Characteristic.of(surface.channels, rest_gap_mm)
+        self._chain = Chain(stages(surface.filter, surface.rate_hz), channels)
+        self._longest_runs = stuck.longest_runs(
+            surface.channels, self._characteristic.steepest, surface.noise_mm, surface.rate_hz
+        )
+        self._judges_runs = bool(np.isfinite(self._longest_runs).any())
+        self._runs = stuck.fresh(channels)
+        tracking = surface.zero_tracking
+        self._zero_rules = None if tracking is None else zero_tracking.Rules.of(tracking, surface.rate_hz)
+        self._zero = zero_tracking.fresh(channels)
+        self._gap_s = GAP_PERIODS / surface.rate_hz
+        self._last_s: float | None = None
+        self._sequence = 0
+
+    def restart(self) -> None:
+        """Restart the filter, as after a gap; sequence numbers continue."""
+        self._chain.restart()
+        self._zero = self._zero.disturbed()
+        self._last_s = None
+
+    def process(
+        self, readings: Sequence[Reading], unix_minus_monotonic_s: float, notes: tuple[Note, ...] = ()
+    ) -> list[Taken]:
+        """Return one sample per reading, or none while the filter has too few readings of every channel.
+
+        Parameters
+        ----------
+        readings
+            At least one, oldest first.
+        unix_minus_monotonic_s
+            Wall clock minus monotonic clock now [s]; dates the samples for the record.
+        notes
+            Notes on the surface, which the samples carry.
+        """
+        times = np.array([reading.monotonic_s for reading in readings])
+        counts = counts_of(readings)
+        codes = self._quality(counts)
+        raw = self._characteristic.deflection(self._characteristic.gap(counts))
+        values = np.empty_like(raw)
+        for part in self._without_gaps(times):
+            values[part] = self._values(raw[part], codes[part] == _GOOD)
+        unsettled = (codes == _GOOD) & np.isnan(values)  # the filter has too few readings
+        codes[unsettled] = _MISSING
+        waits = unsettled.any(axis=1) & ~(codes == _GOOD).any(axis=1)
+        return [
+            Taken(reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code), notes)
+            for reading, value, code, wait in zip(readings, values, codes, waits, strict=True)
+            if not wait
+        ]
+
+    def _quality(self, counts: FloatArray) -> NDArray[np.int8]:
+        codes = self._characteristic.quality(counts)
+        if self._judges_runs:
+            lengths, self._runs = stuck.runs(counts, self._runs)
+            codes[(codes == _GOOD) & (lengths > self._longest_runs)] = _STUCK
+        return codes
+
+    def _without_gaps(self, times: FloatArray) -> Iterator[slice]:
+        """Yield the parts between gaps in the readings; restart the filter before each."""
+        before = times[0] if self._last_s is None else self._last_s
+        self._last_s = float(times[-1])
+        starts = np.flatnonzero(np.diff(times, prepend=before) > self._gap_s).tolist()
+        for start, end in pairwise([*sorted({0, *starts}), len(times)]):
+            if start in starts:
+                self._chain.restart()
+                self._zero = self._zero.disturbed()
+            yield slice(start, end)
+
+    def _values(self, raw: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
+        """Return the deflections to publish, of readings without a gap."""
+        if self._zero_rules is not None:
+            zeros, self._zero = zero_tracking.track(np.where(good, raw, np.nan), self._zero, self._zero_rules)
+            raw = raw - zeros
+        filtered = self._chain.apply(np.where(good, raw, np.nan))
+        return np.where(good, filtered, raw)
+
+    def _sample(self, unix_s: float, values: FloatArray, codes: NDArray[np.int8]) -> Sample:
+        qualities = [QUALITIES[code] for code in codes]
+        sample = Sample(
+            sequence=self._sequence,
+            acquired_unix_us=round(unix_s * 1e6),
+            deflection_mm=[
+                None if quality is Quality.MISSING else value
+                for value, quality in zip(values.tolist(), qualities, strict=True)
+            ],
+            quality=qualities,
+        )
+        self._sequence += 1
+        return sample

@@ -1,0 +1,92 @@
+"""Stuck channels: counts that have not changed for longer than noise allows.
+
+Let the noise be Gaussian with a standard deviation of s counts. A value in the middle of a count then reads as that
+count with probability q = erf(0.5 / (s sqrt(2))), and any other value with a lower probability. So n equal readings in
+a row have a probability of at most q^n, and a run longer than n = ln(1e-12) / ln(q) is not noise. Means of several
+conversions have fractions and repeat less often, so the same n is safe for them too.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from beamtouch_daemon.config.signal import Channel
+from beamtouch_models.filters import FloatArray
+
+CHANCE = 1e-12
+"""Probability that noise alone makes a channel look stuck."""
+LONGEST_S = 10.0
+"""If the noise is so small that longer runs than this are normal, the channel is not judged by its noise."""
+
+ROUNDING = 1 / math.sqrt(12)
+"""Standard deviation of rounding to whole counts [counts]; Widrow & Kollar, Quantization Noise, 2008, sec. 1.2."""
+
+
+def longest_runs(
+    channels: Sequence[Channel], steepest_mm: FloatArray, noise_mm: float | None, rate_hz: float
+) -> FloatArray:
+    """Return the longest normal run of equal counts of each channel, shape (channels,); inf if it is not judged.
+
+    Parameters
+    ----------
+    channels
+        Channels with `stuck_after_ms` are judged by that time.
+    steepest_mm
+        Largest change of the gap with one count [mm], shape (channels,), where the noise in counts is smallest.
+    noise_mm
+        Standard deviation of one reading [mm], None if unknown.
+    rate_hz
+        Readings per second.
+    """
+    return np.array(
+        [
+            longest_run(0.0 if noise_mm is None else noise_mm / step, rate_hz)
+            if channel.stuck_after_ms is None
+            else max(1.0, math.ceil(channel.stuck_after_ms * rate_hz / 1e3))
+            for channel, step in zip(channels, steepest_mm.tolist(), strict=True)
+        ]
+    )
+
+
+def longest_run(noise_counts: float, rate_hz: float) -> float:
+    """Return the longest run of equal counts that the noise of a reading [counts] allows; inf if it gives no limit.
+
+    The noise of a reading includes that of rounding to whole counts, which alone changes no count.
+    """
+    if noise_counts <= ROUNDING:
+        return math.inf
+    before_rounding = math.sqrt(noise_counts - ROUNDING) * math.sqrt(noise_counts + ROUNDING)
+    repeat = math.erf(0.5 / (before_rounding * math.sqrt(2)))
+    if not 0 < repeat < 1:
+        return math.inf
+    run = math.ceil(math.log(CHANCE) / math.log(repeat))
+    return run if run <= LONGEST_S * rate_hz else math.inf
+
+
+def fresh(channels: int) -> FloatArray:
+    """Return the initial state of `runs`."""
+    return np.stack([np.full(channels, np.nan), np.zeros(channels)])
+
+
+def runs(counts: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the length of the run of equal counts that each reading ends, and the state after them.
+
+    A missing count (NaN) neither extends a run nor ends it. Any split of the stream gives the same result.
+
+    Parameters
+    ----------
+    counts
+        Shape (readings, channels), oldest first.
+    state
+        Shape (2, channels): the last count that was not missing, and the length of its run.
+    """
+    rows = np.concatenate([state[:1], counts])
+    there = ~np.isnan(rows)
+    latest = np.maximum.accumulate(np.where(there, np.arange(len(rows))[:, np.newaxis], 0))
+    held = np.take_along_axis(rows, latest, axis=0)  # each count, or the last one before it that was not missing
+    arrived = np.cumsum(there[1:], axis=0)
+    begins = there[1:] & (counts != held[:-1])
+    before = np.maximum.accumulate(np.where(begins, arrived - 1.0, -state[1]), axis=0)
+    lengths = arrived - before
+    return lengths, np.stack([held[-1], np.concatenate([state[1:], lengths])[-1]])

@@ -1,0 +1,1 @@
+"""The running daemon: a worker per surface, supervision, metrics, systemd."""

@@ -1,0 +1,99 @@
+"""Reads one surface and puts its samples into the outbox, across any number of sessions with its device."""
+
+import asyncio
+import logging
+import time
+from contextlib import aclosing
+
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.config.sources import SerialLine
+from beamtouch_daemon.delivery.outbox import Outbox
+from beamtouch_daemon.faults import Backoff, Fault, Tally
+from beamtouch_daemon.processing import rate
+from beamtouch_daemon.processing.pipeline import Pipeline
+from beamtouch_daemon.sources import Buses, source_of
+from beamtouch_daemon.sources.reading import Reading, Source, SourceError
+from beamtouch_service.samples import Note
+
+REOPEN_S = 0.5
+"""Longest wait before a source is opened again; opening costs other users nothing."""
+_log = logging.getLogger(__name__)
+
+
+class Acquisition:
+    """Reads one surface until cancelled."""
+
+    def __init__(
+        self, name: str, surface: Surface, rest_gap_mm: dict[str, float], outbox: Outbox, buses: Buses
+    ) -> None:
+        self.readings = 0
+        """Taken."""
+        self.lost = 0
+        """Due but not taken."""
+        self.last_s: float | None = None
+        """Time of the newest reading, on the monotonic clock."""
+        self.turned_s = time.monotonic()
+        """Time of the last progress on the monotonic clock: a reading, or a session that ended with an error."""
+        self._name = name
+        self._rate_hz = surface.rate_hz
+        self._polled = not isinstance(surface.source, SerialLine)
+        self.meter = rate.RateMeter(surface.rate_hz, counts_lost=not self._polled)
+        """Measures the rate of the readings."""
+        self._source: Source = source_of(surface, name, buses)
+        self._outbox = outbox
+        self._pipeline = Pipeline(surface, rest_gap_mm)
+        self._backoff = Backoff(max_s=REOPEN_S)
+        self._fault = Fault(_log, name)
+        self._tally = Tally(_log, f"{name}: %d readings lost")
+
+    async def run(self) -> None:
+        """Read until cancelled; a session that fails is followed by another one."""
+        while True:
+            try:
+                await self._session()
+            except SourceError as error:
+                self._fault.failed(f"{error}; trying again")
+            self.turned_s = time.monotonic()
+            await asyncio.sleep(self._backoff.next())
+
+    async def _session(self) -> None:
+        self._pipeline.restart()
+        self.meter.restart()
+        is_first = True
+        async with aclosing(self._source.readings()) as stream:
+            async for readings in stream:
+                if is_first:
+                    self._resume(readings[0])
+                    is_first = False
+                self._take(readings)
+
+    def _resume(self, reading: Reading) -> None:
+        """Count the readings that were lost between two sessions, by the clock."""
+        if self.last_s is None:
+            _log.info("%s: reading", self._name)
+        else:
+            self._count_lost(max(0, round((reading.monotonic_s - self.last_s) * self._rate_hz) - 1))
+        self._fault.recovered()
+        self._backoff.reset()
+
+    def _take(self, readings: list[Reading]) -> None:
+        self.readings += len(readings)
+        self._count_lost(sum(reading.lost for reading in readings))
+        self.last_s = readings[-1].monotonic_s
+        self.turned_s = time.monotonic()
+        self._watch_rate(readings)
+        notes = () if self.meter.fits else (Note.RATE,)
+        self._outbox.put(self._pipeline.process(readings, time.time() - time.monotonic(), notes))
+
+    def _watch_rate(self, readings: list[Reading]) -> None:
+        verdict = self.meter.add(readings)
+        if verdict is None:
+            return
+        if verdict.fits:
+            _log.info("%s: %.4g readings per second, as configured", self._name, verdict.measured_hz)
+        else:
+            _log.warning("%s: %s", self._name, rate.complaint(verdict, self._rate_hz, polled=self._polled))
+
+    def _count_lost(self, number: int) -> None:
+        self.lost += number
+        self._tally.add(number)

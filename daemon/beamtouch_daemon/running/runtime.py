@@ -1,0 +1,168 @@
+"""The running daemon: signals, the spool, the metrics, and the supervisor of all surfaces."""
+
+import asyncio
+import contextlib
+import logging
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from pymodbus.exceptions import ModbusException
+
+from beamtouch_daemon.config import file as config_file
+from beamtouch_daemon.config.settings import Config, ConfigError
+from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.delivery.spool_connection import SpoolError
+from beamtouch_daemon.delivery.spooler import Disk
+from beamtouch_daemon.running import metrics
+from beamtouch_daemon.running.supervisor import Supervisor
+from beamtouch_daemon.running.surface_worker import Summary
+from beamtouch_daemon.running.systemd import ServiceManager
+from beamtouch_daemon.tasks import cancel
+
+WATCH_S = 1.0
+"""Longest time between two checks for progress."""
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The end of a run."""
+
+    summaries: dict[str, Summary]
+    """By surface."""
+    is_interrupted: bool
+    """Whether SIGINT (Ctrl-C) ended it."""
+
+
+async def run(path: Path) -> Ended:
+    """Read and publish all surfaces of a configuration file until SIGTERM or SIGINT; SIGHUP reads the file again.
+
+    Raises
+    ------
+    ConfigError
+        The configuration, or a file or port that it names, cannot be used; nothing was read or published.
+    """
+    config = config_file.load(path)
+    config_file.require_ports(config)
+    stop, reload = asyncio.Event(), asyncio.Event()
+    loop = asyncio.get_running_loop()
+    loop.set_exception_handler(_on_loop_error)
+    signals: list[signal.Signals] = []
+
+    def on_signal(number: signal.Signals) -> None:
+        signals.append(number)
+        stop.set()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, on_signal, number)
+    loop.add_signal_handler(signal.SIGHUP, reload.set)
+    failure: ConfigError | None = None
+    with _disk(config) as disk:
+        async with asyncio.TaskGroup() as group:
+            supervisor = Supervisor(group, disk)
+            try:
+                with metrics.served(config.metrics.port, lambda: supervisor.workers, supervisor.spooled_elsewhere):
+                    await supervisor.apply(config)
+                    summaries = await _serve(path, config, supervisor, group, (stop, reload))
+                    return Ended(summaries, signals[0] is signal.SIGINT)
+            except ConfigError as error:
+                failure = error  # raised here, it would be wrapped in an exception group
+    raise failure
+
+
+async def _serve(
+    path: Path,
+    config: Config,
+    supervisor: Supervisor,
+    group: asyncio.TaskGroup,
+    events: tuple[asyncio.Event, asyncio.Event],
+) -> dict[str, Summary]:
+    """Keep the workers running until the stop event."""
+    stop, reload = events
+    manager = ServiceManager()
+    manager.ready(_status(config))
+    helpers = {
+        group.create_task(_watch(supervisor, manager)),
+        group.create_task(_reload_on_event(path, config, supervisor, manager, reload)),
+    }
+    await stop.wait()
+    manager.stopping()
+    await cancel(helpers)
+    return await supervisor.stop()
+
+
+async def _watch(supervisor: Supervisor, manager: ServiceManager) -> None:
+    """Report progress to the service manager. While a worker hangs, nothing is reported, so the manager restarts us."""
+    pause_s = min(WATCH_S, (manager.watchdog_s or WATCH_S) / 4)
+    while True:
+        hanging = [worker.name for worker in supervisor.workers if worker.hangs(monotonic())]
+        if hanging:
+            _log.error("no progress on %s", ", ".join(hanging))
+        else:
+            manager.alive()
+        await asyncio.sleep(pause_s)
+
+
+async def _reload_on_event(
+    path: Path, config: Config, supervisor: Supervisor, manager: ServiceManager, reload: asyncio.Event
+) -> None:
+    """Read the configuration again after each `reload` event; a wrong configuration changes nothing."""
+    while True:
+        await reload.wait()
+        reload.clear()
+        manager.reloading()
+        try:
+            new = config_file.load(path)
+            config_file.require_ports(new)
+            changed = _needing_restart(config, new)
+            started = await supervisor.apply(new)
+        except ConfigError as error:
+            _log.error("the new configuration is wrong, the old one stays in use: %s", error)
+        else:
+            _log.info("configuration read again; restarted: %s", ", ".join(started) or "nothing")
+            if changed:
+                _log.warning("changes that need a restart of the daemon: %s", ", ".join(changed))
+            config = new
+        manager.ready(_status(config))
+
+
+def _needing_restart(old: Config, new: Config) -> list[str]:
+    """Return the keys that have changed and are only read at the start."""
+    changed = {
+        "publish.spool_file": old.spool_file != new.spool_file,
+        "publish.spool_mb": old.publish.spool_mb != new.publish.spool_mb,
+        "metrics.port": old.metrics != new.metrics,
+    }
+    return [name for name, differs in changed.items() if differs]
+
+
+def _status(config: Config) -> str:
+    return f"reading {', '.join(config.surfaces)}"
+
+
+@contextmanager
+def _disk(config: Config) -> Iterator[Disk | None]:
+    """Open the spool for a block; None without one. ConfigError if it cannot be used."""
+    if not config.publish.spool_mb:
+        yield None
+        return
+    try:
+        spool = Spool(config.spool_file, round(config.publish.spool_mb * 1e6))
+    except SpoolError as error:
+        message = f"publish.spool_file: {error}"
+        raise ConfigError(message) from error
+    with spool, contextlib.closing(Disk(spool)) as disk:
+        yield disk
+
+
+def _on_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    """Ignore errors that pymodbus raises in the loop for a frame it cannot decode: the request then times out."""
+    if isinstance(context.get("exception"), ModbusException):
+        _log.debug("undecodable frame: %s", context["exception"])
+    else:
+        loop.default_exception_handler(context)

@@ -1,0 +1,42 @@
+"""Notifications to the service manager: ready, reloading, stopping, alive (sd_notify, systemd 252)."""
+
+import os
+import socket
+from time import monotonic_ns
+
+
+class ServiceManager:
+    """The manager that started this process. Without one, or if it wants no notifications, nothing is sent."""
+
+    def __init__(self) -> None:
+        self._address = os.environ.get("NOTIFY_SOCKET", "")
+        watchdog_us = os.environ.get("WATCHDOG_USEC", "")
+        is_mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        self.watchdog_s = int(watchdog_us) / 1e6 if watchdog_us.isdecimal() and is_mine else None
+        """Silence after which the manager restarts this process [s]; None: never."""
+
+    def ready(self, status: str) -> None:
+        """Report that the start, or a reload, is complete."""
+        self._send(f"READY=1\nSTATUS={status}")
+
+    def reloading(self) -> None:
+        """Report that the configuration is being read again."""
+        self._send(f"RELOADING=1\nMONOTONIC_USEC={monotonic_ns() // 1000}")
+
+    def stopping(self) -> None:
+        """Report that the daemon is stopping."""
+        self._send("STOPPING=1")
+
+    def alive(self) -> None:
+        """Report progress."""
+        self._send("WATCHDOG=1")
+
+    def _send(self, text: str) -> None:
+        if not self._address:
+            return
+        address = f"\0{self._address[1:]}" if self._address.startswith("@") else self._address
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
+            try:
+                sender.sendto(text.encode(), address)
+            except OSError:
+                return  # the manager is gone

@@ -1,0 +1,1 @@
+"""Priors, simulated contacts, the accuracy limit, and the evaluation of models."""

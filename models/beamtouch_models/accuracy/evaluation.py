@@ -1,0 +1,156 @@
+"""Evaluation of a model: errors beside the accuracy limit, intervals, detection, with standard errors. Pure."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beamtouch_models.accuracy import cramer_rao
+from beamtouch_models.accuracy.contacts import Contacts, simulated
+from beamtouch_models.accuracy.limit import SCRAMBLINGS
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.rest import rest_exceeding
+from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.arrays import Floats
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.progress import Fraction, silent
+from beamtouch_models.session import CHUNK, Answers
+
+MIDDLE = (0.2, 0.8)
+"""Bounds of the middle of the beam, over its length."""
+LEAST_SHARE = 1e-3
+"""Smallest share of contacts for which a stretch gets its own errors; each part of the draws needs one there, too."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """|position error| over contacts of a stretch of the beam, in mm."""
+
+    mean_mm: Measurement
+    p95_mm: Measurement
+    worst_mm: float
+    """Largest error of the drawn contacts; it grows with the number of draws."""
+    limit_mean_mm: Measurement | None
+    """None if the noise is 0, so that there is no limit."""
+    limit_p95_mm: Measurement | None
+    ratio: Measurement | None
+    """Mean error over the mean of the limit, on the same contacts."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The evaluation of a model at one noise."""
+
+    noise_mm: float
+    draws: int
+    length_mm: float
+    span: Errors
+    """Over the whole range of contacts."""
+    middle: Errors | None
+    """Over the middle of the beam; None if too few contacts lie there."""
+    cramer_rao_mean_mm: float | None
+    position_coverage: Measurement | None
+    """Share of contacts inside their interval; None if the model gives no interval."""
+    position_width_mm: Measurement | None
+    force_coverage: Measurement | None
+    force_error_n: Measurement | None
+    missed: Measurement | None
+    """Share of contacts that are not detected."""
+    false_alarms: Measurement | None
+    """Share of samples at rest that are taken for a contact."""
+
+
+def evaluate(model: ModelFile, prior: Prior, *, draws: int, seed: int, progress: Fraction = silent) -> Evaluation:
+    """Measure a model on at least `draws` simulated contacts of a prior, at the noise of the prior."""
+    contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done))
+    drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.weight
+    weight = np.broadcast_to(counts[:, None], likely.shape)
+    answers = _answers(model, prior.stated(drawn.deflection_mm))
+    progress(0.9)
+    worst = np.abs(answers["position_mm"] - drawn.position_mm)
+    error, best = contacts.error_mm(answers["position_mm"]), contacts.least_error_mm()
+    low, high = (end * prior.length_mm for end in MIDDLE)
+    inside, drawn_inside = ((low <= position) & (position <= high) for position in (likely, drawn.position_mm))
+    return Evaluation(
+        noise_mm=prior.noise_mm,
+        draws=len(worst),
+        length_mm=prior.length_mm,
+        span=_over_all(contacts, answers["position_mm"], _errors(error, best, weight, worst)),
+        middle=_errors(error, best, weight * inside, worst[drawn_inside])
+        if drawn_inside.mean() > LEAST_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
+        else None,
+        cramer_rao_mean_mm=cramer_rao.mean_error_mm(prior) if prior.noise_mm > 0 else None,
+        position_coverage=_coverage(answers, "position", "mm", likely, weight),
+        position_width_mm=_width(answers, counts),
+        force_coverage=None
+        if prior.force_is_known
+        else _coverage(answers, "force", "n", drawn.force_n[:, None], weight[:, :1]),
+        force_error_n=mean_of(np.abs(answers["force_n"] - drawn.force_n), counts) if "force_n" in answers else None,
+        missed=share_of(answers["contact_log_odds"] <= model.metadata.contact_threshold, counts)
+        if "contact_log_odds" in answers
+        else None,
+        false_alarms=_false_alarms(model, prior, seed + 1),
+    )
+
+
+def at_noise(prior: Prior, noise_mm: float) -> Prior:
+    """Return the prior of the same surface with another noise per sample."""
+    return replace(prior, noise_mm=noise_mm)
+
+
+def _answers(model: ModelFile, deflection_mm: Floats) -> dict[str, Floats]:
+    return {name: values.astype(np.float64) for name, values in estimates(model, deflection_mm).items()}
+
+
+def estimates(model: ModelFile, deflection_mm: Floats) -> Answers:
+    """Return the answers of a model to deflections (samples, channels), all channels valid."""
+    reading = deflection_mm.astype(np.float32)
+    # A graph takes kilobytes for each sample of a batch.
+    parts = [reading[start : start + CHUNK] for start in range(0, len(reading), CHUNK)]
+    answers = [model.estimate(part, np.ones(part.shape, np.bool_)) for part in parts]
+    return {name: np.concatenate([one[name] for one in answers]) for name in model.outputs}
+
+
+def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> Errors:
+    return Errors(
+        mean_mm=mean_of(error, weight),
+        p95_mm=quantile_of(error, 0.95, weight),
+        worst_mm=float(worst.max()),
+        limit_mean_mm=None if best is None else mean_of(best, weight),
+        limit_p95_mm=None if best is None else quantile_of(best, 0.95, weight),
+        ratio=None if best is None else ratio_of(error * weight, best * weight),
+    )
+
+
+def _over_all(contacts: Contacts, estimate_mm: Floats, errors: Errors) -> Errors:
+    """Return errors over all contacts, with means over each posterior where that is known."""
+    weight, mean = contacts.weight, contacts.mean_error_mm(estimate_mm)
+    if contacts.deviation_mm is None:
+        return errors
+    return replace(
+        errors,
+        mean_mm=mean_of(mean, weight),
+        limit_mean_mm=mean_of(contacts.deviation_mm, weight),
+        ratio=ratio_of(mean * weight, contacts.deviation_mm * weight),
+    )
+
+
+def _coverage(
+    answers: dict[str, Floats], quantity: str, unit: str, truth: Floats, weight: Floats
+) -> Measurement | None:
+    low, high = (answers.get(f"{quantity}_{end}_{unit}") for end in ("low", "high"))
+    if low is None or high is None:
+        return None
+    return share_of((low[:, None] <= truth) & (truth <= high[:, None]), weight)
+
+
+def _width(answers: dict[str, Floats], weight: Floats) -> Measurement | None:
+    if "position_low_mm" not in answers:
+        return None
+    return mean_of(answers["position_high_mm"] - answers["position_low_mm"], weight)
+
+
+def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Measurement | None:
+    if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
+        return None
+    share, standard_error = rest_exceeding(prior, model.estimate, seed, model.metadata.contact_threshold)
+    return Measurement(share, standard_error)

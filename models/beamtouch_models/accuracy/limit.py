@@ -1,0 +1,148 @@
+"""The accuracy limit: the mean position error that no estimator can beat, given the prior of a surface.
+
+Position and force are drawn uniformly from their ranges, noise is added, and the posterior median estimates the
+position: of all estimators it has the smallest mean absolute error.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from beamtouch_models.accuracy import cramer_rao
+from beamtouch_models.accuracy.posterior import posterior_quantiles
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
+from beamtouch_models.errors import SceneError
+
+SCRAMBLINGS = 16
+"""Number of independent parts of evenly spread draws."""
+UNIFORM = 0.5
+"""Share of evenly spread contacts that are drawn uniformly; the largest weight is about one over it."""
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Simulated contacts with their readings."""
+
+    position_mm: Floats
+    force_n: Floats
+    deflection_mm: Floats
+    """(draws, sensors), with noise."""
+    weight: Floats | float = 1.0
+    """(draws,), weight of each contact in an average; 1 on average."""
+
+
+@dataclass(frozen=True)
+class MeanError:
+    """Mean |position error| in percent of the length, and its standard error."""
+
+    percent: float
+    standard_error: float
+
+
+def draw(prior: Prior, count: int, seed: int) -> Draws:
+    """Draw contacts uniformly from the ranges, with Gaussian noise per channel."""
+    rng = np.random.default_rng(seed)
+    position = rng.uniform(*prior.position_mm, size=count)
+    force = rng.uniform(*prior.force_n, size=count)
+    clean = force[:, None] * prior.influence_at(position)
+    return Draws(position, force, clean + rng.normal(scale=prior.noise_mm, size=clean.shape))
+
+
+def mean_error(prior: Prior, draws: Draws, estimate_mm: Floats) -> MeanError:
+    """Eq. 5 of the paper over all draws."""
+    return _mean_of(np.abs(estimate_mm - draws.position_mm) / prior.length_mm * 100)
+
+
+def _mean_of(percent: Floats) -> MeanError:
+    """Mean of errors in percent of the length, with its standard error from their scatter."""
+    return MeanError(float(percent.mean()), float(percent.std(ddof=1) / np.sqrt(len(percent))))
+
+
+def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
+    """Return the accuracy limit, from at least `draws` simulated contacts.
+
+    The mean is that of `mean_error`, with less scatter: each reading counts with the mean |error| over its posterior
+    instead of the one drawn error, and contacts and noise are spread evenly (scrambled Sobol points; Owen 1997,
+    doi 10.1214/aos/1031594731). The standard error comes from the scatter of independent scramblings.
+
+    Raises
+    ------
+    SceneError
+        The noise is 0, so that there is no limit.
+    """
+    if not 0 < prior.noise_mm < np.inf:
+        message = (
+            f"sensors: with a noise of {prior.noise_mm:g} mm there is no accuracy limit; state the noise of a reading"
+        )
+        raise SceneError(message)
+    drawn = draw_evenly(prior, draws, seed)
+    deviation = posterior_quantiles(prior, drawn.deflection_mm)[1] * drawn.weight
+    return _mean_of(deviation.reshape(SCRAMBLINGS, -1).mean(axis=1) / prior.length_mm * 100)
+
+
+def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
+    """Draw at least `count` contacts like `draw`, but spread evenly over their distribution.
+
+    They come in SCRAMBLINGS consecutive parts of equal length. The parts are independent, so the scatter of their
+    means gives a standard error. Half of the contacts are drawn where the Cramer-Rao bound is large, for example next
+    to a support, with smaller weights; otherwise a few contacts would dominate a mean.
+    """
+    rngs = np.random.default_rng(seed).spawn(SCRAMBLINGS)
+    each = 2 ** max(0, int(np.ceil(np.log2(count / SCRAMBLINGS))))
+    contacts = [spread_contacts(prior, each, rng) for rng in rngs]
+    position, force = (np.concatenate([contact[part] for contact in contacts]) for part in (0, 1))
+    noise = np.concatenate([contact[2] for contact in contacts])
+    position, weight = _where_it_errs(prior, position)
+    clean = force[:, None] * prior.influence_at(position)
+    return Draws(position, force, clean + prior.noise_mm * noise, weight / weight.mean())
+
+
+def _where_it_errs(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:
+    """Concentrate evenly spread positions where errors are large; returns positions and weights, both (draws,)."""
+    if prior.noise_mm == 0:
+        return position_mm, np.ones(len(position_mm))
+    error_mm = cramer_rao.mean_errors_mm(prior)
+    often = UNIFORM + (1 - UNIFORM) * error_mm / error_mm.mean()
+    low, high = prior.position_mm
+    before = np.concatenate([[0.0], np.cumsum(often)]) / len(often)
+    edges = np.linspace(low, high, len(before))
+    moved = np.interp((position_mm - low) / (high - low) * before[-1], before, edges)
+    cell = np.clip(np.searchsorted(edges, moved, side="right") - 1, 0, len(often) - 1)
+    return moved, 1 / often[cell]
+
+
+def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+    """Return contacts and noise spread evenly over their distributions; `draws` is a power of two.
+
+    Returns
+    -------
+    positions in mm (draws,), forces in N (draws,), and noise of variance 1 (draws, channels).
+    """
+    points = _spread(prior.channels + 2, draws, rng)
+    low, high = prior.position_mm
+    weak, strong = prior.force_n
+    return low + (high - low) * points[:, 0], weak + (strong - weak) * points[:, 1], ndtri(points[:, 2:])
+
+
+def spread_noise(channels: int, draws: int, rng: np.random.Generator) -> Floats:
+    """Return noise of variance 1 (draws, channels) spread evenly over its distribution; `draws` is a power of two."""
+    noise: Floats = ndtri(_spread(channels, draws, rng))
+    return noise
+
+
+def _spread(dimensions: int, draws: int, rng: np.random.Generator) -> Floats:
+    from scipy.stats.qmc import Sobol  # noqa: PLC0415  # slow to import, and many commands do not need it
+
+    # Keep points off 0 and 1, where the noise would be infinite.
+    points: Floats = np.clip(Sobol(dimensions, rng=rng).random(draws), 2.0**-32, 1 - 2.0**-32)
+    return points
+
+
+def posterior_median_mm(prior: Prior, deflection_mm: Floats) -> Floats:
+    """Return the posterior median of the position for each row of `deflection_mm` (draws, channels); (draws,) in mm.
+
+    The noise must be positive.
+    """
+    return posterior_quantiles(prior, deflection_mm)[0][:, 0]

@@ -1,0 +1,55 @@
+"""The prior of a model, rebuilt from its file, and the prior of a surface that departs from its scene."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
+from beamtouch_models.metadata import Departures, Metadata
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.pricing.effects import required
+from beamtouch_models.scene import Scene, parse_scene
+from beamtouch_models.structure import changed_beam
+
+
+def physics_of(metadata: Metadata) -> Scene:
+    """Return the scene that a model was built with, of required effects only; SceneError if it is not a scene."""
+    return required(parse_scene(metadata.scene, f"the scene in {metadata.name}"), metadata.filter).scene
+
+
+def prior_of_model(metadata: Metadata, physics: Scene | None = None) -> Prior:
+    """Rebuild the prior of a model; pass the scene of `physics_of` if it is known. Raises SceneError as that does."""
+    physics = physics or physics_of(metadata)
+    sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
+    prior = Prior.of(physics, sensor_mm, metadata.noise.sample_mm)
+    if metadata.calibration is None:
+        return prior
+    noise_mm = float(np.hypot(prior.noise_mm, metadata.calibration.residual_mm))
+    return replace(departed(prior, physics, sensor_mm, metadata.calibration.departures), noise_mm=noise_mm)
+
+
+def departed(prior: Prior, physics: Scene, sensor_mm: Floats, departures: Departures) -> Prior:
+    """Return the prior of a surface that differs from its scene.
+
+    Its deflections are linear in the force and hold the gains; `stated` adds curve and offsets.
+    """
+    beam = changed_beam(physics.beam, departures.rigidity, departures.fixity)
+    true_mm = np.clip(sensor_mm + np.array(departures.position_offset_mm), 0.0, beam.length_mm)
+    gain = np.array(departures.gain)
+    width_mm = physics.contact.width_mm
+
+    def influence_at(load_mm: Floats) -> Floats:
+        matrix: Floats = gain * influence(beam, true_mm, load_mm, width_mm)
+        return matrix
+
+    return replace(prior, influence_at=influence_at, stated=partial(stated_by, departures))
+
+
+def stated_by(departures: Departures, deflection_mm: Floats) -> Floats:
+    """Return measured deflections (loads, channels) in mm, from deflections that include the gains."""
+    # The root of y + curve y^2 = deflection that is 0 at 0, in the form that does not cancel.
+    square = np.maximum(1 + 4 * departures.curve_per_mm * deflection_mm, 0.0)
+    reading: Floats = 2 * deflection_mm / (1 + np.sqrt(square)) + np.array(departures.offset_mm)
+    return reading

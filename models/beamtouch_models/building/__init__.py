@@ -1,0 +1,1 @@
+"""The build: from a scene to a model file, with its report."""

@@ -1,0 +1,105 @@
+"""The daemon's configuration for a model, ready to run against the rig. The daemon owns and checks the format."""
+
+import json
+import secrets
+from pathlib import Path
+
+from beamtouch_models.metadata import FilterChoice, Metadata
+
+TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
+RIG_PORT = 5020
+SERVICE_URL = "http://127.0.0.1:8420"
+
+
+def daemon_config(metadata: Metadata) -> str:
+    """Return the TOML text of a configuration with one surface, with the model's name and characteristic."""
+    return "\n".join(
+        [
+            _head(metadata),
+            _filter(metadata),
+            _loads(metadata),
+            *(_channel(metadata, i) for i in range(len(metadata.layout))),
+        ]
+    )
+
+
+def write_token_if_absent(folder: Path) -> Path:
+    """Write a random token that only its owner may read, unless the file exists; returns its path."""
+    path = folder / TOKEN_FILE
+    if not path.exists():
+        path.touch(mode=0o600)
+        path.write_text(secrets.token_urlsafe(32) + "\n", encoding="ascii")
+    return path
+
+
+def _head(metadata: Metadata) -> str:
+    name = json.dumps(metadata.name)
+    return f"""\
+# Acquisition of the surface {name}. Check this file with `beamtouch-daemon check`.
+
+[publish]
+url = "{SERVICE_URL}"
+token_file = "{TOKEN_FILE}"       # the file that `beamtouch-service run --write-token-file` uses
+
+[surfaces.{name}]
+rate_hz = {metadata.sensor.rate_hz!r}
+{_noise(metadata)}
+[surfaces.{name}.source]
+kind = "modbus-tcp"                   # the rig: beamtouch-rig ... --modbus-tcp 127.0.0.1:{RIG_PORT}
+host = "127.0.0.1"
+port = {RIG_PORT}
+unit = 1
+# kind = "modbus-rtu"                 # or a serial bus:
+# port = "/dev/ttyUSB0"
+# baud = 115200
+# unit = 1
+# kind = "serial"                     # or a device that implements PROTOCOL.md:
+# port = "/dev/ttyACM0"
+# baud = 1000000
+"""
+
+
+def _noise(metadata: Metadata) -> str:
+    """Return the line with the noise of a reading; empty if the scene has no noise: the daemon then estimates it."""
+    if metadata.noise.reading_mm == 0:
+        return ""
+    return (
+        f"noise_mm = {metadata.noise.reading_mm!r}        # of a reading; `tare` refuses a surface that moves more,\n"
+        "                                      # and a channel whose counts repeat for too long counts as stuck\n"
+    )
+
+
+def _filter(metadata: Metadata) -> str:
+    chosen: FilterChoice = metadata.filter
+    lines = [
+        f"[surfaces.{json.dumps(metadata.name)}.filter]    # the model was made for this filter",
+        f'kind = "{chosen.kind}"',
+    ]
+    if chosen.kind == "moving-average":
+        lines.append(f"window = {chosen.window}")
+    if chosen.spike_mm is not None:
+        lines.append(f"spike_mm = {chosen.spike_mm!r}")
+    return "\n".join(lines) + "\n"
+
+
+def _loads(metadata: Metadata) -> str:
+    """Return the limits of the known loads that `record` accepts."""
+    return f"""\
+[surfaces.{json.dumps(metadata.name)}.loads]     # known loads that `record` accepts: the ranges of the model
+position_mm = [{metadata.ranges.position_mm[0]!r}, {metadata.ranges.position_mm[1]!r}]
+max_force_n = {metadata.ranges.force_n[1]!r}
+"""
+
+
+def _channel(metadata: Metadata, index: int) -> str:
+    sensor, channel = metadata.sensor, metadata.layout[index]
+    return f"""\
+[[surfaces.{json.dumps(metadata.name)}.channels]]
+name = {json.dumps(channel.name)}                           # mounted {channel.position_mm:g} mm from the left end
+register = {index}
+gain_mm_per_count = {sensor.gain_mm_per_count!r}
+offset_mm = {sensor.offset_mm!r}
+rest_gap_mm = {sensor.standoff_mm!r}
+range_mm = [{sensor.range_mm[0]!r}, {sensor.range_mm[1]!r}]
+adc_bits = {sensor.adc_bits}
+"""

@@ -1,0 +1,142 @@
+"""The data of a report beyond the metadata: error along the beam, components, other layouts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamtouch_models.accuracy.contacts import simulated
+from beamtouch_models.accuracy.limit import MeanError, accuracy_limit
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import Measurement, mean_of
+from beamtouch_models.arrays import Floats
+from beamtouch_models.building.build import Built
+from beamtouch_models.modelfile import ModelFile, load_bytes
+from beamtouch_models.physics.beam import load_positions_mm, scene_influence
+from beamtouch_models.placement import Placement, place, place_by_position_error, score_positions
+from beamtouch_models.placement.components import Components, principal_components
+from beamtouch_models.placement.layout import equal_pitch_mm
+from beamtouch_models.pricing.prices import Effect
+from beamtouch_models.progress import Progress
+from beamtouch_models.scene import Scene
+
+PROFILE_DRAWS = 8_192
+PROFILE_BINS = 24
+LAYOUT_DRAWS = 4_096
+SEED_SHIFT = 5
+"""The build uses its seed and the four after it; the report uses the next ones."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Error and interval of position along the beam, one value per stretch of equal length."""
+
+    position_mm: Floats
+    """(stretches,) middles."""
+    model_mm: Floats
+    """Mean |error| of the model."""
+    limit_mm: Floats
+    """Mean |error| of the posterior median."""
+    held: Floats | None
+    """Share of contacts inside their interval; None if the model gives no interval."""
+    held_in: tuple[Measurement, ...] | None
+    """This share over the whole range, in the first stretch and in the last."""
+    width_mm: Floats | None
+    """Mean width of the interval."""
+
+
+@dataclass(frozen=True)
+class OtherLayout:
+    """A layout with its score and accuracy limit, for comparison."""
+
+    name: str
+    positions_mm: Floats
+    log_eigenvalue_product: float
+    """Lengths in units of l, W/(EI) = 1."""
+    limit: MeanError
+    taken: bool
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Everything that the page shows."""
+
+    scene: Scene
+    model: ModelFile
+    placement: Placement
+    load_mm: Floats
+    """(loads,)"""
+    components: Components
+    """Of the influence matrix of the layout, in mm/N."""
+    profile: Profile
+    layouts: tuple[OtherLayout, ...]
+    effects: tuple[Effect, ...]
+    """Physical effects with their prices."""
+
+    @property
+    def middle_force_n(self) -> float:
+        """Middle of the force range."""
+        low, high = self.scene.contact.force_range_n
+        return (low + high) / 2
+
+
+def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
+    """Measure the data of the report, which takes seconds; the same build gives the same data."""
+    progress("measuring for the report", 0.97)
+    positions = np.array(built.placement.positions_mm)
+    load = load_positions_mm(scene)
+    physics = built.physics.scene
+    model = load_bytes(built.content, "the model just built")
+    seed = built.metadata.seed
+    return Facts(
+        scene,
+        model,
+        built.placement,
+        load,
+        principal_components(scene_influence(physics, positions, load)),
+        _profile(physics, model, positions, seed),
+        _layouts(physics, positions, built.metadata.noise.sample_mm, seed),
+        built.physics.effects,
+    )
+
+
+def _profile(scene: Scene, model: ModelFile, positions: Floats, seed: int) -> Profile:
+    prior = Prior.of(scene, positions, model.metadata.noise.sample_mm)
+    contacts = simulated(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
+    best = contacts.least_error_mm()
+    weight = np.broadcast_to(contacts.weight[:, None], contacts.likely_mm.shape)
+    deflection = contacts.drawn.deflection_mm.astype(np.float32)
+    answers = model.estimate(deflection, np.ones(deflection.shape, np.bool_))
+    edges = np.linspace(*scene.contact.position_mm, PROFILE_BINS + 1)
+    stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
+
+    def means(values: Floats) -> Floats:
+        whole = np.bincount(stretch.ravel(), (weight * values).ravel(), PROFILE_BINS)
+        return whole / np.bincount(stretch.ravel(), weight.ravel(), PROFILE_BINS)
+
+    held = held_in = width_mm = None
+    if "position_low_mm" in answers:
+        low, high = answers["position_low_mm"][:, None], answers["position_high_mm"][:, None]
+        inside = (low <= contacts.likely_mm) & (contacts.likely_mm <= high)
+        held, width_mm = means(inside.astype(np.float64)), means(np.broadcast_to(high - low, inside.shape))
+        ends = (np.True_, stretch == 0, stretch == PROFILE_BINS - 1)
+        held_in = tuple(mean_of(inside.astype(np.float64), weight * end) for end in ends)
+    model_mm = means(contacts.error_mm(answers["position_mm"]))
+    limit_mm = np.zeros(PROFILE_BINS) if best is None else means(best)
+    return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held, held_in, width_mm)
+
+
+def _layouts(scene: Scene, taken: Floats, noise_mm: float, seed: int) -> tuple[OtherLayout, ...]:
+    """Compare the model's layout with others, all on the same contacts."""
+    named = {"equal pitch": equal_pitch_mm(scene, len(taken))}
+    named["eigenvalue product"] = np.array(place(scene, len(taken), seed).positions_mm)
+    by_error = place_by_position_error(scene, len(taken), seed, noise_mm)
+    named["position error"] = np.array(by_error.positions_mm)
+    if not any(np.allclose(taken, positions) for positions in named.values()):
+        named["the model's"] = taken
+    found = []
+    for name, positions in named.items():
+        prior = Prior.of(scene, positions, noise_mm)
+        reached = accuracy_limit(prior, LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
+        score = score_positions(scene, positions)
+        found.append(OtherLayout(name, positions, score, reached, bool(np.allclose(taken, positions))))
+    return tuple(found)

@@ -1,0 +1,156 @@
+"""The report of a build as one HTML page: no script, no request, readable on light and dark screens and on paper."""
+
+from importlib.resources import files
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from beamtouch_models.building.report.beam_drawing import beam_drawing
+from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
+from beamtouch_models.charts import STYLE, Chart, Series, draw
+from beamtouch_models.pricing.prices import NEGLIGIBLE
+
+MAX_CHARTED = 8
+"""Number of components that are drawn: a chart has as many colours."""
+
+Rows = list[tuple[str, ...]]
+
+
+def page(facts: Facts) -> str:
+    """Return the page as text; the template escapes everything but the drawings, which escape their own texts."""
+    here = files(__package__)
+    template = Environment(autoescape=True, undefined=StrictUndefined).from_string(
+        here.joinpath("page.html").read_text()
+    )
+    charts: dict[str, str] = {"search": ""}
+    for name, chart, remark in _charts(facts):
+        charts |= {name: Markup(draw(chart)), f"{name}_caption": f"{chart.says}{remark}."}  # noqa: S704
+    width_mm = facts.profile.width_mm
+    third = slice(PROFILE_BINS // 3, 2 * PROFILE_BINS // 3)
+    return template.render(
+        facts=facts,
+        css=Markup(here.joinpath("style.css").read_text(encoding="utf-8") + STYLE),  # noqa: S704  # our own style sheet
+        drawing=Markup(beam_drawing(facts.scene, facts.model.metadata)),  # noqa: S704
+        charts=charts,
+        rows={
+            "layout": _layout(facts),
+            "accuracy": _accuracy(facts),
+            "layouts": _layouts(facts),
+            "components": _components(facts),
+            "effects": _effects(facts),
+            "noise": _noise(facts),
+        },
+        marked=next(index for index, layout in enumerate(facts.layouts) if layout.taken),
+        widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
+        negligible=NEGLIGIBLE,
+    )
+
+
+def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
+    """Return each chart with its name and a remark for its caption."""
+    profile, x = facts.profile, facts.profile.position_mm.tolist()
+    at, stretches = "position of the contact, mm", f"; {PROFILE_BINS} stretches"
+    says = "Mean error of position over the position of the contact, of the model and at the accuracy limit"
+    curves = [
+        Series("model", x, profile.model_mm.tolist(), 1),
+        Series("accuracy limit", x, profile.limit_mm.tolist(), 0, "dashed"),
+    ]
+    charts = [("error", Chart(says, at, "mean |error|, mm", curves, y_from_zero=True), stretches)]
+    if profile.held is not None:
+        says = "Share of contacts inside their interval, over the position of the contact"
+        curves = [
+            Series("held", x, (profile.held * 100).tolist(), 1),
+            Series("stated", x, [95.0] * len(x), 0, "dashed"),
+        ]
+        charts.append(("held", Chart(says, at, "held, %", curves), stretches))
+    scaled = facts.components.transformed * (facts.middle_force_n / facts.model.metadata.noise.sample_mm)
+    says = "Components over the position of the contact, in units of the noise of a sample"
+    curves = [
+        Series(f"component {k + 1}", facts.load_mm.tolist(), column.tolist(), k)
+        for k, column in enumerate(scaled.T[:MAX_CHARTED])
+    ]
+    charts.append(("components", Chart(says, at, "over the noise", curves), ""))
+    course = [value for value in facts.placement.convergence if value > float("-inf")]
+    if len(course) > 1:
+        says = "The best score over the generations of the search"
+        curves = [Series("", list(range(len(course))), course)]
+        charts.append(("search", Chart(says, "generation", "ln of eigenvalue product", curves, whole_x=True), ""))
+    return charts
+
+
+def _layout(facts: Facts) -> Rows:
+    length, fixed = facts.model.metadata.length_mm, set(facts.scene.sensors.fixed_mm)
+    return [
+        (
+            channel.name,
+            f"{channel.position_mm:g}",
+            f"{channel.position_mm / length:.4f}",
+            "the scene" if channel.position_mm in fixed else "the search",
+        )
+        for channel in facts.model.metadata.layout
+    ]
+
+
+def _accuracy(facts: Facts) -> Rows:
+    accuracy, mm = facts.model.metadata.accuracy, facts.model.metadata.length_mm / 100
+    return [
+        (name, f"{mean:.3f} ± {error:.3f}", f"{mean * mm:.3g} ± {error * mm:.1g}")
+        for name, mean, error in (
+            ("model", accuracy.error_percent, accuracy.error_standard_error),
+            ("accuracy limit", accuracy.limit_percent, accuracy.limit_standard_error),
+        )
+    ]
+
+
+def _layouts(facts: Facts) -> Rows:
+    least = min(layout.limit.percent for layout in facts.layouts)
+    return [
+        (
+            layout.name,
+            ", ".join(f"{x:.4g}" for x in layout.positions_mm),
+            f"{layout.log_eigenvalue_product:.4f}".replace("-inf", "-∞"),
+            f"{layout.limit.percent:.3f} ± {layout.limit.standard_error:.3f}",
+            f"{layout.limit.percent / least:.2f}",
+        )
+        for layout in facts.layouts
+    ]
+
+
+def _components(facts: Facts) -> Rows:
+    eigenvalues, noise_mm = facts.components.eigenvalues, facts.model.metadata.noise.sample_mm
+    sizes_mm = eigenvalues**0.5 * facts.middle_force_n
+    return [
+        (str(k), f"{size:.3g}", f"{size / noise_mm:.3g}", f"{eigenvalue / eigenvalues[0]:.3g}")
+        for k, (size, eigenvalue) in enumerate(zip(sizes_mm, eigenvalues, strict=True), start=1)
+    ]
+
+
+def _effects(facts: Facts) -> Rows:
+    return [
+        (effect.name, "-" if effect.price is None else f"{effect.price:.3g}", effect.verdict, effect.reason)
+        for effect in facts.effects
+    ]
+
+
+def _noise(facts: Facts) -> Rows:
+    metadata = facts.model.metadata
+    noise, chosen, sensor = metadata.noise, metadata.filter, metadata.sensor
+    percent = 100 / metadata.max_deflection_mm
+    spike = "none" if chosen.spike_mm is None else f"beyond {chosen.spike_mm:.3g} mm from the median of three"
+    return [
+        (
+            "noise of a reading",
+            f"{noise.reading_mm:.3g} mm",
+            f"{noise.reading_mm * percent:.2f} % of the largest deflection",
+        ),
+        (
+            "noise of a sample",
+            f"{noise.sample_mm:.3g} mm",
+            f"{noise.sample_mm * percent:.2f} % of the largest deflection",
+        ),
+        ("filter", chosen.kind, f"{chosen.window} readings, settled after {chosen.settling_ms:g} ms"),
+        ("spike filter", spike, ""),
+        ("rate", f"{sensor.rate_hz:g} Hz", "readings of every channel"),
+        ("ADC", f"{sensor.adc_bits} bits", f"{sensor.gain_mm_per_count * 1e3:.3g} µm per count"),
+        ("gap", f"{sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} mm", f"{sensor.standoff_mm:.4g} mm at rest"),
+    ]

@@ -1,0 +1,199 @@
+"""The paper's estimator of position: a back-propagation network with one hidden layer of ten logistic units.
+
+Training follows section 2 of the paper: learning rate 0.9, momentum 0.7, one load position after another, until the
+composite error is at most 0.1 %. The paper does not define this error; here it is the mean squared error of the output,
+which lies between 0 and 1. These rates require logistic units and scaled targets, here 0.1 .. 0.9; inputs are scaled to
+-1 .. 1. Several networks are trained side by side, which costs little more than one.
+Rumelhart, Hinton & Williams, Learning representations by back-propagating errors, Nature 323 (1986),
+doi 10.1038/323533a0.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from scipy.special import expit
+from threadpoolctl import threadpool_limits
+
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.progress import Fraction, silent
+
+HIDDEN = 10
+LEARNING_RATE = 0.9
+MOMENTUM = 0.7
+COMPOSITE_ERROR = 0.001
+INITIAL_WEIGHT = 0.5
+"""Initial weights are uniform between minus and plus this value."""
+TARGET_LOW, TARGET_HIGH = 0.1, 0.9
+MAX_EPOCHS = 3000
+CHECK_EVERY = 10
+"""Epochs between two evaluations of the composite error."""
+PATIENCE = 600
+"""Epochs without a 1 % lower composite error after which training counts as stalled."""
+
+Outcome = Literal["reached", "stood still", "out of epochs"]
+
+
+@dataclass(frozen=True)
+class PaperNetwork:
+    """A trained network, and the outcome of its training."""
+
+    full_scale_mm: Floats
+    """(sensors,) largest deflection in training; inputs from 0 to this value are scaled to -1 .. 1."""
+    length_mm: float
+    hidden: Floats
+    """(sensors + 1, 10); the last row is the bias."""
+    output: Floats
+    """(11,); the last is the bias."""
+    composite_error: float
+    epochs: int
+    outcome: Outcome
+
+    def estimate_mm(self, deflection_mm: Floats) -> Floats:
+        """Return the position for each row of deflections (samples, sensors); (samples,) in mm from the left end."""
+        scaled = 2 * deflection_mm / self.full_scale_mm - 1
+        units = expit(scaled @ self.hidden[:-1] + self.hidden[-1])
+        answer = expit(units @ self.output[:-1] + self.output[-1])
+        position: Floats = (answer - TARGET_LOW) / (TARGET_HIGH - TARGET_LOW) * self.length_mm
+        return position
+
+
+@dataclass
+class _Stack:
+    """Networks in training; those with fewer sensors have inputs that are always zero."""
+
+    index: Indices
+    """(networks,) index of each network among all that are trained."""
+    patterns: Floats
+    """(patterns, networks, inputs), the last input being 1."""
+    hidden: Floats
+    """(networks, inputs, 10)."""
+    output: Floats
+    """(networks, 11)."""
+    hidden_step: Floats
+    output_step: Floats
+
+    def keep(self, wanted: Bools) -> "_Stack":
+        return _Stack(
+            self.index[wanted],
+            np.ascontiguousarray(self.patterns[:, wanted]),
+            self.hidden[wanted],
+            self.output[wanted],
+            self.hidden_step[wanted],
+            self.output_step[wanted],
+        )
+
+    def composite_error(self, target: Floats) -> Floats:
+        """Return the mean squared error of the output of each network."""
+        units = expit(np.einsum("pni,nih->pnh", self.patterns, self.hidden))
+        answer = expit(np.einsum("pnh,nh->pn", units, self.output[:, :-1]) + self.output[:, -1])
+        error: Floats = ((answer - target[:, None]) ** 2).mean(axis=0)
+        return error
+
+
+def train(
+    deflections_mm: Sequence[Floats],
+    position_mm: Floats,
+    length_mm: float,
+    *,
+    seed: int,
+    max_epochs: int = MAX_EPOCHS,
+    progress: Fraction = silent,
+) -> list[PaperNetwork]:
+    """Train a network for each set of deflections.
+
+    Parameters
+    ----------
+    deflections_mm : for each network (patterns, sensors) in mm; the number of sensors may differ
+    position_mm : (patterns,) load positions
+    length_mm : length of the beam, which scales the targets
+    seed : seed of the initial weights and of the order of the patterns
+    max_epochs : bound on the number of epochs
+    progress : called with the fraction of `max_epochs` done
+
+    Returns
+    -------
+    A network for each set, with the weights of its lowest composite error.
+    """
+    target = TARGET_LOW + (TARGET_HIGH - TARGET_LOW) * position_mm / length_mm
+    scales = [deflection.max(axis=0) for deflection in deflections_mm]
+    stack = _initial(deflections_mm, scales, seed)
+    record = _Record(scales, length_mm)
+    order = np.random.default_rng(seed)
+    # A second thread would cost more than it saves on matrices this small.
+    with threadpool_limits(1, user_api="blas"):
+        for epoch in range(1, max_epochs + 1):
+            _present(stack, target, order.permutation(len(target)))
+            if epoch % CHECK_EVERY and epoch != max_epochs:
+                continue
+            stack = stack.keep(~record.look(stack, target, epoch))
+            progress(epoch / max_epochs)
+            if not len(stack.index):
+                break
+    return [record.best[index] for index in range(len(scales))]
+
+
+def _initial(deflections_mm: Sequence[Floats], scales: Sequence[Floats], seed: int) -> _Stack:
+    count, widest = len(scales), max(len(scale) for scale in scales)
+    patterns = np.zeros((len(deflections_mm[0]), count, widest + 1))
+    hidden = np.zeros((count, widest + 1, HIDDEN))
+    output = np.zeros((count, HIDDEN + 1))
+    for index, (deflection, scale) in enumerate(zip(deflections_mm, scales, strict=True)):
+        # Each network has its own generator, so that it does not depend on the networks trained with it.
+        rng = np.random.default_rng([seed, index])
+        sensors = len(scale)
+        patterns[:, index, :sensors] = 2 * deflection / scale - 1
+        patterns[:, index, -1] = 1
+        rows = [*range(sensors), -1]
+        hidden[index, rows] = rng.uniform(-INITIAL_WEIGHT, INITIAL_WEIGHT, size=(sensors + 1, HIDDEN))
+        output[index] = rng.uniform(-INITIAL_WEIGHT, INITIAL_WEIGHT, size=HIDDEN + 1)
+    return _Stack(np.arange(count), patterns, hidden, output, np.zeros_like(hidden), np.zeros_like(output))
+
+
+def _present(stack: _Stack, target: Floats, order: Indices) -> None:
+    """Present all patterns once, correcting the weights after each."""
+    units = np.ones_like(stack.output)
+    for pattern in order:
+        inputs = stack.patterns[pattern]
+        active = expit(np.einsum("ni,nih->nh", inputs, stack.hidden))
+        units[:, :-1] = active
+        answer = expit(np.einsum("nh,nh->n", units, stack.output))
+        outer = LEARNING_RATE * (target[pattern] - answer) * answer * (1 - answer)
+        inner = outer[:, None] * stack.output[:, :-1] * active * (1 - active)
+        stack.output_step *= MOMENTUM
+        stack.output_step += outer[:, None] * units
+        stack.output += stack.output_step
+        stack.hidden_step *= MOMENTUM
+        stack.hidden_step += inputs[:, :, None] * inner[:, None, :]
+        stack.hidden += stack.hidden_step
+
+
+@dataclass
+class _Record:
+    """The best state of each network so far."""
+
+    scales: Sequence[Floats]
+    length_mm: float
+    best: dict[int, PaperNetwork] = field(default_factory=dict)
+    since: dict[int, int] = field(default_factory=dict)
+    """Epoch of each network's last gain of 1 %."""
+
+    def look(self, stack: _Stack, target: Floats, epoch: int) -> Bools:
+        """Record the networks that have improved; returns whether each network of the stack is finished."""
+        errors = stack.composite_error(target).tolist()
+        for row, (index, error) in enumerate(zip(stack.index.tolist(), errors, strict=True)):
+            lowest = self.best[index].composite_error if index in self.best else np.inf
+            if error < 0.99 * lowest:
+                self.since[index] = epoch
+            if error < lowest:
+                self.best[index] = self._network(stack, row, error, epoch)
+            if self.best[index].outcome != "reached" and epoch - self.since[index] >= PATIENCE:
+                self.best[index] = replace(self.best[index], outcome="stood still")
+        return np.array([self.best[index].outcome != "out of epochs" for index in stack.index.tolist()])
+
+    def _network(self, stack: _Stack, row: int, error: float, epoch: int) -> PaperNetwork:
+        scale = self.scales[stack.index[row]]
+        hidden = stack.hidden[row][[*range(len(scale)), -1]]
+        outcome: Outcome = "reached" if error <= COMPOSITE_ERROR else "out of epochs"
+        return PaperNetwork(scale, self.length_mm, hidden, stack.output[row].copy(), error, epoch, outcome)

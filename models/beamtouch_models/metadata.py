@@ -1,0 +1,196 @@
+"""The metadata of a model file: everything that is needed to run its graph."""
+
+import json
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError, model_validator
+
+from beamtouch_models.errors import ModelFileError
+
+SCHEMA_VERSION: Literal[1] = 1
+METADATA_PREFIX = "beamtouch."
+INPUTS = ("deflection_mm", "valid")
+POSITION_OUTPUTS = ("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds")
+FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
+
+_NAME = r"^[A-Za-z0-9_.-]{1,64}$"
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, validate_by_name=True, validate_by_alias=True, serialize_by_alias=True
+    )
+
+
+class Channel(_Strict):
+    """One sensor of the layout."""
+
+    name: str = Field(pattern=_NAME)
+    position_mm: FiniteFloat
+    """From the left end of the beam."""
+
+
+class Ranges(_Strict):
+    """The ranges that the model was made for; outside them its answers mean nothing."""
+
+    position_mm: tuple[FiniteFloat, FiniteFloat]
+    force_n: tuple[PositiveFloat, PositiveFloat]
+    """Equal if the force is known."""
+
+
+class Noise(_Strict):
+    """Standard deviations in mm."""
+
+    reading_mm: float = Field(ge=0)
+    sample_mm: float = Field(ge=0)
+    """After the filter; the model is made for this noise."""
+
+
+class FilterChoice(_Strict):
+    """The filter between reading and sample that the model was made for."""
+
+    kind: Literal["none", "moving-average"] = "none"
+    window: int = Field(default=1, ge=1)
+    spike_mm: PositiveFloat | None = None
+    """Distance from the median of the last three readings that makes a reading a spike; null: no spike filter."""
+    settling_ms: float = Field(default=0.0, ge=0)
+    """Time from the first reading of a new load to the first sample of that load alone."""
+
+
+class Sensor(_Strict):
+    """The sensor and ADC of every channel."""
+
+    rate_hz: PositiveFloat
+    range_mm: tuple[PositiveFloat, PositiveFloat]
+    standoff_mm: PositiveFloat
+    """Gap at rest."""
+    adc_bits: int = Field(ge=6, le=16)
+    gain_mm_per_count: FiniteFloat
+    offset_mm: FiniteFloat
+    """Nominal characteristic: gap in mm = offset + gain x counts."""
+
+
+class Accuracy(_Strict):
+    """Mean |position error| in percent of the length (eq. 5 of the paper), over the scene's ranges."""
+
+    error_percent: float
+    error_standard_error: float
+    limit_percent: float
+    limit_standard_error: float
+    ratio_standard_error: float | None = None
+    """Standard error of `ratio`, whose terms share their contacts; None in older files."""
+
+    @property
+    def ratio(self) -> float:
+        """Error over the accuracy limit; no estimator gets below 1."""
+        return self.error_percent / self.limit_percent if self.limit_percent else float("nan")
+
+
+class Departures(_Strict):
+    """Differences of a real surface from its scene, fitted by a calibration. Lists have an entry per channel."""
+
+    position_offset_mm: list[FiniteFloat]
+    """True position of each sensor minus its position in the layout."""
+    gain: list[PositiveFloat]
+    """Measured over true deflection."""
+    offset_mm: list[FiniteFloat]
+    """Measured deflection at rest."""
+    curve_per_mm: FiniteFloat = 0.0
+    """Curvature of the characteristic: y + curve y^2 is proportional to the deflection; y is measured minus offset."""
+    fixity: tuple[FiniteFloat, FiniteFloat] = (0.0, 0.0)
+    """Fixity of the leftmost and the rightmost support."""
+    rigidity: PositiveFloat = 1.0
+    """Factor on E I."""
+
+
+class Calibration(_Strict):
+    """A fit to recorded loads. Errors are means over the loads, in mm."""
+
+    departures: Departures
+    fitted: list[str]
+    """Kinds of departures that the loads support; the others are as in the scene."""
+    loads: int
+    residual_mm: float = Field(ge=0, alias="unexplained_mm")
+    """Standard deviation that a fit leaves in the deflections of a left-out load, beyond noise; part of the noise."""
+    error_before_mm: float
+    error_after_mm: float
+    """Error of each load by a fit without it."""
+
+
+class Golden(_Strict):
+    """Inputs with the answers that the graph gave when it was built."""
+
+    deflection_mm: list[list[FiniteFloat]] = Field(min_length=1)
+    valid: list[list[bool]] = Field(min_length=1)
+    answers: dict[str, list[FiniteFloat]]
+
+
+class Metadata(_Strict):
+    """The metadata of a model file: each field is one entry, as JSON, named `beamtouch.<field>`."""
+
+    schema_version: Literal[1] = SCHEMA_VERSION
+    name: str = Field(pattern=_NAME)
+    """Name of the scene, and of the surface unless a configuration gives another."""
+    estimator: str
+    length_mm: PositiveFloat
+    layout: Annotated[list[Channel], Field(min_length=1)]
+    """In input order."""
+    min_channels: int = Field(ge=1)
+    """Smallest number of working channels with which the model gives a position."""
+    ranges: Ranges
+    max_deflection_mm: PositiveFloat
+    """Largest deflection in the scene, anywhere on the beam, at the largest force."""
+    noise: Noise
+    filter: FilterChoice
+    sensor: Sensor
+    contact_threshold: FiniteFloat
+    """A sample is a contact if `contact_log_odds` exceeds this; unused if the graph does not give them."""
+    seed: int
+    accuracy: Accuracy
+    calibration: Calibration | None = None
+    """None if the model was made from the scene alone."""
+    golden: Golden
+    scene: str
+    """TOML text of the scene, so that the model can be rebuilt from its own file."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        names = [channel.name for channel in self.layout]
+        if len(set(names)) != len(names):
+            message = "layout: two channels have the same name"
+            raise ValueError(message)
+        if self.min_channels > len(names):
+            message = f"min_channels: {self.min_channels} of {len(names)} channels"
+            raise ValueError(message)
+        rows: list[list[float] | list[bool]] = [*self.golden.deflection_mm, *self.golden.valid]
+        if len(self.golden.valid) != len(self.golden.deflection_mm) or any(len(row) != len(names) for row in rows):
+            message = f"golden: every row of inputs must have {len(names)} channels"
+            raise ValueError(message)
+        return self
+
+    def to_entries(self) -> dict[str, str]:
+        """Return the ONNX metadata entries, key to JSON text."""
+        fields = self.model_dump(mode="json")
+        return {METADATA_PREFIX + key: json.dumps(value, sort_keys=True) for key, value in fields.items()}
+
+    @classmethod
+    def from_entries(cls, entries: dict[str, str]) -> "Metadata":
+        """Read the ONNX metadata entries; raises ModelFileError naming the first entry that is wrong."""
+        ours = {
+            key.removeprefix(METADATA_PREFIX): text for key, text in entries.items() if key.startswith(METADATA_PREFIX)
+        }
+        if not ours:
+            message = "it is an ONNX file but not a Beamtouch model: it has no beamtouch metadata"
+            raise ModelFileError(message)
+        try:
+            return cls.model_validate({key: json.loads(text) for key, text in ours.items()})
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            reason = first["msg"].removeprefix("Value error, ")
+            message = f"metadata entry {METADATA_PREFIX}{where}: {reason}" if where else f"metadata: {reason}"
+            raise ModelFileError(message) from None
+        except (ValueError, RecursionError):
+            # These include numbers and nesting beyond what the parser takes.
+            message = "its metadata is not JSON"
+            raise ModelFileError(message) from None

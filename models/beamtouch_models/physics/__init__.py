@@ -1,0 +1,1 @@
+"""Physics of a beam, up to its influence matrix."""

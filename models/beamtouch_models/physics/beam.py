@@ -1,0 +1,187 @@
+"""The influence matrix: deflection at each sensor per newton, for each load position."""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.assembly import element_influence
+from beamtouch_models.physics.closed_forms import patch_influence, point_influence, span_of
+from beamtouch_models.scene import Scene
+from beamtouch_models.structure import SMALLEST_NORMAL, Beam
+
+MAX_SENSOR_POSITIONS = 20_000
+MAX_SLOPE = 0.1
+"""Largest slope in rad; beyond it, the factor (1 + slope^2)^(3/2) that small-angle theory neglects exceeds 1.5 %."""
+
+
+def influence(beam: Beam, sensor_mm: ArrayLike, load_mm: ArrayLike, width_mm: float = 0.0) -> Floats:
+    """Return the deflection at each sensor per newton, for each load position.
+
+    Prismatic single spans are computed in closed form, all other beams with beam elements. Shear and a foundation are
+    included only if the beam states them.
+
+    Parameters
+    ----------
+    beam : the beam
+    sensor_mm : (sensors,) positions in mm from the left end
+    load_mm : (loads,) positions in mm from the left end
+    width_mm : length over which a load presses evenly, centred at its position. If it reaches beyond an end of the
+        beam, the whole force is spread over the part that lies on the beam.
+
+    Returns
+    -------
+    (loads, sensors) in mm/N, positive in the direction of the load. Values below 1e-307 mm/N lose digits.
+
+    Raises
+    ------
+    ValueError
+        A position is not finite or not on the beam, or the width is negative or not finite.
+    SceneError
+        The beam cannot be computed: it exceeds the range of float64, or it is so uneven that the result is inaccurate.
+    """
+    sensor = _on_beam(beam, sensor_mm, "sensor_mm")
+    load = _on_beam(beam, load_mm, "load_mm")
+    if not 0 <= width_mm < math.inf:
+        message = "width_mm must be finite and not negative"
+        raise ValueError(message)
+    low, high = np.maximum(load - width_mm / 2, 0.0), np.minimum(load + width_mm / 2, beam.length_mm)
+    span = span_of(beam, float(min(sensor.min(), low.min())), float(max(sensor.max(), high.max())))
+    if span is None:
+        shape = element_influence(beam, sensor, low, high)
+    elif width_mm == 0:
+        shape = point_influence(span, sensor, load)
+    else:
+        shape = patch_influence(span, sensor, low, high)
+    scale = _deflection_unit(beam.length_mm if span is None else span.length_mm, beam.rigidity_n_mm2)
+    with np.errstate(over="ignore"):
+        matrix: Floats = scale * shape
+    if not np.all(np.isfinite(matrix)):
+        message = "beam: its deflection is beyond what can be computed; check length and rigidity"
+        raise SceneError(message)
+    return matrix
+
+
+def scene_influence(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Floats:
+    """Return the influence matrix of a scene's contacts, (loads, sensors) in mm/N; arguments, errors as `influence`."""
+    return influence(scene.beam, sensor_mm, load_mm, scene.contact.width_mm)
+
+
+def deflection_unit_mm_per_n(beam: Beam) -> float:
+    """Return the unit l^3/(EI) of dimensionless deflections, EI of the stiffest section; SceneError beyond float64."""
+    return _deflection_unit(beam.length_mm, beam.rigidity_n_mm2)
+
+
+def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:
+    """Return l^3/(EI), without an intermediate overflow."""
+    length, power = math.frexp(length_mm)
+    rigidity, under = math.frexp(rigidity_n_mm2)
+    try:
+        unit = math.ldexp(length * length * length / rigidity, 3 * power - under)
+    except OverflowError:
+        unit = math.inf
+    if not SMALLEST_NORMAL <= unit < math.inf:
+        message = (
+            f"a beam of {length_mm:g} mm with a rigidity of {rigidity_n_mm2:g} N mm^2 deflects beyond what can be "
+            "computed; check both"
+        )
+        raise SceneError(message)
+    return unit
+
+
+def _on_beam(beam: Beam, position_mm: ArrayLike, name: str) -> Floats:
+    """Return positions as an array; ValueError unless all lie on the beam."""
+    position = np.atleast_1d(np.asarray(position_mm, dtype=np.float64))
+    if position.ndim != 1 or position.size == 0:
+        message = f"{name} must be a non-empty list of positions"
+        raise ValueError(message)
+    if not np.all(np.isfinite(position)) or position.min() < 0 or position.max() > beam.length_mm:
+        message = f"{name} must be finite and lie on the beam, 0..{beam.length_mm:g} mm"
+        raise ValueError(message)
+    return position
+
+
+def load_positions_mm(scene: Scene) -> Floats:
+    """Return the load positions for the components: every 1/400 of the length, as in the paper."""
+    low, high = scene.contact.position_mm
+    steps = max(1, round((high - low) / scene.beam.length_mm * 400))
+    return np.linspace(low, high, steps + 1)
+
+
+def sensor_positions_mm(scene: Scene) -> Floats:
+    """Return the positions that a sensor may take, ascending: the grid without its keep-outs, plus the fixed sensors.
+
+    Raises
+    ------
+    SceneError
+        The grid is too fine, or fewer than two positions are left.
+    """
+    sensors, length = scene.sensors, scene.beam.length_mm
+    if length / sensors.grid_mm > MAX_SENSOR_POSITIONS:
+        message = (
+            f"sensors.grid_mm = {sensors.grid_mm:g} makes more than {MAX_SENSOR_POSITIONS} positions; make it coarser"
+        )
+        raise SceneError(message)
+    fixed_mm = np.unique(np.asarray(sensors.fixed_mm, dtype=np.float64))
+    grid = _grid_mm(scene)
+    for start, end in sensors.keep_out_mm:
+        grid = grid[(grid <= start) | (grid >= end)]
+    # 3 * 0.1 and 0.3 are the same position; a fixed sensor keeps the digits of the scene.
+    apart = np.abs(grid[:, None] - fixed_mm).min(axis=1, initial=np.inf) > 1e-9 * length
+    position = np.union1d(grid[apart], fixed_mm)
+    if len(position) < 2:
+        message = "sensors: grid_mm and keep_out_mm leave fewer than two positions; make the grid finer"
+        raise SceneError(message)
+    return position
+
+
+def _grid_mm(scene: Scene) -> Floats:
+    """Return the multiples of the grid along the beam, with the ends where the beam moves."""
+    step, length = scene.sensors.grid_mm, scene.beam.length_mm
+    inner = np.arange(1, np.ceil(length / step)) * step
+    inner = inner[inner < length * (1 - 1e-12)]
+    matrix = influence(scene.beam, np.linspace(0, length, 17), np.linspace(*scene.contact.position_mm, 9))
+    moves = np.abs(matrix).max(axis=0)
+    free_left, free_right = moves[[0, -1]] > 1e-9 * moves.max()
+    on_grid = abs(length / step - round(length / step)) < 1e-9
+    ends = [0.0] * bool(free_left), [length] * bool(free_right and on_grid)
+    return np.concatenate([ends[0], inner, ends[1]])
+
+
+def travel_mm(scene: Scene) -> tuple[float, float]:
+    """Return how far any point of the beam moves against, and in, the direction of the largest force, in mm.
+
+    Both are positive or zero. A beam on two supports never moves against the force; a beam with an overhang does.
+    """
+    shapes = _shapes_mm(scene)[1]
+    return max(0.0, -float(shapes.min())), max(0.0, float(shapes.max()))
+
+
+def max_deflection_mm(scene: Scene) -> float:
+    """Return the largest deflection in the scene, anywhere on the beam, in either direction, in mm."""
+    return max(travel_mm(scene))
+
+
+def check_small_angles(scene: Scene) -> None:
+    """Raise SceneError if the deflection of a scene is beyond small-angle theory."""
+    points, shapes = _shapes_mm(scene)
+    slope = float(np.abs(np.diff(shapes, axis=1)).max() / (points[1] - points[0]))
+    if not slope <= MAX_SLOPE:
+        message = (
+            f"at {scene.contact.force_range_n[1]:g} N the beam slopes by {slope:.3g} rad, beyond the {MAX_SLOPE:g} rad "
+            "of small-angle theory; make the beam stiffer or the force smaller"
+        )
+        raise SceneError(message)
+
+
+def _shapes_mm(scene: Scene) -> tuple[Floats, Floats]:
+    """Return points along the beam, and their deflections under the largest force at each load position."""
+    points = np.linspace(0.0, scene.beam.length_mm, 801)
+    with np.errstate(over="ignore"):
+        shapes = scene_influence(scene, points, load_positions_mm(scene)) * scene.contact.force_range_n[1]
+    if not np.all(np.isfinite(shapes)):
+        message = "the deflection at the largest force is beyond what can be computed; check contact.force_n and beam"
+        raise SceneError(message)
+    return points, shapes

@@ -1,0 +1,92 @@
+"""Ringing of a beam after a sudden load: its first natural frequency, and the part that passes the filter."""
+
+import math
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.errors import SceneError
+from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.physics.closed_forms import span_of
+from beamtouch_models.structure import SMALLEST_NORMAL, Beam
+
+DAMPING_RATIO = 0.01
+"""Assumed, because a scene states none: a bare metal beam on its supports; Blevins, Flow-Induced Vibration, ch. 8."""
+# First roots of the frequency equations; Blevins, Formulas for Natural Frequency and Mode Shape, 1979, table 8-1.
+FIRST_ROOT = {
+    "simply-supported": math.pi,
+    "cantilever": 1.8751040687119611,
+    "fixed-fixed": 4.7300407448627040,
+    "propped": 3.9266023120479187,
+}
+GRAVITY = 9.80665
+POINTS = 400
+"""Point masses that represent the beam if there is no closed form; they give the frequency to about 1e-4."""
+
+
+def first_frequency_hz(beam: Beam) -> float | None:
+    """Return the first natural frequency in Hz; None if the scene does not state density, width and thickness.
+
+    Without a closed form it comes from the influence matrix: for any supports, the largest eigenvalue of flexibility
+    times mass is 1/omega^2.
+    """
+    mass = _line_mass(beam)
+    if mass is None:
+        return None
+    span = span_of(beam, 0.0, beam.length_mm)
+    if span is not None and np.ptp(mass) == 0:
+        ratio = beam.rigidity_n_mm2 * 1e3 / float(mass[0])  # mm^4/s^2: a newton is 1000 kg mm/s^2
+        frequency = FIRST_ROOT[span.form] ** 2 / (2 * math.pi) * math.sqrt(ratio) / beam.length_mm / beam.length_mm
+    else:
+        place, point_mass = _points(beam, mass)
+        root = np.sqrt(point_mass)
+        flexibility = influence(beam, place, place) * 1e-3 * root[:, None] * root  # s^2
+        largest = float(np.linalg.eigvalsh((flexibility + flexibility.T) / 2)[-1])
+        frequency = 1 / (2 * math.pi * math.sqrt(largest)) if largest > 0 else math.inf
+    if not SMALLEST_NORMAL <= frequency < math.inf:
+        message = "beam: its natural frequency cannot be computed; check length, rigidity and density"
+        raise SceneError(message)
+    return frequency
+
+
+def sag_mm(beam: Beam) -> float | None:
+    """Return the largest deflection under the beam's own weight, in mm; None if its mass is not stated."""
+    mass = _line_mass(beam)
+    if mass is None:
+        return None
+    place, point_mass = _points(beam, mass)
+    return float(np.abs(GRAVITY * point_mass @ influence(beam, place, place)).max())
+
+
+def _line_mass(beam: Beam) -> Floats | None:
+    """Return the mass per length of each section in kg/mm; None if the scene does not state it."""
+    areas = [section.area_mm2 for section in beam.sections]
+    if beam.density_kg_m3 is None or None in areas:
+        return None
+    mass = beam.density_kg_m3 * 1e-9 * np.array(areas, dtype=np.float64)
+    if not np.all((mass >= SMALLEST_NORMAL) & (mass < np.inf)):
+        message = "beam: its mass cannot be computed; check density, width and thickness"
+        raise SceneError(message)
+    return mass
+
+
+def _points(beam: Beam, line_mass: Floats) -> tuple[Floats, Floats]:
+    """Return the beam's mass as points: their places in mm and their masses in kg."""
+    place = (np.arange(POINTS) + 0.5) / POINTS * beam.length_mm
+    section = np.searchsorted([section.to_mm for section in beam.sections], place)
+    return place, line_mass[section] * (beam.length_mm / POINTS)
+
+
+def ringing_after_filter(frequency_hz: float, chosen: FilterChoice, rate_hz: float) -> float:
+    """Return the share of a sudden load's deflection that still rings once the filter has settled on that load.
+
+    All motion is assumed to be in the first mode. It decays during the settling time, and a mean of N readings passes
+    |sin(pi f N/rate) / (N sin(pi f/rate))| of it.
+    """
+    decay = math.exp(-DAMPING_RATIO * 2 * math.pi * frequency_hz * chosen.settling_ms / 1000)
+    phase = math.pi * frequency_hz / rate_hz
+    passed = 1.0
+    if abs(math.sin(phase)) > 1e-9:
+        passed = min(1.0, abs(math.sin(chosen.window * phase) / (chosen.window * math.sin(phase))))
+    return decay * passed

@@ -1,0 +1,169 @@
+"""A structure of beam elements: steps in section, several spans, overhangs, shear, an elastic foundation.
+
+Nodes stand only at supports and steps and, on a foundation, close enough for the elements' series to converge. The
+stiffness is banded and symmetric. It is assembled only for beams that no closed form covers.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.elements import LONGEST, Elements, elements_of, rigid_forces, stiffness
+from beamtouch_models.structure import SHEAR_COEFFICIENT, Beam
+
+SHORTEST = 1e-9
+"""Shortest element, in units of the beam's length; closer nodes cannot be distinguished."""
+MAX_ELEMENTS = 20_000
+LARGEST_CORRECTION = 1e-10
+"""Relative change of the solution in the last refinement, above which the solution is inaccurate."""
+UNEVEN = (
+    "beam: its parts are so uneven, or it is held so loosely, that too few digits would be right; "
+    "take out very short segments and spans, or add a support"
+)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Elements from left to right, and the factor of their stiffness matrix."""
+
+    length_mm: float
+    node_mm: Floats
+    """(elements + 1,)"""
+    elements: Elements
+    held: Indices
+    """Degrees of freedom held by the supports; node i has the deflection 2 i and the rotation 2 i + 1."""
+    springs: Floats
+    """(nodes,) rotational stiffness of the support at each node."""
+    stiffness: Floats
+    """(elements, 4, 4)"""
+    rigid: Floats
+    """(elements, 4, 2), forces under rigid motions."""
+    factor: Floats
+    """(4, 2 nodes), banded Cholesky factor."""
+
+
+@lru_cache(maxsize=16)
+def mesh_of(beam: Beam) -> Mesh:
+    """Return the factorised mesh of a beam; raises SceneError if its parts are too close together or too uneven."""
+    length, reference = beam.length_mm, beam.rigidity_n_mm2
+    foundation = (beam.foundation_n_mm2 or 0.0) * length / reference * length * length * length
+    if not np.isfinite(foundation):
+        raise SceneError(_too_stiff(beam))
+    node = _nodes(beam, foundation)
+    ends = [section.to_mm for section in beam.sections]
+    section = np.searchsorted(ends, (node[:-1] + node[1:]) / 2)
+    rigidity = np.array([section.rigidity_n_mm2 / reference for section in beam.sections])
+    elements = elements_of(np.diff(node) / length, rigidity[section], _shear_compliance(beam)[section], foundation)
+    held = [
+        2 * int(np.searchsorted(node, support.at_mm)) + degree
+        for support in beam.support_list
+        for degree in ((0, 1) if support.kind == "fixed" else (0,))
+    ]
+    matrices = stiffness(elements)
+    if not np.all(np.isfinite(matrices)):
+        raise SceneError(UNEVEN)
+    springs = np.zeros(len(node))
+    for support in beam.support_list:
+        springs[np.searchsorted(node, support.at_mm)] = support.stiffness
+    factor = _factor(matrices, springs, held)
+    return Mesh(length, node, elements, np.array(held, np.intp), springs, matrices, rigid_forces(elements), factor)
+
+
+def _nodes(beam: Beam, foundation: float) -> Floats:
+    """Return the nodes: ends, steps and supports; on a foundation also nodes between, to keep the elements short."""
+    ends = [section.to_mm for section in beam.sections]
+    node = np.unique([0.0, *ends, *(support.at_mm for support in beam.support_list)])
+    gaps = np.diff(node)
+    if gaps.min() < SHORTEST * beam.length_mm:
+        near = int(gaps.argmin())
+        message = f"supports or segments at {node[near]:g} and {node[near + 1]:g} mm are too close to be told apart"
+        raise SceneError(message)
+    if foundation == 0:
+        return node
+    softest = min(section.rigidity_n_mm2 for section in beam.sections) / beam.rigidity_n_mm2
+    slip = float(_shear_compliance(beam).max())
+    longest = LONGEST / max((foundation / (4 * softest)) ** 0.25, (foundation * slip) ** 0.5)
+    pieces = np.maximum(np.ceil(gaps / beam.length_mm / longest), 1)
+    if not pieces.sum() <= MAX_ELEMENTS:
+        raise SceneError(_too_stiff(beam))
+    stretches = [
+        np.linspace(start, end, int(count), endpoint=False)
+        for start, end, count in zip(node[:-1], node[1:], pieces, strict=True)
+    ]
+    return np.concatenate([*stretches, node[-1:]])
+
+
+def _too_stiff(beam: Beam) -> str:
+    return f"beam.foundation_n_mm2 = {beam.foundation_n_mm2:g} is too stiff beside this beam; make it softer"
+
+
+def _shear_compliance(beam: Beam) -> Floats:
+    """Return EI/(k G A l^2) of each section, with EI of the stiffest; zeros if the scene states no shear modulus."""
+    if beam.shear_modulus_gpa is None:
+        return np.zeros(len(beam.sections))
+    modulus = SHEAR_COEFFICIENT * 1e3 * beam.shear_modulus_gpa
+    rigidity = np.array([modulus * (section.area_mm2 or 0.0) for section in beam.sections])
+    with np.errstate(all="ignore"):
+        compliance: Floats = beam.rigidity_n_mm2 / beam.length_mm / beam.length_mm / rigidity
+    if not np.all(np.isfinite(compliance)):
+        message = "beam.shear_modulus_gpa: with this section the shear deflection cannot be computed"
+        raise SceneError(message)
+    return compliance
+
+
+def _factor(matrices: Floats, springs: Floats, held: list[int]) -> Floats:
+    """Assemble the stiffness of all elements, hold the supports, and factorise."""
+    elements = len(matrices)
+    band = np.zeros((4, 2 * (elements + 1)))
+    for column in range(4):
+        for row in range(column, 4):
+            band[row - column, column : column + 2 * elements : 2] += matrices[:, row, column]
+    band[0, 1::2] += springs
+    for degree in held:
+        for below in range(1, min(4, degree + 1)):
+            band[below, degree - below] = 0.0
+    band[1:, held] = 0.0
+    band[0, held] = 1.0
+    try:
+        factor: Floats = cholesky_banded(band, lower=True)
+    except LinAlgError:
+        raise SceneError(UNEVEN) from None
+    return factor
+
+
+def solve(mesh: Mesh, right: Floats) -> Floats:
+    """Return refined displacements (degrees, columns) under nodal loads; raises SceneError if they are inaccurate."""
+    right = right.copy()
+    right[mesh.held] = 0.0
+    solution: Floats = cho_solve_banded((mesh.factor, True), right)
+    for _ in range(3):
+        residual = right - _forces(mesh, solution)
+        residual[mesh.held] = 0.0
+        correction = cho_solve_banded((mesh.factor, True), residual)
+        solution = solution + correction
+    if not np.abs(correction).max() <= LARGEST_CORRECTION * np.abs(solution).max():
+        raise SceneError(UNEVEN)
+    return solution
+
+
+def _forces(mesh: Mesh, displacement: Floats) -> Floats:
+    """Return the nodal forces under displacements (degrees, columns).
+
+    Each element's rigid motion is separated from its deformation, so that the large stiffness of a short element
+    multiplies only its small deformation. This makes the refinement in `solve` effective.
+    """
+    w, phi = displacement[0::2], displacement[1::2]
+    chord = (w[1:] - w[:-1]) / mesh.elements.height[:, None]
+    forces = mesh.stiffness[:, :, [1, 3]] @ np.stack([phi[:-1] - chord, phi[1:] - chord], axis=1)
+    forces += mesh.rigid @ np.stack([w[:-1], w[1:]], axis=1)
+    total = np.zeros_like(displacement)
+    total[0:-2:2] += forces[:, 0]
+    total[1:-2:2] += forces[:, 1]
+    total[2::2] += forces[:, 2]
+    total[3::2] += forces[:, 3]
+    total[1::2] += mesh.springs[:, None] * phi
+    return total

@@ -1,0 +1,136 @@
+"""Sensor layouts: the candidate grid and the rules of a scene."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.physics.beam import sensor_positions_mm
+from beamtouch_models.scene import Scene
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """The positions that a sensor may take, and the rules for a layout.
+
+    A layout is an ascending list of distinct candidates, at least `min_distance_mm` apart, that includes every fixed
+    sensor.
+    """
+
+    position_mm: Floats
+    """(candidates,), ascending; the grid without its keep-outs, plus the fixed sensors."""
+    fixed: Indices
+    """Candidates of the fixed sensors, ascending."""
+    min_distance_mm: float
+
+    @cached_property
+    def gap_mm(self) -> float:
+        """Smallest distance between neighbours, minus a tolerance for rounding of the grid's multiples."""
+        step = float(np.diff(self.position_mm).min())
+        return max(self.min_distance_mm - 1e-9 * step, step / 2)
+
+    @cached_property
+    def last_before(self) -> Indices:
+        """For each candidate, the last one to its left that keeps the distance, or -1; (candidates,)."""
+        return np.searchsorted(self.position_mm, self.position_mm - self.gap_mm, side="right") - 1
+
+    @cached_property
+    def mirrored(self) -> "Candidates":
+        """The same rules seen from the right end."""
+        return Candidates(-self.position_mm[::-1], len(self.position_mm) - 1 - self.fixed[::-1], self.min_distance_mm)
+
+    def allowed(self, layouts: Indices) -> Bools:
+        """Return whether each layout (population, sensors) keeps the distance and has all fixed sensors."""
+        positions = np.sort(self.position_mm[layouts], axis=1)
+        kept: Bools = np.all(np.diff(positions, axis=1) >= self.gap_mm, axis=1)
+        for index in self.fixed:
+            kept &= np.any(layouts == index, axis=1)
+        return kept
+
+    def conflicts(self, layout: Indices) -> Bools:
+        """Return whether each candidate is too close to each sensor of a layout; (sensors, candidates)."""
+        near: Bools = np.abs(self.position_mm[layout][:, None] - self.position_mm) < self.gap_mm
+        return near
+
+    def is_fixed(self, layout: Indices) -> Bools:
+        """Return whether each sensor of a layout is fixed, in the shape of `layout`."""
+        return np.isin(layout, self.fixed)
+
+    def nearest(self, position_mm: Floats) -> Indices:
+        """Return the candidate nearest to each position, in the shape of `position_mm`."""
+        after = np.clip(np.searchsorted(self.position_mm, position_mm), 1, len(self.position_mm) - 1)
+        left, right = self.position_mm[after - 1], self.position_mm[after]
+        chosen: Indices = np.where(position_mm - left <= right - position_mm, after - 1, after)
+        return chosen
+
+    def fitted(self, wanted_mm: Floats) -> Indices | None:
+        """Return the allowed layout nearest to wanted positions (sensors,); None if no layout exists."""
+        span = self.position_mm[-1] - self.position_mm[0]
+        return self.best(-(((np.sort(wanted_mm)[:, None] - self.position_mm) / span) ** 2))
+
+    def best(self, values: Floats) -> Indices | None:
+        """Return the layout with the largest sum of values (sensors, candidates), or None.
+
+        Row k holds the values of the k-th sensor from the left. Dynamic programming over the sensors finds the layout;
+        None means that no allowed layout has finite values.
+        """
+        sums = self._sums_from_left(values)
+        last = self._last_sums(sums)
+        if not np.isfinite(last.max()):
+            return None
+        layout = [int(last.argmax())]
+        for row in sums[-2::-1]:
+            low, high = self._window(layout[-1])
+            layout.append(low + int(row[low : high + 1].argmax()))
+        return np.array(layout[::-1], dtype=np.intp)
+
+    def best_through(self, values: Floats) -> Floats:
+        """Return the largest sum of values of a layout whose k-th sensor is at i, or -inf; (sensors, candidates)."""
+        left = self._sums_from_left(values)
+        right = self.mirrored._sums_from_left(values[::-1, ::-1])[::-1, ::-1]
+        through = np.full_like(values, -np.inf)
+        usable = np.isfinite(values)
+        through[usable] = left[usable] + (right[usable] - values[usable])
+        return through
+
+    def _sums_from_left(self, values: Floats) -> Floats:
+        """Return the largest sum of the first k + 1 values with the k-th sensor at i; (sensors, candidates)."""
+        sums = np.full_like(values, -np.inf)
+        first = self.fixed[0] if len(self.fixed) else len(self.position_mm) - 1
+        sums[0, : first + 1] = values[0, : first + 1]
+        # The predecessor of a sensor is at or after the last fixed sensor before it, which must not be skipped.
+        bounds = [0, *(int(index) + 1 for index in self.fixed), len(self.position_mm)]
+        for k in range(1, len(values)):
+            for start, end in pairwise(bounds):
+                low = max(start - 1, 0)
+                running = np.maximum.accumulate(sums[k - 1, low:end])
+                before = self.last_before[start:end] - low
+                reached = np.where(before >= 0, running[np.maximum(before, 0)] if len(running) else -np.inf, -np.inf)
+                sums[k, start:end] = values[k, start:end] + reached
+        return sums
+
+    def _last_sums(self, sums: Floats) -> Floats:
+        last: Floats = sums[-1].copy()
+        if len(self.fixed):
+            last[: self.fixed[-1]] = -np.inf
+        return last
+
+    def _window(self, index: int) -> tuple[int, int]:
+        """Return the first and the last candidate that may precede the sensor at `index`."""
+        fixed_before = self.fixed[self.fixed < index]
+        return int(fixed_before[-1]) if len(fixed_before) else 0, int(self.last_before[index])
+
+
+def candidates(scene: Scene) -> Candidates:
+    """Return the candidates of a scene; raises SceneError if its rules leave fewer than two."""
+    position = sensor_positions_mm(scene)
+    return Candidates(
+        position, np.searchsorted(position, np.unique(scene.sensors.fixed_mm)), scene.sensors.min_distance_mm
+    )
+
+
+def equal_pitch_mm(scene: Scene, count: int) -> Floats:
+    """Return the layout that divides the beam into equal parts; (count,) in mm."""
+    return scene.beam.length_mm * np.arange(1, count + 1) / (count + 1)

@@ -1,0 +1,1 @@
+"""Noise, filter, and the price of each physical effect in a scene."""

@@ -1,0 +1,85 @@
+"""Noise of a reading and of a sample, and the filter between them that fits the latency of a scene."""
+
+import math
+
+from beamtouch_models.errors import SceneError
+from beamtouch_models.metadata import FilterChoice, Noise
+from beamtouch_models.physics.beam import max_deflection_mm
+from beamtouch_models.scene import Scene
+
+SPIKE_SIGMAS = 6.0
+"""Distance from the median of three, in standard deviations, of a spike; noise reaches it once in 1e8 readings."""
+
+MAX_READINGS = 10_000
+"""Longest filter of the daemon."""
+
+
+def sensor_noise_mm(scene: Scene) -> float:
+    """Standard deviation of one reading, in mm, without the ADC's steps."""
+    if scene.sensors.noise_mm is not None:
+        return scene.sensors.noise_mm
+    return (scene.sensors.noise_percent_of_max or 0.0) / 100 * max_deflection_mm(scene)
+
+
+def reading_noise_mm(scene: Scene) -> float:
+    """Standard deviation of one reading, in mm: the sensor's noise, and the ADC's steps if the scene states them.
+
+    A step of width q adds q / sqrt(12); Widrow & Kollar, Quantization Noise, 2008, sec. 1.2.
+    """
+    sensors = scene.sensors
+    step = 0.0 if sensors.adc_bits is None else step_mm(sensors.range_mm, sensors.adc_bits)
+    return math.hypot(sensor_noise_mm(scene), step / math.sqrt(12))
+
+
+def step_mm(range_mm: tuple[float, float], adc_bits: int) -> float:
+    """Gap per count in mm; the linear range takes the middle 80 % of the ADC's scale, so that its ends show."""
+    low, high = range_mm
+    full_scale: int = 2**adc_bits - 1
+    return (high - low) / (0.8 * full_scale)
+
+
+def choose_filter(scene: Scene) -> FilterChoice:
+    """Choose the filter that uses all of the latency: a spike filter, then the mean of as many readings as fit.
+
+    The spike filter delays the first reading of a new load by one reading, so a mean of N readings has settled N
+    reading periods after that first reading.
+
+    Raises
+    ------
+    SceneError
+        Not even one reading fits in the latency.
+    """
+    latency = scene.requirements.latency_ms
+    if latency is None:
+        return FilterChoice()
+    period_ms = 1000 / scene.sensors.rate_hz
+    readings = latency / period_ms
+    if not readings <= MAX_READINGS:
+        message = (
+            f"requirements.latency_ms = {latency:g} holds more than {MAX_READINGS} readings at sensors.rate_hz = "
+            f"{scene.sensors.rate_hz:g}; lower one of them"
+        )
+        raise SceneError(message)
+    window = math.floor(readings + 1e-9)
+    if window < 1:
+        message = (
+            f"requirements.latency_ms = {latency:g} is shorter than one reading ({period_ms:g} ms); "
+            "raise sensors.rate_hz"
+        )
+        raise SceneError(message)
+    return window_filter(scene, window)
+
+
+def window_filter(scene: Scene, window: int) -> FilterChoice:
+    """Return a spike filter with the mean of `window` readings; without a stated latency, 1 means no filter."""
+    if window == 1 and scene.requirements.latency_ms is None:
+        return FilterChoice()
+    spike = SPIKE_SIGMAS * reading_noise_mm(scene) or None
+    settling_ms = window * 1000 / scene.sensors.rate_hz
+    return FilterChoice(kind="moving-average", window=window, spike_mm=spike, settling_ms=settling_ms)
+
+
+def noise_of(scene: Scene, chosen: FilterChoice) -> Noise:
+    """Noise of a reading and of a sample: the mean of N independent readings divides it by sqrt(N)."""
+    reading = reading_noise_mm(scene)
+    return Noise(reading_mm=reading, sample_mm=reading / math.sqrt(chosen.window))

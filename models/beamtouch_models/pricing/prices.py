@@ -1,0 +1,227 @@
+"""The price of each single physical effect in a scene; `effects` decides which effects are modelled."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import ValidationError
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.errors import SceneError
+from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.physics import dynamics
+from beamtouch_models.physics.beam import load_positions_mm, scene_influence
+from beamtouch_models.pricing.noise import step_mm
+from beamtouch_models.scene import Scene
+
+Verdict = Literal["in", "out", "not stated", "not modelled"]
+
+NEGLIGIBLE = 0.1
+"""Price, in units of the noise, below which effects are left out."""
+POISSON_RATIO = 0.3
+"""Value of most metals; it gives the shear modulus if the scene does not state one."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect, priced for a scene."""
+
+    name: str
+    price: float | None
+    """In units of the noise of a sample; None if the scene does not state the data for it."""
+    verdict: Verdict
+    """"in" or "out" of the influence matrix; "not modelled": it matters, but the influence matrix cannot include it."""
+    reason: str
+    having: Scene | None = None
+    lacking: Scene | None = None
+    """The scene with and without the effect, if the two differ."""
+    leave_out: Callable[[Scene], Scene] | None = None
+    """Removes the effect from a scene; None if that changes nothing."""
+
+
+@dataclass(frozen=True)
+class Pricing:
+    """The data for pricing the effects of a scene."""
+
+    scene: Scene
+    filter: FilterChoice
+    noise_mm: float
+    """Noise of a sample behind the filter."""
+    sensor_mm: Floats
+
+    def deflection_mm(self, scene: Scene) -> Floats:
+        """Return the deflection (loads, sensors) at the largest force."""
+        return scene.contact.force_range_n[1] * scene_influence(scene, self.sensor_mm, load_positions_mm(scene))
+
+    def price(self, having: Scene, lacking: Scene) -> float:
+        """Return the largest difference in deflection between two scenes, in units of the noise."""
+        return self.in_noise(self.deflection_mm(having) - self.deflection_mm(lacking))
+
+    def in_noise(self, deflection_mm: Floats) -> float:
+        """Return the largest deflection in units of the noise; raises SceneError beyond the range of float64."""
+        with np.errstate(over="ignore"):
+            price = float(np.abs(deflection_mm).max(initial=0.0) / self.noise_mm)
+        if not math.isfinite(price):
+            message = "sensors: the noise is too small next to the deflection to price effects in; state a larger one"
+            raise SceneError(message)
+        return price
+
+
+def changed(scene: Scene, part: str, **values: Any) -> Scene:  # noqa: ANN401  # whatever a scene's field may be
+    """Return a scene with other values in one of its parts; raises pydantic's ValidationError if they are invalid."""
+    stated = scene.model_dump()
+    return Scene.model_validate({**stated, part: {**stated[part], **values}})
+
+
+def _verdict(price: float) -> Verdict:
+    return "out" if price < NEGLIGIBLE else "in"
+
+
+def _shear(pricing: Pricing) -> Effect:
+    scene, beam = pricing.scene, pricing.scene.beam
+    if beam.shear_modulus_gpa is not None:
+        lacking = _without_shear(scene)
+        price = pricing.price(scene, lacking)
+        reason = f"shear modulus {beam.shear_modulus_gpa:g} GPa"
+        return Effect("shear", price, _verdict(price), reason, scene, lacking, _without_shear)
+    if beam.youngs_modulus_gpa is None or any(section.area_mm2 is None for section in beam.sections):
+        return Effect("shear", None, "not stated", "give shear_modulus_gpa with width_mm and thickness_mm")
+    modulus = beam.youngs_modulus_gpa / (2 * (1 + POISSON_RATIO))
+    having = changed(scene, "beam", shear_modulus_gpa=modulus)
+    price = pricing.price(having, scene)
+    if price < NEGLIGIBLE:
+        reason = f"estimated with a Poisson ratio of {POISSON_RATIO:g}"
+        return Effect("shear", price, "out", reason, having, scene)
+    reason = f"state beam.shear_modulus_gpa to include it; {modulus:.3g} at a Poisson ratio of {POISSON_RATIO:g}"
+    return Effect("shear", price, "not modelled", reason, having, scene)
+
+
+def _contact_width(pricing: Pricing) -> Effect:
+    scene, width = pricing.scene, pricing.scene.contact.width_mm
+    if width == 0:
+        return Effect("contact width", 0.0, "out", "the scene states a point contact")
+    lacking = _without_width(scene)
+    price = pricing.price(scene, lacking)
+    return Effect("contact width", price, _verdict(price), f"{width:g} mm", scene, lacking, _without_width)
+
+
+def _self_weight(pricing: Pricing) -> Effect:
+    # Deflections are linear in the load: after a tare, a contact adds the same deflection with or without the weight.
+    sag = dynamics.sag_mm(pricing.scene.beam)
+    told = "" if sag is None else f"; the beam sags by {sag:.3g} mm, which the stand-off must allow for"
+    return Effect("self-weight", 0.0, "out", f"constant, removed by the tare{told}")
+
+
+def _overhang(pricing: Pricing) -> Effect:
+    scene, supports = pricing.scene, pricing.scene.beam.support_list
+    places = [support.at_mm for support in supports]
+    if len(places) < 2 or (places[0] == 0 and places[-1] == scene.beam.length_mm):
+        return Effect("overhang", 0.0, "out", "no overhang")
+    loads, sensors = load_positions_mm(scene), pricing.sensor_mm
+    off_loads, off_sensors = ((at < places[0]) | (at > places[-1]) for at in (loads, sensors))
+    price = pricing.in_noise(pricing.deflection_mm(scene)[off_loads[:, None] | off_sensors])
+    if price == 0:
+        return Effect("overhang", 0.0, "out", "no load or sensor on an overhang")
+    return Effect("overhang", price, "in", f"beyond the supports at {places[0]:g} and {places[-1]:g} mm")
+
+
+def _steps(pricing: Pricing) -> Effect:
+    scene = pricing.scene
+    if len({section.rigidity_n_mm2 for section in scene.beam.sections}) == 1:
+        return Effect("steps", 0.0, "out", "a single section")
+    # The prismatic beam has no section for shear to depend on, so compare the two without shear.
+    having, lacking = _without_shear(scene), _without_steps(scene)
+    price = pricing.price(having, lacking)
+    reason = f"compared to a prismatic beam of the same mean compliance, {lacking.beam.rigidity_n_mm2:.4g} N mm^2"
+    if price < NEGLIGIBLE and scene.beam.shear_modulus_gpa is not None:
+        return Effect(
+            "steps", price, "in", f"{reason}; included, because shear depends on the sections", having, lacking
+        )
+    return Effect("steps", price, _verdict(price), reason, having, lacking, _without_steps)
+
+
+def _foundation(pricing: Pricing) -> Effect:
+    scene = pricing.scene
+    if scene.beam.foundation_n_mm2 is None:
+        return Effect("foundation", 0.0, "out", "no foundation")
+    reason = f"{scene.beam.foundation_n_mm2:g} N/mm per mm"
+    try:
+        lacking = _without_foundation(scene)
+    except ValidationError:
+        whole = pricing.in_noise(pricing.deflection_mm(scene))
+        return Effect("foundation", whole, "in", f"{reason}; nothing else supports the beam", scene)
+    price = pricing.price(scene, lacking)
+    return Effect("foundation", price, _verdict(price), reason, scene, lacking, _without_foundation)
+
+
+def _dynamics(pricing: Pricing) -> Effect:
+    scene = pricing.scene
+    frequency = dynamics.first_frequency_hz(scene.beam)
+    if frequency is None:
+        return Effect("dynamics", None, "not stated", "give density_kg_m3 with width_mm and thickness_mm")
+    still = dynamics.ringing_after_filter(frequency, pricing.filter, scene.sensors.rate_hz)
+    price = pricing.in_noise(pricing.deflection_mm(scene)) * still
+    told = f"rings at {frequency:.3g} Hz, damped by {dynamics.DAMPING_RATIO:.0%} (assumed)"
+    if price < NEGLIGIBLE:
+        return Effect("dynamics", price, "out", f"{told}; decayed once the filter has settled")
+    longer = math.log(price / NEGLIGIBLE) / (dynamics.DAMPING_RATIO * 2 * math.pi * frequency)
+    reason = f"{told}; after a sudden load it is negligible {longer:.2g} s after the filter has settled"
+    return Effect("dynamics", price, "not modelled", reason)
+
+
+def _sensor_curve(pricing: Pricing) -> Effect:
+    low, high = pricing.scene.sensors.range_mm
+    return Effect(
+        "sensor curve", None, "not stated", f"assumed linear over {low:g}..{high:g} mm; calibrate corrects it"
+    )
+
+
+def _adc_steps(pricing: Pricing) -> Effect:
+    sensors = pricing.scene.sensors
+    if sensors.adc_bits is None:
+        return Effect("ADC steps", None, "not stated", "give sensors.adc_bits")
+    step = step_mm(sensors.range_mm, sensors.adc_bits)
+    # A standard deviation, like the noise that it is compared to; rounding errors of readings count as independent.
+    price = step / math.sqrt(12 * pricing.filter.window) / pricing.noise_mm
+    return Effect("ADC steps", price, _verdict(price), f"{1000 * step:.3g} um per count", leave_out=_without_adc)
+
+
+EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (
+    _shear,
+    _contact_width,
+    _self_weight,
+    _overhang,
+    _steps,
+    _foundation,
+    _dynamics,
+    _sensor_curve,
+    _adc_steps,
+)
+
+
+def _without_shear(scene: Scene) -> Scene:
+    return changed(scene, "beam", shear_modulus_gpa=None)
+
+
+def _without_width(scene: Scene) -> Scene:
+    return changed(scene, "contact", width_mm=0.0)
+
+
+def _without_foundation(scene: Scene) -> Scene:
+    return changed(scene, "beam", foundation_n_mm2=None)
+
+
+def _without_adc(scene: Scene) -> Scene:
+    return changed(scene, "sensors", adc_bits=None)
+
+
+def _without_steps(scene: Scene) -> Scene:
+    """Return the scene with a prismatic beam that has the mean compliance of the beam."""
+    sections = scene.beam.sections
+    starts = [0.0, *(section.to_mm for section in sections[:-1])]
+    shares = [(section.to_mm - start) / scene.beam.length_mm for section, start in zip(sections, starts, strict=True)]
+    compliance = sum(share / section.rigidity_n_mm2 for share, section in zip(shares, sections, strict=True))
+    dropped = dict.fromkeys(("youngs_modulus_gpa", "shear_modulus_gpa", "width_mm", "thickness_mm"))
+    return changed(scene, "beam", **dropped, segments=(), flexural_rigidity_n_mm2=1 / compliance)

@@ -1,0 +1,84 @@
+"""Counters and histograms of the service, and rate-limited log lines about what they count."""
+
+import logging
+from collections.abc import Callable
+from time import monotonic
+
+from prometheus_client import CollectorRegistry, Counter, Histogram, disable_created_metrics
+
+from beamtouch_service.limits import Seldom
+from beamtouch_service.problems import Kind
+from beamtouch_service.surfaces.contact import State
+from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.timings import Timings
+
+REFUSALS = frozenset({Kind.UNAUTHORIZED, Kind.FORBIDDEN, Kind.TOO_MANY_REQUESTS})
+"""Requests that were refused for their token or their rate."""
+
+_INFERENCE_S = (10e-6, 20e-6, 50e-6, 100e-6, 200e-6, 500e-6, 1e-3, 2e-3, 5e-3, 10e-3)
+_BATCH_S = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 0.1, 0.2, 0.5, 1.0, 10.0)
+"""From a sample on loopback to the longest that a body may take."""
+_AGE_S = (1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+"""Around the limits of age that make sense."""
+
+_log = logging.getLogger("beamtouch.service")
+# Each counter would otherwise have a second series with the time of its creation.
+disable_created_metrics()  # type: ignore[no-untyped-call]  # the library's
+
+
+class Counts:
+    """Counts since the start of one application."""
+
+    def __init__(self, clock: Callable[[], float] = monotonic) -> None:
+        self.registry = CollectorRegistry()
+        self.contacts = self._counter("contacts", "Contacts served.", "surface", "state")
+        self.rejected = self._counter("batches_rejected", "Batches that changed nothing.", "surface", "kind")
+        """`surface` is empty where no surface has the name: a label must not hold what a client makes up."""
+        self.batch_s = self._histogram("batch", "Time from the head of a batch to its receipt.", _BATCH_S)
+        self._problems = self._counter("problems", "Answers that were a problem.", "kind")
+        self._refusals = self._counter("refusals", "Requests refused for their token or their rate.", "kind")
+        self._evicted = self._counter("connections_evicted", "Connections closed to make room for others.")
+        self._inference_s = self._histogram("inference", "Time per estimate.", _INFERENCE_S)
+        self._age_s = self._histogram("sample_arrival_age", "Age of the newest sample at its arrival.", _AGE_S)
+        for kind in REFUSALS:
+            # An alarm cannot watch a series that does not exist yet.
+            self._refusals.labels(kind.slug)
+        self._seldom = Seldom()
+        self._clock = clock
+
+    def watch(self, surface: Surface) -> None:
+        """Measure how long this surface takes, and start its counts at zero."""
+        surface.timings = Timings(self._inference_s.labels(surface.name), self._age_s.labels(surface.name))
+        self.batch_s.labels(surface.name)
+        for state in State:
+            self.contacts.labels(surface.name, state.value)
+
+    def sender_changed(self, surface: str, boot_id: str) -> None:
+        """Log that another sender sends the samples of a surface, once per minute and surface."""
+        times = self._seldom.due(f"sender of {surface}", self._clock())
+        if times:
+            _log.info("surface %s: the sender changed to %s (changes since the last line: %d)", surface, boot_id, times)
+
+    def eviction(self, client: str) -> None:
+        """Count a connection from this address that was closed to make room; log it once per minute."""
+        self._evicted.inc()
+        times = self._seldom.due("eviction", self._clock())
+        if times:
+            words = "too many connections: closed %d to make room since the last such line, the newest from %s"
+            _log.warning(words, times, client)
+
+    def problem(self, kind: Kind, client: str) -> None:
+        """Count a problem that was answered to this address; log a refusal once per minute and kind."""
+        self._problems.labels(kind.slug).inc()
+        if kind not in REFUSALS:
+            return
+        self._refusals.labels(kind.slug).inc()
+        times = self._seldom.due(kind.slug, self._clock())
+        if times:
+            _log.warning("refused (%s): %d since the last such line, the newest from %s", kind.slug, times, client)
+
+    def _counter(self, name: str, words: str, *labels: str) -> Counter:
+        return Counter(f"beamtouch_{name}", words, labels, registry=self.registry)
+
+    def _histogram(self, name: str, words: str, buckets_s: tuple[float, ...]) -> Histogram:
+        return Histogram(f"beamtouch_{name}_seconds", words, ["surface"], registry=self.registry, buckets=buckets_s)

@@ -1,0 +1,97 @@
+"""Every error as problem+json: our own, the framework's, and unexpected ones."""
+
+import json
+
+from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response
+from starlette.types import Scope
+
+from beamtouch_service.access import Role
+from beamtouch_service.api.context import context_of
+from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemError
+
+NO_STORE = {"Cache-Control": "no-store"}
+MAX_ERRORS = 10
+"""Places that an answer lists. A batch can be wrong in thousands."""
+_MAX_POINTER = 200
+
+
+def install(app: FastAPI) -> None:
+    """Make `app` answer every error with problem+json."""
+    app.add_exception_handler(ProblemError, _problem)
+    app.add_exception_handler(HTTPException, _http)
+    app.add_exception_handler(RequestValidationError, _validation)
+    app.add_exception_handler(ClientDisconnect, _disconnect)
+
+
+def answer(problem: Problem, headers: dict[str, str] | None = None) -> Response:
+    """Return a problem as an answer."""
+    # allow_nan=False: NaN is not JSON, so it must not leave the service, not even in an error.
+    content = json.dumps(problem.body(), allow_nan=False, ensure_ascii=False).encode("utf-8", "replace")
+    return Response(content, problem.kind.status, {**NO_STORE, **(headers or {})}, MEDIA_TYPE)
+
+
+def internal(scope: Scope, _error: Exception) -> Response:
+    """Count an unexpected error and return its answer, which does not quote it."""
+    return _counted(scope, Problem(Kind.INTERNAL, "An error in the service ended this request. See its log."))
+
+
+def invalid_request(places: list[dict[str, str]], count: int) -> Problem:
+    """Return the problem of a request that is wrong in `count` places; `places` lists the first of them."""
+    first = f"{places[0]['pointer']}: {places[0]['detail']}" if places else "unknown place"
+    more = f" (and {count - 1} more)" if count > 1 else ""
+    return Problem(Kind.INVALID_REQUEST, f"{first}{more}", members={"errors": places})
+
+
+def pointer(location: tuple[int | str, ...]) -> str:
+    """Return a place in a JSON document as a pointer (RFC 6901) in fragment form. Very long ones are cut."""
+    parts = (str(part).replace("~", "~0").replace("/", "~1") for part in location)
+    return ("#" + "".join(f"/{part}" for part in parts))[:_MAX_POINTER]
+
+
+def client(scope: Scope) -> str:
+    """Return the address of the client."""
+    return scope["client"][0] if scope.get("client") else "unknown"
+
+
+def _counted(scope: Scope, problem: Problem, headers: dict[str, str] | None = None) -> Response:
+    context_of(scope).counts.problem(problem.kind, client(scope))
+    return answer(problem, headers)
+
+
+async def _problem(request: Request, error: Exception) -> Response:
+    assert isinstance(error, ProblemError)  # noqa: S101  # narrows the type; registered for nothing else
+    return _counted(request.scope, error.problem, error.headers)
+
+
+async def _http(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)  # noqa: S101  # narrows the type; registered for nothing else
+    headers = dict(error.headers or {})
+    try:
+        # No route and no role: which addresses exist is told only to clients that may read.
+        context_of(request.scope).allow(request.scope, Role.READ)
+    except ProblemError as refusal:
+        return await _problem(request, refusal)
+    if error.status_code == Kind.METHOD_NOT_ALLOWED.status:
+        detail = f"{request.method} is not allowed here. Allowed: {headers.get('Allow', 'see /openapi.json')}."
+        return _counted(request.scope, Problem(Kind.METHOD_NOT_ALLOWED, detail), headers)
+    if error.status_code == Kind.NOT_FOUND.status:
+        return _counted(request.scope, Problem(Kind.NOT_FOUND, "See /openapi.json for the addresses."), headers)
+    # The framework has a few more. It words them well enough, and RFC 9457 has a type for them.
+    body = {"type": "about:blank", "title": error.detail, "status": error.status_code, "detail": error.detail}
+    return Response(json.dumps(body), error.status_code, {**NO_STORE, **headers}, MEDIA_TYPE)
+
+
+async def _validation(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)  # noqa: S101  # narrows the type; registered for nothing else
+    found = error.errors()
+    places = [{"pointer": pointer(tuple(one["loc"])), "detail": str(one["msg"])} for one in found[:MAX_ERRORS]]
+    return _counted(request.scope, invalid_request(places, len(found)))
+
+
+async def _disconnect(_request: Request, _error: Exception) -> Response:
+    # The sender left in the middle of its body: nobody reads this answer, and nothing was accepted.
+    return Response(status_code=400)

@@ -1,0 +1,154 @@
+"""The event routes. The recorder's thread reads and encodes the answers; the event loop sends them."""
+
+from asyncio import wrap_future
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Literal
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi import Path as PathParameter
+from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
+
+from beamtouch_service.api import event_answers
+from beamtouch_service.api import openapi as documentation
+from beamtouch_service.api.context import Clock
+from beamtouch_service.api.errors import NO_STORE
+from beamtouch_service.api.event_answers import EventList, EventWithPath
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.events.store import EventStore, Selection
+from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.samples import SurfaceName
+from beamtouch_service.surfaces.registry import Registry
+
+CSV = "text/csv"
+_MAX_LIMIT = 1000
+_MAX_PATHS = 50
+"""With its path, an event is a hundred times as large."""
+
+
+def _rfc3339(value: object) -> object:
+    # pydantic takes a bare number for seconds since 1970, or for milliseconds if it is large.
+    if isinstance(value, str) and "T" not in value.upper():
+        message = "expected a time such as 2026-11-20T23:40:46Z"
+        raise ValueError(message)
+    return value
+
+
+_Time = Annotated[AwareDatetime, BeforeValidator(_rfc3339)]
+
+
+class EventQuery(BaseModel):
+    """Query parameters of the list of events."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    surface: SurfaceName | None = Field(None, description="Only events of this surface.")
+    since: _Time | None = Field(None, description="Only events that began at or after this time (RFC 3339).")
+    until: _Time | None = Field(None, description="Only events that began before this time.")
+    after: str | None = Field(None, pattern=r"^[0-9]{1,17}\.[0-9]{1,18}$", description="`next` of the previous page.")
+    path: bool = Field(False, description="Include paths; CSV never has them.")  # a default
+    limit: int = Field(
+        _MAX_PATHS,
+        ge=1,
+        le=_MAX_LIMIT,
+        description=f"Maximum number of events; with paths, at most {_MAX_PATHS}.",
+    )
+    format: Literal["json", "csv"] | None = Field(None, description="Overrides the header `Accept`.")
+
+    @field_validator("limit")
+    @classmethod
+    def _short_with_paths(cls, limit: int, info: ValidationInfo) -> int:
+        if limit > _MAX_PATHS and info.data.get("path"):
+            message = f"with path=true, a page has at most {_MAX_PATHS} events"
+            raise ValueError(message)
+        return limit
+
+
+def _microseconds(moment: datetime | None) -> int | None:
+    return None if moment is None else round(moment.timestamp() * 1e6)
+
+
+def _selection(query: EventQuery, *, path: bool) -> Selection:
+    touched, _, number = (query.after or "").partition(".")
+    return Selection(
+        surface=query.surface,
+        since_us=_microseconds(query.since),
+        until_us=_microseconds(query.until),
+        after=(int(touched), int(number)) if query.after else None,
+        # One event more shows whether there is a next page.
+        limit=query.limit + 1,
+        path=path,
+    )
+
+
+def _wants_csv(query: EventQuery, request: Request) -> bool:
+    if query.format:
+        return query.format == "csv"
+    accepted = [entry.split(";")[0].strip() for entry in request.headers.get("accept", "").split(",")]
+    return CSV in accepted and "application/json" not in accepted
+
+
+@dataclass(frozen=True)
+class _Page:
+    content: bytes
+    is_empty: bool
+    following: str | None
+    """Value of `after` for the next page."""
+
+
+def _page(recorder: Recorder, store: EventStore, query: EventQuery, *, as_csv: bool) -> _Page:
+    path = query.path and not as_csv
+    found = [(number, recorder.answerable(event)) for number, event in store.read(_selection(query, path=path))]
+    page = found[: query.limit]
+    following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(found) > len(page) else None
+    content = event_answers.as_csv(page) if as_csv else event_answers.as_json(page, following, path=path)
+    return _Page(content, not page, following)
+
+
+def _one(recorder: Recorder, store: EventStore, number: int) -> bytes | None:
+    found = store.get(number)
+    if found is None:
+        return None
+    return event_answers.event_with_path(number, recorder.answerable(found)).model_dump_json().encode()
+
+
+def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRouter:
+    """Return the event routes of these surfaces."""
+
+    def end_stale() -> None:
+        # Before each query, so that no event of a stale surface is open.
+        for surface in registry:
+            surface.tell_if_stale(clock())
+
+    router = APIRouter(tags=["events"])
+    problems = documentation.problems(Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.NO_SURFACE)
+
+    @router.get("/events", responses={200: documentation.EVENTS, **problems}, response_model=EventList)
+    async def get_events(request: Request, query: Annotated[EventQuery, Query()]) -> Response:
+        """Return contacts from touch to lift, newest touch first; as CSV, one row per contact."""
+        as_csv = _wants_csv(query, request)
+        end_stale()
+        page = await wrap_future(recorder.ask(lambda store: _page(recorder, store, query, as_csv=as_csv)))
+        if query.surface and page.is_empty:
+            # A surface that is no longer configured may still have events; if it has none, the name is wrong.
+            registry.named(query.surface)
+        headers = dict(NO_STORE)
+        if as_csv and page.following:
+            parameters = {**request.query_params, "after": page.following}
+            headers["Link"] = f'</events?{urlencode(parameters)}>; rel="next"'
+        return Response(page.content, headers=headers, media_type=CSV if as_csv else "application/json")
+
+    one = {200: documentation.EVENT, **documentation.problems(Kind.UNKNOWN_EVENT, Kind.INVALID_REQUEST)}
+
+    @router.get("/events/{id}", responses=one, response_model=EventWithPath)
+    async def get_event(number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]) -> Response:
+        """Return one contact, with its path."""
+        end_stale()
+        content = await wrap_future(recorder.ask(lambda store: _one(recorder, store, number)))
+        if content is None:
+            detail = f"There is no event {number}. It was dropped or joined with another event; see GET /events."
+            raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))
+        return Response(content, headers=NO_STORE, media_type="application/json")
+
+    return router

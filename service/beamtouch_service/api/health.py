@@ -1,0 +1,33 @@
+"""`GET /health`: whether the process lives, and whether it has contacts to give."""
+
+from fastapi import APIRouter
+from pydantic import BaseModel
+
+from beamtouch_service.api import gate
+from beamtouch_service.api import openapi as documentation
+from beamtouch_service.api.context import ContextParameter
+from beamtouch_service.problems import Kind
+
+LIVE_PATH = "/health/live"
+
+live_router = APIRouter(tags=["health"], dependencies=gate.OPEN)
+ready_router = APIRouter(tags=["health"], dependencies=gate.READING)
+
+
+class Health(BaseModel):
+    """The answer of a health check that passed."""
+
+    status: str
+
+
+@live_router.get(LIVE_PATH)
+async def get_live() -> Health:
+    """Say that the process runs and answers."""
+    return Health(status="live")
+
+
+@ready_router.get("/health/ready", responses=documentation.problems(Kind.NOT_READY, Kind.NO_SURFACE))
+async def get_ready(context: ContextParameter) -> Health:
+    """Say whether the service has a surface, and every surface has a model and fresh samples."""
+    context.registry.require_ready(context.clock())
+    return Health(status="ready")

@@ -1,0 +1,62 @@
+"""`GET /metrics`: counts, ages and durations for Prometheus."""
+
+from collections.abc import Iterator
+
+from fastapi import APIRouter, Response
+from prometheus_client import generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.exposition import CONTENT_TYPE_LATEST
+from prometheus_client.metrics_core import Metric
+from prometheus_client.registry import Collector
+
+from beamtouch_service.api import gate
+from beamtouch_service.api import openapi as documentation
+from beamtouch_service.api.context import Context, ContextParameter
+
+router = APIRouter(tags=["health"], dependencies=gate.READING)
+
+
+class SurfaceCollector(Collector):
+    """Reads the state of the surfaces and of the recorder when Prometheus asks.
+
+    Counters of our own would be a second copy of what each surface counts for its summary.
+    """
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def describe(self) -> list[Metric]:
+        """Return nothing: no other collector has these names."""
+        return []
+
+    def collect(self) -> Iterator[Metric]:
+        """Return the metrics of all surfaces."""
+        words = "Writes to the record of contacts that failed or found no room."
+        yield CounterMetricFamily("beamtouch_event_writes_lost", words, value=self._context.recorder.lost)
+        samples = CounterMetricFamily("beamtouch_samples_accepted", "New samples.", labels=["surface"])
+        repeated = CounterMetricFamily("beamtouch_samples_repeated", "Samples received before.", labels=["surface"])
+        # A gauge: a gap that is filled later is no longer missing.
+        missing = GaugeMetricFamily("beamtouch_samples_missing", "Gaps in the sequence numbers.", labels=["surface"])
+        senders = CounterMetricFamily("beamtouch_sender_changes", "Changes of the sender.", labels=["surface"])
+        age = GaugeMetricFamily("beamtouch_sample_age_seconds", "Age of the newest sample.", labels=["surface"])
+        model = GaugeMetricFamily("beamtouch_model", "1 for the model in use.", labels=["surface", "model"])
+        words = "1 while the model file is not used."
+        refused = GaugeMetricFamily("beamtouch_model_refused", words, labels=["surface"])
+        for surface in self._context.registry:
+            label, summary = [surface.name], surface.summary(self._context.clock())
+            samples.add_metric(label, summary.samples.accepted)
+            repeated.add_metric(label, summary.samples.repeated)
+            missing.add_metric(label, summary.samples.lost)
+            senders.add_metric(label, surface.sender_changes)
+            if summary.age_ms is not None:
+                age.add_metric(label, summary.age_ms / 1e3)
+            if summary.model is not None:
+                model.add_metric([surface.name, summary.model], 1)
+            refused.add_metric(label, summary.model_error is not None)
+        yield from (samples, repeated, missing, senders, age, model, refused)
+
+
+@router.get("/metrics", responses={200: {"content": {"text/plain": {}}}, **documentation.problems()})
+async def get_metrics(context: ContextParameter) -> Response:
+    """Return counts, ages and durations for Prometheus, as text."""
+    return Response(generate_latest(context.counts.registry), media_type=CONTENT_TYPE_LATEST)

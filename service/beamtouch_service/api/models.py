@@ -1,0 +1,104 @@
+"""`/surfaces/NAME/model`: what the model of a surface is, and reading its file again."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from pydantic import BaseModel
+
+from beamtouch_models.modelfile import Accuracy, Calibration, ModelFile, Noise, Ranges
+from beamtouch_service.api import gate
+from beamtouch_service.api import openapi as documentation
+from beamtouch_service.api.context import ContextParameter, SurfaceInPath
+from beamtouch_service.problems import Kind, Problem, ProblemError
+
+_reading = APIRouter(dependencies=gate.READING)
+_administration = APIRouter(dependencies=gate.ADMINISTRATION)
+
+
+class ModelDescription(BaseModel):
+    """Metadata of a model."""
+
+    identity: str
+    """Name and the first digits of the file's SHA-256."""
+    estimator: str
+    length_mm: float
+    channels: list[str]
+    """In input order."""
+    positions_mm: list[float]
+    """Of the channels, from the left end of the beam."""
+    min_channels: int
+    outputs: list[str]
+    ranges: Ranges
+    max_deflection_mm: float
+    noise: Noise
+    accuracy: Accuracy
+    calibration: Calibration | None
+
+
+class Reloaded(BaseModel):
+    """Result of reading a model file again."""
+
+    surface: str
+    model: str
+    """Name and fingerprint of the model in use now."""
+    changed: bool
+    """False if the file holds the model that was in use already."""
+
+
+def describe(model: ModelFile) -> ModelDescription:
+    """Return the description of a model."""
+    said = model.metadata
+    return ModelDescription(
+        identity=model.identity,
+        estimator=said.estimator,
+        length_mm=said.length_mm,
+        channels=model.channels,
+        positions_mm=[channel.position_mm for channel in said.layout],
+        min_channels=said.min_channels,
+        outputs=list(model.outputs),
+        ranges=said.ranges,
+        max_deflection_mm=said.max_deflection_mm,
+        noise=said.noise,
+        accuracy=said.accuracy,
+        calibration=said.calibration,
+    )
+
+
+@_reading.get(
+    "/surfaces/{name}/model", responses=documentation.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.NO_MODEL)
+)
+async def get_model(context: ContextParameter, name: SurfaceInPath) -> ModelDescription:
+    """Return the metadata of the model of this surface: layout, ranges, accuracy, calibration."""
+    model = context.registry.named(name).model
+    if model is None:
+        raise ProblemError(Problem(Kind.NO_MODEL, "Give a model with --model or in the config.", name))
+    return describe(model)
+
+
+@_administration.post(
+    "/surfaces/{name}/model/reload",
+    responses=documentation.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.MODEL_REFUSED),
+)
+async def post_reload(
+    context: ContextParameter,
+    name: SurfaceInPath,
+    *,
+    other_beam: Annotated[
+        bool, Query(description="Also accept a model of another beam: another length, or sensors in other places.")
+    ] = False,
+) -> Reloaded:
+    """Read the model file of this surface again. A file that cannot be used changes nothing. Needs the admin token."""
+    surface = context.registry.named(name)
+    keeper = context.keepers.get(name)
+    if keeper is None:
+        detail = "The surface has no model file. Give one with --model or in the config, and restart the service."
+        raise ProblemError(Problem(Kind.MODEL_REFUSED, detail, name))
+    changed = await keeper.reload(other_beam=other_beam)
+    if surface.model is None or surface.model_error is not None:
+        raise ProblemError(Problem(Kind.MODEL_REFUSED, surface.model_error or "There is no model.", name))
+    return Reloaded(surface=name, model=surface.model.identity, changed=changed)
+
+
+router = APIRouter(tags=["model"])
+router.include_router(_reading)
+router.include_router(_administration)

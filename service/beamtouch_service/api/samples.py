@@ -1,0 +1,111 @@
+"""`POST /surfaces/NAME/samples`: from the headers of a batch to its receipt."""
+
+from asyncio import CancelledError, get_running_loop, timeout
+from math import inf
+
+from fastapi import APIRouter
+from pydantic import ValidationError
+from starlette.requests import Request
+
+from beamtouch_service.api import gate
+from beamtouch_service.api import openapi as documentation
+from beamtouch_service.api.context import ContextParameter, SurfaceInPath
+from beamtouch_service.api.errors import MAX_ERRORS, invalid_request, pointer
+from beamtouch_service.problems import Kind, Problem, ProblemError
+from beamtouch_service.samples import Batch, Receipt
+
+MAX_BODY_BYTES = 1024 * 1024
+MAX_BODY_S = 10.0
+"""Longest time for a whole body to arrive. A sender states the age of its samples before it sends the body."""
+LINGER_S = 5.0
+"""Drain an oversized body for this long, so that the client can read the 413."""
+_CLOSE = {"Connection": "close"}
+"""The rest of the body may still come, and nobody reads it."""
+
+router = APIRouter(tags=["samples"], dependencies=gate.WRITING)
+_PROBLEMS = documentation.problems(
+    Kind.MALFORMED_JSON,
+    Kind.UNKNOWN_SURFACE,
+    Kind.TOO_SLOW,
+    Kind.TOO_LARGE,
+    Kind.TOO_MANY_REQUESTS,
+    Kind.INVALID_REQUEST,
+    Kind.MISSING_CHANNELS,
+    Kind.NO_SURFACE,
+    Kind.BUSY,
+    Kind.STOPPING,
+)
+
+
+@router.post("/surfaces/{name}/samples", openapi_extra=documentation.BATCH_BODY, responses=_PROBLEMS)
+async def post_samples(context: ContextParameter, name: SurfaceInPath, request: Request) -> Receipt:
+    """Take a batch of samples. A repeated batch changes nothing. State the age of the newest sample at each attempt."""
+    try:
+        surface = context.registry.named(name)
+        context.take_turn(name)
+        # The age was stated before the body travelled. Counted from here, travel makes samples older, never younger.
+        arrival_s = context.clock()
+        batch = parse_batch(await read_body(request))
+        changes = surface.sender_changes
+        receipt = surface.receive(batch, arrival_s)
+    except ProblemError as error:
+        known = name if context.registry.find(name) else ""
+        context.counts.rejected.labels(known, error.problem.kind.slug).inc()
+        raise
+    context.counts.batch_s.labels(name).observe(context.clock() - arrival_s)
+    if surface.sender_changes != changes:
+        context.counts.sender_changed(name, batch.boot_id)
+    return receipt
+
+
+async def read_body(request: Request, limit: int = MAX_BODY_BYTES, limit_s: float = MAX_BODY_S) -> bytes:
+    """Return the body of a request.
+
+    Raises
+    ------
+    ProblemError
+        413 once the body is known to exceed `limit` bytes, stated or chunked; 408 if it takes longer than
+        `limit_s` [s]; 503 if the service stops meanwhile, and the sender repeats it.
+    """
+    stated = request.headers.get("content-length", "")
+    is_too_large = stated.isdecimal() and int(stated) > limit
+    body = bytearray()
+    try:
+        async with timeout(LINGER_S if is_too_large else limit_s) as deadline:
+            async for chunk in request.stream():
+                if not is_too_large:
+                    body += chunk
+                    if len(body) > limit:
+                        is_too_large = True
+                        deadline.reschedule(min(deadline.when() or inf, get_running_loop().time() + LINGER_S))
+                        body.clear()
+    except TimeoutError:
+        if is_too_large:
+            raise _too_large(limit) from None
+        detail = f"The body was not complete after {limit_s:g} s; send fewer samples at a time."
+        raise ProblemError(Problem(Kind.TOO_SLOW, detail), _CLOSE) from None
+    except CancelledError:
+        # Only the server cancels a request, at the end of its patience, and would log a traceback of it.
+        raise ProblemError(Problem(Kind.STOPPING, "Nothing was accepted; send the batch again.")) from None
+    if is_too_large:
+        raise _too_large(limit)
+    return bytes(body)
+
+
+def _too_large(limit: int) -> ProblemError:
+    detail = f"A batch may be at most {limit} bytes long; send fewer samples at a time."
+    return ProblemError(Problem(Kind.TOO_LARGE, detail, members={"limit_bytes": limit}), _CLOSE)
+
+
+def parse_batch(body: bytes) -> Batch:
+    """Read a batch; raises ProblemError (400 if it is not JSON, 422 with the places that are wrong)."""
+    try:
+        return Batch.model_validate_json(body)
+    except ValidationError as error:
+        # Neither input nor context: a wrong body can be a megabyte long, and an answer is no place to repeat it.
+        found = error.errors(include_url=False, include_input=False, include_context=False)
+        if found[0]["type"] == "json_invalid":
+            detail = f"{found[0]['msg']}; send a batch as application/json."
+            raise ProblemError(Problem(Kind.MALFORMED_JSON, detail)) from None
+        places = [{"pointer": pointer(entry["loc"]), "detail": entry["msg"]} for entry in found[:MAX_ERRORS]]
+        raise ProblemError(invalid_request(places, error.error_count())) from None

@@ -1,0 +1,123 @@
+"""The SQLite file of the events: locked for this service, and upgraded when it is opened."""
+
+import fcntl
+import os
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from sqlalchemy import URL, Connection, StaticPool, create_engine, update
+from sqlalchemy.exc import DBAPIError
+
+from beamtouch_service.events.schema import EVENTS, FORMAT, IS_OPEN, upgrade
+from beamtouch_service.events.segments import End
+
+_RETRY_S = 0.05
+_BUSY_S = 2.0
+"""Wait this long while another program, such as a backup, has the file locked."""
+_PRAGMAS = ("journal_mode=WAL", "synchronous=NORMAL", "journal_size_limit=4194304")
+
+
+class EventStoreError(Exception):
+    """The file cannot be used; the message gives the reason and the remedy, in one line."""
+
+
+class EventFile:
+    """An open file, or a database in memory.
+
+    The lock is on the file itself, whatever path leads to it, and ends with the process, even a killed one. It is an
+    flock; SQLite's own locks are fcntl locks, so other programs can still read the file.
+    """
+
+    def __init__(self, path: Path | None, wait_s: float) -> None:
+        """Open the file, waiting up to `wait_s` [s] for another service to release it; raises EventStoreError."""
+        self._path = path
+        self._lock: int | None = None
+        self.engine = create_engine(
+            URL.create("sqlite", database=str(path) if path else None),
+            poolclass=StaticPool,
+            # The first write begins a transaction and takes SQLite's write lock at once; reads take none.
+            connect_args={"check_same_thread": False, "isolation_level": "IMMEDIATE", "timeout": _BUSY_S},
+        )
+        try:
+            # Connecting creates the file and reads nothing yet.
+            with self.engine.connect() as connection:
+                self._lock = _locked(path, time.monotonic() + wait_s) if path else None
+                _prepare(connection)
+        except BlockingIOError:
+            self._release()
+            message = f"{path}: another running service writes to it; stop that service, or give each a file of its own"
+            raise EventStoreError(message) from None
+        except (DBAPIError, OSError, ValueError) as error:
+            self._release()
+            reason = str(error.orig if isinstance(error, DBAPIError) else getattr(error, "strerror", None) or error)
+            message = f"{path}: {reason}; set events.file to one that the service can write"
+            raise EventStoreError(message) from None
+
+    def used_bytes(self) -> int:
+        """Return the size of the used part of the file; later events fill the unused part first."""
+        with self.engine.connect() as connection:
+            pages, free, size = (_pragma(connection, name) for name in ("page_count", "freelist_count", "page_size"))
+        return (pages - free) * size
+
+    def is_in_place(self) -> bool:
+        """Return whether the path still leads to the open file."""
+        if self._path is None or self._lock is None:
+            return True
+        with suppress(OSError):
+            return os.path.samestat(self._path.stat(), os.fstat(self._lock))
+        return False
+
+    def close(self) -> None:
+        """Mark open events as unfinished and close the file. If marking fails, the next service marks them."""
+        try:
+            with self.engine.begin() as connection:
+                connection.exec_driver_sql("PRAGMA busy_timeout=200")
+                _finish(connection)
+        finally:
+            self._release()
+
+    def _release(self) -> None:
+        # SQLite closes the file first: closing any descriptor of a file releases SQLite's locks on it.
+        self.engine.dispose()
+        if self._lock is not None:
+            os.close(self._lock)
+
+
+def _prepare(connection: Connection) -> None:
+    for pragma in _PRAGMAS:
+        connection.exec_driver_sql(f"PRAGMA {pragma}")
+    # The driver begins no transaction before statements that change tables.
+    connection.exec_driver_sql("BEGIN IMMEDIATE")
+    upgrade(connection, _pragma(connection, "user_version"))
+    # The format is in the file's header, where older versions of the service look for it.
+    connection.exec_driver_sql(f"PRAGMA user_version={FORMAT}")
+    # The last service was stopped or killed during these.
+    _finish(connection)
+    connection.commit()
+
+
+def _pragma(connection: Connection, name: str) -> int:
+    return int(connection.exec_driver_sql(f"PRAGMA {name}").scalar_one())
+
+
+def _finish(connection: Connection) -> None:
+    connection.execute(update(EVENTS).where(IS_OPEN).values(end=End.UNFINISHED))
+
+
+def _locked(path: Path, end_s: float) -> int:
+    """Return a descriptor that holds the lock; raises BlockingIOError if another service still has it at `end_s`."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        while True:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                if time.monotonic() >= end_s:
+                    raise
+                time.sleep(_RETRY_S)
+            else:
+                return descriptor
+    except BaseException:
+        os.close(descriptor)
+        raise

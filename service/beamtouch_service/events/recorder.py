@@ -1,0 +1,226 @@
+"""Records the contacts of all surfaces.
+
+New samples are grouped into segments where they arrive. A single worker thread writes the segments, answers queries and
+decides late samples, so that the current contact never waits for the disk. New segments and queries go first.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from threading import BoundedSemaphore
+from typing import TypeVar
+
+from sqlalchemy.exc import DBAPIError
+
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_service.events.late import LateSamples
+from beamtouch_service.events.segmenter import Command, Edge, Loss, Segmenter
+from beamtouch_service.events.segments import End, Segment
+from beamtouch_service.events.store import EventStore
+from beamtouch_service.events.worker import Worker
+from beamtouch_service.limits import KEEP_DAYS, MAX_MB, Seldom
+from beamtouch_service.samples import Batch, Sample
+from beamtouch_service.surfaces.served_model import ServedModel
+from beamtouch_service.surfaces.surface import Surface
+from beamtouch_service.surfaces.touch import Seen
+
+MAX_LATE = 20_000
+"""Late samples that may wait: about a second of work, and some 20 MB."""
+STOP_S = 1.0
+"""At the stop, waiting writes get this much time."""
+_FILE_WAIT_S = 3.0
+"""A stopping service releases its file within this time: 2 s for pending answers, 1 s for writes."""
+_MAX_WRITES = 1000
+"""Writes of new segments that may wait; beyond it, they are lost."""
+_TIDY_S = 60.0
+
+_log = logging.getLogger("beamtouch.service.events")
+
+_T = TypeVar("_T")
+
+
+class Recorder:
+    """Observes the decisions of all surfaces of a service, and records them as events."""
+
+    def __init__(self, path: Path | None = None, keep_days: float = KEEP_DAYS, max_mb: float = MAX_MB) -> None:
+        """Open the file, or keep the events in memory; raises EventStoreError if the file cannot be used."""
+        self.lost = 0
+        """Writes that failed, found no room, or still waited at the stop: parts of contacts that are not on record."""
+        # After a restart, the service before this one may still be stopping.
+        self._store = EventStore(path, keep_days * 86_400, int(max_mb * 1e6), _FILE_WAIT_S)
+        self._late = LateSamples(self._store)
+        self._worker = Worker("events")
+        self._free_writes = BoundedSemaphore(_MAX_WRITES)
+        # Counts of late samples, each changed by one thread only.
+        self._late_added = self._late_done = 0
+        self._end_s = float("inf")
+        self._segmenters: dict[str, Segmenter] = {}
+        """Surface -> segmenter of its newest samples."""
+        self._unsettled: set[str] = set()
+        """Surfaces that lost a write: their open event may have ended."""
+        self._stale: set[str] = set()
+        """Surfaces whose newest sample is too old."""
+        self._upkeep: Future[None] | None = None
+        self._tidied_s = float("-inf")
+        self._seldom = Seldom()
+        self._in_place = True
+
+    def present(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
+        """Record new samples, in order."""
+        self._stale.discard(surface.name)
+        segmenter = self._segmenters.get(surface.name)
+        commands: list[Command | Edge] = []
+        if segmenter is None or (segmenter.boot_id, segmenter.model) != (boot_id, model.identity):
+            commands = segmenter.end_run() if segmenter else []
+            segmenter = self._segmenters[surface.name] = Segmenter(surface.name, model.identity, boot_id)
+        for one in seen:
+            commands += segmenter.add(one)
+        self._submit(surface.name, commands)
+
+    def stale(self, surface: Surface) -> None:
+        """End the open event of a surface: its newest sample is too old."""
+        self._stale.add(surface.name)
+        segmenter = self._segmenters.get(surface.name)
+        if segmenter:
+            self._submit(surface.name, segmenter.expire())
+
+    def settle(self) -> None:
+        """End events that a lost write left open, and tidy the file once a minute; call this about once a second."""
+        is_due = bool(self._unsettled) or time.monotonic() - self._tidied_s >= _TIDY_S
+        if is_due and (self._upkeep is None or self._upkeep.done()):
+            self._upkeep = self._worker.prompt(self._maintain)
+
+    @property
+    def late_waiting(self) -> int:
+        """Late samples that are not written yet."""
+        return self._late_added - self._late_done
+
+    def has_room(self, samples: int) -> bool:
+        """Return whether this many more late samples may wait."""
+        return self.late_waiting + samples <= MAX_LATE
+
+    def late(self, surface: Surface, served: ServedModel, batch: Batch, samples: list[Sample]) -> None:
+        """Record late samples of a batch, in order."""
+        # A batch with a new sample is accepted above the limit, but not without end.
+        if self.late_waiting > 2 * MAX_LATE:
+            self._lose("late samples come faster than they can be recorded")
+            return
+        name, stale_ms = surface.name, surface.stale_ms
+        self._late_added += len(samples)
+
+        def run() -> None:
+            self._attempt(lambda: self._write(name, self._late.segment(name, stale_ms, served, batch, samples)))
+            self._late_done += len(samples)
+
+        self._worker.late(run)
+
+    def ask(self, query: Callable[[EventStore], _T]) -> "Future[_T]":
+        """Run a query in the worker thread, after everything that was observed of new samples so far."""
+        self._flush()
+        return self._worker.prompt(partial(query, self._store))
+
+    def answerable(self, event: Segment) -> Segment:
+        """Return an event as it is to be answered: not as open if a lost write may have ended it; for a query."""
+        if event.end is not End.OPEN or event.surface not in self._unsettled:
+            return event
+        return replace(event, end=End.STALE if event.surface in self._stale else End.UNSEEN)
+
+    def close(self) -> None:
+        """Write what can be written in a second, and close the file."""
+        lost = self.lost
+        self._flush()
+        self._end_s = time.monotonic() + STOP_S
+        self._worker.close()
+        if self.lost > lost:
+            _log.warning("%d writes were lost at the stop", self.lost - lost)
+        self._check_place()
+        try:
+            self._store.close()
+        except DBAPIError as error:
+            _log.warning("cannot close the file of events properly: %s", error.orig)
+
+    def tidy(self) -> None:
+        """Check that the file is in its place, and drop events beyond the limits; for the worker thread."""
+        self._tidied_s = time.monotonic()
+        self._check_place()
+        dropped = self._store.prune(time.time())
+        if dropped:
+            _log.info("%d events were dropped: too old, or above the size limit", dropped)
+
+    def _check_place(self) -> None:
+        if self._in_place and not self._store.is_in_place():
+            self._in_place = False
+            self.lost += 1
+            _log.error("the file of events was deleted or replaced while open; restart the service to record events")
+
+    def _flush(self) -> None:
+        for name, segmenter in self._segmenters.items():
+            self._submit(name, segmenter.flush())
+
+    def _submit(self, name: str, commands: Sequence[Command | Edge]) -> None:
+        if not commands:
+            return
+        if not self._free_writes.acquire(blocking=False):
+            self._unsettled.add(name)
+            self._lose("the disk is too slow")
+            return
+
+        def run() -> None:
+            if not self._attempt(partial(self._write_new, name, commands)):
+                self._unsettled.add(name)
+            self._free_writes.release()
+
+        self._worker.prompt(run)
+
+    def _attempt(self, write: Callable[[], None]) -> bool:
+        """Write and return whether it succeeded; count and log a failure."""
+        if time.monotonic() > self._end_s:
+            self._lose("the service is stopping")
+            return False
+        try:
+            write()
+        except DBAPIError as error:
+            self._lose(str(error.orig))
+        except Exception:  # noqa: BLE001  # an unexpected error must not lose the next events too
+            self.lost += 1
+            _log.exception("events are lost")
+        else:
+            return True
+        return False
+
+    def _maintain(self) -> None:
+        try:
+            for name in list(self._unsettled):
+                self._write_new(name, [])
+            if time.monotonic() - self._tidied_s >= _TIDY_S:
+                self.tidy()
+        except DBAPIError as error:
+            self._warn(f"the file of events cannot be maintained: {error.orig}")
+
+    def _write_new(self, name: str, commands: Sequence[Command | Edge]) -> None:
+        is_unsettled = name in self._unsettled
+        # Discarded before the write: a write that is lost meanwhile adds it again.
+        self._unsettled.discard(name)
+        try:
+            self._write(name, [Loss(), *commands] if is_unsettled else commands)
+        except DBAPIError:
+            self._unsettled.add(name)
+            raise
+
+    def _write(self, name: str, commands: Sequence[Command | Edge]) -> None:
+        self._late.remember(name, [one for one in commands if isinstance(one, Edge)])
+        changes = [one for one in commands if not isinstance(one, Edge)]
+        if changes:
+            self._store.write(name, changes, time.time())
+
+    def _lose(self, reason: str) -> None:
+        self.lost += 1
+        self._warn(f"events are lost: {reason}")
+
+    def _warn(self, message: str) -> None:
+        if self._seldom.due(message, time.monotonic()):
+            _log.warning(message)

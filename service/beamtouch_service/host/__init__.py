@@ -1,0 +1,1 @@
+"""The process: sockets, uvicorn, systemd, and watching the model files."""

@@ -1,0 +1,190 @@
+"""Replaces the model of a running surface when its file changes. A file that cannot be used changes nothing."""
+
+import asyncio
+import logging
+import os
+import time
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from beamtouch_models import modelfile
+from beamtouch_models.modelfile import ModelFile, ModelFileError
+from beamtouch_service.surfaces.contact import LOG_ODDS
+from beamtouch_service.surfaces.same_beam import difference
+from beamtouch_service.surfaces.served_model import Inference
+from beamtouch_service.surfaces.surface import Surface
+
+STILL_S = 1.0
+"""A file is read once its size and time of change have been stable for this long. Before, a copy may be incomplete."""
+_ATTEMPTS = 10
+MAX_ANSWER_S = 0.1
+"""Longest time for one answer: a thousand times that of a real model. Everything else waits meanwhile."""
+
+_log = logging.getLogger("beamtouch.service")
+
+
+@dataclass(frozen=True)
+class _Stamp:
+    """Changes when a file is written or replaced."""
+
+    size: int
+    changed_ns: int
+    inode: int
+    status_ns: int
+    """Also changes with owner, mode or name."""
+
+
+def parse(content: bytes, origin: str) -> ModelFile:
+    """Load a model and check that a service can use it. Errors name `origin`. Raises ModelFileError."""
+    model = modelfile.load_bytes(content, origin)
+    if LOG_ODDS not in model.outputs:
+        # Without it, the service would state a position although nothing touches the beam.
+        message = f"{origin}: it has no output {LOG_ODDS}, so it cannot tell contact from clear; build a new model"
+        raise ModelFileError(message)
+    try:
+        answer_s = _answer_s(Inference(model), model)
+    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        message = f"{origin}: its graph cannot be run as a service does ({(str(error).splitlines() or [''])[0]})"
+        raise ModelFileError(message) from None
+    if answer_s > MAX_ANSWER_S:
+        message = (
+            f"{origin}: one answer takes {answer_s * 1e3:.0f} ms, which is over the limit of "
+            f"{MAX_ANSWER_S * 1e3:.0f} ms; build a simpler model"
+        )
+        raise ModelFileError(message)
+    return model
+
+
+def _answer_s(inference: Inference, model: ModelFile) -> float:
+    """Return the shortest of a few answer times [s], because the machine may be busy."""
+    golden, durations = model.metadata.golden, list[float]()
+    deflection_mm, valid = np.array(golden.deflection_mm[:1], np.float32), np.array(golden.valid[:1], np.bool_)
+    for _ in range(3):
+        begin_s = time.perf_counter()
+        inference.ask(deflection_mm, valid)
+        durations.append(time.perf_counter() - begin_s)
+    return min(durations)
+
+
+def load(path: Path) -> tuple[ModelFile, str]:
+    """Load a model file as `parse` does. Return the digest of its content too. Raises ModelFileError."""
+    content = modelfile.read(path)
+    return parse(content, str(path)), _digest(content)
+
+
+class ModelKeeper:
+    """Keeps the model of a surface in step with its file."""
+
+    def __init__(self, surface: Surface, path: Path, digest: str) -> None:
+        self.surface = surface
+        self.path = path
+        self._tried = _stamp(path)
+        self._candidate = self._tried
+        self._digest = digest
+        """Digest of the file whose model is in use."""
+        self._waits_for: list[str] = []
+        """Channels of a model that was refused because some do not arrive yet."""
+        self._allowed = ""
+        """Digest of a file of another beam that was requested, until it is in use or another file replaces it."""
+        self._lock = asyncio.Lock()
+
+    async def poll(self) -> None:
+        """Load the file if it has changed and was stable since the last poll, a second ago.
+
+        A file that was refused because its channels did not arrive is loaded again once they do.
+        """
+        stamp = _stamp(self.path)
+        if stamp is not None and stamp == self._candidate and (stamp != self._tried or self._is_due()):
+            await self.reload()
+        self._candidate = stamp
+
+    def _is_due(self) -> bool:
+        return bool(self._waits_for) and set(self._waits_for) <= set(self.surface.offered or [])
+
+    async def reload(self, *, other_beam: bool = False) -> bool:
+        """Load the file. Return whether the surface has another model now.
+
+        A model of another beam is refused unless `other_beam` is true. This permission stays while the model waits for
+        its channels.
+
+        Raises nothing: the log and `surface.model_error` say why a file was refused.
+        """
+        async with self._lock:
+            try:
+                changed = await self._reload(other_beam=other_beam)
+            except ModelFileError as error:
+                self.surface.model_error = f"the old model stays in use: {error}"
+                _log.error(
+                    "surface %s: the new model cannot be used, the old one stays in use: %s", self.surface.name, error
+                )
+                return False
+            self.surface.model_error = None
+            return changed
+
+    async def _reload(self, *, other_beam: bool) -> bool:
+        self._waits_for = []
+        content = await self._settled_content()
+        digest, old = await asyncio.to_thread(_digest, content), self.surface.model
+        if other_beam or digest != self._allowed:
+            self._allowed = digest if other_beam else ""
+        if digest == self._digest:
+            return False
+        # In a thread, because requests go on meanwhile.
+        model = await asyncio.to_thread(parse, content, str(self.path))
+        self._require_same_beam(model, digest)
+        self._require_channels(model)
+        self.surface.adopt(model)
+        self._digest, self._allowed = digest, ""
+        _log.info(
+            "surface %s: model %s instead of %s", self.surface.name, model.identity, old.identity if old else "none"
+        )
+        return True
+
+    async def _settled_content(self) -> bytes:
+        """Return the content of the file once it is stable."""
+        for _ in range(_ATTEMPTS):
+            before = _stamp(self.path)
+            if before is None or abs(time.time() - before.changed_ns / 1e9) < STILL_S:
+                await asyncio.sleep(STILL_S)
+            # Counts as tried even if it cannot be read. If it is missing, any file that appears is new.
+            self._tried = before
+            content = await asyncio.to_thread(modelfile.read, self.path)
+            after = _stamp(self.path)
+            if before == after and after is not None and len(content) == after.size:
+                return content
+        self._tried = None
+        message = f"{self.path}: it is still being written; try again when it is complete"
+        raise ModelFileError(message)
+
+    def _require_same_beam(self, model: ModelFile, digest: str) -> None:
+        old = self.surface.model
+        found = difference(old.metadata, model.metadata) if old else None
+        if found and digest != self._allowed:
+            message = (
+                f"{self.path}: {found}; to switch to a model of another beam, send "
+                f"POST /surfaces/{self.surface.name}/model/reload?other_beam=true, or restart the service"
+            )
+            raise ModelFileError(message)
+
+    def _require_channels(self, model: ModelFile) -> None:
+        offered = self.surface.offered
+        missing = [name for name in model.channels if offered is not None and name not in offered]
+        if missing:
+            self._waits_for = model.channels
+            message = f"{self.path}: it needs {', '.join(missing)}, but the samples of this surface lack them"
+            raise ModelFileError(message)
+
+
+def _stamp(path: Path) -> _Stamp | None:
+    try:
+        found = os.stat(path)  # noqa: PTH116  # a third of the time of Path.stat, once a second for every surface
+    except OSError:
+        return None
+    return _Stamp(found.st_size, found.st_mtime_ns, found.st_ino, found.st_ctime_ns)
+
+
+def _digest(content: bytes) -> str:
+    return sha256(content).hexdigest()

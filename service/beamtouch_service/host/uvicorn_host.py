@@ -1,0 +1,163 @@
+"""uvicorn with the bounds of this service, and how it starts and stops."""
+
+import asyncio
+import gc
+import logging
+import resource
+import signal
+import socket
+import sys
+import time
+from functools import partial
+from types import FrameType
+from typing import Any, cast
+
+import uvicorn
+from starlette.types import ASGIApp, Scope
+
+from beamtouch_service.api.app import Application
+from beamtouch_service.api.context import Streams
+from beamtouch_service.config import TlsFiles
+from beamtouch_service.host.connection import BoundedProtocol, Clients
+from beamtouch_service.host.handshakes import HANDSHAKE_S, Handshakes
+from beamtouch_service.host.places import Places
+from beamtouch_service.host.systemd import ServiceManager
+from beamtouch_service.limits import MAX_CLIENTS, Seldom, SeldomFilter
+
+SHUTDOWN_S = 2
+"""For running answers to finish. A sender repeats what was not acknowledged."""
+IDLE_S = 75
+"""An idle connection is closed after this time. Clients that poll do so more often."""
+_ACCEPTED_AT_ONCE = 16
+"""New connections accepted in a row, so that a flood of them does not hold up the others."""
+_QUEUE = 1024
+"""New connections that the system keeps until they are accepted. Beyond this it does not answer."""
+MAX_FILES = 8192
+"""Open files: 4096 connections, handshakes, and what these and the service need besides."""
+
+_log = logging.getLogger("beamtouch.service")
+
+
+def configure(
+    app: ASGIApp,
+    max_clients: int = MAX_CLIENTS,
+    max_clients_per_address: int | None = None,
+    tls: TlsFiles | None = None,
+    *,
+    handshakes: Handshakes | None = None,
+) -> uvicorn.Config:
+    """Return how uvicorn is to serve `app`."""
+    places = Places(max_clients, max_clients_per_address or max_clients, BoundedProtocol.has_unread)
+    clients = _clients(app, places, handshakes or Handshakes())
+    return uvicorn.Config(
+        app,
+        # uvicorn only calls it, once for each connection.
+        http=cast("type[asyncio.Protocol]", partial(BoundedProtocol, clients=clients)),
+        ws="none",
+        loop=f"{__name__}:Loop",
+        lifespan="on",
+        log_config=None,
+        log_level=logging.WARNING,
+        access_log=False,
+        server_header=False,
+        # The client is the peer of the connection, whatever a header says.
+        proxy_headers=False,
+        timeout_graceful_shutdown=SHUTDOWN_S,
+        timeout_keep_alive=IDLE_S,
+        backlog=_ACCEPTED_AT_ONCE,
+        ssl_certfile=tls.certificate if tls else None,
+        ssl_keyfile=tls.key if tls else None,
+        ssl_keyfile_password="" if tls else None,
+    )
+
+
+def _clients(app: ASGIApp, places: Places[BoundedProtocol], handshakes: Handshakes) -> Clients:
+    if not isinstance(app, Application):
+        return Clients(places, lambda _header: False, lambda _kind, _address: None, lambda _address: None, handshakes)
+    context = app.context
+    return Clients(places, context.access.knows, context.counts.problem, context.counts.eviction, handshakes)
+
+
+class Loop(asyncio.SelectorEventLoop):
+    """The usual event loop, with a deadline for TLS handshakes."""
+
+    _seldom = Seldom()
+
+    def call_exception_handler(self, context: dict[str, Any]) -> None:
+        """Report an error as every loop does, but failures to accept a connection only once a minute."""
+        if not context.get("message", "").startswith("socket.accept()"):
+            super().call_exception_handler(context)
+        elif self._seldom.due("accept", time.monotonic()):
+            _log.error("no connection can be accepted: %s", context.get("exception"))
+
+    async def create_server(self, *arguments: Any, **options: Any) -> asyncio.Server:  # noqa: ANN401  # as every loop's
+        """Return a server as every loop does."""
+        if options.get("ssl"):
+            options["ssl_handshake_timeout"] = HANDSHAKE_S
+        server: asyncio.Server = await super().create_server(*arguments, **options)
+        return server
+
+
+class Host(uvicorn.Server):
+    """Tells the service manager about start and stop, and ends what would hold up a stop."""
+
+    def __init__(self, config: uvicorn.Config, manager: ServiceManager, streams: Streams) -> None:
+        super().__init__(config)
+        self._manager = manager
+        self._streams = streams
+        streams.drop = self._drop
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen, and say where."""
+        await super().startup(sockets)
+        scheme = "https" if self.config.is_ssl else "http"
+        for listener in sockets or []:
+            # asyncio made the queue as short as the number of connections it accepts at once.
+            listener.listen(_QUEUE)
+            host, port = listener.getsockname()[:2]
+            shown = f"[{host}]" if listener.family is socket.AF_INET6 else host
+            print(f"listening on {scheme}://{shown}:{port}", flush=True)
+            self._manager.ready(f"listening on {scheme}://{shown}:{port}")
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Stop."""
+        self._manager.stopping()
+        # Before the server waits for running answers: a stream does not end by itself.
+        self._streams.stop.set()
+        # Neither does an answer that nobody reads. Running answers get half of the time.
+        asyncio.get_running_loop().call_later(SHUTDOWN_S / 2, self._abort_unread)
+        await super().shutdown(sockets)
+
+    def _abort_unread(self) -> None:
+        for connection in list(self.server_state.connections):
+            if isinstance(connection, BoundedProtocol) and connection.flow.write_paused:
+                connection.transport.abort()
+
+    def _drop(self, scope: Scope) -> None:
+        # Closing would wait until the client has read everything, and it does not read.
+        for connection in self.server_state.connections:
+            peer = connection.transport.get_extra_info("peername")
+            if peer and tuple(peer[:2]) == tuple(scope.get("client") or ()):
+                connection.transport.abort()
+
+
+def serve(host: Host, listener: socket.socket) -> None:
+    """Serve on a listening socket until SIGTERM (then SystemExit 0) or Ctrl-C (then KeyboardInterrupt)."""
+    # uvicorn shuts down on a signal and then raises it again.
+    signal.signal(signal.SIGTERM, _exit_quietly)
+    # Until the loop handles it, SIGHUP must not end the process.
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    logging.getLogger("uvicorn.error").addFilter(SeldomFilter())
+    # Many systems allow 1024 open files, and more on request.
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
+    if soft != resource.RLIM_INFINITY and soft < most:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    # Objects that exist now stay for good. Searching them for garbage again and again would delay answers.
+    gc.collect()
+    gc.freeze()
+    host.run(sockets=[listener])
+
+
+def _exit_quietly(_signal: int, _frame: FrameType | None) -> None:
+    sys.exit(0)

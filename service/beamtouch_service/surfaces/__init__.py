@@ -1,0 +1,1 @@
+"""Samples to a contact: no web, no files, no wall clock."""

@@ -1,0 +1,62 @@
+"""Decides whose samples move the answer of a surface. Pure: the caller gives the time."""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+from beamtouch_service.surfaces.sequence_log import MAX_SENDERS
+
+
+@dataclass(frozen=True, slots=True)
+class _Present:
+    """Sender, number and time of the newest sample."""
+
+    boot_id: str
+    sequence: int
+    acquired_s: float
+
+
+class Senders:
+    """Decides which samples move the answer.
+
+    A boot id identifies a sender. Samples from one sender are ordered by sequence number alone, which is exact: the
+    time of a sample includes the delay of its batch. Samples from different senders are ordered by time. A sender that
+    another one has replaced may return only once the newest sample is stale, in case the other one was a stray.
+    """
+
+    def __init__(self, stale_ms: float, most: int = MAX_SENDERS) -> None:
+        self.changes = 0
+        """How often the sender changed."""
+        self._stale_ms = stale_ms
+        self._most = most
+        self._present: _Present | None = None
+        self._former: OrderedDict[str, int] = OrderedDict()
+        """Sequence number of the last accepted newest sample of each replaced sender."""
+
+    def is_after_present(self, boot_id: str, sequence: int, acquired_s: float, arrival_s: float) -> bool:
+        """Return whether a sample moves the answer.
+
+        Parameters
+        ----------
+        boot_id, sequence : name the sample
+        acquired_s, arrival_s : when it was taken, and came [s, monotonic]
+        """
+        present = self._present
+        if present is None:
+            return True
+        if boot_id == present.boot_id:
+            return sequence > present.sequence
+        if acquired_s < present.acquired_s:
+            return False
+        if boot_id not in self._former:
+            return True
+        return (arrival_s - present.acquired_s) * 1e3 > self._stale_ms and sequence > self._former[boot_id]
+
+    def move(self, boot_id: str, sequence: int, acquired_s: float) -> None:
+        """Make a sample the newest one."""
+        if self._present and self._present.boot_id != boot_id:
+            self.changes += 1
+            self._former.pop(boot_id, None)
+            self._former[self._present.boot_id] = self._present.sequence
+            if len(self._former) > self._most:
+                self._former.popitem(last=False)
+        self._present = _Present(boot_id, sequence, acquired_s)

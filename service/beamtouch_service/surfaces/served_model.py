@@ -1,0 +1,44 @@
+"""A model in use: its file, its thresholds, and inference in fixed memory."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.modelfile import Answers, ModelFile
+from beamtouch_service.surfaces.touch import levels
+
+
+class Inference:
+    """Runs a model. Single samples always use the same memory, which is a tenth faster than new arrays."""
+
+    def __init__(self, model: ModelFile) -> None:
+        self._model = model
+        self._run = model.session.run_with_iobinding
+        golden = model.metadata.golden
+        self._deflection_mm = np.array(golden.deflection_mm[:1], np.float32)
+        self._valid = np.array(golden.valid[:1], np.bool_)
+        # The graph decides the shapes of its outputs, so take them from an answer.
+        answers = model.estimate(self._deflection_mm, self._valid)
+        self._answers = {name: np.ascontiguousarray(values) for name, values in answers.items()}
+        self._binding = model.session.io_binding()
+        for name, array in (("deflection_mm", self._deflection_mm), ("valid", self._valid)):
+            self._binding.bind_input(name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data)
+        for name, array in self._answers.items():
+            self._binding.bind_output(name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data)
+
+    def ask(self, deflection_mm: NDArray[np.float32], valid: NDArray[np.bool_]) -> Answers:
+        """Return the values per output for deflections [mm], (samples, channels). They hold until the next call."""
+        if len(deflection_mm) != 1:
+            return self._model.estimate(deflection_mm, valid)
+        self._deflection_mm[:], self._valid[:] = deflection_mm, valid
+        self._run(self._binding)
+        return self._answers
+
+
+class ServedModel:
+    """A model that a surface answers from."""
+
+    def __init__(self, file: ModelFile) -> None:
+        self.file = file
+        self.levels = levels(file)
+        """Thresholds of touch and lift."""
+        self.inference = Inference(file)

@@ -1,0 +1,30 @@
+"""How a surface does: the answer of `GET /surfaces`."""
+
+from pydantic import BaseModel
+
+
+class SampleCounts(BaseModel):
+    """Counts of samples since the service started."""
+
+    accepted: int = 0
+    repeated: int = 0
+    """Received before; they changed nothing."""
+    lost: int = 0
+    """Gaps in the sequence numbers."""
+
+
+class SurfaceSummary(BaseModel):
+    """How one surface does."""
+
+    name: str
+    model: str | None
+    """Name and fingerprint of the model; null without one."""
+    channels: list[str]
+    """Channels that a batch must contain, in the order of the model; empty without one."""
+    stale_ms: float
+    """No contact is served from a sample older than this."""
+    age_ms: float | None
+    """Age of the newest sample; null before the first."""
+    model_error: str | None
+    """Why the newest model file is not used; null if it is used."""
+    samples: SampleCounts
