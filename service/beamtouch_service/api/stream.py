@@ -2,8 +2,8 @@
 
 Nothing is queued: each stream reads the newest state at its own pace, so a slow client gets fewer events.
 
-Written by hand because libraries do not abort the connection of a client that stops reading: FastAPI waits for it
-without a limit, and sse-starlette also patches the signal handling of uvicorn.
+Written by hand, because a client that stops reading must be cut off after a stated time, and all streams must end as
+soon as the service stops.
 """
 
 import json
