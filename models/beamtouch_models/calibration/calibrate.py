@@ -13,8 +13,8 @@ from beamtouch_models.calibration.fit import Fit, Theory, fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
 from beamtouch_models.calibration.mistaken import Suspect, mistaken
 from beamtouch_models.calibration.swapped import swapped
-from beamtouch_models.errors import NotGoodEnoughError
-from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
+from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
+from beamtouch_models.estimators.estimator import NAMES, Estimator, estimator_of
 from beamtouch_models.estimators.onnx_graph import with_linear_input
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Calibration, Departures, Metadata
@@ -166,7 +166,10 @@ def _calibrated_prior(theory: Theory, found: Fit) -> Prior:
 
 
 def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Fraction) -> Estimator:
-    name: Name = metadata.estimator  # type: ignore[assignment]  # no other name is ever built
+    name = next((known for known in NAMES if known == metadata.estimator), None)
+    if name is None:
+        message = f"this version has no estimator {metadata.estimator!r}; build the model again"
+        raise ModelFileError(message)
     with_force = "force_n" in metadata.golden.answers
     made = estimator_of(name, prior, with_force=with_force, seed=metadata.seed, progress=progress)
     graph = with_linear_input(made.graph, np.array(departures.offset_mm), departures.curve_per_mm)
