@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from beamtouch_daemon import logs
-from beamtouch_daemon.exits import INTERRUPTED, WRONG_INPUT, complain
+from beamtouch_daemon.exits import INTERRUPTED, WRONG_INPUT, ConfigError, complain
 
 _EXTRA_MODULES = {"numpy", "serial", "pymodbus", "cobs", "aiohttp", "prometheus_client"}
 
@@ -29,12 +29,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     logs.set_up(as_json=arguments.log_format == "json")
     try:
-        from beamtouch_daemon.config.settings import ConfigError  # noqa: PLC0415 - needs the extra, which may be missing
-
-        try:
-            code: int = importlib.import_module(f"beamtouch_daemon.commands.{arguments.command}").run(arguments)
-        except ConfigError as error:
-            return complain(str(error), WRONG_INPUT)
+        code: int = importlib.import_module(f"beamtouch_daemon.commands.{arguments.command}").run(arguments)
+    except ConfigError as error:
+        return complain(str(error), WRONG_INPUT)
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] not in _EXTRA_MODULES:
             raise

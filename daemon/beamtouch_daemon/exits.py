@@ -1,10 +1,14 @@
-"""Exit codes of the command line, and the one line on standard error that explains a failure."""
+"""Exit codes of the command line, the error behind exit code 2, and the one line that explains a failure."""
 
 import sys
 
 DONE, FAILED, WRONG_INPUT = 0, 1, 2
 INTERRUPTED = 130
 """After Ctrl-C, as shells report it: 128 plus the number of the signal."""
+
+
+class ConfigError(Exception):
+    """The configuration cannot be used; the text is one line for the user."""
 
 
 def complain(text: str, code: int) -> int:

@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 
 from beamtouch_daemon.config.file import load, require_ports
-from beamtouch_daemon.config.settings import Config, ConfigError, place_of
+from beamtouch_daemon.config.settings import Config, place_of
 from beamtouch_daemon.config.signal import Adaptive, LowPass, MovingAverage, NoFilter, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
+from beamtouch_daemon.exits import ConfigError
 
 from . import configs
 

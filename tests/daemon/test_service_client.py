@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from beamtouch_daemon.config import file as config_file
-from beamtouch_daemon.config.settings import ConfigError
 from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError
+from beamtouch_daemon.exits import ConfigError
 from certificates import make_certificate
 
 from . import configs

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from beamtouch_daemon.config import tare_file
-from beamtouch_daemon.config.settings import ConfigError
 from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.exits import ConfigError
 from beamtouch_daemon.processing import tare
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models.filters import FloatArray

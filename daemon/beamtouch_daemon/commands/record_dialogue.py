@@ -12,7 +12,8 @@ from dataclasses import replace
 
 from beamtouch_daemon.commands.load_recorder import LoadRefusedError, require_stated
 from beamtouch_daemon.commands.record_table import Load
-from beamtouch_daemon.config.settings import ConfigError, Loads
+from beamtouch_daemon.config.settings import Loads
+from beamtouch_daemon.exits import ConfigError
 
 ACCEPT, UNDO = "accept", "undo"
 """Words of the dialogue: record a load without checks, and remove the last load."""

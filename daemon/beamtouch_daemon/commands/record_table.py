@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from beamtouch_daemon.config.settings import ConfigError
+from beamtouch_daemon.exits import ConfigError
 from beamtouch_daemon.processing.pipeline import Taken
 
 LOAD_COLUMNS = ("unix_time_s", "load", "position_mm", "force_n")

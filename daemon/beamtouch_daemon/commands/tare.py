@@ -9,8 +9,8 @@ import numpy as np
 
 from beamtouch_daemon.config import file as config_file
 from beamtouch_daemon.config import tare_file
-from beamtouch_daemon.config.settings import ConfigError, Surface
-from beamtouch_daemon.exits import DONE, FAILED, WRONG_INPUT, complain
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.exits import DONE, FAILED, WRONG_INPUT, ConfigError, complain
 from beamtouch_daemon.processing import stuck, tare
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of

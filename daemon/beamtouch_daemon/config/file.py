@@ -5,8 +5,9 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from beamtouch_daemon.config.settings import Config, ConfigError, reason_of
+from beamtouch_daemon.config.settings import Config, reason_of
 from beamtouch_daemon.config.sources import ModbusTcp
+from beamtouch_daemon.exits import ConfigError
 
 RENAMED = {"most_mm": "max_mm", "most_force_n": "max_force_n"}
 """Keys of older versions, with their present names."""

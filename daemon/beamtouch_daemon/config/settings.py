@@ -18,11 +18,8 @@ from pydantic import (
 from beamtouch_daemon.config.modules import module_of
 from beamtouch_daemon.config.signal import Channel, Filter, LowPass, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
+from beamtouch_daemon.exits import ConfigError
 from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
-
-
-class ConfigError(Exception):
-    """The configuration cannot be used; the text is one line for the user."""
 
 
 def reason_of(error: OSError | UnicodeDecodeError) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
 
-from beamtouch_daemon.config.settings import ConfigError
+from beamtouch_daemon.exits import ConfigError
 from beamtouch_daemon.files import write_atomically
 from beamtouch_service.samples import ChannelName, SurfaceName
 

@@ -7,6 +7,7 @@ one that it answers with an error. They are passed over, and the first of each k
 import asyncio
 import logging
 from collections.abc import Callable, Sequence
+from functools import partial
 from time import monotonic
 
 from beamtouch_daemon.delivery.client import ServiceClient, Verdict
@@ -156,7 +157,7 @@ class LateDelivery:
             return Verdict.NEVER
         await self._disk.call(lambda: spool.remove(surface, oldest))
         for part, reason in parcel.refused:
-            await self._disk.call(lambda: spool.put_refused(surface, part, reason))  # noqa: B023 - awaited at once
+            await self._disk.call(partial(spool.put_refused, surface, part, reason))
         return Verdict.TAKEN
 
     async def _oldest(self, after: int) -> Spooled | None:

@@ -5,6 +5,7 @@ import logging
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from time import monotonic
 from typing import TypeVar
 
@@ -109,7 +110,7 @@ class Spooler:
             while self._disk is not None and self._refused:
                 spool, (batch, reason) = self._disk.spool, self._refused.popleft()
                 try:
-                    await self._disk.call(lambda: spool.put_refused(self._surface, batch, reason))  # noqa: B023
+                    await self._disk.call(partial(spool.put_refused, self._surface, batch, reason))
                 except SpoolError as error:
                     self._outbox.drop(len(batch.samples))
                     self._fault.failed(str(error))
@@ -126,7 +127,7 @@ class Spooler:
                 batch, newest_s = self._batch_of(samples, monotonic()), samples[-1].monotonic_s
                 spool = self._disk.spool
                 try:
-                    await self._disk.call(lambda: spool.put(self._surface, batch, newest_s, is_last=is_last))  # noqa: B023
+                    await self._disk.call(partial(spool.put, self._surface, batch, newest_s, is_last=is_last))
                 except TooLargeError:
                     if limit == 1:
                         self._outbox.drop(1)

@@ -11,7 +11,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
-from beamtouch_daemon.config.settings import ConfigError
+from beamtouch_daemon.exits import ConfigError
 from beamtouch_daemon.running.surface_worker import SurfaceWorker
 
 LOOPBACK = "127.0.0.1"

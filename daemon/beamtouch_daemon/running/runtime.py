@@ -14,10 +14,11 @@ from typing import Any
 from pymodbus.exceptions import ModbusException
 
 from beamtouch_daemon.config import file as config_file
-from beamtouch_daemon.config.settings import Config, ConfigError
+from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.delivery.spool_connection import SpoolError
 from beamtouch_daemon.delivery.spooler import Disk
+from beamtouch_daemon.exits import ConfigError
 from beamtouch_daemon.running import metrics
 from beamtouch_daemon.running.supervisor import Supervisor
 from beamtouch_daemon.running.surface_worker import Summary

@@ -100,8 +100,9 @@ class Supervisor:
         return {name: samples for name, samples in waiting.items() if samples > 0 and name not in self._workers}
 
     def _deliver_leftovers(self, shared: Shared) -> Iterator[asyncio.Task[None]]:
+        if shared.disk is None:
+            return
         for name, samples in self.spooled_elsewhere().items():
-            assert shared.disk is not None  # noqa: S101 - narrows the type: without a disk nothing is spooled
             _log.info("%s: no longer configured; its %d spooled samples are delivered", name, samples)
             late = LateDelivery(shared.client, name, shared.disk, shared.publish.batch_ms / 1e3, lambda: False)
             self._late.append((name, late))

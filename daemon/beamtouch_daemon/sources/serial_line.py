@@ -6,7 +6,7 @@ back, or when it is not the device in the configuration.
 """
 
 import contextlib
-import random
+import secrets
 from collections.abc import AsyncGenerator, Sequence
 from time import monotonic
 
@@ -155,7 +155,7 @@ class Session:
         self._pings = 0
         self._next_ping_s = 0.0
         # Tokens differ between sessions, because an adapter may hold back an answer to an earlier ping.
-        self._first_token = random.randrange(_TOKENS)  # noqa: S311 - no secret
+        self._first_token = secrets.randbelow(_TOKENS)
 
     def ping(self, now_s: float) -> Ping:
         """Return the next ping, which is sent now."""
