@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -161,23 +162,29 @@ def test_the_command_writes_the_folder_and_builds_the_choice(tmp_path: Path) -> 
     assert "no point has a mean error of 1e-06 mm" in none.stderr
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Signals) -> None:
-    out = tmp_path / "out"
-    command = [COMMAND, "trade", str(SCENES / "bench.toml"), "-o", str(out), "--draws", "512", "--json"]
+def interrupted(command: list[str], stop: signal.Signals, is_time: Callable[[], bool]) -> tuple[int, str, str]:
+    """Run a command with the posterior alone and stop it once it is time; return exit code, output and errors."""
     pipe = subprocess.PIPE
     with subprocess.Popen([*command, "--estimators", "posterior"], stdout=pipe, stderr=pipe, text=True) as process:
-        deadline = time.monotonic() + 120
-        while not (out / "trade.svg").exists():
+        deadline = time.monotonic() + 300
+        while not is_time():
             assert process.poll() is None
             assert time.monotonic() < deadline
             time.sleep(0.01)
         process.send_signal(stop)
         stdout, stderr = process.communicate(timeout=60)
+    return process.returncode, stdout, stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Signals) -> None:
+    out = tmp_path / "out"
+    command = [COMMAND, "trade", str(SCENES / "bench.toml"), "-o", str(out), "--draws", "512", "--json"]
+    code, stdout, stderr = interrupted(command, stop, (out / "trade.svg").exists)
     found = json.loads((out / "trade.json").read_text())
     done = len(found["points"])
-    assert (process.returncode, stdout) == (130, "")
+    assert (code, stdout) == (130, "")
     assert stderr == f"design-sensors: interrupted; {done} of 24 points are in {out}\n"
     assert 0 < done < found["planned_points"] == 24
     assert all(one["latency_ms"] > 0 and one["error_percent"]["value"] > 0 for one in found["points"])
@@ -192,19 +199,16 @@ def test_an_interrupted_build_of_the_choice_says_what_is_kept(tmp_path: Path, st
     text = (SCENES / "conveyor.toml").read_text().replace("count = 4", "count = [3, 3]")
     scene.write_text(text.replace("latency_ms = 50", "latency_ms = 10").replace("position_error_mm = 20", ""))
     command = [COMMAND, "trade", str(scene), "-o", str(out), "--draws", "100", "--error-mm", "300"]
-    pipe = subprocess.PIPE
-    with subprocess.Popen([*command, "--estimators", "posterior"], stdout=pipe, stderr=pipe, text=True) as process:
-        deadline = time.monotonic() + 300
-        # The results with the physics are the last before the choice is built, which takes seconds.
-        while not (out / "trade.json").exists() or not json.loads((out / "trade.json").read_text())["physics"]:
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        process.send_signal(stop)
-        stdout, stderr = process.communicate(timeout=60)
+
+    def has_physics() -> bool:
+        """Say whether the last results before the choice is built are there; building it takes seconds."""
+        results = out / "trade.json"
+        return results.exists() and bool(json.loads(results.read_text())["physics"])
+
+    code, stdout, stderr = interrupted(command, stop, has_physics)
     found = json.loads((out / "trade.json").read_text())
     done = len(found["points"])
-    assert (process.returncode, stdout, done) == (130, "", found["planned_points"])
+    assert (code, stdout, done) == (130, "", found["planned_points"])
     assert stderr.splitlines()[-1] == f"design-sensors: interrupted; {done} of {done} points are in {out}"
     assert found["physics"]
     assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg"}

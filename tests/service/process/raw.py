@@ -14,6 +14,17 @@ def connected(service: Service, timeout_s: float = 30.0) -> socket.socket:
     return connection
 
 
+def closes(connection: socket.socket, within_s: float = 60.0) -> bool:
+    """Say whether the service closes a connection within this time, without another word."""
+    connection.settimeout(within_s)
+    try:
+        return connection.recv(1) == b""
+    except TimeoutError:
+        return False
+    except ConnectionResetError:
+        return True
+
+
 def get(target: str, *headers: str, version: str = "1.1", method: str = "GET") -> bytes:
     """Return a request without a body."""
     return "\r\n".join([f"{method} {target} HTTP/{version}", "Host: x", *headers, "", ""]).encode()

@@ -14,7 +14,7 @@ import pytest
 
 from ..conftest import TOKEN
 from .conftest import Service, StartService
-from .raw import connected, fields, get, resident_mb, said, status
+from .raw import closes, connected, fields, get, resident_mb, said, status
 
 MOST_GROWTH_MB = 30.0
 PATIENCE_S = 60.0
@@ -115,16 +115,6 @@ def test_a_request_to_speak_something_else_is_answered_and_the_last(touched_serv
     assert fields(head)[b"connection"] == b"close"
     assert json.loads(body)["surface"] == "press-7"
     assert "pip install" not in touched_service.stop(signal.SIGTERM)[1]
-
-
-def closes(connection: socket.socket, within_s: float = PATIENCE_S) -> bool:
-    connection.settimeout(within_s)
-    try:
-        return connection.recv(1) == b""
-    except TimeoutError:
-        return False
-    except ConnectionResetError:
-        return True
 
 
 def test_who_connects_for_tls_and_says_nothing_is_cut_off(

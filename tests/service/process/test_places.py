@@ -15,7 +15,7 @@ from plain_http import TIMEOUT_S
 
 from ..conftest import TOKEN, BuildModel, MakeBatch
 from .conftest import Service, StartService
-from .raw import connected, fields, get
+from .raw import closes, connected, fields, get
 
 PATIENCE_S = 60.0
 ATTACK_S = 4.0
@@ -29,16 +29,6 @@ def port(service: Service) -> int:
 def connect(service: Service, source: str = HERE) -> socket.socket:
     """Return a connection from this address of loopback."""
     return socket.create_connection((HERE, port(service)), timeout=PATIENCE_S, source_address=(source, 0))
-
-
-def closes(connection: socket.socket, within_s: float = PATIENCE_S) -> bool:
-    connection.settimeout(within_s)
-    try:
-        return connection.recv(1) == b""
-    except TimeoutError:
-        return False
-    except ConnectionResetError:
-        return True
 
 
 def asks(connection: socket.socket, target: str = "/health/live", *headers: str) -> bytes:
