@@ -3,6 +3,9 @@
 A connection that has shown a token outranks one that has not. Among those without a token, the ones that wait for their
 client close first: those without a request yet, then those with an unread answer, then idle ones. Within each of these
 kinds, the address with the most connections gives one up; among equal addresses, the longest idle connection closes.
+
+A client that has just connected has had no time for a request. So connections without one are spared at first as long
+as they fill only a quarter of the places: otherwise a crowd of idle clients would keep out whoever comes.
 """
 
 from collections import Counter
@@ -38,8 +41,10 @@ class _Held:
 
 MAX_WAITING = 32
 """Excess clients that get a 503 or may still show a token. Any further ones are disconnected."""
-_FOR_EVERYONE = ((State.SILENT, False), (State.UNREAD, False), (State.IDLE, False))
-_FOR_TOKENS = (*_FOR_EVERYONE, (State.BUSY, False), (State.IDLE, True))
+_SILENT_FIRST = ((State.SILENT, False), (State.UNREAD, False), (State.IDLE, False))
+_SILENT_LAST = (*_SILENT_FIRST[1:], _SILENT_FIRST[0])
+_FOR_TOKENS = ((State.BUSY, False), (State.IDLE, True))
+"""These leave only for a connection with a token."""
 
 
 class Places(Generic[Who]):
@@ -47,14 +52,14 @@ class Places(Generic[Who]):
 
     Parameters
     ----------
-    most : open connections
-    most_per_address : open connections of one address without a token
+    max_clients : open connections
+    max_per_address : open connections of one address without a token
     has_spoken : returns whether a connection has sent bytes that were not read yet, so that it is not idle
     """
 
-    def __init__(self, most: int, most_per_address: int, has_spoken: Callable[[Who], bool]) -> None:
-        self._most = most
-        self._most_per_address = most_per_address
+    def __init__(self, max_clients: int, max_per_address: int, has_spoken: Callable[[Who], bool]) -> None:
+        self._max_clients = max_clients
+        self._max_per_address = max_per_address
         self._has_spoken = has_spoken
         self._held: dict[Who, _Held] = {}
         self._waiting: dict[Who, None] = {}
@@ -68,11 +73,11 @@ class Places(Generic[Who]):
     def take(self, who: Who, address: str, *, has_token: bool = False) -> tuple[bool, Who | None]:
         """Ask for a place. Return whether there is one, and the connection that has to leave for it."""
         victim = None
-        if not has_token and self._without_token[address] >= self._most_per_address:
+        if not has_token and self._without_token[address] >= self._max_per_address:
             victim = self._victim(has_token=False, address=address)
             if victim is None:
                 return False, None
-        elif len(self._held) >= self._most:
+        elif len(self._held) >= self._max_clients:
             victim = self._victim(has_token=has_token)
             if victim is None:
                 return False, None
@@ -129,7 +134,8 @@ class Places(Generic[Who]):
         return held
 
     def _victim(self, *, has_token: bool, address: str | None = None) -> Who | None:
-        for kind in _FOR_TOKENS if has_token else _FOR_EVERYONE:
+        without_token = _SILENT_FIRST if self._are_many_silent(address) else _SILENT_LAST
+        for kind in without_token + (_FOR_TOKENS if has_token else ()):
             by_address = self._kinds[kind]
             # The address with the most connections comes first.
             holds = {one: len(with_token) for one, with_token in by_address.items()} if kind[1] else self._without_token
@@ -139,3 +145,9 @@ class Places(Generic[Who]):
                     if kind[0] in (State.UNREAD, State.BUSY) or not self._has_spoken(who):
                         return who
         return None
+
+    def _are_many_silent(self, address: str | None) -> bool:
+        silent = self._kinds[State.SILENT, False]
+        if address is not None:
+            return len(silent.get(address, ())) > self._max_per_address // 4
+        return sum(map(len, silent.values())) > self._max_clients // 4

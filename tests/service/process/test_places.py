@@ -125,6 +125,17 @@ def test_the_longest_idle_of_the_address_that_holds_most_leaves_first(start: Sta
         assert [asks(one) for one in (*first, many[1], many[3], *last)] == [b"HTTP/1.1 200 OK"] * 6
 
 
+def test_a_newcomer_has_time_to_ask_although_all_others_are_idle(start: Start) -> None:
+    service = start(16, 16)
+    with ExitStack() as stack:
+        for _ in range(15):
+            assert asks(stack.enter_context(connect(service))) == b"HTTP/1.1 200 OK"
+        newcomer = stack.enter_context(connect(service))
+        for _ in range(14):
+            assert asks(stack.enter_context(connect(service))) == b"HTTP/1.1 200 OK"
+        assert asks(newcomer) == b"HTTP/1.1 200 OK"
+
+
 def test_among_equal_addresses_the_longest_idle_leaves_first(start: Start, make_batch: MakeBatch) -> None:
     service = start(4, 4)
     assert service.post(make_batch()).status_code == 200
