@@ -140,7 +140,7 @@ def test_a_layout_that_no_search_finds_is_listed_too(facts: Facts, monkeypatch: 
     monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 100)
     noise_mm = facts.model.metadata.noise.sample_mm
     layouts = facts_module._layouts(
-        physics_of(facts.model.metadata), np.array([50.0, 150.0, 250.0, 350.0]), noise_mm, 0
+        physics_of(facts.model.metadata).scene, np.array([50.0, 150.0, 250.0, 350.0]), noise_mm, 0
     )
     assert [layout.taken for layout in layouts] == [False] * (len(layouts) - 1) + [True]
     assert layouts[-1].name == "the model's"

@@ -18,9 +18,10 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.model_prior import physics_of, prior_of_model
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checked_fit
-from beamtouch_models.calibration.fit import Theory, fit, supported_fit
+from beamtouch_models.calibration.fit import fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError, read_loads
 from beamtouch_models.calibration.mistaken import mistaken
+from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.modelfile import Metadata, ModelFile
 from beamtouch_models.rig.imperfections import Imperfections

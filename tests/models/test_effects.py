@@ -225,7 +225,7 @@ def test_a_build_prices_each_effect_once_and_carries_its_physics(pricings: list[
     assert pricings == [chosen]
     assert built.physics.effects == effects_of(scene, chosen)
     assert built.physics.noise == built.metadata.noise
-    assert physics_of(built.metadata) == built.physics.scene
+    assert physics_of(built.metadata).scene == built.physics.scene
 
 
 def test_trade_prices_each_filter_in_its_own_noise(pricings: list[FilterChoice]) -> None:

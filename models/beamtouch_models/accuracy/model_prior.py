@@ -9,39 +9,41 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.pricing.effects import required
-from beamtouch_models.scene import Scene, parse_scene
-from beamtouch_models.structure import changed_beam
+from beamtouch_models.pricing.effects import Physics, required
+from beamtouch_models.scene import parse_scene
+from beamtouch_models.structure import Beam, changed_beam
 
 
-def physics_of(metadata: Metadata) -> Scene:
-    """Return the scene that a model was built with, of required effects only; SceneError if it is not a scene."""
-    return required(parse_scene(metadata.scene, f"the scene in {metadata.name}"), metadata.filter).scene
+def physics_of(metadata: Metadata) -> Physics:
+    """Return the physics that a model was built with; SceneError if its scene is not one."""
+    return required(parse_scene(metadata.scene, f"the scene in {metadata.name}"), metadata.filter)
 
 
-def prior_of_model(metadata: Metadata, physics: Scene | None = None) -> Prior:
-    """Rebuild the prior of a model; pass the scene of `physics_of` if it is known. Raises SceneError as that does."""
-    physics = physics or physics_of(metadata)
+def prior_of_model(metadata: Metadata) -> Prior:
+    """Rebuild the prior of a model; raises SceneError as `physics_of`."""
+    scene = physics_of(metadata).scene
     sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
-    prior = Prior.of(physics, sensor_mm, metadata.noise.sample_mm)
+    prior = Prior.of(scene, sensor_mm, metadata.noise.sample_mm)
     if metadata.calibration is None:
         return prior
     noise_mm = float(np.hypot(prior.noise_mm, metadata.calibration.residual_mm))
-    return replace(departed(prior, physics, sensor_mm, metadata.calibration.departures), noise_mm=noise_mm)
+    return replace(
+        departed(prior, scene.beam, scene.contact.width_mm, sensor_mm, metadata.calibration.departures),
+        noise_mm=noise_mm,
+    )
 
 
-def departed(prior: Prior, physics: Scene, sensor_mm: Floats, departures: Departures) -> Prior:
-    """Return the prior of a surface that differs from its scene.
+def departed(prior: Prior, beam: Beam, width_mm: float, sensor_mm: Floats, departures: Departures) -> Prior:
+    """Return the prior of a surface that differs from its scene, with its beam, width of contact and sensors.
 
     Its deflections are linear in the force and hold the gains; `stated` adds curve and offsets.
     """
-    beam = changed_beam(physics.beam, departures.rigidity, departures.fixity)
+    changed = changed_beam(beam, departures.rigidity, departures.fixity)
     true_mm = np.clip(sensor_mm + np.array(departures.position_offset_mm), 0.0, beam.length_mm)
     gain = np.array(departures.gain)
-    width_mm = physics.contact.width_mm
 
     def influence_at(load_mm: Floats) -> Floats:
-        matrix: Floats = gain * influence(beam, true_mm, load_mm, width_mm)
+        matrix: Floats = gain * influence(changed, true_mm, load_mm, width_mm)
         return matrix
 
     return replace(prior, influence_at=influence_at, stated=partial(stated_by, departures))

@@ -2,12 +2,13 @@
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.calibration.errors import Errors
 from beamtouch_models.errors import InputError
 from beamtouch_models.metadata import Metadata
 
@@ -20,6 +21,8 @@ MAX_DEFLECTIONS = 100.0
 FORCE_FACTOR = 1000.0
 """Factor by which a force may lie below or above the range of forces; beyond, it cannot be in N."""
 GOOD = "good"
+STATED = Errors(placing_mm=1.0, force=0.01)
+"""Errors of loads that a person places by a ruler and weighs on a scale."""
 
 
 class LoadsError(InputError):
@@ -40,6 +43,8 @@ class Loads:
     """(loads, channels) standard deviation of that mean."""
     lines: Indices
     """(loads, 2) first and last line of each load in the file, counted from 1."""
+    errors: Errors = STATED
+    """How well the loads are placed and weighed."""
 
     def without(self, index: int) -> "Loads":
         """Return all loads but one."""
@@ -47,14 +52,8 @@ class Loads:
         return self[kept]
 
     def __getitem__(self, kept: Bools) -> "Loads":
-        return Loads(
-            self.number[kept],
-            self.position_mm[kept],
-            self.force_n[kept],
-            self.stated_mm[kept],
-            self.deviation_mm[kept],
-            self.lines[kept],
-        )
+        arrays = ("number", "position_mm", "force_n", "stated_mm", "deviation_mm", "lines")
+        return replace(self, **{name: getattr(self, name)[kept] for name in arrays})
 
 
 def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) -> Loads:

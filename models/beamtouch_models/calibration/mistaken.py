@@ -11,9 +11,9 @@ from itertools import combinations
 import numpy as np
 from scipy.stats import f as f_distribution
 
-from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.fit import ROUNDS, Fit, Theory, fit
+from beamtouch_models.calibration.fit import ROUNDS, Fit, fit
 from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.progress import Fraction, silent
 
 CHANCE = 1e-4
@@ -70,9 +70,9 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
     for index in range(count):
         progress(index / count)
         singles.append(_without(theory, loads, (index,), rounds=1))
-    singles.sort(key=lambda trial: trial.fitted.scatter_mm)
+    singles.sort(key=lambda trial: trial.fitted.scatter)
     best = _without(theory, loads, singles[0].left_out)
-    if best.fitted.residual_mm > AGREED_NOISES * theory.prior.noise_mm and count > FEWEST_FOR_PAIRS:
+    if best.fitted.errors.residual_mm > AGREED_NOISES * theory.prior.noise_mm and count > FEWEST_FOR_PAIRS:
         pair = _best_pair(theory, loads, [trial.left_out[0] for trial in singles[:PAIRED]], progress)
         if pair.contradicts(loads):
             return tuple(_suspect(pair.fitted, loads, index, certain=True) for index in pair.left_out)
@@ -80,7 +80,7 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
         return ()
     like_it = [best]
     for trial in singles[1:]:
-        if trial.fitted.scatter_mm <= LIKE_THE_BEST * singles[0].fitted.scatter_mm:
+        if trial.fitted.scatter <= LIKE_THE_BEST * singles[0].fitted.scatter:
             whole = _without(theory, loads, trial.left_out)
             like_it += [whole] if whole.contradicts(loads) else []
     certain = len(like_it) == 1
@@ -94,7 +94,7 @@ def _best_pair(theory: Theory, loads: Loads, indices: list[int], progress: Fract
     for number, pair in enumerate(pairs):
         progress(number / len(pairs))
         trials.append(_without(theory, loads, pair, rounds=1))
-    return _without(theory, loads, min(trials, key=lambda trial: trial.fitted.scatter_mm).left_out)
+    return _without(theory, loads, min(trials, key=lambda trial: trial.fitted.scatter).left_out)
 
 
 def _without(theory: Theory, loads: Loads, left_out: tuple[int, ...], rounds: int = ROUNDS) -> _Trial:
@@ -111,18 +111,13 @@ def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
     off = (load.stated_mm[0] - predicted)[valid]
     if not np.sqrt(np.mean(off**2)) >= FAR_NOISES * theory.prior.noise_mm:
         return False
-    slope = _slope(fitted, load, predicted)[valid]
-    scatter = np.maximum(load.deviation_mm[0][valid], fitted.scatter_mm)
-    total = np.diag(scatter**2) + slope @ fitted.covariance @ slope.T
+    slope = theory.slopes(fitted.vector, load, fitted.kinds)[0][valid]
+    # An honest load may be off by as much as is stated, even if the others are better.
+    errors = theory.deflections(fitted.vector, load).covariance_mm2(fitted.errors.at_least(loads.errors))[0]
+    total = errors[np.ix_(valid, valid)] + slope @ fitted.covariance @ slope.T
     ratio = float(off @ np.linalg.solve(total, off)) / len(off)
     chance = f_distribution.sf(ratio, len(off), fitted.freedom)
     return bool(chance < CHANCE / len(loads.number))
-
-
-def _slope(fitted: Fit, load: Loads, predicted: Floats, step: float = 1e-3) -> Floats:
-    """Change of a load's prediction with each entry of the vector, (channels, departures)."""
-    nearby = [fitted.theory.stated_mm(fitted.vector + step * one, load)[0] for one in np.eye(fitted.theory.size)]
-    return (np.stack(nearby, axis=1) - predicted[:, None]) / step
 
 
 def _suspect(fitted: Fit, loads: Loads, index: int, *, certain: bool) -> Suspect:

@@ -6,8 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
-from beamtouch_models.calibration.fit import Theory, fit
+from beamtouch_models.calibration.fit import fit
 from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.theory import Theory
 
 POOR_NOISES = 8.0
 """Residual, in noises of a sample, below which loads agree with the channels as they are."""
@@ -26,9 +27,9 @@ def swapped(theory: Theory, loads: Loads, names: list[str]) -> str | None:
     asis = fit(theory, loads, kinds)
     if asis.residual_mm <= POOR_NOISES * theory.prior.noise_mm:
         return None
-    trials = [(fit(theory, other, kinds).scatter_mm, message) for message, other in _swaps(theory, loads, names)]
-    scatter_mm, message = min(trials, default=(np.inf, ""))
-    return message if BETTER * scatter_mm < asis.scatter_mm else None
+    trials = [(fit(theory, other, kinds).scatter, message) for message, other in _swaps(theory, loads, names)]
+    scatter, message = min(trials, default=(np.inf, ""))
+    return message if BETTER * scatter < asis.scatter else None
 
 
 def _swaps(theory: Theory, loads: Loads, names: list[str]) -> Iterator[tuple[str, Loads]]:

@@ -1,0 +1,78 @@
+"""The errors of a recording: how well loads are placed and weighed, and a residual that neither explains."""
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+from beamtouch_models.arrays import Bools, Floats
+
+PSEUDO_LOADS = 1.0
+"""Number of loads that the stated errors count as much as; with few loads, they decide."""
+UPDATES = 10
+"""Number of improvements of the errors in each round of a fit, which starts from the errors of the last."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Standard deviations."""
+
+    placing_mm: float
+    """Of the position of a load about the stated one."""
+    force: float
+    """Of the force of a load, relative to the stated one."""
+    residual_mm: float = 0.0
+    """Of each deflection, beyond its noise."""
+
+    def at_least(self, other: "Errors") -> "Errors":
+        """Return the larger of both, each."""
+        return Errors(*np.maximum(astuple(self), astuple(other)).tolist())
+
+
+@dataclass(frozen=True)
+class Deflections:
+    """What moves measured deflections about their prediction."""
+
+    stated: Bools
+    """(loads, channels), whether there is a measurement."""
+    noise_mm: Floats
+    """(loads, channels)"""
+    moved_mm: Floats
+    """(2, loads, channels) by 1 mm of a load's position, and by its whole force."""
+
+    def covariance_mm2(self, errors: Errors) -> Floats:
+        """Return the covariance (loads, channels, channels); a channel without a measurement has variance 1."""
+        own = np.where(self.stated, self.noise_mm**2 + errors.residual_mm**2, 1.0)[..., None] * np.eye(self._channels)
+        moved = self.moved_mm * np.array([errors.placing_mm, errors.force])[:, None, None]
+        covariance: Floats = own + np.einsum("klc,kld->lcd", moved, moved)
+        return covariance
+
+    def whitening(self, errors: Errors) -> Floats:
+        """Return W (loads, channels, channels), with W'W the inverse of the covariance."""
+        return np.linalg.inv(np.linalg.cholesky(self.covariance_mm2(errors)))
+
+    def errors_of(self, left_mm: Floats, about: Errors, start: Errors, freedom: float) -> Errors:
+        """Return the likely errors behind residuals (loads, channels) with so many degrees of freedom.
+
+        They maximise the likelihood (Zhou, Hu, Qiao & Lange 2019, doi 10.1080/10618600.2018.1529601), where `about`
+        counts as much as `PSEUDO_LOADS` loads.
+        """
+        share = freedom / self.stated.sum()
+        moved, left = np.moveaxis(self.moved_mm, 0, 2), left_mm[..., None]
+        prior = np.array([about.placing_mm, about.force]) ** 2
+        variance = np.array(astuple(start)) ** 2
+        variance[2] = max(variance[2], float((self.noise_mm[self.stated] ** 2).mean()))
+        for _ in range(UPDATES):
+            inverse = np.linalg.inv(self.covariance_mm2(Errors(*np.sqrt(variance).tolist())))
+            pulled = inverse @ left
+            pulls = ((moved.transpose(0, 2, 1) @ pulled) ** 2).sum(axis=(0, 2))
+            traces = share * (moved * (inverse @ moved)).sum(axis=(0, 1))
+            safe = np.maximum(variance[:2], np.finfo(np.float64).tiny)
+            pulls, traces = pulls + PSEUDO_LOADS * prior / safe**2, traces + PSEUDO_LOADS / safe
+            own = share * np.trace(inverse * self.stated[..., None], axis1=1, axis2=2).sum()
+            variance[:2] *= np.sqrt(pulls / traces)
+            variance[2] *= np.sqrt((pulled**2).sum() / own)
+        return Errors(*np.sqrt(variance).tolist())
+
+    @property
+    def _channels(self) -> int:
+        return self.stated.shape[1]
