@@ -77,6 +77,11 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
         metavar="LOAD",
         help="number of a recorded load to ignore; may be given several times",
     )
+    for name, metavar, text in (
+        ("--placing-mm", "MM", "how well loads stand where they are said to: standard deviation in mm (default 1)"),
+        ("--force-percent", "P", "how well their forces are known: standard deviation in percent (default 1)"),
+    ):
+        parser.add_argument(name, type=float, default=1.0, metavar=metavar, help=text)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
     _add_json(parser)
 

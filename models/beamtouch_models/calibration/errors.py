@@ -6,8 +6,8 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
 
-PSEUDO_LOADS = 1.0
-"""Number of loads that the stated errors count as much as; with few loads, they decide."""
+PSEUDO_LOADS = 0.25
+"""Number of loads that the stated errors count as much as; they matter where the loads tell little."""
 UPDATES = 10
 """Number of improvements of the errors in each round of a fit, which starts from the errors of the last."""
 

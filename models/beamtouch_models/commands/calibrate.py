@@ -3,17 +3,22 @@
 import argparse
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from beamtouch_models import modelfile
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
+from beamtouch_models.calibration.errors import Errors
 from beamtouch_models.calibration.fit import Fit
 from beamtouch_models.calibration.loads import read_loads
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import InputError
 from beamtouch_models.export import write_whole
+
+SMALLEST_ERROR, LARGEST_ERROR = 1e-3, 50.0
+"""Bounds of the stated errors of the loads, in mm and in percent."""
 
 
 def run(options: argparse.Namespace) -> None:
@@ -22,7 +27,8 @@ def run(options: argparse.Namespace) -> None:
     if not options.output.parent.is_dir():
         message = f"{options.output.parent}: no such folder; create it first"
         raise InputError(message)
-    loads = read_loads(options.readings, model.metadata, options.leave_out)
+    errors = _errors(options.placing_mm, options.force_percent)
+    loads = replace(read_loads(options.readings, model.metadata, options.leave_out), errors=errors)
     with shown_progress() as progress:
         found = calibrate(model, loads, progress)
     write_whole(options.output, found.content)
@@ -35,6 +41,15 @@ def run(options: argparse.Namespace) -> None:
     print("\n".join(f"{label:<10} {text}" for label, text in _lines(found, fresh.identity)))
 
 
+def _errors(placing_mm: float, force_percent: float) -> Errors:
+    """Return the stated errors of the loads; InputError if nobody can place or weigh loads so well or so badly."""
+    for option, value in (("--placing-mm", placing_mm), ("--force-percent", force_percent)):
+        if not SMALLEST_ERROR <= value <= LARGEST_ERROR:
+            message = f"{option} {value:g} is not from {SMALLEST_ERROR:g} to {LARGEST_ERROR:g}"
+            raise InputError(message)
+    return Errors(placing_mm, force_percent / 100)
+
+
 def _results(found: Calibrated, left_out: Sequence[int]) -> dict[str, object]:
     metadata = found.metadata
     calibration = metadata.calibration
@@ -44,6 +59,8 @@ def _results(found: Calibrated, left_out: Sequence[int]) -> dict[str, object]:
         "error_before_mm": {"mean": float(found.before_mm.mean()), "worst": float(found.before_mm.max())},
         "error_after_mm": {"mean": float(found.after_mm.mean()), "worst": float(found.after_mm.max())},
         "limit_mm": found.limit_mm,
+        "placing_mm": found.fit.errors.placing_mm,
+        "force_percent": 100 * found.fit.errors.force,
         "loads_left_out": sorted(set(left_out)),
         "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
     }
@@ -72,7 +89,11 @@ def _lines(found: Calibrated, identity: str) -> list[tuple[str, str]]:
     }
     return [
         ("model", identity),
-        ("loads", f"{len(found.before_mm)}"),
+        (
+            "loads",
+            f"{len(found.before_mm)}, placed to about {found.fit.errors.placing_mm:.2g} mm and with forces known to "
+            f"about {100 * found.fit.errors.force:.2g} %",
+        ),
         *((kind, text() if kind in found.fit.kinds else "as in the scene") for kind, text in shown.items()),
         (
             "before",

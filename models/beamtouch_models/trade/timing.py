@@ -5,11 +5,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import onnxruntime as ort
 
 from beamtouch_models.arrays import Floats32
 from beamtouch_models.progress import Fraction, silent
-from beamtouch_models.session import session_options
+from beamtouch_models.session import open_session
 
 ROUNDS, CALLS = 40, 50
 BATCH, BATCH_CALLS = 1000, 1
@@ -51,7 +50,7 @@ def inference_times(
 
 
 def _session(content: bytes, reading: Floats32) -> tuple[Callable[[], object], Callable[[], object]]:
-    session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
+    session = open_session(content)
     feeds = [
         {"deflection_mm": np.tile(reading, (batch, 1)), "valid": np.ones((batch, len(reading)), np.bool_)}
         for batch in (1, BATCH)
