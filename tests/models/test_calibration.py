@@ -195,6 +195,40 @@ def mistyped(metadata: Metadata, mistake: str) -> Mistyped:
     return Mistyped(Theory.of(physics_of(metadata), metadata), honest, loads, wrong, real)
 
 
+@pytest.mark.parametrize(("name", "seed"), [("bench", 19), ("conveyor", 1), ("conveyor", 12)])
+def test_loads_that_stand_a_millimetre_off_are_accepted(
+    name: str, seed: int, built_model: Callable[[str], Path]
+) -> None:
+    model, rng = modelfile.load(built_model(name)), np.random.default_rng([seed, 7])
+    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng, hand_mm=1.0)
+    found = checked_fit(model, loads, quiet).fit.errors
+    assert 0.4 < found.placing_mm < 2
+    assert 0.004 < found.force < 0.02
+
+
+def test_a_fit_finds_how_well_loads_are_placed(built_model: Callable[[str], Path]) -> None:
+    metadata = modelfile.load(built_model("cantilever")).metadata
+    theory, rng = Theory.of(physics_of(metadata), metadata), np.random.default_rng(8)
+    real = random_imperfections(metadata, rng)
+    well, badly = (
+        fit(theory, recorded(metadata, real, rng, count=30, hand_mm=hand_mm), tuple(theory.kinds)).errors
+        for hand_mm in (0.0, 3.0)
+    )
+    assert well.placing_mm < 0.3
+    assert badly.placing_mm == pytest.approx(3, rel=0.4)
+    assert badly.force == pytest.approx(0.03, rel=0.4)
+    assert max(well.residual_mm, badly.residual_mm) < metadata.noise.sample_mm
+
+
+@pytest.mark.parametrize("wrong", [("--placing-mm", "nan"), ("--placing-mm", "0"), ("--force-percent", "1e9")])
+def test_errors_that_loads_cannot_have_are_refused(
+    design_sensors_here: Command, bench_model: Path, tmp_path: Path, wrong: tuple[str, str]
+) -> None:
+    done = design_sensors_here("calibrate", bench_model, tmp_path / "loads.csv", "-o", tmp_path / "out.onnx", *wrong)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert f"{wrong[0]} {float(wrong[1]):g} is not from 0.001 to 50" in done.stderr
+
+
 @pytest.mark.parametrize("name", ["conveyor", "cantilever"])
 def test_honest_loads_of_other_surfaces_are_accepted(name: str, built_model: Callable[[str], Path]) -> None:
     case = mistyped(modelfile.load(built_model(name)).metadata, MISTAKES[0])

@@ -4,13 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.model_prior import physics_of, prior_of_model
+from beamtouch_models.accuracy.model_prior import physics_of
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measured import measured
-from beamtouch_models.calibration.fit import Fit, fit, supported_fit
+from beamtouch_models.calibration.fit import Fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
+from beamtouch_models.calibration.located import error_without, errors_of_model, limit_mm
 from beamtouch_models.calibration.mistaken import Suspect, mistaken
 from beamtouch_models.calibration.swapped import swapped
 from beamtouch_models.calibration.theory import Theory
@@ -70,13 +70,13 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
     left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
     if not left <= UNEXPLAINED:
         raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained"))
-    before = _errors_of_model(model.metadata, loads)
+    before = errors_of_model(model.metadata, loads)
     after = np.empty(len(loads.number))
     for index in range(len(after)):
         progress("leaving out one load at a time", 0.5 + 0.2 * index / len(after))
-        after[index] = _error_without(theory, loads, found, index)
+        after[index] = error_without(theory, loads, found, index)
     # A single sample has this error in addition, and the loads themselves stand a little off.
-    best = float(np.hypot(_limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
+    best = float(np.hypot(limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
     if not after.mean() <= max(UNEXPLAINED * model.metadata.length_mm, best):
         raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {after.mean():.3g} mm"))
     # A fit without departures is right only if the scene itself locates well.
@@ -121,7 +121,7 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
             "calibration": calibration,
         }
     )
-    best = _limit_mm(prior, loads, metadata.seed)
+    best = limit_mm(prior, loads, metadata.seed)
     return Calibrated(to_bytes(made.graph, fresh), fresh, found, before, after, best)
 
 
@@ -179,42 +179,3 @@ def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Fr
     made = estimator_of(name, prior, with_force=with_force, seed=metadata.seed, progress=progress)
     graph = with_linear_input(made.graph, np.array(departures.offset_mm), departures.curve_per_mm)
     return replace(made, graph=graph)
-
-
-def _errors_of_model(metadata: Metadata, loads: Loads) -> Floats:
-    """Return the position errors (loads,) of the given model."""
-    departures = None if metadata.calibration is None else metadata.calibration.departures
-    prior = prior_of_model(metadata)
-    return np.array([_error(prior, departures, loads, index) for index in range(len(loads.number))])
-
-
-def _error_without(theory: Theory, loads: Loads, found: Fit, index: int) -> float:
-    """Return the position error of a load by a fit without it."""
-    departures = fit(theory, loads.without(index), found.kinds, found.vector).departures
-    return _error(theory.prior_with(departures), departures, loads, index)
-
-
-def _error(prior: Prior, departures: Departures | None, loads: Loads, index: int) -> float:
-    """Return the position error of a load, located from the mean of its samples.
-
-    The noise is that of the mean. With that of a single sample, a weak load would be drawn towards the middle of the
-    range, which can hide an error of the surface.
-    """
-    reading = loads.stated_mm[index]
-    valid = np.isfinite(reading)
-    if departures is not None:
-        reading = reading - np.array(departures.offset_mm)
-        reading = reading + departures.curve_per_mm * reading**2
-    exact = replace(prior, noise_mm=float(loads.deviation_mm[index][valid].mean()))
-    seen = exact.without(*np.flatnonzero(~valid).tolist())
-    return float(abs(limit.posterior_median_mm(seen, reading[valid][None])[0] - loads.position_mm[index]))
-
-
-def _limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
-    """Return the mean error of the best estimate for samples of these loads."""
-    rng = np.random.default_rng(seed)
-    clean = loads.force_n[:, None] * prior.influence_at(loads.position_mm)
-    noise = rng.normal(scale=prior.noise_mm, size=(draws, *clean.shape))
-    readings = (clean + noise).reshape(-1, prior.channels)
-    off = limit.posterior_median_mm(prior, readings).reshape(draws, -1) - loads.position_mm
-    return float(np.abs(off).mean())

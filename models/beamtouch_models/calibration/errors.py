@@ -75,4 +75,4 @@ class Deflections:
 
     @property
     def _channels(self) -> int:
-        return self.stated.shape[1]
+        return int(self.stated.shape[1])
