@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import ValidationError
@@ -14,6 +14,14 @@ from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import dynamics
 from beamtouch_models.physics.beam import load_positions_mm, scene_influence
 from beamtouch_models.pricing.noise import step_mm
+from beamtouch_models.pricing.removal import (
+    changed,
+    without_adc,
+    without_foundation,
+    without_shear,
+    without_steps,
+    without_width,
+)
 from beamtouch_models.scene import Scene
 
 Verdict = Literal["in", "out", "not stated", "not modelled"]
@@ -69,12 +77,6 @@ class Pricing:
         return price
 
 
-def changed(scene: Scene, part: str, **values: Any) -> Scene:  # noqa: ANN401  # whatever a scene's field may be
-    """Return a scene with other values in one of its parts; raises pydantic's ValidationError if they are invalid."""
-    stated = scene.model_dump()
-    return Scene.model_validate({**stated, part: {**stated[part], **values}})
-
-
 def _verdict(price: float) -> Verdict:
     return "out" if price < NEGLIGIBLE else "in"
 
@@ -82,10 +84,10 @@ def _verdict(price: float) -> Verdict:
 def _shear(pricing: Pricing) -> Effect:
     scene, beam = pricing.scene, pricing.scene.beam
     if beam.shear_modulus_gpa is not None:
-        lacking = _without_shear(scene)
+        lacking = without_shear(scene)
         price = pricing.price(scene, lacking)
         reason = f"shear modulus {beam.shear_modulus_gpa:g} GPa"
-        return Effect("shear", price, _verdict(price), reason, scene, lacking, _without_shear)
+        return Effect("shear", price, _verdict(price), reason, scene, lacking, without_shear)
     if beam.youngs_modulus_gpa is None or any(section.area_mm2 is None for section in beam.sections):
         return Effect("shear", None, "not stated", "give shear_modulus_gpa with width_mm and thickness_mm")
     modulus = beam.youngs_modulus_gpa / (2 * (1 + POISSON_RATIO))
@@ -102,9 +104,9 @@ def _contact_width(pricing: Pricing) -> Effect:
     scene, width = pricing.scene, pricing.scene.contact.width_mm
     if width == 0:
         return Effect("contact width", 0.0, "out", "the scene states a point contact")
-    lacking = _without_width(scene)
+    lacking = without_width(scene)
     price = pricing.price(scene, lacking)
-    return Effect("contact width", price, _verdict(price), f"{width:g} mm", scene, lacking, _without_width)
+    return Effect("contact width", price, _verdict(price), f"{width:g} mm", scene, lacking, without_width)
 
 
 def _self_weight(pricing: Pricing) -> Effect:
@@ -132,14 +134,14 @@ def _steps(pricing: Pricing) -> Effect:
     if len({section.rigidity_n_mm2 for section in scene.beam.sections}) == 1:
         return Effect("steps", 0.0, "out", "a single section")
     # The prismatic beam has no section for shear to depend on, so compare the two without shear.
-    having, lacking = _without_shear(scene), _without_steps(scene)
+    having, lacking = without_shear(scene), without_steps(scene)
     price = pricing.price(having, lacking)
     reason = f"compared to a prismatic beam of the same mean compliance, {lacking.beam.rigidity_n_mm2:.4g} N mm^2"
     if price < NEGLIGIBLE and scene.beam.shear_modulus_gpa is not None:
         return Effect(
             "steps", price, "in", f"{reason}; included, because shear depends on the sections", having, lacking
         )
-    return Effect("steps", price, _verdict(price), reason, having, lacking, _without_steps)
+    return Effect("steps", price, _verdict(price), reason, having, lacking, without_steps)
 
 
 def _foundation(pricing: Pricing) -> Effect:
@@ -148,12 +150,12 @@ def _foundation(pricing: Pricing) -> Effect:
         return Effect("foundation", 0.0, "out", "no foundation")
     reason = f"{scene.beam.foundation_n_mm2:g} N/mm per mm"
     try:
-        lacking = _without_foundation(scene)
+        lacking = without_foundation(scene)
     except ValidationError:
         whole = pricing.in_noise(pricing.deflection_mm(scene))
         return Effect("foundation", whole, "in", f"{reason}; nothing else supports the beam", scene)
     price = pricing.price(scene, lacking)
-    return Effect("foundation", price, _verdict(price), reason, scene, lacking, _without_foundation)
+    return Effect("foundation", price, _verdict(price), reason, scene, lacking, without_foundation)
 
 
 def _dynamics(pricing: Pricing) -> Effect:
@@ -185,7 +187,7 @@ def _adc_steps(pricing: Pricing) -> Effect:
     step = step_mm(sensors.range_mm, sensors.adc_bits)
     # A standard deviation, like the noise that it is compared to; rounding errors of readings count as independent.
     price = step / math.sqrt(12 * pricing.filter.window) / pricing.noise_mm
-    return Effect("ADC steps", price, _verdict(price), f"{1000 * step:.3g} um per count", leave_out=_without_adc)
+    return Effect("ADC steps", price, _verdict(price), f"{1000 * step:.3g} um per count", leave_out=without_adc)
 
 
 EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (
@@ -199,29 +201,3 @@ EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (
     _sensor_curve,
     _adc_steps,
 )
-
-
-def _without_shear(scene: Scene) -> Scene:
-    return changed(scene, "beam", shear_modulus_gpa=None)
-
-
-def _without_width(scene: Scene) -> Scene:
-    return changed(scene, "contact", width_mm=0.0)
-
-
-def _without_foundation(scene: Scene) -> Scene:
-    return changed(scene, "beam", foundation_n_mm2=None)
-
-
-def _without_adc(scene: Scene) -> Scene:
-    return changed(scene, "sensors", adc_bits=None)
-
-
-def _without_steps(scene: Scene) -> Scene:
-    """Return the scene with a prismatic beam that has the mean compliance of the beam."""
-    sections = scene.beam.sections
-    starts = [0.0, *(section.to_mm for section in sections[:-1])]
-    shares = [(section.to_mm - start) / scene.beam.length_mm for section, start in zip(sections, starts, strict=True)]
-    compliance = sum(share / section.rigidity_n_mm2 for share, section in zip(shares, sections, strict=True))
-    dropped = dict.fromkeys(("youngs_modulus_gpa", "shear_modulus_gpa", "width_mm", "thickness_mm"))
-    return changed(scene, "beam", **dropped, segments=(), flexural_rigidity_n_mm2=1 / compliance)
