@@ -1,6 +1,5 @@
 """Calibration: what is fitted, what it is worth, what is refused."""
 
-import contextlib
 import csv
 import dataclasses
 import json
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import cli, command_line, modelfile
+from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.model_prior import physics_of, prior_of_model
 from beamtouch_models.arrays import Floats
@@ -298,35 +297,34 @@ def test_a_recording_that_is_of_another_surface_makes_no_model(
 
 def test_a_surface_without_departures_is_accepted(built_model: Callable[[str], Path]) -> None:
     model, rng = modelfile.load(built_model("cantilever")), np.random.default_rng(6)
-    accepted = 0
     for _ in range(6):
-        with contextlib.suppress(NotGoodEnoughError):  # a fit that follows the noise is refused
-            loads = recorded(model.metadata, Imperfections(), rng)
-            accepted += checked_fit(model, loads, quiet).after_mm.mean() < 5
-    assert accepted
+        loads = recorded(model.metadata, Imperfections(), rng)
+        assert checked_fit(model, loads, quiet).after_mm.mean() < 5
 
 
-def test_a_model_that_is_no_better_is_not_written(
-    built_model: Callable[[str], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_model_that_is_worse_is_not_written(
+    design_sensors_here: Command, built_model: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    # On a surface without departures a fit only follows the noise, and is no better about every other time.
-    model_path, output = built_model("cantilever"), tmp_path / "out.onnx"
-    model, position = modelfile.load(model_path), np.linspace(29.0, 191.0, 10)
-    code = command_line.DONE
-    for seed in range(10):
-        path = readings(tmp_path, model, Imperfections(), seed=seed, position=position, force=np.full(10, 2.25))
-        code = cli.main(["calibrate", str(model_path), str(path), "-o", str(output), "--json"])
-        told = capsys.readouterr()
-        if code != command_line.DONE:
-            break
-        found = json.loads(told.out)
-        assert found["error_after_mm"]["mean"] <= found["error_before_mm"]["mean"]
-        output.unlink()
-    means = re.search(r"left-out loads to (\S+) mm, the given model to (\S+) mm", told.err)
-    assert (code, told.out) == (command_line.FAILED, "")
+    # Four loads that stand 3 mm off on a surface that does not depart from its scene.
+    model, path, output = built_model("cantilever"), tmp_path / "loads.csv", tmp_path / "out.onnx"
+    metadata = modelfile.load(model).metadata
+    loads = recorded(metadata, Imperfections(), np.random.default_rng(6), count=4, hand_mm=3.0)
+    write_loads(path, metadata, loads)
+    done = design_sensors_here("calibrate", model, path, "-o", output, "--json")
+    assert (done.returncode, done.stdout) == (1, "")
+    means = re.search(r"left-out loads to (\S+) mm, the given model to (\S+) mm", done.stderr)
     assert means is not None
-    assert float(means[1]) >= float(means[2])
+    assert float(means[1]) > 1.05 * float(means[2])
     assert not output.exists()
+
+
+def write_loads(path: Path, metadata: Metadata, loads: Loads) -> None:
+    """Write loads as `record` does, with the mean of its samples for each sample."""
+    columns = ["load", "position_mm", "force_n", *(f"{channel.name}_deflection_mm" for channel in metadata.layout)]
+    each = zip(loads.number, loads.position_mm, loads.force_n, loads.stated_mm, strict=True)
+    rows = [[number, position, force, *stated] for number, position, force, stated in each for _ in range(200)]
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([columns, *rows])
 
 
 def test_a_recording_that_a_spreadsheet_saved_is_read(bench: ModelFile, tmp_path: Path) -> None:

@@ -153,7 +153,7 @@ def _another_surface(shown: str) -> str:
 def _worse(loads: Loads, before: Floats, after: Floats) -> str:
     worst = int(after.argmax())
     return (
-        "nothing was written: a model fitted to these loads would be no better. A fit locates left-out loads to "
+        "nothing was written: a model fitted to these loads would be worse. A fit locates left-out loads to "
         f"{after.mean():.4g} mm, the given model to {before.mean():.4g} mm. The largest error is that of load "
         f"{loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), {after[worst]:.3g} mm. "
         "Keep the model, or check the loads and record more over the whole beam"
