@@ -18,7 +18,8 @@ from starlette.types import ASGIApp, Scope
 from beamtouch_service.api.app import Application
 from beamtouch_service.api.context import Streams
 from beamtouch_service.config import TlsFiles
-from beamtouch_service.host.connection import BoundedProtocol, Clients
+from beamtouch_service.host.admission import Clients
+from beamtouch_service.host.connection import BoundedProtocol
 from beamtouch_service.host.handshakes import HANDSHAKE_S, Handshakes
 from beamtouch_service.host.places import Places
 from beamtouch_service.host.systemd import ServiceManager
@@ -47,7 +48,7 @@ def configure(
     handshakes: Handshakes | None = None,
 ) -> uvicorn.Config:
     """Return how uvicorn is to serve `app`."""
-    places = Places(max_clients, max_clients_per_address or max_clients, BoundedProtocol.has_unread)
+    places = Places(max_clients, max_clients_per_address or max_clients, BoundedProtocol.is_busy)
     clients = _clients(app, places, handshakes or Handshakes())
     return uvicorn.Config(
         app,

@@ -108,15 +108,6 @@ def test_head_is_get_without_the_body(touched_service: Service, target: str) -> 
     assert int(fields(head)[b"content-length"]) > 0
 
 
-def test_a_request_to_speak_something_else_is_answered_and_the_last(touched_service: Service) -> None:
-    words = get("/contact", "Connection: Upgrade", "Upgrade: websocket") + get("/contact")
-    ((head, body),) = said(touched_service, words, 1, until_closed=True)
-
-    assert fields(head)[b"connection"] == b"close"
-    assert json.loads(body)["surface"] == "press-7"
-    assert "pip install" not in touched_service.stop(signal.SIGTERM)[1]
-
-
 def test_who_connects_for_tls_and_says_nothing_is_cut_off(
     start_service: StartService, certificate: tuple[Path, Path]
 ) -> None:
