@@ -56,7 +56,7 @@ def test_a_sender_that_started_anew_is_followed_at_once() -> None:
 
 
 def test_of_the_former_senders_those_that_were_followed_last_are_remembered() -> None:
-    senders = Senders(STALE_MS, most=2)
+    senders = Senders(STALE_MS, max_former=2)
     for number, boot_id in enumerate(["a", "b", "c", "d"]):
         offer(senders, boot_id, 0, 10.0 + number / 10)
 

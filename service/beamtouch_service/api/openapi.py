@@ -192,9 +192,11 @@ def _add_refusals(operation: dict[str, Any], *, needs_read_token: bool) -> None:
     if not security:
         return
     is_read = {"read_token": []} in security
+    if is_read:
+        # The other tokens read too. An empty requirement: also without a token.
+        security += [{"write_token": []}, {"admin_token": []}]
+        security[:0] = [] if needs_read_token else [{}]
     if is_read and not needs_read_token:
-        # An empty requirement: also without a token.
-        security.insert(0, {})
         return
     kinds = (Kind.UNAUTHORIZED,) if is_read else (Kind.UNAUTHORIZED, Kind.FORBIDDEN)
     responses = {str(status): response for status, response in problems(*kinds).items() if status != "default"}

@@ -11,12 +11,12 @@ from asyncio import FIRST_COMPLETED, Future, create_task, ensure_future, gather,
 from collections.abc import Awaitable
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 from starlette.responses import Response, StreamingResponse
 from starlette.types import Message, Receive, Scope, Send
 
-from beamtouch_service.api import gate
-from beamtouch_service.api import openapi as documentation
+from beamtouch_service.access import Role
+from beamtouch_service.api import gate, openapi
 from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPath, SurfaceInQuery
 from beamtouch_service.problems import Kind
 from beamtouch_service.surfaces.state import changing, state_of
@@ -35,7 +35,7 @@ _INTERVAL = "Shortest time between two events [ms]. An event is sent after a cha
 _Interval = Annotated[int, Query(ge=20, le=5000, description=_INTERVAL)]
 _PROBLEMS = (Kind.NO_SURFACE, Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.TOO_MANY_CLIENTS, Kind.STOPPING)
 
-router = APIRouter(tags=["stream"], dependencies=gate.READING)
+router = gate.make_router("stream", Role.READ)
 
 
 class Pace:
@@ -113,9 +113,9 @@ async def _cancel(tasks: set[Future[Any]]) -> None:
 
 
 def _responses(*kinds: Kind) -> dict[int | str, dict[str, Any]]:
-    events = {"schema": {"type": "string"}, "examples": {"a clear beam": {"value": documentation.STATE_EVENT}}}
+    events = {"schema": {"type": "string"}, "examples": {"a clear beam": {"value": openapi.STATE_EVENT}}}
     answer = {"description": "Server-sent events named `state`.", "content": {MEDIA_TYPE: events}}
-    return {200: answer, **documentation.problems(*kinds)}
+    return {200: answer, **openapi.problems(*kinds)}
 
 
 @router.get("/stream", response_class=StreamingResponse, responses=_responses(Kind.SURFACE_REQUIRED, *_PROBLEMS))

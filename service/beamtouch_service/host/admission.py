@@ -1,11 +1,12 @@
 """The right of one connection to be served: its place, and whether it has shown a token."""
 
+import select
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
 
 from starlette.types import Receive, Scope, Send
-from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from beamtouch_service.api import errors
 from beamtouch_service.api.gate import HEADERS
@@ -99,3 +100,22 @@ class Admission:
 def address_of(connection: HttpToolsProtocol) -> str:
     """Return the address of the client."""
     return connection.client[0] if connection.client else "unknown"
+
+
+def is_answering(connection: HttpToolsProtocol) -> bool:
+    """Return whether a request that was read still has no answer. If not, it is the client's turn."""
+    # None before the first request, although its type does not say so.
+    cycle: RequestResponseCycle | None = connection.cycle
+    return cycle is not None and not cycle.response_complete
+
+
+def is_busy(connection: HttpToolsProtocol) -> bool:
+    """Return whether a request is being answered, or the client has sent bytes that were not read yet."""
+    if is_answering(connection):
+        return True
+    descriptor = connection.transport.get_extra_info("socket").fileno()
+    if descriptor < 0:
+        return False
+    waiting = select.poll()
+    waiting.register(descriptor, select.POLLIN)
+    return bool(waiting.poll(0))

@@ -5,7 +5,6 @@ uvicorn has no such bounds: docs/decisions/008-contact-at-once.md. pyproject.tom
 """
 
 import asyncio
-import select
 from typing import TYPE_CHECKING, cast
 
 import httptools
@@ -13,7 +12,7 @@ from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
 from beamtouch_service.api.health import LIVE_PATH
 from beamtouch_service.host import heads
-from beamtouch_service.host.admission import Admission
+from beamtouch_service.host.admission import Admission, is_answering
 from beamtouch_service.host.ending import REFUSED_S, EndingProtocol
 from beamtouch_service.host.places import State
 from beamtouch_service.problems import Kind, Problem
@@ -54,7 +53,7 @@ class BoundedProtocol(EndingProtocol):
             start = end
         if self.is_over:
             return
-        if self._framing.is_between or self.is_answering:
+        if self._framing.is_between or is_answering(self):
             self.forget()
         elif self.deadline is None:
             self.expect(HEAD_S)
@@ -123,7 +122,7 @@ class BoundedProtocol(EndingProtocol):
         super().on_response_complete()
         if self.pipeline:
             self.flow.pause_reading()
-        if self.pipeline or self.is_answering:
+        if self.pipeline or is_answering(self):
             return
         if not self.flow.write_paused:
             self._admission.move(State.IDLE)
@@ -162,14 +161,3 @@ class BoundedProtocol(EndingProtocol):
         # The health check needs no place.
         is_refused = self._admission.is_waiting and cycle.scope["path"] != LIVE_PATH
         super()._start_asgi_task(cycle, cast("ASGI3Application", self.clients.refuse) if is_refused else app)
-
-    def is_busy(self) -> bool:
-        """Return whether a request is being answered, or the client has sent bytes that were not read yet."""
-        if self.is_answering:
-            return True
-        descriptor = self.transport.get_extra_info("socket").fileno()
-        if descriptor < 0:
-            return False
-        waiting = select.poll()
-        waiting.register(descriptor, select.POLLIN)
-        return bool(waiting.poll(0))

@@ -3,11 +3,11 @@
 import asyncio
 from typing import Any
 
-from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 
 from beamtouch_service.api import errors
 from beamtouch_service.api.gate import HEADERS
-from beamtouch_service.host.admission import Clients, address_of
+from beamtouch_service.host.admission import Clients, address_of, is_answering
 from beamtouch_service.problems import Problem
 
 REFUSED_S = 2.0
@@ -50,13 +50,6 @@ class EndingProtocol(HttpToolsProtocol):
         self._forget_unread()
         super().resume_writing()
 
-    @property
-    def is_answering(self) -> bool:
-        """Whether a request that was read still has no answer. If not, it is the client's turn."""
-        # None before the first request, although its type does not say so.
-        cycle: RequestResponseCycle | None = self.cycle
-        return cycle is not None and not cycle.response_complete
-
     def expect(self, within_s: float) -> None:
         """Close the connection unless the client sends a complete request within this time [s]."""
         self.deadline = self.loop.call_later(within_s, self._give_up)
@@ -75,7 +68,7 @@ class EndingProtocol(HttpToolsProtocol):
         if self.refusal is not None or self.transport.is_closing():
             return
         self.refusal, self.is_over = problem, True
-        is_answering = self.is_answering
+        is_turn_ours = is_answering(self)
         if in_body:
             # The rest of this request's body will not be read.
             if self.pipeline and self.pipeline[0][0] is self.cycle:
@@ -86,9 +79,9 @@ class EndingProtocol(HttpToolsProtocol):
                 self.transport.close()
                 return
             else:
-                self.cycle.disconnected, is_answering = True, False
+                self.cycle.disconnected, is_turn_ours = True, False
                 self.cycle.message_event.set()
-        if not is_answering:
+        if not is_turn_ours:
             self.tell(problem)
 
     def tell(self, problem: Problem) -> None:
@@ -123,5 +116,5 @@ class EndingProtocol(HttpToolsProtocol):
 
     def _give_up(self) -> None:
         self.deadline = None
-        if not self.is_answering:
+        if not is_answering(self):
             self.transport.close()

@@ -23,11 +23,11 @@ class Senders:
     another one has replaced may return only once the newest sample is stale, in case the other one was a stray.
     """
 
-    def __init__(self, stale_ms: float, most: int = MAX_SENDERS) -> None:
+    def __init__(self, stale_ms: float, max_former: int = MAX_SENDERS) -> None:
         self.changes = 0
         """How often the sender changed."""
         self._stale_ms = stale_ms
-        self._most = most
+        self._max_former = max_former
         self._present: _Present | None = None
         self._former: OrderedDict[str, int] = OrderedDict()
         """Sequence number of the last accepted newest sample of each replaced sender."""
@@ -57,6 +57,6 @@ class Senders:
             self.changes += 1
             self._former.pop(boot_id, None)
             self._former[self._present.boot_id] = self._present.sequence
-            if len(self._former) > self._most:
+            if len(self._former) > self._max_former:
                 self._former.popitem(last=False)
         self._present = _Present(boot_id, sequence, acquired_s)

@@ -59,7 +59,9 @@ def test_a_question_that_asks_for_another_protocol_is_answered_and_the_connectio
     assert "pip install" not in touched_service.stop(signal.SIGTERM)[1]
 
 
-def test_a_batch_that_asks_for_another_protocol_may_be_the_last(touched_service: Service, make_batch: MakeBatch) -> None:
+def test_a_batch_that_asks_for_another_protocol_may_be_the_last(
+    touched_service: Service, make_batch: MakeBatch
+) -> None:
     words = post(json.dumps(make_batch(sequence=50)).encode(), "Connection: Upgrade, close", "Upgrade: h2c")
     ((head, body),) = said(touched_service, words + get("/contact"), 1, until_closed=True)
 
