@@ -94,9 +94,10 @@ class BoundedProtocol(EndingProtocol):
         # What follows the last request of a connection is not looked at.
         if self.transport.is_closing() or self.refusal is not None:
             return
-        if self.cycle is None:
-            self._admission.move(State.IDLE)
         self._admission.show(head.get(b"authorization", (None,))[0])
+        if self.cycle is None:
+            # The first request. A connection with a request is not silent, however long the answer takes.
+            self._admission.move(State.IDLE)
         super().on_headers_complete()
         # Only now: uvicorn raises for some targets, and such a request has no body to read.
         self._framing.begin_body(head.get(b"content-length", (None,))[0])

@@ -68,7 +68,7 @@ class EndingProtocol(HttpToolsProtocol):
         if self.refusal is not None or self.transport.is_closing():
             return
         self.refusal, self.is_over = problem, True
-        is_turn_ours = is_answering(self)
+        has_earlier = is_answering(self)
         if in_body:
             # The rest of this request's body will not be read.
             if self.pipeline and self.pipeline[0][0] is self.cycle:
@@ -79,9 +79,9 @@ class EndingProtocol(HttpToolsProtocol):
                 self.transport.close()
                 return
             else:
-                self.cycle.disconnected, is_turn_ours = True, False
+                self.cycle.disconnected, has_earlier = True, False
                 self.cycle.message_event.set()
-        if not is_turn_ours:
+        if not has_earlier:
             self.tell(problem)
 
     def tell(self, problem: Problem) -> None:
