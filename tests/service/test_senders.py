@@ -19,7 +19,7 @@ STALE_MS = 500.0
 
 def offer(senders: Senders, boot_id: str, sequence: int, acquired_s: float, arrival_s: float | None = None) -> bool:
     arrival_s = acquired_s if arrival_s is None else arrival_s
-    moves = senders.is_after_present(boot_id, sequence, acquired_s, arrival_s)
+    moves = senders.is_after_newest(boot_id, sequence, acquired_s, arrival_s)
     if moves:
         senders.move(boot_id, sequence, acquired_s)
     return moves

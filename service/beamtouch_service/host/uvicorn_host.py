@@ -18,13 +18,13 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from beamtouch_service.api.app import Application
 from beamtouch_service.api.context import Streams
-from beamtouch_service.config import TlsFiles
 from beamtouch_service.host.admission import Clients, is_busy
 from beamtouch_service.host.connection import BoundedProtocol
 from beamtouch_service.host.handshakes import HANDSHAKE_S, Handshakes
 from beamtouch_service.host.places import Places
 from beamtouch_service.host.systemd import ServiceManager
 from beamtouch_service.limits import MAX_CLIENTS, Seldom, SeldomFilter
+from beamtouch_service.settings import TlsFiles
 
 SHUTDOWN_S = 2
 """For running answers to finish. A sender repeats what was not acknowledged."""
