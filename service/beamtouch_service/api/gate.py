@@ -3,8 +3,7 @@
 import logging
 from collections.abc import Iterable
 
-from fastapi import APIRouter, Depends, Security
-from fastapi.params import Depends as DependsParameter
+from fastapi import APIRouter, Depends, Security, params
 from fastapi.routing import iter_route_contexts
 from fastapi.security import HTTPBearer
 from starlette.requests import HTTPConnection
@@ -43,7 +42,7 @@ async def _anyone_may() -> None:
     """Let every request pass."""
 
 
-_NEEDS: dict[Role, DependsParameter] = {
+_NEEDS: dict[Role, params.Depends] = {
     Role.OPEN: Depends(_anyone_may),
     Role.READ: Security(_Token(Role.READ, "For reading. The write and admin tokens read too.")),
     Role.WRITE: Security(_Token(Role.WRITE, "For sending samples and for reading.")),
