@@ -2,7 +2,6 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -10,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from beamtouch_service.access import Access
 from beamtouch_service.config_sections import RENAMED, ConfigFile, Overrides, SurfaceSection
+from beamtouch_service.settings import EventSettings, Settings, SurfaceSettings, TlsFiles
 
 MIN_TOKEN_CHARACTERS = 16
 _MAX_TOKEN_BYTES = 4096
@@ -21,50 +21,6 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 class ConfigError(ValueError):
     """Wrong input. The message is one line that says what to do."""
-
-
-@dataclass(frozen=True)
-class SurfaceSettings:
-    """One surface."""
-
-    name: str
-    """Empty: the name of its model."""
-    model: Path | None
-    stale_ms: float
-
-
-@dataclass(frozen=True)
-class EventSettings:
-    """The record of contacts."""
-
-    file: Path | None
-    """None: in memory."""
-    keep_days: float
-    max_mb: float
-
-
-@dataclass(frozen=True)
-class TlsFiles:
-    """Certificate and its key."""
-
-    certificate: Path
-    key: Path
-
-
-@dataclass(frozen=True)
-class Settings:
-    """All settings, checked."""
-
-    host: str
-    port: int
-    access: Access
-    tls: TlsFiles | None
-    max_clients: int
-    max_clients_per_address: int
-    max_batches_per_s: float
-    surfaces: tuple[SurfaceSettings, ...]
-    max_streams: int
-    events: EventSettings
 
 
 def load_settings(config: Path | None, options: Mapping[str, object]) -> Settings:

@@ -36,9 +36,9 @@ class ServerSection(BaseModel):
     """PEM, with its chain. With `key_file`, the service speaks HTTPS instead of HTTP."""
     key_file: _Text | None = None
     """PEM, the private key of the certificate."""
-    max_clients: Annotated[int, Field(ge=1, le=limits.MOST_CLIENTS)] = limits.MAX_CLIENTS
+    max_clients: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] = limits.MAX_CLIENTS
     """Open connections. For one more, an idle one without a token is closed; if there is none, the new one gets 503."""
-    max_clients_per_address: Annotated[int, Field(ge=1, le=limits.MOST_CLIENTS)] | None = None
+    max_clients_per_address: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] | None = None
     """The same for connections from one address that have not shown a token. Default: half of `max_clients`."""
     max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = limits.MAX_BATCHES_PER_S
     """For each surface. Further batches get 429."""

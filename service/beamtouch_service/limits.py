@@ -10,7 +10,7 @@ MAX_BATCHES_PER_S = 2000.0
 """For each surface."""
 MAX_STREAMS = 32
 MAX_CLIENTS = 256
-MOST_CLIENTS = 4096
+MAX_CLIENTS_LIMIT = 4096
 """Upper limit of the setting: a new connection may have to search all of them for one to replace."""
 KEEP_DAYS = 30.0
 MAX_MB = 100.0
@@ -26,13 +26,13 @@ class Bucket:
 
     def __init__(self, per_s: float) -> None:
         self._per_s = per_s
-        self._most = max(1.0, per_s)
-        self._left = self._most
+        self._max_left = max(1.0, per_s)
+        self._left = self._max_left
         self._at_s = 0.0
 
     def take(self, now_s: float) -> float:
         """Take a turn at `now_s` [s]. Returns 0, or the time to wait [s] if no turn was free."""
-        self._left = min(self._most, self._left + max(0.0, now_s - self._at_s) * self._per_s)
+        self._left = min(self._max_left, self._left + max(0.0, now_s - self._at_s) * self._per_s)
         self._at_s = now_s
         if self._left < 1.0:
             return (1.0 - self._left) / self._per_s

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_service.config import ConfigError, EventSettings, Settings, load_settings, load_token
+from beamtouch_service.config import ConfigError, load_settings, load_token
+from beamtouch_service.settings import EventSettings, Settings
 
 EXAMPLE = Path(__file__).parents[2] / "service" / "service.example.toml"
 

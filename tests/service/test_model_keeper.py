@@ -13,7 +13,7 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_service.access import Access
-from beamtouch_service.host import model_watch as model_keeper
+from beamtouch_service.host import model_watch
 from beamtouch_service.host.model_watch import ModelKeeper
 from beamtouch_service.problems import ProblemError
 from beamtouch_service.surfaces.surface import Surface
@@ -34,7 +34,7 @@ NO_FORCE = (*modelfile.POSITION_OUTPUTS,)
 @pytest.fixture
 def kept(build_model: BuildModel) -> ModelKeeper:
     path = build_model()
-    model, digest = model_keeper.load(path)
+    model, digest = model_watch.load(path)
     return ModelKeeper(Surface("press-7", model), path, digest)
 
 
@@ -190,7 +190,7 @@ def test_a_model_whose_answers_take_long_is_refused(
     kept: ModelKeeper, build_model: BuildModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
-    monkeypatch.setattr(model_keeper, "MAX_ANSWER_S", 0.0)
+    monkeypatch.setattr(model_watch, "MAX_ANSWER_S", 0.0)
     assert asyncio.run(kept.reload()) is False
     assert "one answer takes 0 ms" in str(kept.surface.model_error)
 

@@ -19,7 +19,7 @@ STALE_MS = 500.0
 
 def offer(senders: Senders, boot_id: str, sequence: int, acquired_s: float, arrival_s: float | None = None) -> bool:
     arrival_s = acquired_s if arrival_s is None else arrival_s
-    moves = senders.is_after_present(boot_id, sequence, acquired_s, arrival_s)
+    moves = senders.is_after_newest(boot_id, sequence, acquired_s, arrival_s)
     if moves:
         senders.move(boot_id, sequence, acquired_s)
     return moves
@@ -56,7 +56,7 @@ def test_a_sender_that_started_anew_is_followed_at_once() -> None:
 
 
 def test_of_the_former_senders_those_that_were_followed_last_are_remembered() -> None:
-    senders = Senders(STALE_MS, most=2)
+    senders = Senders(STALE_MS, max_former=2)
     for number, boot_id in enumerate(["a", "b", "c", "d"]):
         offer(senders, boot_id, 0, 10.0 + number / 10)
 

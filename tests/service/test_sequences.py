@@ -71,7 +71,7 @@ def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) ->
 
 
 def test_only_so_many_gaps_are_remembered_and_the_oldest_is_never_filled_any_more() -> None:
-    runs = Runs(most=3)
+    runs = Runs(max_runs=3)
     for number in (0, 10, 20, 30):
         runs.add(number, number + 1)
 

@@ -31,7 +31,7 @@ class Recorded:
         self.seen: list[Seen] = []
         self.late_sequences: list[int] = []
 
-    def present(self, surface: Surface, model: object, boot_id: str, seen: list[Seen]) -> None:  # noqa: ARG002
+    def fresh(self, surface: Surface, model: object, boot_id: str, seen: list[Seen]) -> None:  # noqa: ARG002
         self.seen += seen
 
     def late(self, surface: Surface, model: object, batch: Batch, samples: list[Sample]) -> None:  # noqa: ARG002

@@ -6,20 +6,19 @@ from datetime import datetime
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Query, Request, Response
 from fastapi import Path as PathParameter
+from fastapi import Query, Request, Response
 from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
-from beamtouch_service.api import event_answers
-from beamtouch_service.api import openapi as documentation
-from beamtouch_service.api.context import Clock
+from beamtouch_service.access import Role
+from beamtouch_service.api import event_answers, gate, openapi
+from beamtouch_service.api.context import Context, ContextParameter
 from beamtouch_service.api.errors import NO_STORE
 from beamtouch_service.api.event_answers import EventList, EventWithPath
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.events.store import EventStore, Selection
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import SurfaceName
-from beamtouch_service.surfaces.registry import Registry
 
 CSV = "text/csv"
 _MAX_LIMIT = 1000
@@ -113,42 +112,43 @@ def _one(recorder: Recorder, store: EventStore, number: int) -> bytes | None:
     return event_answers.event_with_path(number, recorder.answerable(found)).model_dump_json().encode()
 
 
-def make_router(registry: Registry, recorder: Recorder, clock: Clock) -> APIRouter:
-    """Return the event routes of these surfaces."""
+def _end_stale(context: Context) -> None:
+    """End the open events of stale surfaces, before each query."""
+    for surface in context.registry:
+        surface.tell_if_stale(context.clock())
 
-    def end_stale() -> None:
-        # Before each query, so that no event of a stale surface is open.
-        for surface in registry:
-            surface.tell_if_stale(clock())
 
-    router = APIRouter(tags=["events"])
-    problems = documentation.problems(Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.NO_SURFACE)
+_LIST = {200: openapi.EVENTS, **openapi.problems(Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.NO_SURFACE)}
+_ONE = {200: openapi.EVENT, **openapi.problems(Kind.UNKNOWN_EVENT, Kind.INVALID_REQUEST)}
 
-    @router.get("/events", responses={200: documentation.EVENTS, **problems}, response_model=EventList)
-    async def get_events(request: Request, query: Annotated[EventQuery, Query()]) -> Response:
-        """Return contacts from touch to lift, newest touch first; as CSV, one row per contact."""
-        as_csv = _wants_csv(query, request)
-        end_stale()
-        page = await wrap_future(recorder.ask(lambda store: _page(recorder, store, query, as_csv=as_csv)))
-        if query.surface and page.is_empty:
-            # A surface that is no longer configured may still have events; if it has none, the name is wrong.
-            registry.named(query.surface)
-        headers = dict(NO_STORE)
-        if as_csv and page.following:
-            parameters = {**request.query_params, "after": page.following}
-            headers["Link"] = f'</events?{urlencode(parameters)}>; rel="next"'
-        return Response(page.content, headers=headers, media_type=CSV if as_csv else "application/json")
+router = gate.make_router("events", Role.READ)
 
-    one = {200: documentation.EVENT, **documentation.problems(Kind.UNKNOWN_EVENT, Kind.INVALID_REQUEST)}
 
-    @router.get("/events/{id}", responses=one, response_model=EventWithPath)
-    async def get_event(number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]) -> Response:
-        """Return one contact, with its path."""
-        end_stale()
-        content = await wrap_future(recorder.ask(lambda store: _one(recorder, store, number)))
-        if content is None:
-            detail = f"There is no event {number}. It was dropped or joined with another event; see GET /events."
-            raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))
-        return Response(content, headers=NO_STORE, media_type="application/json")
+@router.get("/events", responses=_LIST, response_model=EventList)
+async def get_events(context: ContextParameter, request: Request, query: Annotated[EventQuery, Query()]) -> Response:
+    """Return contacts from touch to lift, newest touch first; as CSV, one row per contact."""
+    as_csv, recorder = _wants_csv(query, request), context.recorder
+    _end_stale(context)
+    page = await wrap_future(recorder.ask(lambda store: _page(recorder, store, query, as_csv=as_csv)))
+    if query.surface and page.is_empty:
+        # A surface that is no longer configured may still have events; if it has none, the name is wrong.
+        context.registry.named(query.surface)
+    headers = dict(NO_STORE)
+    if as_csv and page.following:
+        parameters = {**request.query_params, "after": page.following}
+        headers["Link"] = f'</events?{urlencode(parameters)}>; rel="next"'
+    return Response(page.content, headers=headers, media_type=CSV if as_csv else "application/json")
 
-    return router
+
+@router.get("/events/{id}", responses=_ONE, response_model=EventWithPath)
+async def get_event(
+    context: ContextParameter, number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]
+) -> Response:
+    """Return one contact, with its path."""
+    recorder = context.recorder
+    _end_stale(context)
+    content = await wrap_future(recorder.ask(lambda store: _one(recorder, store, number)))
+    if content is None:
+        detail = f"There is no event {number}. It was dropped or joined with another event; see GET /events."
+        raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))
+    return Response(content, headers=NO_STORE, media_type="application/json")

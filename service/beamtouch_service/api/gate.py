@@ -1,9 +1,9 @@
 """The token that each route needs, and the layer around all routes: headers, HEAD, errors of last resort."""
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
-from fastapi import Depends, Security
+from fastapi import APIRouter, Depends, Security, params
 from fastapi.routing import iter_route_contexts
 from fastapi.security import HTTPBearer
 from starlette.requests import HTTPConnection
@@ -27,47 +27,35 @@ _HEADERS = [(name.lower().encode(), value.encode()) for name, value in HEADERS.i
 
 
 class _Token(HTTPBearer):
-    """A token as OpenAPI describes it. The header is read by `Access`, which knows all tokens."""
+    """Requires a token for a role, and describes it in OpenAPI."""
+
+    def __init__(self, role: Role, description: str) -> None:
+        super().__init__(scheme_name=f"{role.token}_token", description=description)
+        self.role = role
 
     async def __call__(self, request: HTTPConnection) -> None:
-        """Take nothing from the request."""
-
-
-_READ = _Token(scheme_name="read_token", description="For reading. The write and admin tokens read too.")
-_WRITE = _Token(scheme_name="write_token", description="For sending samples and for reading.")
-_ADMIN = _Token(scheme_name="admin_token", description="For reloading models and for reading.")
-
-
-async def _may_read(connection: HTTPConnection) -> None:
-    context_of(connection.scope).allow(connection.scope, Role.READ)
-
-
-async def _may_write(connection: HTTPConnection) -> None:
-    context_of(connection.scope).allow(connection.scope, Role.WRITE)
-
-
-async def _may_administrate(connection: HTTPConnection) -> None:
-    context_of(connection.scope).allow(connection.scope, Role.ADMIN)
+        """Let a request pass; raises ProblemError (401, 403)."""
+        context_of(request.scope).allow(request.scope, self.role)
 
 
 async def _anyone_may() -> None:
     """Let every request pass."""
 
 
-# The role first: a token scheme only describes it.
-READING = [Depends(_may_read), Security(_READ), Security(_WRITE), Security(_ADMIN)]
-"""Dependencies of a router whose routes need a token for reading, if the service has one."""
-WRITING = [Depends(_may_write), Security(_WRITE)]
-ADMINISTRATION = [Depends(_may_administrate), Security(_ADMIN)]
-OPEN = [Depends(_anyone_may)]
-"""Dependencies of a router whose routes need no token."""
-
-_ROLES: dict[Callable[..., object] | None, Role] = {
-    _may_read: Role.READ,
-    _may_write: Role.WRITE,
-    _may_administrate: Role.ADMIN,
-    _anyone_may: Role.OPEN,
+_NEEDS: dict[Role, params.Depends] = {
+    Role.OPEN: Depends(_anyone_may),
+    Role.READ: Security(_Token(Role.READ, "For reading. The write and admin tokens read too.")),
+    Role.WRITE: Security(_Token(Role.WRITE, "For sending samples and for reading.")),
+    Role.ADMIN: Security(_Token(Role.ADMIN, "For reloading models and for reading.")),
 }
+
+
+def make_router(tag: str, role: Role) -> APIRouter:
+    """Return a router whose routes need a token for this role.
+
+    Each operation has the name of its function, which becomes a method name of a generated client.
+    """
+    return APIRouter(tags=[tag], dependencies=[_NEEDS[role]], generate_unique_id_function=lambda route: route.name)
 
 
 def without_role(routes: Iterable[BaseRoute]) -> list[str]:
@@ -75,7 +63,7 @@ def without_role(routes: Iterable[BaseRoute]) -> list[str]:
     found = []
     for route in iter_route_contexts(list(routes)):
         dependencies = getattr(route, "dependencies", [])
-        if sum(one.dependency in _ROLES for one in dependencies) != 1:
+        if sum(one in _NEEDS.values() for one in dependencies) != 1:
             found.append(str(route.path))
     return found
 

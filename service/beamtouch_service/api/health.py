@@ -1,17 +1,16 @@
 """`GET /health`: whether the process lives, and whether it has contacts to give."""
 
-from fastapi import APIRouter
 from pydantic import BaseModel
 
-from beamtouch_service.api import gate
-from beamtouch_service.api import openapi as documentation
+from beamtouch_service.access import Role
+from beamtouch_service.api import gate, openapi
 from beamtouch_service.api.context import ContextParameter
 from beamtouch_service.problems import Kind
 
 LIVE_PATH = "/health/live"
 
-live_router = APIRouter(tags=["health"], dependencies=gate.OPEN)
-ready_router = APIRouter(tags=["health"], dependencies=gate.READING)
+live_router = gate.make_router("health", Role.OPEN)
+ready_router = gate.make_router("health", Role.READ)
 
 
 class Health(BaseModel):
@@ -26,7 +25,7 @@ async def get_live() -> Health:
     return Health(status="live")
 
 
-@ready_router.get("/health/ready", responses=documentation.problems(Kind.NOT_READY, Kind.NO_SURFACE))
+@ready_router.get("/health/ready", responses=openapi.problems(Kind.NOT_READY, Kind.NO_SURFACE))
 async def get_ready(context: ContextParameter) -> Health:
     """Say whether the service has a surface, and every surface has a model and fresh samples."""
     context.registry.require_ready(context.clock())

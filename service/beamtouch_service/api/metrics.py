@@ -2,18 +2,18 @@
 
 from collections.abc import Iterator
 
-from fastapi import APIRouter, Response
+from fastapi import Response
 from prometheus_client import generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
-from beamtouch_service.api import gate
-from beamtouch_service.api import openapi as documentation
+from beamtouch_service.access import Role
+from beamtouch_service.api import gate, openapi
 from beamtouch_service.api.context import Context, ContextParameter
 
-router = APIRouter(tags=["health"], dependencies=gate.READING)
+router = gate.make_router("health", Role.READ)
 
 
 class SurfaceCollector(Collector):
@@ -56,7 +56,7 @@ class SurfaceCollector(Collector):
         yield from (samples, repeated, missing, senders, age, model, refused)
 
 
-@router.get("/metrics", responses={200: {"content": {"text/plain": {}}}, **documentation.problems()})
+@router.get("/metrics", responses={200: {"content": {"text/plain": {}}}, **openapi.problems()})
 async def get_metrics(context: ContextParameter) -> Response:
     """Return counts, ages and durations for Prometheus, as text."""
     return Response(generate_latest(context.counts.registry), media_type=CONTENT_TYPE_LATEST)

@@ -2,17 +2,17 @@
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import Query
 from pydantic import BaseModel
 
 from beamtouch_models.modelfile import Accuracy, Calibration, ModelFile, Noise, Ranges
-from beamtouch_service.api import gate
-from beamtouch_service.api import openapi as documentation
+from beamtouch_service.access import Role
+from beamtouch_service.api import gate, openapi
 from beamtouch_service.api.context import ContextParameter, SurfaceInPath
 from beamtouch_service.problems import Kind, Problem, ProblemError
 
-_reading = APIRouter(dependencies=gate.READING)
-_administration = APIRouter(dependencies=gate.ADMINISTRATION)
+router = gate.make_router("model", Role.READ)
+administration_router = gate.make_router("model", Role.ADMIN)
 
 
 class ModelDescription(BaseModel):
@@ -64,9 +64,7 @@ def describe(model: ModelFile) -> ModelDescription:
     )
 
 
-@_reading.get(
-    "/surfaces/{name}/model", responses=documentation.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.NO_MODEL)
-)
+@router.get("/surfaces/{name}/model", responses=openapi.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.NO_MODEL))
 async def get_model(context: ContextParameter, name: SurfaceInPath) -> ModelDescription:
     """Return the metadata of the model of this surface: layout, ranges, accuracy, calibration."""
     model = context.registry.named(name).model
@@ -75,9 +73,9 @@ async def get_model(context: ContextParameter, name: SurfaceInPath) -> ModelDesc
     return describe(model)
 
 
-@_administration.post(
+@administration_router.post(
     "/surfaces/{name}/model/reload",
-    responses=documentation.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.MODEL_REFUSED),
+    responses=openapi.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.MODEL_REFUSED),
 )
 async def post_reload(
     context: ContextParameter,
@@ -97,8 +95,3 @@ async def post_reload(
     if surface.model is None or surface.model_error is not None:
         raise ProblemError(Problem(Kind.MODEL_REFUSED, surface.model_error or "There is no model.", name))
     return Reloaded(surface=name, model=surface.model.identity, changed=changed)
-
-
-router = APIRouter(tags=["model"])
-router.include_router(_reading)
-router.include_router(_administration)

@@ -1,10 +1,11 @@
-"""OpenAPI details that signatures of routes do not give: examples, problems, the batch."""
+"""OpenAPI details that signatures of routes do not give: problems, the batch, who may use a route."""
 
 import json
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
+from beamtouch_service.api import examples
 from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemBody
 from beamtouch_service.samples import Batch
 
@@ -16,84 +17,21 @@ DESCRIPTION = (
 )
 
 _REFERENCE = "#/components/schemas/{model}"
-_CONTACT = {
-    "surface": "press-7",
-    "state": "contact",
-    "position_mm": 123.4,
-    "position_low_mm": 121.9,
-    "position_high_mm": 125.0,
-    "force_n": 9.8,
-    "force_low_n": 9.5,
-    "force_high_n": 10.1,
-    "age_ms": 12.3,
-    "sampled_at": "2026-11-20T23:40:46.123Z",
-    "sequence": 4711,
-    "quality": "good",
-    "degraded_channels": [],
-    "notes": [],
-    "model": "paper@4f2c91",
-}
-_FIGURES = [name for name in _CONTACT if name.startswith(("position_", "force_"))]
-_CLEAR = _CONTACT | dict.fromkeys(_FIGURES) | {"state": "clear"}
-_DEGRADED = _CONTACT | {"quality": "degraded", "degraded_channels": ["s3"]}
-
-_STATE = {
-    "surface": "press-7",
-    "contact": _CLEAR,
-    "problem": None,
-    "age_ms": 12.3,
-    "channels": [{"name": "s1", "position_mm": 100.0, "deflection_mm": 0.0, "quality": "good"}],
-    "length_mm": 400.0,
-    "sequence": 4711,
-}
-STATE_EVENT = f"event: state\ndata: {json.dumps(_STATE)}\n\n"
-"""One event of the stream."""
-
-_BATCH = {
-    "boot_id": "6f1d2c84-0b7e-4a53",
-    "channels": ["s1", "s2", "s3"],
-    "newest_age_ms": 3.2,
-    "samples": [
-        {
-            "sequence": 4711,
-            "acquired_unix_us": 1795218046123000,
-            "deflection_mm": [0.112, 0.243, None],
-            "quality": ["good", "good", "missing"],
-        }
-    ],
-}
-
-_EVENT = {
-    "id": 42,
-    "surface": "press-7",
-    "touched_at": "2026-11-20T23:40:46.123Z",
-    "lifted_at": "2026-11-20T23:40:47.373Z",
-    "begin": "touch",
-    "end": "lift",
-    "dwell_ms": 1250.0,
-    "peak_force_n": 9.8,
-    "peak_position_mm": 123.4,
-    "mean_position_mm": 123.1,
-    "samples": 250,
-    "quality": "good",
-    "model": "paper@4f2c91",
-    "boot_id": "6f1d2c84-0b7e-4a53",
-}
-_EVENT_WITH_PATH = _EVENT | {"path": [{"at": "2026-11-20T23:40:46.123Z", "position_mm": 123.4, "force_n": 9.8}]}
-_NEXT = "1795218046123000.42"
 EVENTS: dict[str, Any] = {
     "description": "Events, the newest touch first.",
     "content": {
         "application/json": {
             "examples": {
-                "one contact, and more behind it": {"value": {"events": [_EVENT], "next": _NEXT}},
-                "with path=true": {"value": {"events": [_EVENT_WITH_PATH], "next": _NEXT}},
+                "one contact, and more behind it": {"value": {"events": [examples.EVENT], "next": examples.NEXT}},
+                "with path=true": {"value": {"events": [examples.EVENT_WITH_PATH], "next": examples.NEXT}},
             }
         },
         "text/csv": {
             "schema": {"type": "string"},
             "examples": {
-                "one contact": {"value": ",".join(_EVENT) + "\r\n" + ",".join(map(str, _EVENT.values())) + "\r\n"}
+                "one contact": {
+                    "value": ",".join(examples.EVENT) + "\r\n" + ",".join(map(str, examples.EVENT.values())) + "\r\n"
+                }
             },
         },
     },
@@ -102,7 +40,7 @@ EVENTS: dict[str, Any] = {
 
 EVENT: dict[str, Any] = {
     "description": "The event.",
-    "content": {"application/json": {"examples": {"one contact": {"value": _EVENT_WITH_PATH}}}},
+    "content": {"application/json": {"examples": {"one contact": {"value": examples.EVENT_WITH_PATH}}}},
 }
 """The answer of the route of one event."""
 
@@ -112,40 +50,12 @@ BATCH_BODY: dict[str, Any] = {
         "content": {
             "application/json": {
                 "schema": {"$ref": _REFERENCE.format(model="Batch")},
-                "examples": {"one sample, one broken channel": {"value": _BATCH}},
+                "examples": {"one sample, one broken channel": {"value": examples.BATCH}},
             }
         },
     },
 }
 """For a route that reads its body itself."""
-
-_DETAILS = {
-    Kind.STALE: Problem(
-        Kind.STALE,
-        "The newest sample is 2140.7 ms old; the limit is 500 ms. Check that the daemon runs and reaches the device.",
-        "press-7",
-        {"age_ms": 2140.7, "stale_ms": 500.0},
-    ),
-    Kind.TOO_FEW_CHANNELS: Problem(
-        Kind.TOO_FEW_CHANNELS,
-        "Only 1 channel works; the model needs 2. Check s2 (stuck), s3 (missing).",
-        "press-7",
-        {"bad_channels": {"s2": "stuck", "s3": "missing"}},
-    ),
-    Kind.MISSING_CHANNELS: Problem(
-        Kind.MISSING_CHANNELS,
-        "The batch lacks s3. Send every channel of the model; mark a broken one as missing.",
-        "press-7",
-        {"missing_channels": ["s3"]},
-    ),
-    Kind.INVALID_REQUEST: Problem(
-        Kind.INVALID_REQUEST,
-        "#/newest_age_ms: Input should be greater than or equal to 0",
-        members={
-            "errors": [{"pointer": "#/newest_age_ms", "detail": "Input should be greater than or equal to 0"}],
-        },
-    ),
-}
 
 
 def problems(*kinds: Kind) -> dict[int | str, dict[str, Any]]:
@@ -155,7 +65,7 @@ def problems(*kinds: Kind) -> dict[int | str, dict[str, Any]]:
         empty = {"schema": {"$ref": _REFERENCE.format(model="Problem")}, "examples": {}}
         response = responses.setdefault(kind.status, {"description": "", "content": {MEDIA_TYPE: empty}})
         response["description"] = "; or ".join(filter(None, [response["description"], kind.title]))
-        problem = _DETAILS.get(kind) or Problem(kind, "The cause, and what to do about it.")
+        problem = examples.PROBLEMS.get(kind) or Problem(kind, "The cause, and what to do about it.")
         response["content"][MEDIA_TYPE]["examples"][kind.slug] = {"value": problem.body()}
     # Covers every other problem, and keeps the framework from describing a 422 that no route gives.
     content = {MEDIA_TYPE: {"schema": {"$ref": _REFERENCE.format(model="Problem")}}}
@@ -192,9 +102,11 @@ def _add_refusals(operation: dict[str, Any], *, needs_read_token: bool) -> None:
     if not security:
         return
     is_read = {"read_token": []} in security
+    if is_read:
+        # The other tokens read too. An empty requirement: also without a token.
+        security += [{"write_token": []}, {"admin_token": []}]
+        security[:0] = [] if needs_read_token else [{}]
     if is_read and not needs_read_token:
-        # An empty requirement: also without a token.
-        security.insert(0, {})
         return
     kinds = (Kind.UNAUTHORIZED,) if is_read else (Kind.UNAUTHORIZED, Kind.FORBIDDEN)
     responses = {str(status): response for status, response in problems(*kinds).items() if status != "default"}
@@ -205,8 +117,8 @@ def _add_refusals(operation: dict[str, Any], *, needs_read_token: bool) -> None:
 
 def _add_contact_examples(description: dict[str, Any]) -> None:
     # Not at the routes: the framework drops every null from examples there, and a clear contact has many.
-    examples = {"contact": _CONTACT, "clear": _CLEAR, "degraded": _DEGRADED}
+    contacts = {"contact": examples.CONTACT, "clear": examples.CLEAR, "degraded": examples.DEGRADED}
     for path, operations in description["paths"].items():
         if path.endswith("/contact"):
             content = operations["get"]["responses"]["200"]["content"]["application/json"]
-            content["examples"] = {name: {"value": value} for name, value in examples.items()}
+            content["examples"] = {name: {"value": value} for name, value in contacts.items()}

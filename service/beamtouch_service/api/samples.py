@@ -3,13 +3,12 @@
 from asyncio import CancelledError, get_running_loop, timeout
 from math import inf
 
-from fastapi import APIRouter
 from pydantic import ValidationError
 from starlette.requests import Request
 
-from beamtouch_service.api import gate
-from beamtouch_service.api import openapi as documentation
-from beamtouch_service.api.context import ContextParameter, SurfaceInPath
+from beamtouch_service.access import Role
+from beamtouch_service.api import gate, openapi
+from beamtouch_service.api.context import SurfaceInPath, context_of
 from beamtouch_service.api.errors import MAX_ERRORS, invalid_request, pointer
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt
@@ -22,8 +21,8 @@ LINGER_S = 5.0
 _CLOSE = {"Connection": "close"}
 """The rest of the body may still come, and nobody reads it."""
 
-router = APIRouter(tags=["samples"], dependencies=gate.WRITING)
-_PROBLEMS = documentation.problems(
+router = gate.make_router("samples", Role.WRITE)
+_PROBLEMS = openapi.problems(
     Kind.MALFORMED_JSON,
     Kind.UNKNOWN_SURFACE,
     Kind.TOO_SLOW,
@@ -37,9 +36,10 @@ _PROBLEMS = documentation.problems(
 )
 
 
-@router.post("/surfaces/{name}/samples", openapi_extra=documentation.BATCH_BODY, responses=_PROBLEMS)
-async def post_samples(context: ContextParameter, name: SurfaceInPath, request: Request) -> Receipt:
+@router.post("/surfaces/{name}/samples", openapi_extra=openapi.BATCH_BODY, responses=_PROBLEMS)
+async def post_samples(name: SurfaceInPath, request: Request) -> Receipt:
     """Take a batch of samples. A repeated batch changes nothing. State the age of the newest sample at each attempt."""
+    context = context_of(request.scope)
     try:
         surface = context.registry.named(name)
         context.take_turn(name)

@@ -1,15 +1,14 @@
 """`GET /surfaces`: the surfaces of the service, and how each one does."""
 
-from fastapi import APIRouter
 from pydantic import BaseModel
 
-from beamtouch_service.api import gate
-from beamtouch_service.api import openapi as documentation
+from beamtouch_service.access import Role
+from beamtouch_service.api import gate, openapi
 from beamtouch_service.api.context import ContextParameter, SurfaceInPath
 from beamtouch_service.problems import Kind
 from beamtouch_service.surfaces.summary import SurfaceSummary
 
-router = APIRouter(tags=["surfaces"], dependencies=gate.READING)
+router = gate.make_router("surfaces", Role.READ)
 
 
 class SurfaceList(BaseModel):
@@ -18,14 +17,14 @@ class SurfaceList(BaseModel):
     surfaces: list[SurfaceSummary]
 
 
-@router.get("/surfaces", responses=documentation.problems())
+@router.get("/surfaces", responses=openapi.problems())
 async def get_surfaces(context: ContextParameter) -> SurfaceList:
     """Return all surfaces of this service."""
     now_s = context.clock()
     return SurfaceList(surfaces=[surface.summary(now_s) for surface in context.registry])
 
 
-@router.get("/surfaces/{name}", responses=documentation.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE))
+@router.get("/surfaces/{name}", responses=openapi.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE))
 async def get_surface(context: ContextParameter, name: SurfaceInPath) -> SurfaceSummary:
     """Return one surface: its channels, model, age limit, and counts of samples."""
     return context.registry.named(name).summary(context.clock())

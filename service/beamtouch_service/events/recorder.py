@@ -18,11 +18,12 @@ from sqlalchemy.exc import DBAPIError
 
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.events.late import LateSamples
+from beamtouch_service.events.losses import Losses
 from beamtouch_service.events.segmenter import Command, Edge, Loss, Segmenter
 from beamtouch_service.events.segments import End, Segment
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.events.worker import Worker
-from beamtouch_service.limits import KEEP_DAYS, MAX_MB, Seldom
+from beamtouch_service.limits import KEEP_DAYS, MAX_MB
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.surface import Surface
@@ -48,8 +49,6 @@ class Recorder:
 
     def __init__(self, path: Path | None = None, keep_days: float = KEEP_DAYS, max_mb: float = MAX_MB) -> None:
         """Open the file, or keep the events in memory; raises EventStoreError if the file cannot be used."""
-        self.lost = 0
-        """Writes that failed, found no room, or still waited at the stop: parts of contacts that are not on record."""
         # After a restart, the service before this one may still be stopping.
         self._store = EventStore(path, keep_days * 86_400, int(max_mb * 1e6), _FILE_WAIT_S)
         self._late = LateSamples(self._store)
@@ -57,7 +56,6 @@ class Recorder:
         self._free_writes = BoundedSemaphore(_MAX_WRITES)
         # Counts of late samples, each changed by one thread only.
         self._late_added = self._late_done = 0
-        self._end_s = float("inf")
         self._segmenters: dict[str, Segmenter] = {}
         """Surface -> segmenter of its newest samples."""
         self._unsettled: set[str] = set()
@@ -66,10 +64,15 @@ class Recorder:
         """Surfaces whose newest sample is too old."""
         self._upkeep: Future[None] | None = None
         self._tidied_s = float("-inf")
-        self._seldom = Seldom()
+        self._losses = Losses()
         self._in_place = True
 
-    def present(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
+    @property
+    def lost(self) -> int:
+        """Count of writes that were lost."""
+        return self._losses.count
+
+    def fresh(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
         """Record new samples, in order."""
         self._stale.discard(surface.name)
         segmenter = self._segmenters.get(surface.name)
@@ -107,13 +110,13 @@ class Recorder:
         """Record late samples of a batch, in order."""
         # A batch with a new sample is accepted above the limit, but not without end.
         if self.late_waiting > 2 * MAX_LATE:
-            self._lose("late samples come faster than they can be recorded")
+            self._losses.note("late samples come faster than they can be recorded")
             return
         name, stale_ms = surface.name, surface.stale_ms
         self._late_added += len(samples)
 
         def run() -> None:
-            self._attempt(lambda: self._write(name, self._late.segment(name, stale_ms, served, batch, samples)))
+            self._losses.attempt(lambda: self._write(name, self._late.segment(name, stale_ms, served, batch, samples)))
             self._late_done += len(samples)
 
         self._worker.late(run)
@@ -133,7 +136,7 @@ class Recorder:
         """Write what can be written in a second, and close the file."""
         lost = self.lost
         self._flush()
-        self._end_s = time.monotonic() + STOP_S
+        self._losses.end_s = time.monotonic() + STOP_S
         self._worker.close()
         if self.lost > lost:
             _log.warning("%d writes were lost at the stop", self.lost - lost)
@@ -154,7 +157,7 @@ class Recorder:
     def _check_place(self) -> None:
         if self._in_place and not self._store.is_in_place():
             self._in_place = False
-            self.lost += 1
+            self._losses.count += 1
             _log.error("the file of events was deleted or replaced while open; restart the service to record events")
 
     def _flush(self) -> None:
@@ -166,31 +169,15 @@ class Recorder:
             return
         if not self._free_writes.acquire(blocking=False):
             self._unsettled.add(name)
-            self._lose("the disk is too slow")
+            self._losses.note("the disk is too slow")
             return
 
         def run() -> None:
-            if not self._attempt(partial(self._write_new, name, commands)):
+            if not self._losses.attempt(partial(self._write_new, name, commands)):
                 self._unsettled.add(name)
             self._free_writes.release()
 
         self._worker.prompt(run)
-
-    def _attempt(self, write: Callable[[], None]) -> bool:
-        """Write and return whether it succeeded; count and log a failure."""
-        if time.monotonic() > self._end_s:
-            self._lose("the service is stopping")
-            return False
-        try:
-            write()
-        except DBAPIError as error:
-            self._lose(str(error.orig))
-        except Exception:  # noqa: BLE001  # an unexpected error must not lose the next events too
-            self.lost += 1
-            _log.exception("events are lost")
-        else:
-            return True
-        return False
 
     def _maintain(self) -> None:
         try:
@@ -199,7 +186,7 @@ class Recorder:
             if time.monotonic() - self._tidied_s >= _TIDY_S:
                 self.tidy()
         except DBAPIError as error:
-            self._warn(f"the file of events cannot be maintained: {error.orig}")
+            self._losses.warn(f"the file of events cannot be maintained: {error.orig}")
 
     def _write_new(self, name: str, commands: Sequence[Command | Edge]) -> None:
         is_unsettled = name in self._unsettled
@@ -216,11 +203,3 @@ class Recorder:
         changes = [one for one in commands if not isinstance(one, Edge)]
         if changes:
             self._store.write(name, changes, time.time())
-
-    def _lose(self, reason: str) -> None:
-        self.lost += 1
-        self._warn(f"events are lost: {reason}")
-
-    def _warn(self, message: str) -> None:
-        if self._seldom.due(message, time.monotonic()):
-            _log.warning(message)

@@ -1,7 +1,7 @@
 """Limits and rules for heads and trailers of requests that the parser does not enforce. Pure."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from beamtouch_service.problems import Kind, Problem
 
@@ -77,13 +77,11 @@ class Framing:
         """Whether the current body is chunked, so that its length is not known."""
         return not self.in_head and self._body_bytes is None
 
-    def begin_body(self, headers: Sequence[tuple[bytes, bytes]]) -> None:
-        """Note that a head is complete, with these headers."""
-        self.in_head, self._body_bytes, self._moved = False, None, True
+    def begin_body(self, content_length: bytes | None) -> None:
+        """Note that a head is complete. Without a length, its body is chunked or empty."""
+        self.in_head, self._moved = False, True
+        self._body_bytes = None if content_length is None else int(content_length)
         self._chunk_bytes, self._size_line = 0, b""
-        for name, value in headers:
-            if name == b"content-length":
-                self._body_bytes = int(value)
 
     def content(self, size: int) -> None:
         """Note content of the body [bytes]."""
@@ -102,16 +100,23 @@ def too_long() -> Problem:
     return Problem(Kind.HEAD_TOO_LARGE, words)
 
 
-def refusal(version: str, headers: Sequence[tuple[bytes, bytes]]) -> Problem | None:
-    """Return the problem of a head that the parser has accepted, or None. Header names are in lower case."""
+Fields = Mapping[bytes, Sequence[bytes]]
+"""The values of each header, by its name in lower case."""
+
+
+def fields(headers: Iterable[tuple[bytes, bytes]]) -> dict[bytes, list[bytes]]:
+    """Return the values of each header. The names must be in lower case."""
+    found: dict[bytes, list[bytes]] = {}
+    for name, value in headers:
+        found.setdefault(name, []).append(value)
+    return found
+
+
+def refusal(version: str, head: Fields) -> Problem | None:
+    """Return the problem of a head that the parser has accepted, or None."""
     if version not in ("1.0", "1.1"):
         return Problem(Kind.BAD_REQUEST, "The service speaks HTTP/1.1 and HTTP/1.0.")
-    hosts, codings = [], []
-    for name, value in headers:
-        if name == b"host":
-            hosts.append(value)
-        elif name == b"transfer-encoding":
-            codings.append(value)
+    hosts, codings = head.get(b"host", ()), head.get(b"transfer-encoding")
     if len(hosts) > 1 or (not hosts and version == "1.1"):
         return Problem(Kind.BAD_REQUEST, f"A request needs exactly one Host header; this one has {len(hosts)}.")
     if hosts and not _HOST.fullmatch(hosts[0].strip()):

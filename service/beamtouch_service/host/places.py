@@ -9,7 +9,7 @@ as they fill only a quarter of the places: otherwise a crowd of idle clients wou
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Any, Generic, TypeVar
@@ -18,33 +18,31 @@ Who = TypeVar("Who")
 
 
 class State(Enum):
-    """What a connection is waiting for."""
+    """What a connection waits for, unless it is busy."""
 
     SILENT = auto()
-    """Its first complete request."""
+    """Its first request."""
     IDLE = auto()
     """The next request."""
     UNREAD = auto()
     """The client to read an answer."""
-    BUSY = auto()
-    """The service to answer."""
 
 
-@dataclass
+@dataclass(slots=True)
 class _Held:
     address: str
     state: State
     has_token: bool
+    kind: dict[str, dict[Any, None]]
+    """All connections of the same state that have, or have not, shown a token, by address."""
     beside: dict[Any, None] = field(default_factory=dict)
-    """All connections of the same kind and address, including this one."""
+    """Those of the same address, including this one."""
 
 
 MAX_WAITING = 32
 """Excess clients that get a 503 or may still show a token. Any further ones are disconnected."""
-_SILENT_FIRST = ((State.SILENT, False), (State.UNREAD, False), (State.IDLE, False))
-_SILENT_LAST = (*_SILENT_FIRST[1:], _SILENT_FIRST[0])
-_FOR_TOKENS = ((State.BUSY, False), (State.IDLE, True))
-"""These leave only for a connection with a token."""
+_SILENT_FIRST = (State.SILENT, State.UNREAD, State.IDLE)
+_SILENT_LAST = (State.UNREAD, State.IDLE, State.SILENT)
 
 
 class Places(Generic[Who]):
@@ -54,13 +52,13 @@ class Places(Generic[Who]):
     ----------
     max_clients : open connections
     max_per_address : open connections of one address without a token
-    has_spoken : returns whether a connection has sent bytes that were not read yet, so that it is not idle
+    is_busy : returns whether a connection waits for the service: a request is being answered, or was not read yet
     """
 
-    def __init__(self, max_clients: int, max_per_address: int, has_spoken: Callable[[Who], bool]) -> None:
+    def __init__(self, max_clients: int, max_per_address: int, is_busy: Callable[[Who], bool]) -> None:
         self._max_clients = max_clients
         self._max_per_address = max_per_address
-        self._has_spoken = has_spoken
+        self._is_busy = is_busy
         self._held: dict[Who, _Held] = {}
         self._waiting: dict[Who, None] = {}
         self._without_token: Counter[str] = Counter()
@@ -84,7 +82,7 @@ class Places(Generic[Who]):
         if victim is not None:
             self.leave(victim)
         self._waiting.pop(who, None)
-        self._put(who, _Held(address, State.SILENT, has_token))
+        self._put(who, address, State.SILENT, has_token=has_token)
         return True, victim
 
     def wait(self, who: Who) -> Who | None:
@@ -99,7 +97,7 @@ class Places(Generic[Who]):
             self._pull(who)
 
     def move(self, who: Who, state: State, *, has_token: bool = False) -> None:
-        """Note what a connection is waiting for now, and whether it has shown a token, which it keeps."""
+        """Note what a connection waits for from now on, and whether it has shown a token, which it keeps."""
         held = self._held.get(who)
         if held is None:
             return
@@ -107,44 +105,48 @@ class Places(Generic[Who]):
             # The usual case: only its idle time restarts.
             del held.beside[who]
             held.beside[who] = None
-            by_address = self._kinds[held.state, held.has_token]
-            by_address[held.address] = by_address.pop(held.address)
+            held.kind[held.address] = held.kind.pop(held.address)
         else:
             self._pull(who)
-            self._put(who, _Held(held.address, state, held.has_token or has_token))
+            self._put(who, held.address, state, has_token=held.has_token or has_token)
 
-    def _put(self, who: Who, held: _Held) -> None:
-        self._held[who] = held
-        by_address = self._kinds[held.state, held.has_token]
-        held.beside = by_address[held.address] = by_address.pop(held.address, {})
+    def _put(self, who: Who, address: str, state: State, *, has_token: bool) -> None:
+        kind = self._kinds[state, has_token]
+        self._held[who] = held = _Held(address, state, has_token, kind, kind.pop(address, {}))
+        kind[address] = held.beside
         held.beside[who] = None
-        if not held.has_token:
-            self._without_token[held.address] += 1
+        if not has_token:
+            self._without_token[address] += 1
 
-    def _pull(self, who: Who) -> _Held:
+    def _pull(self, who: Who) -> None:
         held = self._held.pop(who)
-        by_address = self._kinds[held.state, held.has_token]
-        del by_address[held.address][who]
-        if not by_address[held.address]:
-            del by_address[held.address]
+        del held.beside[who]
+        if not held.beside:
+            del held.kind[held.address]
         if not held.has_token:
             self._without_token[held.address] -= 1
             if not self._without_token[held.address]:
                 del self._without_token[held.address]
-        return held
 
     def _victim(self, *, has_token: bool, address: str | None = None) -> Who | None:
-        without_token = _SILENT_FIRST if self._are_many_silent(address) else _SILENT_LAST
-        for kind in without_token + (_FOR_TOKENS if has_token else ()):
-            by_address = self._kinds[kind]
-            # The address with the most connections comes first.
-            holds = {one: len(with_token) for one, with_token in by_address.items()} if kind[1] else self._without_token
-            order = sorted(by_address, key=holds.__getitem__, reverse=True) if address is None else [address]
-            for one in order:
-                for who in by_address.get(one, ()):
-                    if kind[0] in (State.UNREAD, State.BUSY) or not self._has_spoken(who):
-                        return who
-        return None
+        states = _SILENT_FIRST if self._are_many_silent(address) else _SILENT_LAST
+        for state in states:
+            for who in self._without(state, address):
+                if state is State.UNREAD or not self._is_busy(who):
+                    return who
+        if not has_token:
+            return None
+        # These leave only for a connection with a token: busy ones without, then idle ones with a token.
+        busy = (who for state in states for who in self._without(state))
+        largest_first = sorted(self._kinds[State.IDLE, True].values(), key=len, reverse=True)
+        idle = (who for beside in largest_first for who in beside if not self._is_busy(who))
+        return next(busy, None) or next(idle, None)
+
+    def _without(self, state: State, address: str | None = None) -> Iterator[Who]:
+        """Give the connections without a token in this state, of one address or of all, in the order to leave."""
+        by_address = self._kinds[state, False]
+        order = [address] if address else sorted(by_address, key=self._without_token.__getitem__, reverse=True)
+        return (who for one in order for who in by_address.get(one, ()))
 
     def _are_many_silent(self, address: str | None) -> bool:
         silent = self._kinds[State.SILENT, False]

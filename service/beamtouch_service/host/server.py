@@ -6,7 +6,7 @@ from ipaddress import ip_address
 from beamtouch_models.modelfile import ModelFileError
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.context import Streams
-from beamtouch_service.config import ConfigError, Settings, SurfaceSettings
+from beamtouch_service.config import ConfigError
 from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.host import model_watch, tls
@@ -16,6 +16,7 @@ from beamtouch_service.host.listener import bind, resolve
 from beamtouch_service.host.model_watch import ModelKeeper
 from beamtouch_service.host.systemd import ServiceManager, activated
 from beamtouch_service.host.uvicorn_host import Host, configure, serve
+from beamtouch_service.settings import Settings, SurfaceSettings
 from beamtouch_service.surfaces.surface import Surface
 
 _log = logging.getLogger("beamtouch.service")

@@ -2,7 +2,8 @@
 
 import ssl
 
-from beamtouch_service.config import ConfigError, TlsFiles
+from beamtouch_service.config import ConfigError
+from beamtouch_service.settings import TlsFiles
 
 
 def require(files: TlsFiles) -> None:

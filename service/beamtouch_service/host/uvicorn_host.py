@@ -14,15 +14,17 @@ from typing import Any, cast
 
 import uvicorn
 from starlette.types import ASGIApp, Scope
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from beamtouch_service.api.app import Application
 from beamtouch_service.api.context import Streams
-from beamtouch_service.config import TlsFiles
-from beamtouch_service.host.connection import BoundedProtocol, Clients
+from beamtouch_service.host.admission import Clients, is_busy
+from beamtouch_service.host.connection import BoundedProtocol
 from beamtouch_service.host.handshakes import HANDSHAKE_S, Handshakes
 from beamtouch_service.host.places import Places
 from beamtouch_service.host.systemd import ServiceManager
 from beamtouch_service.limits import MAX_CLIENTS, Seldom, SeldomFilter
+from beamtouch_service.settings import TlsFiles
 
 SHUTDOWN_S = 2
 """For running answers to finish. A sender repeats what was not acknowledged."""
@@ -47,7 +49,7 @@ def configure(
     handshakes: Handshakes | None = None,
 ) -> uvicorn.Config:
     """Return how uvicorn is to serve `app`."""
-    places = Places(max_clients, max_clients_per_address or max_clients, BoundedProtocol.has_unread)
+    places = Places(max_clients, max_clients_per_address or max_clients, is_busy)
     clients = _clients(app, places, handshakes or Handshakes())
     return uvicorn.Config(
         app,
@@ -71,7 +73,7 @@ def configure(
     )
 
 
-def _clients(app: ASGIApp, places: Places[BoundedProtocol], handshakes: Handshakes) -> Clients:
+def _clients(app: ASGIApp, places: Places[HttpToolsProtocol], handshakes: Handshakes) -> Clients:
     if not isinstance(app, Application):
         return Clients(places, lambda _header: False, lambda _kind, _address: None, lambda _address: None, handshakes)
     context = app.context
@@ -150,9 +152,9 @@ def serve(host: Host, listener: socket.socket) -> None:
     logging.getLogger("uvicorn.error").addFilter(SeldomFilter())
     # Many systems allow 1024 open files, and more on request.
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    most = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
-    if soft != resource.RLIM_INFINITY and soft < most:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    max_files = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
+    if soft != resource.RLIM_INFINITY and soft < max_files:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max_files, hard))
     # Objects that exist now stay for good. Searching them for garbage again and again would delay answers.
     gc.collect()
     gc.freeze()

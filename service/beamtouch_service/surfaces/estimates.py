@@ -44,17 +44,17 @@ def estimate(
 
 def _chunk(model: ModelFile, surface: str, offered: list[str], samples: Sequence[Sample], ask: Ask) -> list[Estimated]:
     channels = [(name, offered.index(name)) for name in model.channels]
-    most_bad = len(channels) - model.metadata.min_channels
+    max_bad = len(channels) - model.metadata.min_channels
     rows = [arrange(channels, sample) for sample in samples]
-    values = np.array([values for values, bad in rows if len(bad) <= most_bad], np.float32)
-    valid = np.array([[name not in bad for name, _ in channels] for _, bad in rows if len(bad) <= most_bad], np.bool_)
+    values = np.array([values for values, bad in rows if len(bad) <= max_bad], np.float32)
+    valid = np.array([[name not in bad for name, _ in channels] for _, bad in rows if len(bad) <= max_bad], np.bool_)
     answered = iter(_by_sample(ask(values, valid)) if len(values) else [])
     return [
         Estimated(
             sample.sequence,
             sample.acquired_unix_us,
             bad,
-            next(answered) if len(bad) <= most_bad else _too_few(model, surface, bad),
+            next(answered) if len(bad) <= max_bad else _too_few(model, surface, bad),
         )
         for sample, (_, bad) in zip(samples, rows, strict=True)
     ]

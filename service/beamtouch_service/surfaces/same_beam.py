@@ -18,7 +18,7 @@ def difference(old: Metadata, new: Metadata) -> str | None:
         return f"its beam is {new.length_mm:g} mm long, the one in use {old.length_mm:g} mm"
     if len(new.layout) != len(old.layout):
         return f"it has {len(new.layout)} channels, the one in use {len(old.layout)}"
-    most_mm = min(MOVED_MM, MOVED_PERCENT / 100 * old.length_mm)
+    max_moved_mm = min(MOVED_MM, MOVED_PERCENT / 100 * old.length_mm)
     places = {channel.name: channel.position_mm for channel in old.layout}
     ordered = zip(
         sorted(new.layout, key=lambda channel: channel.position_mm),
@@ -27,6 +27,6 @@ def difference(old: Metadata, new: Metadata) -> str | None:
     )
     for channel, nearest in ordered:
         old_mm = places.get(channel.name, nearest.position_mm)
-        if abs(channel.position_mm - old_mm) > most_mm:
+        if abs(channel.position_mm - old_mm) > max_moved_mm:
             return f"its {channel.name} is at {channel.position_mm:g} mm, in the one in use at {old_mm:g} mm"
     return None

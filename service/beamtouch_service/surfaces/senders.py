@@ -7,7 +7,7 @@ from beamtouch_service.surfaces.sequence_log import MAX_SENDERS
 
 
 @dataclass(frozen=True, slots=True)
-class _Present:
+class _Newest:
     """Sender, number and time of the newest sample."""
 
     boot_id: str
@@ -23,16 +23,16 @@ class Senders:
     another one has replaced may return only once the newest sample is stale, in case the other one was a stray.
     """
 
-    def __init__(self, stale_ms: float, most: int = MAX_SENDERS) -> None:
+    def __init__(self, stale_ms: float, max_former: int = MAX_SENDERS) -> None:
         self.changes = 0
         """How often the sender changed."""
         self._stale_ms = stale_ms
-        self._most = most
-        self._present: _Present | None = None
+        self._max_former = max_former
+        self._newest: _Newest | None = None
         self._former: OrderedDict[str, int] = OrderedDict()
         """Sequence number of the last accepted newest sample of each replaced sender."""
 
-    def is_after_present(self, boot_id: str, sequence: int, acquired_s: float, arrival_s: float) -> bool:
+    def is_after_newest(self, boot_id: str, sequence: int, acquired_s: float, arrival_s: float) -> bool:
         """Return whether a sample moves the answer.
 
         Parameters
@@ -40,23 +40,23 @@ class Senders:
         boot_id, sequence : name the sample
         acquired_s, arrival_s : when it was taken, and came [s, monotonic]
         """
-        present = self._present
-        if present is None:
+        newest = self._newest
+        if newest is None:
             return True
-        if boot_id == present.boot_id:
-            return sequence > present.sequence
-        if acquired_s < present.acquired_s:
+        if boot_id == newest.boot_id:
+            return sequence > newest.sequence
+        if acquired_s < newest.acquired_s:
             return False
         if boot_id not in self._former:
             return True
-        return (arrival_s - present.acquired_s) * 1e3 > self._stale_ms and sequence > self._former[boot_id]
+        return (arrival_s - newest.acquired_s) * 1e3 > self._stale_ms and sequence > self._former[boot_id]
 
     def move(self, boot_id: str, sequence: int, acquired_s: float) -> None:
         """Make a sample the newest one."""
-        if self._present and self._present.boot_id != boot_id:
+        if self._newest and self._newest.boot_id != boot_id:
             self.changes += 1
             self._former.pop(boot_id, None)
-            self._former[self._present.boot_id] = self._present.sequence
-            if len(self._former) > self._most:
+            self._former[self._newest.boot_id] = self._newest.sequence
+            if len(self._former) > self._max_former:
                 self._former.popitem(last=False)
-        self._present = _Present(boot_id, sequence, acquired_s)
+        self._newest = _Newest(boot_id, sequence, acquired_s)

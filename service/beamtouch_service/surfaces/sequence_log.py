@@ -28,11 +28,11 @@ class Admission:
 class Runs:
     """A set of numbers, stored as runs of consecutive numbers."""
 
-    def __init__(self, most: int = MAX_RUNS) -> None:
+    def __init__(self, max_runs: int = MAX_RUNS) -> None:
         self._begins: list[int] = []
         self._ends: list[int] = []
         """One beyond the last of each run."""
-        self._most = most
+        self._max_runs = max_runs
         self._given_up = 0
         """Missing numbers in gaps that are forgotten. They never count as new."""
 
@@ -56,7 +56,7 @@ class Runs:
             self._ends.insert(index, end)
         if index + 1 < len(self._begins) and self._begins[index + 1] == end:
             del self._begins[index + 1], self._ends[index]
-        if len(self._begins) > self._most:
+        if len(self._begins) > self._max_runs:
             self._given_up += self._begins[1] - self._ends[0]
             del self._begins[1], self._ends[0]
 

@@ -5,18 +5,18 @@ No I/O and no clock: the caller gives the time, in seconds of the service's mono
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from time import perf_counter
 from typing import TYPE_CHECKING, Protocol
 
 from beamtouch_service.limits import STALE_MS
 from beamtouch_service.problems import Problem, ProblemError
-from beamtouch_service.samples import Batch, Note, Receipt, Sample
+from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.surfaces import refusals
 from beamtouch_service.surfaces.contact import Contact, ContactQuality, Decision, rfc3339
 from beamtouch_service.surfaces.estimates import estimate
-from beamtouch_service.surfaces.senders import Senders
-from beamtouch_service.surfaces.sequence_log import SequenceLog
+from beamtouch_service.surfaces.intake import Intake
+from beamtouch_service.surfaces.newest import Newest
 from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 class Witness(Protocol):
     """Interface for observers of a surface's decisions."""
 
-    def present(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
+    def fresh(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
         """Note samples that moved the answer, in order."""
 
     def stale(self, surface: Surface) -> None:
@@ -43,27 +43,6 @@ class Witness(Protocol):
 
     def has_room(self, samples: int) -> bool:
         """Say whether this many late samples can be noted now."""
-
-
-@dataclass(frozen=True, slots=True)
-class Newest:
-    """The newest sample and the decision on it."""
-
-    boot_id: str
-    channels: list[str]
-    """The names of the values in the sample."""
-    sample: Sample
-    acquired_s: float
-    notes: list[Note]
-    """Notes of its sender on the surface."""
-    seen: Seen | None = None
-    """None without a model."""
-    model: str = ""
-    """Identity of the model that answered."""
-
-    def age_ms(self, now_s: float) -> float:
-        """Return the age at `now_s` [s, monotonic], rounded."""
-        return round((now_s - self.acquired_s) * 1e3, 1)
 
 
 class Surface:
@@ -77,10 +56,9 @@ class Surface:
         """Channels of the newest batch, accepted or not."""
         self.stale_ms = stale_ms
         self.witness: Witness | None = None
-        self._sequences = SequenceLog()
-        self._counts = SampleCounts()
-        self._present: Newest | None = None
-        self._senders = Senders(stale_ms)
+        self.newest: Newest | None = None
+        """The newest sample; None before the first."""
+        self._intake = Intake(stale_ms)
         self._served = ServedModel(model) if model else None
         self._follower: tuple[str, Follower] | None = None
         """Follows the sender with this boot id."""
@@ -95,7 +73,7 @@ class Surface:
     @property
     def counts(self) -> SampleCounts:
         """Counts of samples since the start."""
-        return self._counts
+        return self._intake.counts
 
     def adopt(self, model: ModelFile) -> None:
         """Use this model from the next sample on. The contact so far stays with the model that gave it."""
@@ -115,13 +93,14 @@ class Surface:
         self.offered = batch.channels
         self._require_channels(batch.channels)
         self._require_room(batch, arrival_s)
-        admission = self._sequences.admit(batch.boot_id, [sample.sequence for sample in batch.samples])
-        self._counts.accepted += admission.accepted
-        self._counts.repeated += admission.repeated
-        self._counts.lost += admission.lost
-        if admission.accepted:
-            self._take(batch, set(admission.new), arrival_s)
-        return Receipt(accepted=admission.accepted, repeated=admission.repeated)
+        taken = self._intake.take(batch, arrival_s)
+        if taken.late and self._served and self.witness:
+            self.witness.late(self, self._served, batch, taken.late)
+        if taken.fresh:
+            self._told_stale = False
+            self.timings.arrival_age_s.observe(batch.newest_age_ms / 1e3)
+            self._advance(batch, taken.fresh, taken.acquired_s)
+        return taken.receipt
 
     def contact(self, now_s: float) -> Contact:
         """Return the contact as of `now_s` [s, monotonic].
@@ -131,19 +110,19 @@ class Surface:
         ProblemError
             There is none: no model, no samples, a stale sample, too few channels, or no usable estimate.
         """
-        present, seen, decision = self._require_decision(now_s)
+        newest, seen, decision = self._require_decision(now_s)
         degraded = list(seen.estimated.bad)
         return Contact(
             surface=self.name,
             state=decision.state,
             **asdict(decision.figures),
-            age_ms=present.age_ms(now_s),
-            sampled_at=rfc3339(present.sample.acquired_unix_us),
-            sequence=present.sample.sequence,
+            age_ms=newest.age_ms(now_s),
+            sampled_at=rfc3339(newest.sample.acquired_unix_us),
+            sequence=newest.sample.sequence,
             quality=ContactQuality.DEGRADED if degraded else ContactQuality.GOOD,
             degraded_channels=degraded,
-            notes=[note.value for note in present.notes],
-            model=present.model,
+            notes=[note.value for note in newest.notes],
+            model=newest.model,
         )
 
     def tell_if_stale(self, now_s: float) -> None:
@@ -155,17 +134,12 @@ class Surface:
     @property
     def sender_changes(self) -> int:
         """How often the sender of the newest sample changed."""
-        return self._senders.changes
-
-    @property
-    def newest(self) -> Newest | None:
-        """The newest sample; None before the first."""
-        return self._present
+        return self._intake.senders.changes
 
     def is_stale(self, now_s: float) -> bool:
         """Say whether the newest sample is too old at `now_s` [s, monotonic]; False before the first."""
         # Compared before rounding, so that the limit is exact.
-        return self._present is not None and (now_s - self._present.acquired_s) * 1e3 > self.stale_ms
+        return self.newest is not None and (now_s - self.newest.acquired_s) * 1e3 > self.stale_ms
 
     def unready(self, now_s: float) -> Problem | None:
         """Return why this surface has no contact at `now_s` [s, monotonic], or None if it has one."""
@@ -182,9 +156,9 @@ class Surface:
             model=self.model.identity if self.model else None,
             channels=self.model.channels if self.model else [],
             stale_ms=self.stale_ms,
-            age_ms=self._present.age_ms(now_s) if self._present else None,
+            age_ms=self.newest.age_ms(now_s) if self.newest else None,
             model_error=self.model_error,
-            samples=self._counts.model_copy(),
+            samples=self.counts.model_copy(),
         )
 
     def _require_channels(self, offered: list[str]) -> None:
@@ -195,50 +169,30 @@ class Surface:
     def _require_room(self, batch: Batch, arrival_s: float) -> None:
         if self.model is None or self.witness is None or self.witness.has_room(len(batch.samples)):
             return
-        newest, acquired_s = batch.samples[-1].sequence, arrival_s - batch.newest_age_ms / 1e3
         # A batch with a sample that moves the answer is taken whole: the answer never waits for late samples.
-        if not self._senders.is_after_present(batch.boot_id, newest, acquired_s, arrival_s):
+        if not self._intake.moves_answer(batch, arrival_s):
             raise ProblemError(refusals.busy(self.name), {"Retry-After": "1"})
 
     def _require_decision(self, now_s: float) -> tuple[Newest, Seen, Decision]:
         if self.model is None:
             raise ProblemError(refusals.no_model(self.name))
-        present = self._present
-        if present is None:
+        newest = self.newest
+        if newest is None:
             raise ProblemError(refusals.no_samples(self.name))
         if self.is_stale(now_s):
-            raise ProblemError(refusals.stale(self.name, present.age_ms(now_s), self.stale_ms))
+            raise ProblemError(refusals.stale(self.name, newest.age_ms(now_s), self.stale_ms))
         # A model that came after the newest sample has not seen it.
-        if present.seen is None:
+        if newest.seen is None:
             raise ProblemError(refusals.no_samples(self.name))
-        if not isinstance(present.seen.outcome, Decision):
+        if not isinstance(newest.seen.outcome, Decision):
             # A new exception each time: one that is raised again collects tracebacks.
-            raise ProblemError(present.seen.outcome)
-        return present, present.seen, present.seen.outcome
-
-    def _take(self, batch: Batch, new: set[int], arrival_s: float) -> None:
-        """Take the new samples of a batch. Those after the newest one move it; late ones only complete the events."""
-        acquired_s = arrival_s - batch.newest_age_ms / 1e3
-        samples = [sample for sample in batch.samples if sample.sequence in new]
-        # Sequence numbers increase, so the samples after the newest one are the last of the batch.
-        fresh = [
-            sample
-            for sample in samples
-            if self._senders.is_after_present(batch.boot_id, sample.sequence, acquired_s, arrival_s)
-        ]
-        late = samples[: len(samples) - len(fresh)]
-        if late and self._served and self.witness:
-            self.witness.late(self, self._served, batch, late)
-        if fresh:
-            self._told_stale = False
-            self.timings.arrival_age_s.observe(batch.newest_age_ms / 1e3)
-            self._senders.move(batch.boot_id, fresh[-1].sequence, acquired_s)
-            self._advance(batch, fresh, acquired_s)
+            raise ProblemError(newest.seen.outcome)
+        return newest, newest.seen, newest.seen.outcome
 
     def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> None:
         served = self._served
         if served is None:
-            self._present = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, batch.notes)
+            self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, batch.notes)
             return
 
         def ask(deflection_mm: NDArray[np.float32], valid: NDArray[np.bool_]) -> Answers:
@@ -252,6 +206,6 @@ class Surface:
             self._follower = boot_id, Follower(served.levels, self.name, self.stale_ms)
         follower = self._follower[1]
         seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch.channels, fresh, ask)]
-        self._present = Newest(boot_id, batch.channels, fresh[-1], acquired_s, batch.notes, seen[-1], model.identity)
+        self.newest = Newest(boot_id, batch.channels, fresh[-1], acquired_s, batch.notes, seen[-1], model.identity)
         if self.witness:
-            self.witness.present(self, model, boot_id, seen)
+            self.witness.fresh(self, model, boot_id, seen)

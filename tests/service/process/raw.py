@@ -37,7 +37,10 @@ def said(service: Service, words: bytes, answers: int, *, until_closed: bool = F
         connection.sendall(words)
         with connection.makefile("rb") as stream:
             for _ in range(answers):
-                head = b"".join(iter(stream.readline, b"\r\n"))
+                head = b""
+                while (line := stream.readline()) != b"\r\n":
+                    assert line, "closed without an answer"
+                    head += line
                 found.append((head, stream.read(int(fields(head)[b"content-length"]))))
             assert not until_closed or stream.read() == b""
     return found

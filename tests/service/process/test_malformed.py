@@ -19,7 +19,7 @@ from .conftest import StartService
 
 MALFORMED = int(os.environ.get("BEAMTOUCH_MALFORMED", "4000"))
 CONNECTIONS = 4
-MOST_GROWTH_MB = 30.0
+MAX_GROWTH_MB = 30.0
 
 STRANGE: list[Any] = [
     *(None, True, "", "x" * 1000, -1, 2**53, 2**64, 10**400, 1e308, -0.5, math.nan, math.inf, -math.inf),
@@ -112,6 +112,6 @@ def test_malformed_batches_change_nothing_but_the_counts(
     statuses = {status: sum(one.get(status, 0) for one in found) for one in found for status in one}
     assert sum(statuses.values()) == MALFORMED
     assert set(statuses) <= {400, 413, 422}, statuses
-    assert resident_mb(service.process.pid) - before_mb < MOST_GROWTH_MB
+    assert resident_mb(service.process.pid) - before_mb < MAX_GROWTH_MB
     assert asked > 5
     print(statuses, asked, before_mb, resident_mb(service.process.pid))

@@ -50,9 +50,9 @@ Start = Callable[..., Service]
 def start(start_service: StartService, build_model: BuildModel, token_file: Path, tmp_path: Path) -> Start:
     """A function that starts a service with so many places, in all and per address."""
 
-    def start(most: int, per_address: int, *options: str | Path) -> Service:
+    def start(max_clients: int, per_address: int, *options: str | Path) -> Service:
         (tmp_path / "service.toml").write_text(
-            f"[server]\nmax_clients = {most}\nmax_clients_per_address = {per_address}\n"
+            f"[server]\nmax_clients = {max_clients}\nmax_clients_per_address = {per_address}\n"
             f'[surfaces.press-7]\nmodel = "{build_model()}"\nstale_ms = 60000\n'
         )
         return start_service("--config", "service.toml", "--write-token-file", token_file, *options)

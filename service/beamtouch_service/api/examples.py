@@ -1,0 +1,100 @@
+"""Examples for the OpenAPI description."""
+
+import json
+
+from beamtouch_service.problems import Kind, Problem
+
+CONTACT = {
+    "surface": "press-7",
+    "state": "contact",
+    "position_mm": 123.4,
+    "position_low_mm": 121.9,
+    "position_high_mm": 125.0,
+    "force_n": 9.8,
+    "force_low_n": 9.5,
+    "force_high_n": 10.1,
+    "age_ms": 12.3,
+    "sampled_at": "2026-11-20T23:40:46.123Z",
+    "sequence": 4711,
+    "quality": "good",
+    "degraded_channels": [],
+    "notes": [],
+    "model": "paper@4f2c91",
+}
+_FIGURES = [name for name in CONTACT if name.startswith(("position_", "force_"))]
+CLEAR = CONTACT | dict.fromkeys(_FIGURES) | {"state": "clear"}
+DEGRADED = CONTACT | {"quality": "degraded", "degraded_channels": ["s3"]}
+
+STATE = {
+    "surface": "press-7",
+    "contact": CLEAR,
+    "problem": None,
+    "age_ms": 12.3,
+    "channels": [{"name": "s1", "position_mm": 100.0, "deflection_mm": 0.0, "quality": "good"}],
+    "length_mm": 400.0,
+    "sequence": 4711,
+}
+STATE_EVENT = f"event: state\ndata: {json.dumps(STATE)}\n\n"
+"""One event of the stream."""
+
+BATCH = {
+    "boot_id": "6f1d2c84-0b7e-4a53",
+    "channels": ["s1", "s2", "s3"],
+    "newest_age_ms": 3.2,
+    "samples": [
+        {
+            "sequence": 4711,
+            "acquired_unix_us": 1795218046123000,
+            "deflection_mm": [0.112, 0.243, None],
+            "quality": ["good", "good", "missing"],
+        }
+    ],
+}
+
+EVENT = {
+    "id": 42,
+    "surface": "press-7",
+    "touched_at": "2026-11-20T23:40:46.123Z",
+    "lifted_at": "2026-11-20T23:40:47.373Z",
+    "begin": "touch",
+    "end": "lift",
+    "dwell_ms": 1250.0,
+    "peak_force_n": 9.8,
+    "peak_position_mm": 123.4,
+    "mean_position_mm": 123.1,
+    "samples": 250,
+    "quality": "good",
+    "model": "paper@4f2c91",
+    "boot_id": "6f1d2c84-0b7e-4a53",
+}
+EVENT_WITH_PATH = EVENT | {"path": [{"at": "2026-11-20T23:40:46.123Z", "position_mm": 123.4, "force_n": 9.8}]}
+NEXT = "1795218046123000.42"
+CSV = ",".join(EVENT) + "\r\n" + ",".join(map(str, EVENT.values())) + "\r\n"
+
+PROBLEMS = {
+    Kind.STALE: Problem(
+        Kind.STALE,
+        "The newest sample is 2140.7 ms old; the limit is 500 ms. Check that the daemon runs and reaches the device.",
+        "press-7",
+        {"age_ms": 2140.7, "stale_ms": 500.0},
+    ),
+    Kind.TOO_FEW_CHANNELS: Problem(
+        Kind.TOO_FEW_CHANNELS,
+        "Only 1 channel works; the model needs 2. Check s2 (stuck), s3 (missing).",
+        "press-7",
+        {"bad_channels": {"s2": "stuck", "s3": "missing"}},
+    ),
+    Kind.MISSING_CHANNELS: Problem(
+        Kind.MISSING_CHANNELS,
+        "The batch lacks s3. Send every channel of the model; mark a broken one as missing.",
+        "press-7",
+        {"missing_channels": ["s3"]},
+    ),
+    Kind.INVALID_REQUEST: Problem(
+        Kind.INVALID_REQUEST,
+        "#/newest_age_ms: Input should be greater than or equal to 0",
+        members={
+            "errors": [{"pointer": "#/newest_age_ms", "detail": "Input should be greater than or equal to 0"}],
+        },
+    ),
+}

@@ -1,0 +1,50 @@
+"""The settings of a service, checked."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from beamtouch_service.access import Access
+
+
+@dataclass(frozen=True)
+class SurfaceSettings:
+    """One surface."""
+
+    name: str
+    """Empty: the name of its model."""
+    model: Path | None
+    stale_ms: float
+
+
+@dataclass(frozen=True)
+class EventSettings:
+    """The record of contacts."""
+
+    file: Path | None
+    """None: in memory."""
+    keep_days: float
+    max_mb: float
+
+
+@dataclass(frozen=True)
+class TlsFiles:
+    """Certificate and its key."""
+
+    certificate: Path
+    key: Path
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All settings, checked."""
+
+    host: str
+    port: int
+    access: Access
+    tls: TlsFiles | None
+    max_clients: int
+    max_clients_per_address: int
+    max_batches_per_s: float
+    surfaces: tuple[SurfaceSettings, ...]
+    max_streams: int
+    events: EventSettings

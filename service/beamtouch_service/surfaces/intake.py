@@ -1,0 +1,58 @@
+"""From a batch to the samples in it that are new, and those of them that move the answer. Pure."""
+
+from dataclasses import dataclass
+
+from beamtouch_service.samples import Batch, Receipt, Sample
+from beamtouch_service.surfaces.senders import Senders
+from beamtouch_service.surfaces.sequence_log import SequenceLog
+from beamtouch_service.surfaces.summary import SampleCounts
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """The new samples of a batch, in order."""
+
+    receipt: Receipt
+    late: list[Sample]
+    """They came after newer ones, and only complete the events."""
+    fresh: list[Sample]
+    """They move the answer."""
+    acquired_s: float
+    """When the last sample of the batch was taken [s, monotonic]."""
+
+
+class Intake:
+    """The batches of one surface."""
+
+    def __init__(self, stale_ms: float) -> None:
+        self.counts = SampleCounts()
+        """Counts of samples since the start."""
+        self.senders = Senders(stale_ms)
+        self._sequences = SequenceLog()
+
+    def moves_answer(self, batch: Batch, arrival_s: float) -> bool:
+        """Return whether the last sample of a batch that arrived at `arrival_s` [s, monotonic] moves the answer."""
+        return self._is_after_newest(batch, batch.samples[-1], arrival_s)
+
+    def take(self, batch: Batch, arrival_s: float) -> Taken:
+        """Take a batch that arrived at `arrival_s` [s, monotonic]."""
+        admission = self._sequences.admit(batch.boot_id, [sample.sequence for sample in batch.samples])
+        self.counts.accepted += admission.accepted
+        self.counts.repeated += admission.repeated
+        self.counts.lost += admission.lost
+        new = set(admission.new)
+        samples = [sample for sample in batch.samples if sample.sequence in new]
+        # Sequence numbers increase, so the samples after the newest one are the last of the batch.
+        fresh = [sample for sample in samples if self._is_after_newest(batch, sample, arrival_s)]
+        acquired_s = _acquired_s(batch, arrival_s)
+        if fresh:
+            self.senders.move(batch.boot_id, fresh[-1].sequence, acquired_s)
+        receipt = Receipt(accepted=admission.accepted, repeated=admission.repeated)
+        return Taken(receipt, samples[: len(samples) - len(fresh)], fresh, acquired_s)
+
+    def _is_after_newest(self, batch: Batch, sample: Sample, arrival_s: float) -> bool:
+        return self.senders.is_after_newest(batch.boot_id, sample.sequence, _acquired_s(batch, arrival_s), arrival_s)
+
+
+def _acquired_s(batch: Batch, arrival_s: float) -> float:
+    return arrival_s - batch.newest_age_ms / 1e3
