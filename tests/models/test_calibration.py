@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models import cli, command_line, modelfile
+from beamtouch_common import commands
+from beamtouch_models import cli, modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.model_prior import physics_of, prior_of_model
 from beamtouch_models.arrays import Floats
@@ -277,18 +278,18 @@ def test_a_model_that_is_no_better_is_not_written(
     # On a surface without departures a fit only follows the noise, and is no better about every other time.
     model_path, output = built_model("cantilever"), tmp_path / "out.onnx"
     model, position = modelfile.load(model_path), np.linspace(29.0, 191.0, 10)
-    code = command_line.DONE
+    code = commands.DONE
     for seed in range(10):
         path = readings(tmp_path, model, Imperfections(), seed=seed, position=position, force=np.full(10, 2.25))
         code = cli.main(["calibrate", str(model_path), str(path), "-o", str(output), "--json"])
         told = capsys.readouterr()
-        if code != command_line.DONE:
+        if code != commands.DONE:
             break
         found = json.loads(told.out)
         assert found["error_after_mm"]["mean"] <= found["error_before_mm"]["mean"]
         output.unlink()
     means = re.search(r"left-out loads to (\S+) mm, the given model to (\S+) mm", told.err)
-    assert (code, told.out) == (command_line.FAILED, "")
+    assert (code, told.out) == (commands.FAILED, "")
     assert means is not None
     assert float(means[1]) >= float(means[2])
     assert not output.exists()

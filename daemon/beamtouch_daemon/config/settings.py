@@ -15,10 +15,10 @@ from pydantic import (
     model_validator,
 )
 
+from beamtouch_common.errors import InputError
 from beamtouch_daemon.config.modules import module_of
 from beamtouch_daemon.config.signal import Channel, Filter, LowPass, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
-from beamtouch_daemon.exits import ConfigError
 from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
 
 
@@ -192,7 +192,7 @@ class Config(Strict):
         return self._directory / (self.surfaces[name].tare_file or f"{name}.tare.json")
 
     def read_certificates(self) -> str | None:
-        """Return the certificates to trust (PEM), None for those of the system; ConfigError if they cannot be used."""
+        """Return the certificates to trust (PEM), None for those of the system; InputError if they cannot be used."""
         if self.publish.certificate_file is None:
             return None
         path = self._directory / self.publish.certificate_file
@@ -200,16 +200,16 @@ class Config(Strict):
             pem = path.read_text(encoding="ascii")
         except (OSError, UnicodeDecodeError) as error:
             message = f"publish.certificate_file: cannot read {path} ({reason_of(error)})"
-            raise ConfigError(message) from error
+            raise InputError(message) from error
         try:
             ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=pem)
         except (ssl.SSLError, ValueError) as error:
             message = f"publish.certificate_file: {path} contains no PEM certificate; name the service's"
-            raise ConfigError(message) from error
+            raise InputError(message) from error
         return pem
 
     def read_token(self) -> str:
-        """Return the bearer token; ConfigError if it cannot be read."""
+        """Return the bearer token; InputError if it cannot be read."""
         path = self._directory / self.publish.token_file
         try:
             token = path.read_text(encoding="ascii").strip()
@@ -217,8 +217,8 @@ class Config(Strict):
             message = (
                 f"publish.token_file: cannot read {path} ({reason_of(error)}); it must contain the service's token"
             )
-            raise ConfigError(message) from error
+            raise InputError(message) from error
         if not token or not token.isprintable() or " " in token:
             message = f"publish.token_file: {path} must contain the service's token and nothing else"
-            raise ConfigError(message)
+            raise InputError(message)
         return token

@@ -6,14 +6,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import write_atomically
 from beamtouch_models import modelfile
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.calibration.fit import Fit
 from beamtouch_models.calibration.loads import read_loads
 from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.errors import InputError
-from beamtouch_models.export import write_whole
 
 
 def run(options: argparse.Namespace) -> None:
@@ -25,7 +25,7 @@ def run(options: argparse.Namespace) -> None:
     loads = read_loads(options.readings, model.metadata, options.leave_out)
     with shown_progress() as progress:
         found = calibrate(model, loads, progress)
-    write_whole(options.output, found.content)
+    write_atomically(options.output, found.content)
     fresh = modelfile.load(options.output)
     if options.json:
         print(

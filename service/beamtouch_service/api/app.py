@@ -13,7 +13,7 @@ from fastapi.routing import APIRoute
 from starlette.middleware.exceptions import ExceptionMiddleware
 from starlette.types import ASGIApp
 
-from beamtouch_service import version
+from beamtouch_common.commands import version
 from beamtouch_service.access import Access
 from beamtouch_service.api import contact, errors, gate, health, metrics, models, page, samples, stream, surfaces
 from beamtouch_service.api import events as event_routes

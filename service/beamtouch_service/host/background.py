@@ -7,12 +7,12 @@ import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
+from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.api.app import Application
 from beamtouch_service.api.context import Context
 from beamtouch_service.config import TlsFiles
 from beamtouch_service.host import tls
 from beamtouch_service.host.model_watch import ModelKeeper
-from beamtouch_service.host.systemd import ServiceManager
 
 TICK_S = 1.0
 """Longest time between two looks at the model files, and between two reports of progress."""

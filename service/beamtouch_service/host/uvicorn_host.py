@@ -15,13 +15,13 @@ from typing import Any, cast
 import uvicorn
 from starlette.types import ASGIApp, Scope
 
+from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.api.app import Application
 from beamtouch_service.api.context import Streams
 from beamtouch_service.config import TlsFiles
 from beamtouch_service.host.connection import BoundedProtocol, Clients
 from beamtouch_service.host.handshakes import HANDSHAKE_S, Handshakes
 from beamtouch_service.host.places import Places
-from beamtouch_service.host.systemd import ServiceManager
 from beamtouch_service.limits import MAX_CLIENTS, Seldom, SeldomFilter
 
 SHUTDOWN_S = 2
