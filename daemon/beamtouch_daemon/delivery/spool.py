@@ -83,7 +83,7 @@ class Spool:
 
     @property
     def is_open(self) -> bool:
-        """Whether the file is open; on a full disk it can be opened only once there is room."""
+        """Whether the file is open; on a full disk a new one can be created only once there is room."""
         return self._file.is_open
 
     def open(self) -> None:
@@ -162,8 +162,13 @@ class Spool:
         numbers = sorted(self._ledger.done)[:SWEEP_BATCHES]
         if not numbers:
             return 0
-        with self._file.access("write to") as database:
-            freed = [spool_entries.delete(database, number) for number in numbers]
+        try:
+            with self._file.access("write to") as database:
+                freed = [spool_entries.delete(database, number) for number in numbers]
+        except SpoolError:
+            if not self._start_anew():
+                raise
+            return len(numbers)
         self._ledger.swept(numbers, sum(freed))
         if not any(self.waiting.values()):
             with suppress(SpoolError), self._file.access("shrink") as database:  # frees the room for other programs
@@ -191,6 +196,17 @@ class Spool:
             deleted = spool_entries.delete_oldest(database, self._ledger.bytes + length - self._max_bytes)
             spool_entries.insert(database, self._ledger.next, row)
         self._ledger.gave_way(deleted)
+
+    def _start_anew(self) -> bool:
+        """Replace a file that can only be read once everything in it was delivered; return whether that was so."""
+        if self._file.is_writable:
+            return False
+        with self._file.access("read") as database:
+            if spool_entries.count(database) > self.unremoved:
+                return False
+        self._ledger.done.clear()
+        self._file.start_anew()
+        return True
 
     def _read(self, number: int) -> Spooled:
         """Return a batch; BadRowError for a damaged row, SpoolError if the whole file cannot be read."""
