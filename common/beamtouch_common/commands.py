@@ -1,6 +1,7 @@
 """The contract of all commands: `--version`, errors in one line, and the exit codes 0, 1, 2 and 130."""
 
 import argparse
+import os
 import sys
 from collections.abc import Callable
 from importlib import metadata
@@ -58,7 +59,13 @@ def exit_code(
         Errors that mean wrong input.
     """
     try:
-        return work()
+        code = work()
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        # Python would flush, and fail, again at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return complain(program, "standard output was closed before all was printed", FAILED)
     except ModuleNotFoundError as error:
         name = (error.name or "").partition(".")[0]
         if not name or name in sys.stdlib_module_names or name.startswith("beamtouch_"):

@@ -127,6 +127,27 @@ def opened_by_its_reader(pipe: Path, process: subprocess.Popen[str]) -> int:
     pytest.fail(f"nobody reads {pipe}")
 
 
+@pytest.mark.parametrize("command", [("beamtouch-service", "check"), ("design-sensors", "inspect")], ids=" ".join)
+@pytest.mark.parametrize("buffering", ["", "1"])
+def test_an_output_that_nobody_reads_to_its_end_is_a_failure_in_one_line(
+    command: tuple[str, str], buffering: str, bench_model: Path
+) -> None:
+    program, subcommand = command
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [sys.executable, "-m", PROGRAMS[program][1], subcommand, str(bench_model)],
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONUNBUFFERED": buffering},
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, f"{program}: standard output was closed before all was printed\n")
+
+
 def test_an_error_of_our_own_is_a_traceback_and_no_missing_extra() -> None:
     def work() -> int:
         import beamtouch_common.absent  # type: ignore[import-not-found]  # noqa: PLC0415

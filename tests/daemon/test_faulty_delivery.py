@@ -292,7 +292,7 @@ async def test_the_summary_counts_what_is_delivered_after_its_surface_was_rename
 
 
 def old_spool(path: Path, batches: int) -> None:
-    """Create a spool as older versions did, with a write-ahead log and without checksums; and one of a killed daemon."""
+    """Create a spool as older versions did, with a log and without checksums; and one that a killed daemon left."""
     boot = BOOT_ID.read_text().strip()
     columns = "id INTEGER PRIMARY KEY, surface TEXT, samples INTEGER, machine_boot TEXT, newest_monotonic_s REAL"
     with closing(sqlite3.connect(path)) as database:

@@ -6,7 +6,6 @@ inspection, and delivery continues without it. All calls block; `Disk` makes the
 because no queue library bounds the size, survives a full disk and rescues rows of a damaged file.
 """
 
-import logging
 import sqlite3
 import time
 import uuid
@@ -16,19 +15,15 @@ from pathlib import Path
 from typing import Any, Self
 
 from beamtouch_daemon.delivery import spool_entries
+from beamtouch_daemon.delivery.spool_aside import Aside
 from beamtouch_daemon.delivery.spool_connection import SpoolConnection, SpoolError
 from beamtouch_daemon.delivery.spool_ledger import Ledger
-from beamtouch_daemon.delivery.spool_row import BadRowError, Spooled, batch_of, row_of
-from beamtouch_daemon.faults import Fault
+from beamtouch_daemon.delivery.spool_row import BadRowError, Spooled, row_of
 from beamtouch_service.samples import Batch
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-ASIDE_SHARE = 0.1
-"""Share of the spool for batches that are set aside; beyond it the oldest of them are deleted."""
 SWEEP_BATCHES = 500
 """Limit of deletions in one transaction."""
-
-_log = logging.getLogger(__name__)
 
 
 class TooLargeError(SpoolError):
@@ -56,12 +51,12 @@ class Spool:
         self.waiting, self.dropped = self._ledger.waiting, self._ledger.dropped
         self.set_aside = self._ledger.set_aside
         self._max_bytes = max_bytes
-        self._aside_fault = Fault(_log, "spool")
+        self._aside = Aside(self._ledger, max_bytes)
         # Without this file, every start counts as another boot: ages are then too large, never too small.
         self._machine_boot = BOOT_ID.read_text().strip() if BOOT_ID.exists() else str(uuid.uuid4())
         self._file = SpoolConnection(
             path,
-            round(ASIDE_SHARE * max_bytes),
+            self._aside.max_bytes,
             self._take_stock,
             lambda: self._ledger.over,
             self._ledger.lose_all,
@@ -149,7 +144,7 @@ class Spool:
             if after in self._ledger.over:
                 continue
             try:
-                return self._read(after)
+                return self._aside.read(self._file, after, self._machine_boot)
             except BadRowError as error:
                 self.keep_aside(surface, after, str(error))
 
@@ -178,18 +173,7 @@ class Spool:
 
     def keep_aside(self, surface: str, number: int, reason: str) -> None:
         """Set a batch aside: keep it in the file, undelivered. If the file cannot be written, note that in memory."""
-        self._ledger.skipped.add(number)
-        samples = 0
-        with suppress(SpoolError), self._file.access("read") as database:
-            samples = spool_entries.samples_of(database, number)
-        self._ledger.was_set_aside(surface, samples)
-        self._aside_fault.failed(f"{surface}: a batch of {samples} samples is set aside: {reason}")
-        with suppress(SpoolError):
-            with self._file.access("write to") as database:
-                spool_entries.set_aside(database, number, reason)
-            with self._file.access("write to") as database:
-                freed = spool_entries.trim_aside(database, ASIDE_SHARE * self._max_bytes)
-            self._ledger.bytes -= freed
+        self._aside.keep(self._file, surface, number, reason)
 
     def _insert(self, row: tuple[Any, ...], length: int) -> None:
         with self._file.access("write to") as database:
@@ -208,30 +192,7 @@ class Spool:
         self._file.start_anew()
         return True
 
-    def _read(self, number: int) -> Spooled:
-        """Return a batch; BadRowError for a damaged row, SpoolError if the whole file cannot be read."""
-        try:
-            with self._file.access("read") as database:
-                row = spool_entries.row(database, number)
-        except SpoolError as error:
-            if not self._file.is_open:  # damaged
-                raise
-            # One bad sector is one bad row. If the whole disk is gone, this write fails too, and is tried again.
-            reason = f"it cannot be read ({error.__cause__})"
-            with self._file.access("write to") as database:
-                spool_entries.set_aside(database, number, reason)
-            raise BadRowError(reason) from error
-        if row is None:
-            message = "the row is gone"
-            raise BadRowError(message)
-        return batch_of(row, number, self._machine_boot)
-
     def _take_stock(self, database: sqlite3.Connection, lost: Counter[str]) -> None:
         """Count the batches in the file, and those that it lost."""
-        reason = "its surface has no valid name"
-        with database:
-            nameless = spool_entries.set_nameless_aside(database, reason)
-        if nameless:
-            self.set_aside[""] += nameless
-            self._aside_fault.failed(f"{nameless} samples are set aside: {reason}")
+        self._aside.keep_nameless(database)
         self._ledger.take_stock(*spool_entries.totals(database), lost)
