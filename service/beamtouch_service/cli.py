@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from beamtouch_common.commands import DONE, Parser, exit_code
+from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code
 from beamtouch_service.config import load_settings
 
 PROGRAM = "beamtouch-service"
@@ -63,19 +63,24 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--stale-ms", type=float, metavar="N", help=words)
 
 
-def _check(arguments: argparse.Namespace) -> None:
+def _check(arguments: argparse.Namespace) -> int:
     from beamtouch_service.host import check  # noqa: PLC0415  # as in _run
 
     print(check.report(Path(arguments.model), as_json=arguments.json))
+    return DONE
 
 
-def _run(arguments: argparse.Namespace) -> None:
+def _run(arguments: argparse.Namespace) -> int:
     options = {name: getattr(arguments, name) for name in _OPTIONS}
     settings = load_settings(Path(arguments.config) if arguments.config else None, options)
     # Imported late: without the extra, a wrong config or the missing extra is still reported in one line.
     from beamtouch_service.host import server  # noqa: PLC0415
 
-    server.run(settings)
+    try:
+        server.run(settings)
+    except KeyboardInterrupt:  # the service ended in order; there is nothing to say
+        return INTERRUPTED
+    return DONE
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -83,8 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         arguments = _parser().parse_args(argv)
-        {"run": _run, "check": _check}[arguments.command](arguments)
-        return DONE
+        return {"run": _run, "check": _check}[arguments.command](arguments)
 
     return exit_code(PROGRAM, "service", work)
 
