@@ -6,51 +6,32 @@ Exit 0: done; 1: failed; 2: wrong input; 130: Ctrl-C. An error is one line that 
 import argparse
 import importlib
 from collections.abc import Sequence
-from importlib import metadata
 from pathlib import Path
-from typing import NoReturn
 
+from beamtouch_common.commands import Parser, exit_code
 from beamtouch_daemon import logs
-from beamtouch_daemon.exits import INTERRUPTED, WRONG_INPUT, ConfigError, complain
-
-_EXTRA_MODULES = {"numpy", "serial", "pymodbus", "cobs", "aiohttp", "prometheus_client"}
-
-
-class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print the line and exit with 2."""
-        self.exit(complain(f"{message}; see {self.prog} --help", WRONG_INPUT))
+from beamtouch_daemon.exits import PROGRAM
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
-    arguments = _parser().parse_args(argv)
-    logs.set_up(as_json=arguments.log_format == "json")
-    try:
+
+    def work() -> int:
+        arguments = _parser().parse_args(argv)
+        logs.set_up(as_json=arguments.log_format == "json")
         code: int = importlib.import_module(f"beamtouch_daemon.commands.{arguments.command}").run(arguments)
-    except ConfigError as error:
-        return complain(str(error), WRONG_INPUT)
-    except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] not in _EXTRA_MODULES:
-            raise
-        return complain(f"{error.name} is not installed; run: pip install 'beamtouch[daemon]'", WRONG_INPUT)
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    return code
+        return code
+
+    return exit_code(PROGRAM, "daemon", work)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="beamtouch-daemon", description="Read the sensors and publish samples.")
-    parser.add_argument("--version", action="version", version=f"%(prog)s {metadata.version('beamtouch')}")
+def _parser() -> Parser:
+    parser = Parser(PROGRAM, description="Read the sensors and publish samples.")
     parser.set_defaults(log_format="text")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def add(name: str, text: str) -> argparse.ArgumentParser:
-        command: argparse.ArgumentParser = commands.add_parser(
-            name, help=text, description=f"{text[0].upper()}{text[1:]}."
-        )
+        command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
         command.add_argument("config", metavar="CONFIG", type=Path, help="configuration file (TOML)")
         return command
 

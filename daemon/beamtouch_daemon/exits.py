@@ -1,17 +1,10 @@
-"""Exit codes of the command line, the error behind exit code 2, and the one line that explains a failure."""
+"""Name of the command, and the one line that explains a failure."""
 
-import sys
+from beamtouch_common import commands
 
-DONE, FAILED, WRONG_INPUT = 0, 1, 2
-INTERRUPTED = 130
-"""After Ctrl-C, as shells report it: 128 plus the number of the signal."""
+PROGRAM = "beamtouch-daemon"
 
 
-class ConfigError(Exception):
-    """The configuration cannot be used; the text is one line for the user."""
-
-
-def complain(text: str, code: int) -> int:
-    """Print one line to standard error and return `code`."""
-    print(f"beamtouch-daemon: {' '.join(text.split())}", file=sys.stderr)
-    return code
+def complain(text: str) -> int:
+    """Print one line to standard error and return the exit code of a failure."""
+    return commands.complain(PROGRAM, text, commands.FAILED)

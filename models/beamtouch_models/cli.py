@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from beamtouch_models.command_line import DONE, Parser, exit_code, whole_number
+from beamtouch_common.commands import DONE, Parser, exit_code, whole_number
+from beamtouch_models.errors import WRONG_INPUT_ERRORS
 
 PROGRAM = "design-sensors"
 ESTIMATORS = ("posterior", "small-network", "paper-network")
@@ -24,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import_module(f"beamtouch_models.commands.{options.command}").run(options)
         return DONE
 
-    return exit_code(PROGRAM, "design", work)
+    return exit_code(PROGRAM, "design", work, WRONG_INPUT_ERRORS)
 
 
 def _parser() -> Parser:

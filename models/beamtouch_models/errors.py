@@ -1,8 +1,6 @@
 """Errors that end a command with one line and an exit code, without a traceback."""
 
-
-class InputError(ValueError):
-    """Something that the user gave is wrong; the message is one line that says what to do. Exit code 2."""
+from beamtouch_common.errors import FailedError, InputError
 
 
 class SceneError(InputError):
@@ -13,8 +11,9 @@ class ModelFileError(InputError):
     """A file is not a model, or the model does not give its own golden answers."""
 
 
-class NotGoodEnoughError(RuntimeError):
-    """The input is correct, but the result is not fit for use and was not written. Exit code 1.
+class NotGoodEnoughError(FailedError):
+    """The result is not fit for use and was not written. The message has the figures."""
 
-    The message has the figures.
-    """
+
+WRONG_INPUT_ERRORS = (InputError, OSError)
+"""Wrong input of `design-sensors` and `beamtouch-rig`: all files and devices that they use are given by the user."""

@@ -1,6 +1,4 @@
-"""Writing of model files, and of any file as a whole."""
-
-from pathlib import Path
+"""Model files as bytes."""
 
 import onnx
 
@@ -15,13 +13,3 @@ def to_bytes(model: onnx.ModelProto, metadata: Metadata | None = None) -> bytes:
         complete.metadata_props.add(key=key, value=text)
     content: bytes = complete.SerializeToString(deterministic=True)
     return content
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file atomically: it appears complete or not at all."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        partial.write_bytes(content)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

@@ -1,19 +1,14 @@
-"""The scene of a surface, and the TOML files that people write. Validated strictly."""
+"""The scene of a surface, validated strictly."""
 
-import tomllib
 from pathlib import Path
-from typing import Annotated, Literal, Self, TypeVar
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, Field, PositiveInt, ValidationError, model_validator
+from pydantic import Field, PositiveInt, model_validator
 
-from beamtouch_models.errors import SceneError
+from beamtouch_common.files import parse_toml, read_text
 from beamtouch_models.structure import Beam, Finite, PositiveFinite, Strict
 
-T = TypeVar("T", bound=BaseModel)
-
 MIN_SENSORS, MAX_SENSORS = 1, 64
-MAX_BYTES = 1024 * 1024
-"""Largest text file, a thousand times a scene; a larger file was given by mistake."""
 
 
 class Contact(Strict):
@@ -141,59 +136,11 @@ class Scene(Strict):
 
 
 def load_scene(path: Path) -> tuple[Scene, str]:
-    """Read a scene file; returns the scene and its text. Raises SceneError as `parse_scene` does."""
+    """Read a scene file; returns the scene and its text. Raises InputError as `parse_scene` does."""
     text = read_text(path)
     return parse_scene(text, str(path)), text
 
 
 def parse_scene(text: str, origin: str) -> Scene:
-    """Read a scene from TOML text; raises SceneError as `parse` does."""
-    return parse(Scene, text, origin)
-
-
-def parse(kind: type[T], text: str, origin: str) -> T:
-    """Read TOML text into a pydantic model.
-
-    Raises
-    ------
-    SceneError
-        Not TOML, an unknown key, a missing or impossible value; the message names `origin` and the key.
-    """
-    try:
-        return kind.model_validate(tomllib.loads(text))
-    except ValidationError as error:
-        message = f"{origin}: {_first_error(error)}"
-    except (ValueError, RecursionError) as error:
-        # These include numbers and nesting beyond what the parser takes.
-        message = f"{origin}: not valid TOML: {error}"
-    raise SceneError(message)
-
-
-def read_text(path: Path) -> str:
-    """Read a text file in UTF-8 of at most `MAX_BYTES`; raises SceneError with the reason in one line."""
-    try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
-        text = content.decode()
-    except OSError as error:
-        message = f"{path}: {error.strerror}"
-        raise SceneError(message) from None
-    except UnicodeDecodeError:
-        message = f"{path}: not a text file in UTF-8"
-        raise SceneError(message) from None
-    if len(content) > MAX_BYTES:
-        message = f"{path}: larger than {MAX_BYTES >> 20} MiB; give a file that was written by hand"
-        raise SceneError(message)
-    return text
-
-
-def _first_error(error: ValidationError) -> str:
-    """Return one line with the first error: the key, the reason and the value."""
-    # A misspelt key also counts as missing; name the one that the user can see.
-    first = min(error.errors(), key=lambda complaint: complaint["type"] != "extra_forbidden")
-    where = ".".join(str(part) for part in first["loc"] if isinstance(part, int) or part.isidentifier())
-    if first["type"] == "extra_forbidden":
-        return f"unknown key {where}; remove it or correct its spelling"
-    reason = first["msg"].removeprefix("Value error, ")
-    given = "" if isinstance(first["input"], dict) else f" (given: {first['input']!r})"
-    return f"{where}: {reason}{given}" if where else f"{reason}"
+    """Read a scene from TOML text; raises InputError as `beamtouch_common.files.parse_toml` does."""
+    return parse_toml(Scene, text, origin)

@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from beamtouch_service import version
-from beamtouch_service.config import ConfigError, load_settings
+from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code
+from beamtouch_service.config import load_settings
 
 PROGRAM = "beamtouch-service"
-EXIT_DONE, EXIT_WRONG_INPUT, EXIT_INTERRUPTED = 0, 2, 130
 
-_EXTRA = {"fastapi", "uvicorn", "starlette", "onnxruntime", "numpy", "prometheus_client"}
 _OPTIONS = (
     "model",
     "host",
@@ -26,13 +24,6 @@ _OPTIONS = (
 )
 
 
-class _Parser(argparse.ArgumentParser):
-    """Reports errors in one line, without the usage."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(EXIT_WRONG_INPUT, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-
 class _Renamed(argparse.Action):
     """An option of earlier versions: its error names the new one."""
 
@@ -40,14 +31,13 @@ class _Renamed(argparse.Action):
         parser.error(f"{self.option_strings[0]} is now called --{self.dest.replace('_', '-')}")
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser() -> Parser:
     words = "Accepts samples over HTTP and answers where and how hard something touches the surface."
-    parser = _Parser(PROGRAM, description=words, allow_abbrev=False)
-    parser.add_argument("--version", action="version", version=f"{PROGRAM} {version()}")
+    parser = Parser(PROGRAM, description=words)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_run(commands.add_parser("run", help="serve until SIGTERM or Ctrl-C", allow_abbrev=False))
+    _add_run(commands.add_parser("run", help="serve until SIGTERM or Ctrl-C"))
     words = "Describes a model file, or says why the service would refuse it."
-    check = commands.add_parser("check", help="describe a model file", description=words, allow_abbrev=False)
+    check = commands.add_parser("check", help="describe a model file", description=words)
     check.add_argument("model", metavar="MODEL", help="model file from `design-sensors build`")
     check.add_argument("--json", action="store_true", help="print one JSON object")
     return parser
@@ -73,40 +63,34 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--stale-ms", type=float, metavar="N", help=words)
 
 
-def _check(arguments: argparse.Namespace) -> None:
+def _check(arguments: argparse.Namespace) -> int:
     from beamtouch_service.host import check  # noqa: PLC0415  # as in _run
 
     print(check.report(Path(arguments.model), as_json=arguments.json))
+    return DONE
 
 
-def _run(arguments: argparse.Namespace) -> None:
+def _run(arguments: argparse.Namespace) -> int:
     options = {name: getattr(arguments, name) for name in _OPTIONS}
     settings = load_settings(Path(arguments.config) if arguments.config else None, options)
     # Imported late: without the extra, a wrong config or the missing extra is still reported in one line.
     from beamtouch_service.host import server  # noqa: PLC0415
 
-    server.run(settings)
+    try:
+        server.run(settings)
+    except KeyboardInterrupt:  # the service ended in order; there is nothing to say
+        return INTERRUPTED
+    return DONE
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command. Returns 0 done, 2 wrong input with one line on standard error, 130 after Ctrl-C."""
-    arguments = _parser().parse_args(argv)
-    try:
-        {"run": _run, "check": _check}[arguments.command](arguments)
-    except ConfigError as error:
-        return _refuse(str(error))
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in _EXTRA:
-            raise
-        return _refuse(f"{error.name} is not installed; pip install 'beamtouch[service]'")
-    except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
-    return EXIT_DONE
 
+    def work() -> int:
+        arguments = _parser().parse_args(argv)
+        return {"run": _run, "check": _check}[arguments.command](arguments)
 
-def _refuse(message: str) -> int:
-    print(f"{PROGRAM}: {' '.join(message.split())}", file=sys.stderr)
-    return EXIT_WRONG_INPUT
+    return exit_code(PROGRAM, "service", work)
 
 
 if __name__ == "__main__":

@@ -1,26 +1,22 @@
 """Settings of the service: a TOML file, the command line (which wins), and the token files."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TypeVar
 
-from pydantic import BaseModel, ValidationError
-
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import load_toml, validate
 from beamtouch_service.access import Access
 from beamtouch_service.config_sections import RENAMED, ConfigFile, Overrides, SurfaceSection
 from beamtouch_service.settings import EventSettings, Settings, SurfaceSettings, TlsFiles
 
 MIN_TOKEN_CHARACTERS = 16
 _MAX_TOKEN_BYTES = 4096
-_MAX_CONFIG_BYTES = 1024 * 1024
 _TOKEN_FILES = {"write": "write_token_file", "read": "read_token_file", "admin": "admin_token_file"}
 _FILES = (*_TOKEN_FILES.values(), "certificate_file", "key_file")
-_Model = TypeVar("_Model", bound=BaseModel)
 
 
-class ConfigError(ValueError):
-    """Wrong input. The message is one line that says what to do."""
+class ConfigError(InputError):
+    """Settings that cannot be used together, or not on this machine."""
 
 
 def load_settings(config: Path | None, options: Mapping[str, object]) -> Settings:
@@ -33,11 +29,12 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
 
     Raises
     ------
-    ConfigError
+    InputError
         Something is wrong; the message names the place.
     """
-    overrides = _validate(Overrides, options, "--", "command line")
-    file = _read(config) if config else ConfigFile()
+    typed = {f"--{name.replace('_', '-')}": value for name, value in options.items()}
+    overrides = validate(Overrides, typed, "command line")
+    file = load_toml(ConfigFile, config, renamed=RENAMED) if config else ConfigFile()
     folder = config.parent if config else Path()
     server = file.server
     files = {name: _path(getattr(overrides, name), Path()) or _path(getattr(server, name), folder) for name in _FILES}
@@ -122,42 +119,6 @@ def load_token(path: Path) -> str:
         return token
     message = f"token file {path}: {problem}; {remedy}"
     raise ConfigError(message)
-
-
-def _read(path: Path) -> ConfigFile:
-    try:
-        with path.open("rb") as file:
-            text = file.read(_MAX_CONFIG_BYTES + 1)
-    except OSError as error:
-        message = f"config {path}: {error.strerror}"
-        raise ConfigError(message) from None
-    if len(text) > _MAX_CONFIG_BYTES:
-        message = f"config {path}: larger than {_MAX_CONFIG_BYTES >> 20} MiB; is it the right file?"
-        raise ConfigError(message)
-    try:
-        content = tomllib.loads(text.decode())
-    except (ValueError, RecursionError) as error:
-        # ValueError and RecursionError also stand for numbers and nesting beyond the limits of the parser.
-        message = f"config {path} is not TOML: {error}"
-        raise ConfigError(message) from None
-    return _validate(ConfigFile, content, "", f"config {path}")
-
-
-def _validate(model: type[_Model], content: Mapping[str, object], prefix: str, origin: str) -> _Model:
-    try:
-        return model.model_validate(content)
-    except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
-        place = prefix + ".".join(str(part) for part in first["loc"])
-        if prefix:
-            place = place.replace("_", "-")
-        key, wrong = str(first["loc"][-1]), first["msg"]
-        if first["type"] == "extra_forbidden":
-            wrong = "unknown key; remove it or correct its spelling"
-            if key in RENAMED:
-                wrong = f"this key is now called {RENAMED[key]}"
-        message = f"{origin}: {place}: {wrong}"
-        raise ConfigError(message) from None
 
 
 def _path(text: str | None, folder: Path) -> Path | None:

@@ -81,9 +81,9 @@ class ConfigFile(BaseModel):
 
 
 class Overrides(BaseModel):
-    """Options of the command line; None where an option was not given."""
+    """Options of the command line, as they are typed; None where an option was not given."""
 
-    model_config = _STRICT
+    model_config = _STRICT | ConfigDict(alias_generator=lambda name: f"--{name.replace('_', '-')}")
 
     host: _Text | None = None
     port: Port | None = None

@@ -36,7 +36,7 @@ HOSTED = """
 import socket, sys
 from beamtouch_service.api.context import Streams
 from beamtouch_service.host.listener import bind
-from beamtouch_service.host.systemd import ServiceManager
+from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.host.uvicorn_host import Host, configure
 
 {app}

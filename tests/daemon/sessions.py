@@ -39,17 +39,6 @@ def source_in(buses: Buses, source: str, places: list[str], rate_hz: float) -> P
     return made
 
 
-async def take(source: Source, number: int) -> list[Reading]:
-    """Return the first readings of one session."""
-    readings: list[Reading] = []
-    async with aclosing(source.readings()) as stream:
-        async for arrived in stream:
-            readings += arrived
-            if len(readings) >= number:
-                break
-    return readings
-
-
 async def take_across_sessions(
     source: Source, number: int, check: Callable[[Reading], None] = lambda _reading: None
 ) -> tuple[list[Reading], list[str]]:

@@ -8,7 +8,7 @@ from time import monotonic
 import pytest
 
 from beamtouch_daemon.config.sources import SerialLine
-from beamtouch_daemon.sources.reading import Reading
+from beamtouch_daemon.sources.reading import Reading, first_readings
 from beamtouch_daemon.sources.serial_line import SerialSource
 from beamtouch_protocol import messages
 from beamtouch_protocol.messages import Message
@@ -16,7 +16,7 @@ from beamtouch_protocol.messages import Message
 from . import configs
 from .devices import Pieces, SerialDevice, StampingUnit, rtu_units, tcp_unit
 from .lines import Terminal, terminal
-from .sessions import polled, take
+from .sessions import polled
 
 pytestmark = pytest.mark.anyio
 
@@ -94,7 +94,7 @@ async def test_no_reading_of_a_bursting_line_is_stamped_newer_than_it_is(
         if was_running:
             device.restart(round(rate_hz))
             await asyncio.sleep(0.2)
-        readings = await take(source(path, rate_hz), round(2.2 * rate_hz))
+        readings = await first_readings(source(path, rate_hz), round(2.2 * rate_hz))
         late, lost = lateness(device, readings), sum(reading.lost for reading in readings)
     assert max(late) < 0.002, (late[0], max(late))
     assert lost == 0
@@ -115,7 +115,7 @@ async def test_no_reading_of_a_bus_that_answers_late_is_stamped_newer_than_it_is
             bus = stack.enter_context(terminal())
             await stack.enter_async_context(rtu_units(bus, {1: unit}))
             table = f"{configs.rtu(bus.path)}\ntimeout_ms = 5000"
-        readings = await take(polled(table, [0, 1], 10.0), 12)
+        readings = await first_readings(polled(table, [0, 1], 10.0), 12)
     late = [unit.age_s(counts, reading.monotonic_s) for reading in readings for counts in reading.counts if counts]
     assert max(late) < 0.002
 
@@ -123,6 +123,6 @@ async def test_no_reading_of_a_bus_that_answers_late_is_stamped_newer_than_it_is
 async def test_readings_of_a_plain_line_are_stamped_as_old_as_they_are() -> None:
     with terminal() as line:
         device = DatedDevice(line)
-        late = sorted(lateness(device, await take(source(line.path), 200)))
+        late = sorted(lateness(device, await first_readings(source(line.path), 200)))
     assert late[-1] < 0.002
     assert late[len(late) // 2] > -0.05  # the adapter holds nothing back: only a busy machine makes it earlier

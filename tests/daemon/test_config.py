@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon.config.file import load, require_ports
+from beamtouch_common.errors import InputError
+from beamtouch_daemon.config.file import load_config, require_ports
 from beamtouch_daemon.config.settings import Config, place_of
 from beamtouch_daemon.config.signal import Adaptive, LowPass, MovingAverage, NoFilter, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
-from beamtouch_daemon.exits import ConfigError
 
 from . import configs
 
@@ -16,8 +16,8 @@ EXAMPLE = Path(__file__).parents[2] / "daemon" / "daemon.example.toml"
 
 
 def complaint(path: Path) -> str:
-    with pytest.raises(ConfigError) as caught:
-        load(path)
+    with pytest.raises(InputError) as caught:
+        load_config(path)
     text = str(caught.value)
     assert "\n" not in text
     return text.removeprefix(f"{path}: ")
@@ -33,7 +33,7 @@ def changed(folder: Path, old: str, new: str) -> str:
 
 
 def test_the_example_is_valid() -> None:
-    config = load(EXAMPLE)
+    config = load_config(EXAMPLE)
     surface = config.surfaces["bench"]
     assert isinstance(surface.source, ModbusTcp)
     assert surface.filter == MovingAverage(kind="moving-average", window=4, spike_mm=0.02)
@@ -44,7 +44,7 @@ def test_the_example_is_valid() -> None:
     ("kind", "expected"), [("modbus-tcp", ModbusTcp), ("modbus-rtu", ModbusRtu), ("serial", SerialLine)]
 )
 def test_every_kind_of_source_in_the_example_is_valid(tmp_path: Path, kind: str, expected: type) -> None:
-    config = load(choose(tmp_path, "source", kind))
+    config = load_config(choose(tmp_path, "source", kind))
     assert isinstance(config.surfaces["bench"].source, expected)
 
 
@@ -53,7 +53,7 @@ def test_every_kind_of_source_in_the_example_is_valid(tmp_path: Path, kind: str,
     [("moving-average", MovingAverage), ("low-pass", LowPass), ("adaptive", Adaptive), ("none", NoFilter)],
 )
 def test_every_kind_of_filter_in_the_example_is_valid(tmp_path: Path, kind: str, expected: type) -> None:
-    assert isinstance(load(choose(tmp_path, "filter", kind)).surfaces["bench"].filter, expected)
+    assert isinstance(load_config(choose(tmp_path, "filter", kind)).surfaces["bench"].filter, expected)
 
 
 def test_the_zero_tracking_in_the_example_is_valid(tmp_path: Path) -> None:
@@ -62,10 +62,10 @@ def test_the_zero_tracking_in_the_example_is_valid(tmp_path: Path) -> None:
     lines = "\n".join(line.removeprefix("# ") for line in block.splitlines())
     path = tmp_path / "daemon.toml"
     path.write_text(f"{before}[surfaces.bench.zero_tracking]{lines}\n\n{rest}".replace("# stuck_after", "stuck_after"))
-    surface = load(path).surfaces["bench"]
+    surface = load_config(path).surfaces["bench"]
     assert surface.zero_tracking == ZeroTracking(band_mm=0.006, rate_mm_per_min=0.01, max_mm=0.05)
     assert [channel.stuck_after_ms for channel in surface.channels] == [500, None]
-    assert load(EXAMPLE).surfaces["bench"].zero_tracking is None
+    assert load_config(EXAMPLE).surfaces["bench"].zero_tracking is None
 
 
 def test_the_table_in_the_example_is_valid_instead_of_gain_and_offset(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_the_table_in_the_example_is_valid_instead_of_gain_and_offset(tmp_path: 
     assert line in text
     path = tmp_path / "daemon.toml"
     path.write_text(text.replace(line, "").replace("# table =", "table =").replace("# counts_range", "counts_range"))
-    first, second = load(path).surfaces["bench"].channels
+    first, second = load_config(path).surfaces["bench"].channels
     assert first.table == ((5000, 4.0), (20000, 2.4), (35000, 1.0))
     assert first.counts_range == (-8388608, 8388607)
     assert second.table is None
@@ -96,7 +96,7 @@ def choose(folder: Path, table: str, kind: str) -> Path:
 def test_without_a_filter_table_every_reading_is_a_sample(tmp_path: Path) -> None:
     path = configs.write(tmp_path, configs.surface())
     path.write_text(path.read_text().replace('[surfaces.bench.filter]\nkind = "moving-average"\nwindow = 1\n', ""))
-    assert load(path).surfaces["bench"].filter == NoFilter()
+    assert load_config(path).surfaces["bench"].filter == NoFilter()
 
 
 def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -104,7 +104,7 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         tmp_path, configs.surface(), configs.surface("press-7").replace("rate_hz", 'tare_file = "/t"\nrate_hz')
     )
     monkeypatch.chdir("/")
-    config = load(path)
+    config = load_config(path)
     assert config.tare_file("bench") == tmp_path / "bench.tare.json"
     assert config.tare_file("press-7") == Path("/t")
     assert config.read_token() == "swordfish-of-the-tests"
@@ -167,11 +167,11 @@ def test_the_number_of_further_errors_is_stated(tmp_path: Path) -> None:
 
 
 def test_a_file_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
-    assert complaint(tmp_path / "absent.toml") == "cannot be read (No such file or directory)"
-    assert complaint(tmp_path) == "cannot be read (Is a directory)"
+    assert complaint(tmp_path / "absent.toml") == "No such file or directory"
+    assert complaint(tmp_path) == "Is a directory"
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe")
-    assert complaint(binary) == "cannot be read (not text)"
+    assert complaint(binary) == "not a text file in UTF-8"
 
 
 def test_a_configuration_without_a_surface_is_refused(tmp_path: Path) -> None:
@@ -189,7 +189,7 @@ def test_a_serial_port_serves_one_surface(tmp_path: Path) -> None:
 
 def test_surfaces_on_one_bus_agree_on_its_line(tmp_path: Path) -> None:
     rtu = configs.rtu("/dev/x")
-    both = load(configs.write(tmp_path, configs.surface("a", rtu), configs.surface("b", rtu)))
+    both = load_config(configs.write(tmp_path, configs.surface("a", rtu), configs.surface("b", rtu)))
     assert both.surfaces.keys() == {"a", "b"}
     path = configs.write(tmp_path, configs.surface("a", rtu), configs.surface("b", f"{rtu}\nbaud = 9600"))
     assert complaint(path) == (
@@ -207,7 +207,7 @@ def test_keys_of_modbus_are_refused_for_a_serial_device(tmp_path: Path) -> None:
 def test_an_input_of_a_module_has_its_register_and_its_limits(tmp_path: Path) -> None:
     source = f'{configs.tcp(502)}\nmodule = "iologik-e1240"'
     text = configs.surface(source=source, rate_hz=10.0).replace("register = ", "input = ")
-    surface = load(configs.write(tmp_path, text)).surfaces["bench"]
+    surface = load_config(configs.write(tmp_path, text)).surfaces["bench"]
     assert [place_of(surface.source, channel) for channel in surface.channels] == [("127.0.0.1", 1, n) for n in (0, 1)]
     assert isinstance(surface.source, ModbusTcp)
     assert (surface.source.function_code, surface.source.max_request_registers) == (4, 8)
@@ -224,21 +224,21 @@ def test_a_device_of_ours_takes_whole_rates_only(tmp_path: Path) -> None:
     "content", [None, b"", b"two words\n", b"\xff"], ids=["absent", "empty", "two words", "binary"]
 )
 def test_an_invalid_token_is_refused_with_a_remedy(tmp_path: Path, content: bytes | None) -> None:
-    config: Config = load(configs.write(tmp_path, configs.surface()))
+    config: Config = load_config(configs.write(tmp_path, configs.surface()))
     token = tmp_path / "beamtouch.token"
     token.unlink()
     if content is not None:
         token.write_bytes(content)
-    with pytest.raises(ConfigError, match=r"publish\.token_file: .*the service's token"):
+    with pytest.raises(InputError, match=r"publish\.token_file: .*the service's token"):
         config.read_token()
 
 
 def test_a_port_that_is_not_there_or_not_a_port_is_refused(tmp_path: Path) -> None:
-    absent = load(configs.write(tmp_path, configs.surface(source=configs.rtu("/dev/does-not-exist"))))
-    with pytest.raises(ConfigError, match=r"surfaces\.bench\.source\.port: /dev/does-not-exist does not exist; plug"):
+    absent = load_config(configs.write(tmp_path, configs.surface(source=configs.rtu("/dev/does-not-exist"))))
+    with pytest.raises(InputError, match=r"surfaces\.bench\.source\.port: /dev/does-not-exist does not exist; plug"):
         require_ports(absent)
-    file = load(configs.write(tmp_path, configs.surface(source=configs.serial(f"{tmp_path}/beamtouch.token"))))
-    with pytest.raises(ConfigError, match="is not a serial port; correct the path"):
+    file = load_config(configs.write(tmp_path, configs.surface(source=configs.serial(f"{tmp_path}/beamtouch.token"))))
+    with pytest.raises(InputError, match="is not a serial port; correct the path"):
         require_ports(file)
 
 
@@ -252,5 +252,5 @@ def test_a_port_that_is_not_there_or_not_a_port_is_refused(tmp_path: Path) -> No
 def test_the_error_of_a_key_that_was_renamed_names_the_new_one(tmp_path: Path, table: str, old: str, new: str) -> None:
     path = configs.write(tmp_path, configs.surface())
     path.write_text(f"{path.read_text()}\n{table}\n")
-    with pytest.raises(ConfigError, match=rf"{old}; {old} is now {new} "):
-        load(path)
+    with pytest.raises(InputError, match=rf"{old}; {old} is now {new} "):
+        load_config(path)

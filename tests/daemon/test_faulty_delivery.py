@@ -1,8 +1,10 @@
 """Outages, crashes, a full disk and a stepped clock, on the daemon as a process: nothing taken is lost or doubled."""
 
 import asyncio
+import shutil
 import signal
 import sqlite3
+import sys
 from contextlib import closing, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -290,7 +292,7 @@ async def test_the_summary_counts_what_is_delivered_after_its_surface_was_rename
 
 
 def old_spool(path: Path, batches: int) -> None:
-    """Create a spool as older versions did: with a write-ahead log, without checksums."""
+    """Create a spool as older versions did, with a log and without checksums; and one that a killed daemon left."""
     boot = BOOT_ID.read_text().strip()
     columns = "id INTEGER PRIMARY KEY, surface TEXT, samples INTEGER, machine_boot TEXT, newest_monotonic_s REAL"
     with closing(sqlite3.connect(path)) as database:
@@ -300,9 +302,13 @@ def old_spool(path: Path, batches: int) -> None:
             row = row_of("bench", batch_of(10 * number), boot, monotonic())[:-1]
             database.execute("INSERT INTO batch VALUES (?, ?, ?, ?, ?, ?)", (number + 1, *row))
         database.commit()
+        for tail in ("", "-wal"):
+            shutil.copy(f"{path}{tail}", path.with_name(f"killed{tail}"))
 
 
-async def test_a_spool_of_an_older_version_on_a_full_disk_is_delivered_once_there_is_room(tmp_path: Path) -> None:
+async def test_a_spool_of_an_older_version_on_a_full_disk_is_delivered_at_once_and_then_replaced(
+    tmp_path: Path,
+) -> None:
     batches = 50
     old_spool(tmp_path / "old", batches)
     boot_id = batch_of(0).boot_id
@@ -316,11 +322,61 @@ async def test_a_spool_of_an_older_version_on_a_full_disk_is_delivered_once_ther
             running(tmp_path, configs.tcp(port), service.url, publish=publish, prefix=disk.prefix) as daemon,
         ):
             await service.until(50, within_s=60)
-            assert boot_id not in {batch.boot_id for _, batch, _ in service.batches}
-            disk.run("rm", str(disk.path / "filler"))
             async with asyncio.timeout(60):
                 while sum(batch.boot_id == boot_id for _, batch, _ in service.batches) < batches:  # noqa: ASYNC110
                     await asyncio.sleep(0.05)
             outcome = await daemon.stop()
         assert outcome.code == 0
-        assert f"the disk is full; {10 * batches} samples wait in it" in outcome.err
+        assert "the disk is full; the older spool" in outcome.err
+        assert (
+            disk.run(sys.executable, "-c", ROWS, str(disk.path / "spool")) == "0 delete\n"
+        )  # no write-ahead log any more
+
+
+ROWS = """
+import sqlite3, sys
+database = sqlite3.connect(sys.argv[1])
+print(*database.execute("SELECT count(*) FROM batch").fetchone(), *database.execute("PRAGMA journal_mode").fetchone())
+"""
+
+CONVERTED = """
+import os, sys
+from pathlib import Path
+from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.delivery.spool_connection import SpoolError
+sys.path.insert(0, {tests!r})
+from daemon.spools import batch_of
+path = Path({path!r})
+with Spool(path / "spool", 10**7) as spool:
+    for _ in range(10):
+        spool.remove("bench", spool.oldest("bench"))
+    for doing in (spool.sweep, lambda: spool.put("bench", batch_of(500), 0.0)):
+        try:
+            doing()
+            print("not full")
+        except SpoolError:
+            pass
+    print(spool.unremoved, spool.waiting["bench"])
+    os.unlink(path / "filler")
+    spool.put("bench", batch_of(500), 0.0)
+    print(spool.sweep(), spool.unremoved, spool.waiting["bench"])
+with Spool(path / "spool", 10**7) as spool:
+    after, firsts = 0, []
+    while (one := spool.oldest("bench", after)) is not None:
+        after = one.number
+        firsts.append(one.batch.samples[0].sequence)
+    print(*firsts)
+"""
+
+
+@pytest.mark.parametrize("tails", [{"old": ""}, {"killed": "", "killed-wal": "-wal"}], ids=["stopped", "killed"])
+def test_a_spool_of_an_older_version_is_converted_once_the_disk_has_room(tmp_path: Path, tails: dict[str, str]) -> None:
+    old_spool(tmp_path / "old", 50)
+    with small_disk(tmp_path, size_kib=1024) as disk:
+        for name, tail in tails.items():
+            disk.run("cp", str(tmp_path / name), str(disk.path / f"spool{tail}"))
+        disk.fill()
+        code = CONVERTED.format(tests=str(Path(__file__).parents[1]), path=str(disk.path))
+        said = disk.run(sys.executable, "-c", code).splitlines()
+        assert said == ["10 400", "10 0 410", " ".join(map(str, range(100, 510, 10)))]
+        assert disk.run(sys.executable, "-c", ROWS, str(disk.path / "spool")) == "41 delete\n"

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from beamtouch_daemon.sources.polled import PolledSource
+from beamtouch_daemon.sources.reading import first_readings
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import VirtualSurface
@@ -20,7 +21,7 @@ from parts import require
 
 from .lines import joined_terminals
 from .process import free_port
-from .sessions import polled, source_in, take
+from .sessions import polled, source_in
 
 pytestmark = pytest.mark.anyio
 
@@ -61,9 +62,9 @@ async def test_a_libmodbus_server_is_read_over_tcp(server: Path) -> None:
 
     with serving(server, "tcp", str(port)):
         inputs, holding, wide = [
-            await take(of(table, [3, 0, 9]), 100),
-            await take(of(f"{table}\nfunction = 3", [3, 0, 9]), 50),
-            await take(source_in({}, table, ["register = 4\ntype = 'u32'\n", "register = 1"], 100.0), 50),
+            await first_readings(of(table, [3, 0, 9]), 100),
+            await first_readings(of(f"{table}\nfunction = 3", [3, 0, 9]), 50),
+            await first_readings(source_in({}, table, ["register = 4\ntype = 'u32'\n", "register = 1"], 100.0), 50),
         ]
     assert {reading.counts for reading in inputs} == {(1003, 1000, 1009)}
     assert {reading.counts for reading in holding} == {(2003, 2000, 2009)}
@@ -79,8 +80,8 @@ async def test_a_libmodbus_server_is_read_over_rtu(server: Path) -> None:
             assert process.stdout is not None
             assert await process.stdout.readline() == b"ready\n"
             table = f'kind = "modbus-rtu"\nport = "{ours}"\ntimeout_ms = 1000'
-            together = await take(of(table, [3, 0, 9]), 100)
-            bridged = await take(of(f"{table}\nbridge_registers = 9\nfunction = 3", [3, 0, 9]), 50)
+            together = await first_readings(of(table, [3, 0, 9]), 100)
+            bridged = await first_readings(of(f"{table}\nbridge_registers = 9\nfunction = 3", [3, 0, 9]), 50)
         finally:
             process.kill()
             await process.wait()

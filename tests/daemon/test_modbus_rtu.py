@@ -11,14 +11,14 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from beamtouch_daemon.sources import Buses
 from beamtouch_daemon.sources.polled import PolledSource
-from beamtouch_daemon.sources.reading import Reading, SourceError
+from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_unit import probes_of
 from beamtouch_daemon.tasks import cancel
 
 from .devices import Fault, NumberingUnit, Pieces, StampingUnit, rtu_units, with_crc
 from .lines import joined_terminals, terminal
-from .sessions import polled, source_in, take, take_across_sessions
+from .sessions import polled, source_in, take_across_sessions
 
 pytestmark = pytest.mark.anyio
 
@@ -65,7 +65,7 @@ async def test_registers_are_read_from_pymodbus_own_server() -> None:
         server = ModbusSerialServer(SimDevice(1, simdata=[data]), port=theirs, baudrate=115_200)
         await server.serve_forever(background=True)
         try:
-            readings = await take(make_source(ours, [2, 0, 1]), 20)
+            readings = await first_readings(make_source(ours, [2, 0, 1]), 20)
         finally:
             await server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it without annotations
     assert {reading.counts for reading in readings} == {(102, 100, 101)}
@@ -235,7 +235,7 @@ async def test_a_port_in_use_is_an_error_that_says_so() -> None:
             stream = make_source(line.path, [0, 1]).readings()
             await anext(stream)
             with pytest.raises(SourceError, match="is no other program using it"):
-                await take(make_source(line.path, [0, 1]), 1)
+                await first_readings(make_source(line.path, [0, 1]), 1)
             await stream.aclose()
 
 

@@ -10,13 +10,12 @@ from time import monotonic
 import pytest
 
 from beamtouch_daemon.config.sources import SerialLine
-from beamtouch_daemon.sources.reading import Reading, SourceError
+from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
 from beamtouch_daemon.sources.serial_line import SerialSource
 from beamtouch_protocol import messages
 
 from .devices import SerialDevice
 from .lines import terminal
-from .sessions import take
 
 pytestmark = pytest.mark.anyio
 
@@ -38,7 +37,7 @@ async def drain(stream: AsyncGenerator[list[Reading], None], within_s: float = 3
 async def test_a_session_is_stop_hello_start_readings_stop() -> None:
     with terminal() as line:
         device = SerialDevice(line)
-        readings = await take(make_source(line.path, [1, 0]), 20)
+        readings = await first_readings(make_source(line.path, [1, 0]), 20)
         await asyncio.sleep(0.05)
         session = [message for message in device.received if not isinstance(message, messages.Ping)]
         assert session == [messages.Stop(), messages.HelloRequest(), messages.Start(200, 1), messages.Stop()]
@@ -52,7 +51,7 @@ async def test_a_session_is_stop_hello_start_readings_stop() -> None:
 async def test_times_follow_the_device_clock_across_its_wrap_and_are_never_later_than_now() -> None:
     with terminal() as line:
         SerialDevice(line)
-        readings = await take(make_source(line.path), 100)
+        readings = await first_readings(make_source(line.path), 100)
         assert readings[-1].monotonic_s <= monotonic()
     assert all(later.monotonic_s >= earlier.monotonic_s for earlier, later in pairwise(readings))
     assert 0.4 < readings[-1].monotonic_s - readings[0].monotonic_s < 2.0
@@ -93,7 +92,7 @@ async def test_sums_that_do_not_fit_are_refused() -> None:
         SerialDevice(line)
         settings = SerialLine(kind="serial", port=line.path, oversampling=2)
         with pytest.raises(SourceError, match="sums of 2 conversions of 16 bits do not fit; lower oversampling"):
-            await take(SerialSource(settings, [0], 200.0, adc_bits=[16]), 1)
+            await first_readings(SerialSource(settings, [0], 200.0, adc_bits=[16]), 1)
 
 
 async def test_a_repeated_frame_is_not_a_second_reading() -> None:
@@ -122,7 +121,7 @@ async def test_a_reset_device_begins_a_new_session() -> None:
             device.reset(boot_id=2)
             with pytest.raises(SourceError, match="the device was reset"):
                 await drain(stream)
-        assert (await take(source, 1))[0].counts == (20_000, 21_000)
+        assert (await first_readings(source, 1))[0].counts == (20_000, 21_000)
 
 
 async def test_a_device_whose_clock_goes_back_begins_a_new_session_with_fresh_readings() -> None:
@@ -136,7 +135,7 @@ async def test_a_device_whose_clock_goes_back_begins_a_new_session_with_fresh_re
             device.set_back(back_s)
             with pytest.raises(SourceError, match="the device's clock went back"):
                 await drain(stream, within_s=30.0)
-        readings = await take(make_source(line.path), 20)
+        readings = await first_readings(make_source(line.path), 20)
         assert monotonic() - readings[-1].monotonic_s < back_s / 2
 
 
@@ -166,7 +165,7 @@ async def test_a_device_that_the_configuration_does_not_describe_is_refused(
     with terminal() as line:
         SerialDevice(line, **device)
         with pytest.raises(SourceError, match=complaint):
-            await take(make_source(line.path, indices, rate_hz), 1)
+            await first_readings(make_source(line.path, indices, rate_hz), 1)
 
 
 async def test_other_adc_bits_than_configured_are_refused() -> None:
@@ -174,7 +173,7 @@ async def test_other_adc_bits_than_configured_are_refused() -> None:
         SerialDevice(line)
         settings = SerialLine(kind="serial", port=line.path)
         with pytest.raises(SourceError, match="the device has 16 ADC bits; correct adc_bits"):
-            await take(SerialSource(settings, [0], 200.0, adc_bits=[12]), 1)
+            await first_readings(SerialSource(settings, [0], 200.0, adc_bits=[12]), 1)
 
 
 async def test_a_silent_device_is_an_error_in_the_hello_and_in_the_stream(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -182,7 +181,7 @@ async def test_a_silent_device_is_an_error_in_the_hello_and_in_the_stream(monkey
 
     with terminal() as line:
         with pytest.raises(SourceError, match=r"no hello within 0\.4 s"):
-            await take(make_source(line.path), 1)
+            await first_readings(make_source(line.path), 1)
         device = SerialDevice(line)
         async with aclosing(make_source(line.path).readings()) as stream:
             await anext(stream)
@@ -208,4 +207,4 @@ async def test_a_port_in_use_is_an_error() -> None:
         async with aclosing(make_source(line.path).readings()) as stream:
             await anext(stream)
             with pytest.raises(SourceError, match="cannot be opened"):
-                await take(make_source(line.path), 1)
+                await first_readings(make_source(line.path), 1)

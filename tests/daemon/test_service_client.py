@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon.config import file as config_file
+from beamtouch_common.errors import InputError
+from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError
-from beamtouch_daemon.exits import ConfigError
 from certificates import make_certificate
 
 from . import configs
@@ -66,15 +66,15 @@ def test_an_invalid_certificate_is_refused_in_one_line(tmp_path: Path, content: 
     if content is not None:
         (tmp_path / "service.pem").write_bytes(content)
 
-    with pytest.raises(ConfigError, match=rf"^publish\.certificate_file: .*{said}") as caught:
-        config_file.load(path).read_certificates()
+    with pytest.raises(InputError, match=rf"^publish\.certificate_file: .*{said}") as caught:
+        load_config(path).read_certificates()
     assert "\n" not in str(caught.value)
 
 
 def test_a_certificate_is_found_beside_the_configuration(tmp_path: Path) -> None:
     make_certificate(tmp_path)
     path = configs.write(tmp_path, configs.surface(source=configs.serial("/dev/null")))
-    assert config_file.load(path).read_certificates() is None
+    assert load_config(path).read_certificates() is None
     path.write_text(path.read_text().replace("[publish]", '[publish]\ncertificate_file = "certificate.pem"'))
 
-    assert config_file.load(path).read_certificates() == (tmp_path / "certificate.pem").read_text()
+    assert load_config(path).read_certificates() == (tmp_path / "certificate.pem").read_text()

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamtouch_common.errors import InputError
 from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.signal import Channel
-from beamtouch_daemon.exits import ConfigError
 from beamtouch_daemon.processing import tare
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models.filters import FloatArray
@@ -120,5 +120,5 @@ def test_without_a_file_nothing_is_overridden(tmp_path: Path) -> None:
 def test_a_tare_file_that_does_not_fit_is_refused_with_a_remedy(tmp_path: Path, content: str) -> None:
     path = tmp_path / "bench.tare.json"
     path.write_text(content)
-    with pytest.raises(ConfigError, match="delete it or run beamtouch-daemon tare again"):
+    with pytest.raises(InputError, match="delete it or run beamtouch-daemon tare again"):
         tare_file.load(path, CHANNELS)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_daemon.config.file import load
+from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
@@ -24,7 +24,7 @@ from example_scenes import SCENES
 def surface_of(metadata: Metadata, folder: Path) -> Surface:
     path = folder / "daemon.toml"
     path.write_text(daemon_config(metadata))
-    (surface,) = load(path).surfaces.values()
+    (surface,) = load_config(path).surfaces.values()
     return surface
 
 

@@ -58,7 +58,7 @@ def test_a_table_lists_every_effect(design_sensors_here: Command) -> None:
     ("old", "new", "said"),
     [
         ("[beam]", "[beam]\nsupports = [{at_mm = 100}]", "one simple support lets the beam rotate: add a support"),
-        ("[beam]", "[beam]\nsupports = [{at_mm = 100, kin = 'fixed'}]", "unknown key beam.supports.0.kin"),
+        ("[beam]", "[beam]\nsupports = [{at_mm = 100, kin = 'fixed'}]", "unknown key beam.supports[0].kin"),
         ("[beam]", "[beam]\nsegments = [{to_mm = 300}]", "they must cover it exactly"),
         ("[beam]", "[beam]\nfoundation_n_mm2 = 1e30", "too stiff beside this beam"),
         ("force_n = 10.0", "force_n = 300", "small-angle theory"),

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamtouch_common.errors import InputError
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import Sensor
 from beamtouch_models.modelfile import ModelFile
@@ -75,7 +76,7 @@ def test_a_script_repeats_unless_told_otherwise(tmp_path: Path) -> None:
     ],
 )
 def test_a_bad_script_is_refused(tmp_path: Path, text: str, said: str) -> None:
-    with pytest.raises(SceneError, match=said):
+    with pytest.raises(InputError, match=said):
         script_of(tmp_path, text)
 
 

@@ -13,7 +13,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from beamtouch_models import cli, command_line
+from beamtouch_common import commands
+from beamtouch_models import cli
 
 Scene = dict[str, dict[str, Any]]
 
@@ -108,7 +109,7 @@ def check_answered(code: int, out: str, err: str) -> None:
     if code == 0:
         assert all(math.isfinite(number) for number in numbers_in(json.loads(out)))
         return
-    assert code == command_line.WRONG_INPUT, err
+    assert code == commands.WRONG_INPUT, err
     assert out == ""
     assert len([line for line in err.splitlines() if line.startswith("design-sensors: ")]) == 1, err
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from beamtouch_service import cli, version
+from beamtouch_common.commands import version
+from beamtouch_service import cli
 
 
 def ended(arguments: list[str]) -> int:
@@ -43,4 +44,6 @@ def test_a_wrong_option_is_one_line_and_exit_code_2(
 
 def test_a_wrong_setting_is_one_line_and_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["run", "--stale-ms", "nan"]) == 2
-    assert capsys.readouterr().err == ("beamtouch-service: command line: --stale-ms: Input should be a finite number\n")
+    assert capsys.readouterr().err == (
+        "beamtouch-service: command line: --stale-ms: Input should be a finite number (given: nan)\n"
+    )

@@ -7,10 +7,11 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from beamtouch_daemon.config import file as config_file
+from beamtouch_common.commands import DONE, FAILED
 from beamtouch_daemon.config import tare_file
+from beamtouch_daemon.config.file import load_config, require_ports
 from beamtouch_daemon.config.settings import Config, Surface
-from beamtouch_daemon.exits import DONE, FAILED, complain
+from beamtouch_daemon.exits import complain
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources import Buses, source_of
@@ -46,9 +47,9 @@ class SurfaceState:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command; ConfigError if the configuration or a tare file cannot be used."""
-    settings = config_file.load(arguments.config)
-    config_file.require_ports(settings)
+    """Run the command; InputError if the configuration or a tare file cannot be used."""
+    settings = load_config(arguments.config)
+    require_ports(settings)
     states = asyncio.run(check(settings))
     is_good = all(state.is_good for state in states)
     if arguments.json:
@@ -60,12 +61,12 @@ def run(arguments: argparse.Namespace) -> int:
                 print(f"{state.surface}: {limit}")
     for state in states:
         if state.error:
-            complain(f"{state.surface}: {state.error}", FAILED)
+            complain(f"{state.surface}: {state.error}")
     return DONE if is_good else FAILED
 
 
 async def check(config: Config) -> list[SurfaceState]:
-    """Read every surface once, all at the same time; ConfigError if a tare file does not fit."""
+    """Read every surface once, all at the same time; InputError if a tare file does not fit."""
     rest = {name: tare_file.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
     buses: Buses = {}
     return await asyncio.gather(*(_check(name, s, rest[name], buses) for name, s in config.surfaces.items()))

@@ -4,13 +4,14 @@ import argparse
 import asyncio
 import sys
 
+from beamtouch_common.commands import DONE, FAILED
+from beamtouch_common.errors import FailedError, InputError
 from beamtouch_daemon.commands.load_recorder import LoadRecorder, LoadRefusedError, require_stated
 from beamtouch_daemon.commands.record_dialogue import ACCEPT, HELP, Dialogue, Undo, load_of
 from beamtouch_daemon.commands.record_table import Load, Table, table
-from beamtouch_daemon.config import file as config_file
 from beamtouch_daemon.config import tare_file
+from beamtouch_daemon.config.file import load_config, require_ports
 from beamtouch_daemon.config.settings import Config, Loads
-from beamtouch_daemon.exits import DONE, FAILED, WRONG_INPUT, complain
 from beamtouch_daemon.sources.reading import SourceError
 from beamtouch_daemon.tasks import cancel
 
@@ -18,21 +19,25 @@ MAX_SECONDS = 3600.0
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command; ConfigError if the configuration, a tare file or the output cannot be used."""
-    settings = config_file.load(arguments.config)
+    """Run the command; InputError for wrong input, FailedError if a load was not recorded."""
+    settings = load_config(arguments.config)
     names = ", ".join(settings.surfaces)
     name: str | None = arguments.surface or (names if len(settings.surfaces) == 1 else None)
     if name is None:
-        return complain(f"--surface: choose one of {names}", WRONG_INPUT)
+        message = f"--surface: choose one of {names}"
+        raise InputError(message)
     if name not in settings.surfaces:
-        return complain(f"--surface: there is no surface {name}; choose one of {names}", WRONG_INPUT)
+        message = f"--surface: there is no surface {name}; choose one of {names}"
+        raise InputError(message)
     if not 0 < arguments.seconds <= MAX_SECONDS:
-        return complain(f"--seconds: give more than 0 and at most {MAX_SECONDS:g}", WRONG_INPUT)
+        message = f"--seconds: give more than 0 and at most {MAX_SECONDS:g}"
+        raise InputError(message)
     try:
         given = _given(arguments, settings.surfaces[name].loads)
     except (ValueError, LoadRefusedError) as error:
-        return complain(f"--at: {error}", WRONG_INPUT)
-    config_file.require_ports(settings)
+        message = f"--at: {error}"
+        raise InputError(message) from None
+    require_ports(settings)
     return _record_to_file(settings, name, given, arguments)
 
 
@@ -63,10 +68,12 @@ def _record_to_file(settings: Config, name: str, given: list[Load] | None, argum
         try:
             not_recorded = asyncio.run(recorded(to))
         except SourceError as error:
-            return complain(f"{name}: {error}; {to.loads} loads are in {path}", FAILED)
+            message = f"{name}: {error}; {to.loads} loads are in {path}"
+            raise FailedError(message) from None
     print(f"{to.loads} loads in {path}; next: design-sensors calibrate MODEL {path} -o MODEL")
     if not_recorded:
-        return complain(f"{name}: not recorded: {', '.join(map(str, not_recorded))}; put them on again", FAILED)
+        message = f"{name}: not recorded: {', '.join(map(str, not_recorded))}; put them on again"
+        raise FailedError(message)
     return DONE if to.loads else FAILED
 
 

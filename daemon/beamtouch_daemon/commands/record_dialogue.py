@@ -10,10 +10,10 @@ import sys
 import threading
 from dataclasses import replace
 
+from beamtouch_common.errors import InputError
 from beamtouch_daemon.commands.load_recorder import LoadRefusedError, require_stated
 from beamtouch_daemon.commands.record_table import Load
 from beamtouch_daemon.config.settings import Loads
-from beamtouch_daemon.exits import ConfigError
 
 ACCEPT, UNDO = "accept", "undo"
 """Words of the dialogue: record a load without checks, and remove the last load."""
@@ -58,7 +58,7 @@ class Dialogue:
 
         Raises
         ------
-        ConfigError
+        InputError
             A wrong answer, without a terminal.
         """
         while self._given is None or self._next < len(self._given):
@@ -70,7 +70,7 @@ class Dialogue:
             except (ValueError, LoadRefusedError) as error:
                 if not self._is_terminal:
                     message = f"standard input: {line.strip()!r}: {error}; {number - 1} loads are recorded"
-                    raise ConfigError(message) from None
+                    raise InputError(message) from None
                 self.say(str(error))
         return None
 

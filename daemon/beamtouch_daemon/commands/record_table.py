@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from beamtouch_daemon.exits import ConfigError
+from beamtouch_common.errors import InputError
 from beamtouch_daemon.processing.pipeline import Taken
 
 LOAD_COLUMNS = ("unix_time_s", "load", "position_mm", "force_n")
@@ -105,28 +105,31 @@ def table(path: Path, channels: Sequence[str], *, append: bool) -> Iterator[Tabl
 
     Raises
     ------
-    ConfigError
+    InputError
         The file exists and `append` is false, or it has other columns, or it cannot be written.
     """
     try:
-        if append and path.exists():
-            with path.open("r+", newline="", encoding="utf-8") as file:
-                made = Table(file, channels)
-                if not made.read():
-                    message = f"{path}: its columns are not those of this surface; write to another file"
-                    raise ConfigError(message)
-                yield made
-            return
-        with path.open("x", newline="", encoding="utf-8") as file:
+        with path.open("r+" if append and path.exists() else "x", newline="", encoding="utf-8") as file:
             made = Table(file, channels)
-            made.write_header()
+            if file.mode == "x":
+                made.write_header()
+            else:
+                _read(made, path)
             yield made
     except FileExistsError:
         message = f"{path}: already exists; add --append or name another file"
-        raise ConfigError(message) from None
-    except (ValueError, UnicodeDecodeError):
-        message = f"{path}: not a recording; write to another file"
-        raise ConfigError(message) from None
+        raise InputError(message) from None
     except OSError as error:
         message = f"{path}: {error.strerror}"
-        raise ConfigError(message) from None
+        raise InputError(message) from None
+
+
+def _read(made: Table, path: Path) -> None:
+    try:
+        fits = made.read()
+    except ValueError:  # also bytes that are no text
+        message = f"{path}: not a recording; write to another file"
+        raise InputError(message) from None
+    if not fits:
+        message = f"{path}: its columns are not those of this surface; write to another file"
+        raise InputError(message)

@@ -7,26 +7,29 @@ import json
 import sys
 from pathlib import Path
 
-from beamtouch_daemon.exits import DONE, FAILED, INTERRUPTED, WRONG_INPUT, complain
-from beamtouch_daemon.files import write_atomically
+from beamtouch_common.commands import DONE, INTERRUPTED
+from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.files import write_atomically
 from beamtouch_daemon.running import runtime
 from beamtouch_daemon.running.surface_worker import Summary
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command; ConfigError if the configuration, or a file that it names, cannot be used."""
+    """Run the command; InputError if the configuration, or a file that it names, cannot be used."""
     path: Path | None = arguments.summary
     if path and not path.parent.is_dir():
-        return complain(f"--summary: {path.parent} is not a directory", WRONG_INPUT)
+        message = f"--summary: {path.parent} is not a directory"
+        raise InputError(message)
     ended = asyncio.run(runtime.run(arguments.config))
     for name, summary in ended.summaries.items():
         _print(name, summary)
     if path:
         content = {"surfaces": {name: dataclasses.asdict(summary) for name, summary in ended.summaries.items()}}
         try:
-            write_atomically(path, json.dumps(content, indent=2) + "\n")
+            write_atomically(path, (json.dumps(content, indent=2) + "\n").encode(), mode=0o644)
         except OSError as error:
-            return complain(f"--summary: cannot write {path}: {error.strerror}", FAILED)
+            message = f"--summary: cannot write {path}: {error.strerror}"
+            raise FailedError(message) from None
     return INTERRUPTED if ended.is_interrupted else DONE
 
 

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from beamtouch_daemon.config import file as config_file
+from beamtouch_common.commands import DONE
+from beamtouch_common.errors import InputError
 from beamtouch_daemon.config import tare_file
+from beamtouch_daemon.config.file import load_config, require_ports
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.exits import DONE, FAILED, WRONG_INPUT, ConfigError, complain
+from beamtouch_daemon.exits import complain
 from beamtouch_daemon.processing import stuck, tare
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
@@ -19,13 +21,14 @@ from beamtouch_daemon.sources.reading import SourceError, first_readings
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command; ConfigError if the configuration cannot be used."""
-    settings = config_file.load(arguments.config)
+    """Run the command; InputError if the configuration cannot be used."""
+    settings = load_config(arguments.config)
     chosen: str | None = arguments.surface
     if chosen is not None and chosen not in settings.surfaces:
         names = ", ".join(settings.surfaces)
-        return complain(f"--surface: there is no surface {chosen}; choose one of {names}", WRONG_INPUT)
-    config_file.require_ports(settings)
+        message = f"--surface: there is no surface {chosen}; choose one of {names}"
+        raise InputError(message)
+    require_ports(settings)
     accept: bool = arguments.accept_change
     codes = [
         _tare(settings.surfaces[name], name, settings.tare_file(name), accept_change=accept)
@@ -38,15 +41,15 @@ def _tare(surface: Surface, name: str, path: Path, *, accept_change: bool) -> in
     """Tare one surface and return the exit code."""
     try:
         last_mm = tare_file.load(path, surface.channel_names)
-    except ConfigError:
+    except InputError:
         last_mm = {}  # a file that cannot be used is replaced
     try:
         gaps, readings = asyncio.run(measure_rest(surface, last_mm, accept_change=accept_change))
         tare_file.save(path, name, readings, gaps)
     except (SourceError, tare.TareRefusedError) as error:
-        return complain(f"{name}: not tared: {error}", FAILED)
+        return complain(f"{name}: not tared: {error}")
     except OSError as error:
-        return complain(f"{name}: cannot write {path}: {error.strerror}", FAILED)
+        return complain(f"{name}: cannot write {path}: {error.strerror}")
     text = ", ".join(f"{channel} {gap:.4f} mm" for channel, gap in gaps.items())
     print(f"{name}: rest gaps {text}, mean of {readings} readings, in {path}")
     return DONE

@@ -1,13 +1,10 @@
 """The daemon's configuration: unknown keys are refused, and names state their units. `config.file` reads it."""
 
-import ssl
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, Self
-from urllib.parse import urlsplit
 
 from pydantic import (
-    AfterValidator,
     Field,
     FiniteFloat,
     PrivateAttr,
@@ -16,43 +13,10 @@ from pydantic import (
 )
 
 from beamtouch_daemon.config.modules import module_of
+from beamtouch_daemon.config.publish import Publish, read_certificates, read_token
 from beamtouch_daemon.config.signal import Channel, Filter, LowPass, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
-from beamtouch_daemon.exits import ConfigError
 from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
-
-
-def reason_of(error: OSError | UnicodeDecodeError) -> str:
-    """Return the reason why a file cannot be read, in a few words."""
-    return (error.strerror if isinstance(error, OSError) else None) or "not text"
-
-
-def _http_url(value: str) -> str:
-    parts = urlsplit(value)
-    if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment:
-        message = "must look like http://127.0.0.1:8420"
-        raise ValueError(message)
-    _ = parts.port  # raises ValueError when it is not a port number
-    return value.rstrip("/")
-
-
-class Publish(Strict):
-    """The service that receives the samples, and the buffers in front of it."""
-
-    url: Annotated[str, AfterValidator(_http_url)]
-    """Address of the service, without a path."""
-    token_file: RelativePath
-    """File with the service's bearer token and nothing else."""
-    certificate_file: RelativePath | None = None
-    """Certificates to trust with https (PEM); default: those of the system."""
-    batch_ms: Annotated[FiniteFloat, Field(ge=1, le=10_000)] = 4.0
-    """Longest time to collect samples for one request."""
-    queue_samples: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
-    """Limit of undelivered samples per surface in memory; beyond it the oldest are dropped and counted."""
-    spool_file: RelativePath = Path("beamtouch-daemon.spool")
-    """Keeps undelivered samples on disk."""
-    spool_mb: Annotated[FiniteFloat, Field(ge=0, le=100_000)] = 200.0
-    """Limit of the spool's size; beyond it the oldest samples are dropped and counted. 0: no spool."""
 
 
 class Metrics(Strict):
@@ -192,33 +156,10 @@ class Config(Strict):
         return self._directory / (self.surfaces[name].tare_file or f"{name}.tare.json")
 
     def read_certificates(self) -> str | None:
-        """Return the certificates to trust (PEM), None for those of the system; ConfigError if they cannot be used."""
-        if self.publish.certificate_file is None:
-            return None
-        path = self._directory / self.publish.certificate_file
-        try:
-            pem = path.read_text(encoding="ascii")
-        except (OSError, UnicodeDecodeError) as error:
-            message = f"publish.certificate_file: cannot read {path} ({reason_of(error)})"
-            raise ConfigError(message) from error
-        try:
-            ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=pem)
-        except (ssl.SSLError, ValueError) as error:
-            message = f"publish.certificate_file: {path} contains no PEM certificate; name the service's"
-            raise ConfigError(message) from error
-        return pem
+        """Return the certificates to trust (PEM), None for those of the system; InputError if they cannot be used."""
+        file = self.publish.certificate_file
+        return None if file is None else read_certificates(self._directory / file)
 
     def read_token(self) -> str:
-        """Return the bearer token; ConfigError if it cannot be read."""
-        path = self._directory / self.publish.token_file
-        try:
-            token = path.read_text(encoding="ascii").strip()
-        except (OSError, UnicodeDecodeError) as error:
-            message = (
-                f"publish.token_file: cannot read {path} ({reason_of(error)}); it must contain the service's token"
-            )
-            raise ConfigError(message) from error
-        if not token or not token.isprintable() or " " in token:
-            message = f"publish.token_file: {path} must contain the service's token and nothing else"
-            raise ConfigError(message)
-        return token
+        """Return the bearer token; InputError if it cannot be read."""
+        return read_token(self._directory / self.publish.token_file)

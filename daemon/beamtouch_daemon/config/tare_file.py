@@ -6,9 +6,12 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
 
-from beamtouch_daemon.exits import ConfigError
-from beamtouch_daemon.files import write_atomically
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import write_atomically
 from beamtouch_service.samples import ChannelName, SurfaceName
+
+MODE = 0o644
+"""Permissions: the user of the service reads what root measured, whatever the umask of root."""
 
 
 class TareFile(BaseModel):
@@ -28,19 +31,19 @@ def save(path: Path, surface: str, readings: int, rest_gap_mm: dict[str, float])
     """Write a tare file whole or not at all; OSError if that is impossible."""
     now = datetime.now(UTC).isoformat(timespec="seconds")
     content = TareFile(surface=surface, taken_at=now, readings=readings, rest_gap_mm=rest_gap_mm)
-    write_atomically(path, content.model_dump_json(indent=2) + "\n")
+    write_atomically(path, (content.model_dump_json(indent=2) + "\n").encode(), mode=MODE)
 
 
 def load(path: Path, channels: Sequence[str]) -> dict[str, float]:
-    """Return the rest gaps [mm] by channel name; empty without a file. ConfigError if the file cannot be used."""
+    """Return the rest gaps [mm] by channel name; empty without a file. InputError if the file cannot be used."""
     try:
         content = TareFile.model_validate_json(path.read_bytes())
     except FileNotFoundError:
         return {}
     except (OSError, ValidationError) as error:
         message = f"{path}: not a tare file; delete it or run beamtouch-daemon tare again"
-        raise ConfigError(message) from error
+        raise InputError(message) from error
     if set(content.rest_gap_mm) != set(channels):
         message = f"{path}: made for other channels; delete it or run beamtouch-daemon tare again"
-        raise ConfigError(message)
+        raise InputError(message)
     return content.rest_gap_mm

@@ -6,7 +6,6 @@ inspection, and delivery continues without it. All calls block; `Disk` makes the
 because no queue library bounds the size, survives a full disk and rescues rows of a damaged file.
 """
 
-import logging
 import sqlite3
 import time
 import uuid
@@ -16,18 +15,15 @@ from pathlib import Path
 from typing import Any, Self
 
 from beamtouch_daemon.delivery import spool_entries
+from beamtouch_daemon.delivery.spool_aside import Aside
 from beamtouch_daemon.delivery.spool_connection import SpoolConnection, SpoolError
-from beamtouch_daemon.delivery.spool_row import BadRowError, Spooled, batch_of, row_of
-from beamtouch_daemon.faults import Fault
+from beamtouch_daemon.delivery.spool_ledger import Ledger
+from beamtouch_daemon.delivery.spool_row import BadRowError, Spooled, row_of
 from beamtouch_service.samples import Batch
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-ASIDE_SHARE = 0.1
-"""Share of the spool for batches that are set aside; beyond it the oldest of them are deleted."""
 SWEEP_BATCHES = 500
 """Limit of deletions in one transaction."""
-
-_log = logging.getLogger(__name__)
 
 
 class TooLargeError(SpoolError):
@@ -51,28 +47,19 @@ class Spool:
     """
 
     def __init__(self, path: Path, max_bytes: int) -> None:
-        self.waiting: Counter[str] = Counter()
-        """Samples that wait for delivery, by surface."""
-        self.dropped: Counter[str] = Counter()
-        """Samples that were dropped for lack of room or lost with a deleted file, by surface."""
-        self.set_aside: Counter[str] = Counter()
-        """Samples that cannot be delivered and are kept for inspection, by surface."""
+        self._ledger = Ledger()
+        self.waiting, self.dropped = self._ledger.waiting, self._ledger.dropped
+        self.set_aside = self._ledger.set_aside
         self._max_bytes = max_bytes
-        self._aside_fault = Fault(_log, "spool")
-        self._done: set[int] = set()
-        """Numbers of delivered batches that are not deleted from the file yet."""
-        self._skipped: set[int] = set()
-        """Numbers of batches that are set aside, perhaps not yet in the file."""
-        self._next = 1
+        self._aside = Aside(self._ledger, max_bytes)
         # Without this file, every start counts as another boot: ages are then too large, never too small.
         self._machine_boot = BOOT_ID.read_text().strip() if BOOT_ID.exists() else str(uuid.uuid4())
-        self._bytes = 0
         self._file = SpoolConnection(
             path,
-            round(ASIDE_SHARE * max_bytes),
+            self._aside.max_bytes,
             self._take_stock,
-            lambda: self._done | self._skipped,
-            self._lose_all,
+            lambda: self._ledger.over,
+            self._ledger.lose_all,
         )
 
     def __enter__(self) -> Self:
@@ -91,7 +78,7 @@ class Spool:
 
     @property
     def is_open(self) -> bool:
-        """Whether the file is open; on a full disk it can be opened only once there is room."""
+        """Whether the file is open; on a full disk a new one can be created only once there is room."""
         return self._file.is_open
 
     def open(self) -> None:
@@ -102,7 +89,7 @@ class Spool:
     @property
     def unremoved(self) -> int:
         """Number of delivered batches that are still in the file."""
-        return len(self._done)
+        return len(self._ledger.done)
 
     def put(self, surface: str, batch: Batch, newest_monotonic_s: float, *, is_last: bool = False) -> int:
         """Add a batch after all others of its surface; without room, drop the oldest batches of all surfaces.
@@ -136,9 +123,7 @@ class Spool:
             if not is_last or not self._file.release():
                 raise
             self._insert(row, length)
-        self._next += 1
-        self.waiting[surface] += len(batch.samples)
-        return self._next - 1
+        return self._ledger.added(surface, len(batch.samples), length)
 
     def put_refused(self, surface: str, batch: Batch, reason: str) -> None:
         """Keep a batch for inspection that the service will never take. SpoolError if that fails."""
@@ -156,27 +141,30 @@ class Spool:
             if number is None:
                 return None
             after = number
-            if after in self._done or after in self._skipped:
+            if after in self._ledger.over:
                 continue
             try:
-                return self._read(after)
+                return self._aside.read(self._file, after, self._machine_boot)
             except BadRowError as error:
                 self.keep_aside(surface, after, str(error))
 
     def remove(self, surface: str, spooled: Spooled) -> None:
         """Mark a batch as delivered. It only comes back after a crash before `sweep`."""
-        self._done.add(spooled.number)
-        self.waiting[surface] -= len(spooled.batch.samples)
+        self._ledger.delivered(surface, spooled.number, len(spooled.batch.samples))
 
     def sweep(self) -> int:
         """Delete delivered batches from the file; return their number. SpoolError if it cannot be written."""
-        numbers = sorted(self._done)[:SWEEP_BATCHES]
+        numbers = sorted(self._ledger.done)[:SWEEP_BATCHES]
         if not numbers:
             return 0
-        with self._file.access("write to") as database:
-            freed = [spool_entries.delete(database, number) for number in numbers]
-        self._bytes -= sum(freed)
-        self._done.difference_update(numbers)
+        try:
+            with self._file.access("write to") as database:
+                freed = [spool_entries.delete(database, number) for number in numbers]
+        except SpoolError:
+            if not self._start_anew():
+                raise
+            return len(numbers)
+        self._ledger.swept(numbers, sum(freed))
         if not any(self.waiting.values()):
             with suppress(SpoolError), self._file.access("shrink") as database:  # frees the room for other programs
                 database.executescript("PRAGMA incremental_vacuum;")
@@ -185,67 +173,26 @@ class Spool:
 
     def keep_aside(self, surface: str, number: int, reason: str) -> None:
         """Set a batch aside: keep it in the file, undelivered. If the file cannot be written, note that in memory."""
-        self._skipped.add(number)
-        samples = 0
-        with suppress(SpoolError), self._file.access("read") as database:
-            samples = spool_entries.samples_of(database, number)
-        self.waiting[surface] -= samples
-        self.set_aside[surface] += samples
-        self._aside_fault.failed(f"{surface}: a batch of {samples} samples is set aside: {reason}")
-        with suppress(SpoolError):
-            with self._file.access("write to") as database:
-                spool_entries.set_aside(database, number, reason)
-            with self._file.access("write to") as database:
-                freed = spool_entries.trim_aside(database, ASIDE_SHARE * self._max_bytes)
-            self._bytes -= freed
+        self._aside.keep(self._file, surface, number, reason)
 
     def _insert(self, row: tuple[Any, ...], length: int) -> None:
         with self._file.access("write to") as database:
-            deleted = spool_entries.delete_oldest(database, self._bytes + length - self._max_bytes)
-            spool_entries.insert(database, self._next, row)
-        self._bytes += length
-        for number, name, samples, freed, waits in deleted:
-            self._bytes -= freed
-            if waits and number not in self._done | self._skipped:
-                self.waiting[name.decode()] -= samples
-                self.dropped[name.decode()] += samples
+            deleted = spool_entries.delete_oldest(database, self._ledger.bytes + length - self._max_bytes)
+            spool_entries.insert(database, self._ledger.next, row)
+        self._ledger.gave_way(deleted)
 
-    def _read(self, number: int) -> Spooled:
-        """Return a batch; BadRowError for a damaged row, SpoolError if the whole file cannot be read."""
-        try:
-            with self._file.access("read") as database:
-                row = spool_entries.row(database, number)
-        except SpoolError as error:
-            if not self._file.is_open:  # damaged
-                raise
-            # One bad sector is one bad row. If the whole disk is gone, this write fails too, and is tried again.
-            reason = f"it cannot be read ({error.__cause__})"
-            with self._file.access("write to") as database:
-                spool_entries.set_aside(database, number, reason)
-            raise BadRowError(reason) from error
-        if row is None:
-            message = "the row is gone"
-            raise BadRowError(message)
-        return batch_of(row, number, self._machine_boot)
-
-    def _lose_all(self) -> None:
-        """Count all waiting samples as dropped."""
-        self.dropped.update(self.waiting)
-        self.waiting.clear()
-        self._done.clear()
-        self._skipped.clear()
+    def _start_anew(self) -> bool:
+        """Replace a file that can only be read once everything in it was delivered; return whether that was so."""
+        if self._file.is_writable:
+            return False
+        with self._file.access("read") as database:
+            if spool_entries.count(database) > self.unremoved:
+                return False
+        self._ledger.done.clear()
+        self._file.start_anew()
+        return True
 
     def _take_stock(self, database: sqlite3.Connection, lost: Counter[str]) -> None:
         """Count the batches in the file, and those that it lost."""
-        before, reason = Counter(self.waiting), "its surface has no valid name"
-        with database:
-            nameless = spool_entries.set_nameless_aside(database, reason)
-        if nameless:
-            self.set_aside[""] += nameless
-            self._aside_fault.failed(f"{nameless} samples are set aside: {reason}")
-        self._bytes, last, waiting = spool_entries.totals(database)
-        self._next = max(self._next, last + 1)
-        self.waiting.clear()
-        self.waiting.update(waiting)
-        for surface in before | lost:
-            self.set_aside[surface] += max(lost[surface], before[surface] - self.waiting[surface])
+        self._aside.keep_nameless(database)
+        self._ledger.take_stock(*spool_entries.totals(database), lost)

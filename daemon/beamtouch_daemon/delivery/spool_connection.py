@@ -18,11 +18,11 @@ class SpoolError(Exception):
 
 
 class SpoolFullError(SpoolError):
-    """The disk has no room to create the spool, or to convert one of an older version."""
+    """The disk has no room to create the spool."""
 
 
 class SpoolConnection:
-    """Transactions on the file. On a full disk it may not be open yet; each access tries again.
+    """Transactions on the file. On a full disk it may not be open or writable yet; each access tries again.
 
     Parameters
     ----------
@@ -73,6 +73,22 @@ class SpoolConnection:
         """Whether there is a connection; there is none while the disk is full, or once damage was found."""
         return self._database is not None
 
+    @property
+    def is_writable(self) -> bool:
+        """Whether the file can be written; one of an older version can only be read while the disk is full."""
+        return self._database is not None and spool_file.is_writable(self._database)
+
+    def start_anew(self) -> None:
+        """Delete the file and create a new one; SpoolError if that fails."""
+        self.close()
+        try:
+            for tail in ("", "-wal", "-journal"):
+                self._path.with_name(self._path.name + tail).unlink(missing_ok=True)
+        except OSError as error:
+            message = f"cannot replace the spool: {error.strerror}"
+            raise SpoolError(message) from error
+        self._connect()
+
     @contextmanager
     def access(self, doing: str) -> Iterator[sqlite3.Connection]:
         """Use the file in a transaction; SpoolError if it fails. A damaged file is replaced at the next access."""
@@ -82,6 +98,8 @@ class SpoolConnection:
             self._on_gone()
         database = self._database or self._connect()
         try:
+            if doing != "read" and not spool_file.is_writable(database):
+                spool_file.make_writable(database, self._path)
             with database:
                 yield database
         except sqlite3.DatabaseError as error:
@@ -115,6 +133,8 @@ class SpoolConnection:
                 database.close()
             raise self._explained(error) from error
         self._database, self._identity = database, _identity_of(self._path)
+        if not self.is_writable:
+            _log.error("the disk is full; the older spool %s is delivered, but nothing is added to it", self._path)
         self.reserve()
         return database
 
@@ -140,8 +160,6 @@ class SpoolConnection:
         if code == sqlite3.SQLITE_BUSY:
             return SpoolError(f"{self._path} is in use by another process")
         if code == sqlite3.SQLITE_FULL:
-            if samples := spool_file.samples_in(self._path):
-                return SpoolFullError(f"{self._path} cannot be opened: the disk is full; {samples} samples wait in it")
             return SpoolFullError(f"{self._path} cannot be created: the disk is full")
         return SpoolError(f"{self._path} cannot be opened ({error}); choose a file in a writable folder")
 

@@ -84,6 +84,12 @@ def set_nameless_aside(database: sqlite3.Connection, reason: str) -> int:
     return total
 
 
+def count(database: sqlite3.Connection) -> int:
+    """Return the number of batches in the file, also of those that were delivered or set aside."""
+    number: int = database.execute("SELECT count(*) FROM batch").fetchone()[0]
+    return number
+
+
 def totals(database: sqlite3.Connection) -> tuple[int, int, Counter[str]]:
     """Return the bytes of all batches, the highest number, and the samples that wait, by surface."""
     size, last = database.execute("SELECT coalesce(sum(length), 0), coalesce(max(id), 0) FROM entry").fetchone()

@@ -6,7 +6,7 @@ length, where a write-ahead log would have to grow. From the start the journal i
 
 import os
 import sqlite3
-from contextlib import closing, suppress
+from contextlib import suppress
 from pathlib import Path
 
 JOURNAL_BYTES = 65_536
@@ -17,7 +17,14 @@ MIN_RESERVE_BYTES = 32_000
 """Reserved room for samples in memory when the daemon stops on a full disk: upper limit, share of the free room, lower
 limit."""
 
-_SCHEMA = """
+_ASIDE = "TABLE IF NOT EXISTS aside (id INTEGER PRIMARY KEY, reason TEXT NOT NULL)"
+_ENTRY = """VIEW IF NOT EXISTS entry AS SELECT
+    id, CAST(surface AS BLOB) AS name, surface,
+    CASE WHEN typeof(samples) = 'integer' AND samples BETWEEN 1 AND 2000 THEN samples ELSE 1 END AS samples,
+    coalesce(length(CAST(content AS BLOB)), 0) AS length,
+    id NOT IN (SELECT id FROM aside) AS waits
+FROM batch"""
+_SCHEMA = f"""
 CREATE TABLE IF NOT EXISTS batch (
     id INTEGER PRIMARY KEY,
     surface TEXT NOT NULL,
@@ -28,13 +35,8 @@ CREATE TABLE IF NOT EXISTS batch (
     checksum INTEGER
 );
 CREATE INDEX IF NOT EXISTS by_surface ON batch (surface, id);
-CREATE TABLE IF NOT EXISTS aside (id INTEGER PRIMARY KEY, reason TEXT NOT NULL);
-CREATE VIEW IF NOT EXISTS entry AS SELECT
-    id, CAST(surface AS BLOB) AS name, surface,
-    CASE WHEN typeof(samples) = 'integer' AND samples BETWEEN 1 AND 2000 THEN samples ELSE 1 END AS samples,
-    coalesce(length(CAST(content AS BLOB)), 0) AS length,
-    id NOT IN (SELECT id FROM aside) AS waits
-FROM batch;
+CREATE {_ASIDE};
+CREATE {_ENTRY};
 """
 """Tables of batches and of those set aside, and a view that counts damaged rows too."""
 _DAMAGE = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
@@ -47,6 +49,9 @@ class DamagedError(sqlite3.DatabaseError):
 def opened(path: Path) -> sqlite3.Connection:
     """Open or create the file. Texts come out as bytes, because a damaged text may not decode.
 
+    A file of an older version has to be converted, which needs room. On a full disk it is opened for reading only, and
+    `make_writable` converts it later.
+
     Raises
     ------
     DamagedError
@@ -57,20 +62,14 @@ def opened(path: Path) -> sqlite3.Connection:
     database = sqlite3.connect(path, timeout=1.0, check_same_thread=False)
     try:
         database.text_factory = bytes
-        for setting in (
-            "locking_mode = EXCLUSIVE",
-            "auto_vacuum = INCREMENTAL",
-            "journal_mode = PERSIST",
-            "synchronous = FULL",
-            "secure_delete = OFF",
-        ):
+        for setting in ("locking_mode = EXCLUSIVE", "temp_store = MEMORY"):
             database.execute(f"PRAGMA {setting}")
-        database.execute("BEGIN EXCLUSIVE")  # takes the lock and keeps it
-        database.commit()
-        columns = {name for _, name, *_ in database.execute("PRAGMA table_info(batch)")}
-        if columns and b"checksum" not in columns:  # created by an older version
-            database.execute("ALTER TABLE batch ADD COLUMN checksum INTEGER")
-        database.executescript(_SCHEMA)
+        try:
+            _prepare(database, path)
+        except sqlite3.DatabaseError as error:
+            if getattr(error, "sqlite_errorcode", 0) != sqlite3.SQLITE_FULL or not _columns(database):
+                raise
+            _prepare_for_reading(database)
         found = database.execute("PRAGMA quick_check").fetchone()
         if found != (b"ok",):
             raise DamagedError(found[0].decode(errors="replace"))
@@ -79,20 +78,62 @@ def opened(path: Path) -> sqlite3.Connection:
         if is_damage(error) and not isinstance(error, DamagedError):
             raise DamagedError(*error.args) from error
         raise
-    with suppress(OSError):  # without this room, deletes fail while the disk is full
-        _lengthen(path.with_name(f"{path.name}-journal"), JOURNAL_BYTES)
     return database
 
 
-def samples_in(path: Path) -> int:
-    """Return the number of samples in a file of any version that cannot be opened for use; 0 if that fails too."""
-    if not path.exists():
-        return 0
-    with suppress(sqlite3.DatabaseError), closing(sqlite3.connect(path)) as database:
-        database.execute("PRAGMA locking_mode = EXCLUSIVE")  # a write-ahead log can then be read without an index file
-        samples: int = database.execute("SELECT coalesce(sum(samples), 0) FROM batch").fetchone()[0]
-        return samples
-    return 0
+def is_writable(database: sqlite3.Connection) -> bool:
+    """Whether the file can be written: it has, or now got, the format of this version."""
+    return not database.execute("SELECT name FROM temp.sqlite_master").fetchall()
+
+
+def make_writable(database: sqlite3.Connection, path: Path) -> None:
+    """Convert a file that was opened for reading only; sqlite3.DatabaseError while the disk is full."""
+    aside = database.execute("SELECT id, reason FROM aside").fetchall()
+    database.executescript("DROP VIEW temp.entry; DROP VIEW temp.batch; DROP TABLE temp.aside;")
+    try:
+        _prepare(database, path)
+        with database:
+            database.executemany("INSERT OR IGNORE INTO aside VALUES (?, ?)", aside)
+    except sqlite3.DatabaseError:
+        _prepare_for_reading(database)
+        with database:
+            database.executemany("INSERT OR IGNORE INTO aside VALUES (?, ?)", aside)
+        raise
+
+
+def _prepare(database: sqlite3.Connection, path: Path) -> None:
+    """Give the file the format of this version; nothing is written if it has it."""
+    for setting in (
+        "auto_vacuum = INCREMENTAL",
+        "journal_mode = PERSIST",
+        "synchronous = FULL",
+        "secure_delete = OFF",
+    ):
+        database.execute(f"PRAGMA {setting}")
+    database.execute("BEGIN EXCLUSIVE")  # takes the lock and keeps it
+    database.commit()
+    columns = _columns(database)
+    if columns and b"checksum" not in columns:  # created by an older version
+        database.execute("ALTER TABLE batch ADD COLUMN checksum INTEGER")
+    database.executescript(_SCHEMA)
+    with suppress(OSError):  # without this room, deletes fail while the disk is full
+        _lengthen(path.with_name(f"{path.name}-journal"), JOURNAL_BYTES)
+
+
+def _prepare_for_reading(database: sqlite3.Connection) -> None:
+    """Put views in memory before the tables of an older version, so that it reads like one of this version."""
+    checksum = "" if b"checksum" in _columns(database) else ", NULL AS checksum"
+    database.execute(f"CREATE TEMP VIEW batch AS SELECT *{checksum} FROM main.batch")  # noqa: S608  # one of two texts
+    database.execute(f"CREATE TEMP {_ASIDE}")
+    database.execute(f"CREATE TEMP {_ENTRY}")
+    if database.execute("SELECT name FROM main.sqlite_master WHERE name = 'aside'").fetchone():
+        with database:
+            database.execute("INSERT INTO aside SELECT * FROM main.aside")
+
+
+def _columns(database: sqlite3.Connection) -> set[bytes]:
+    """Return the names of the columns of the batches in the file; empty for a new file."""
+    return {name for _, name, *_ in database.execute("PRAGMA main.table_info(batch)")}
 
 
 def reserve(path: Path, max_bytes: int) -> None:

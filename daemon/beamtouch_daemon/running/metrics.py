@@ -11,7 +11,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
-from beamtouch_daemon.exits import ConfigError
+from beamtouch_common.errors import InputError
 from beamtouch_daemon.running.surface_worker import SurfaceWorker
 
 LOOPBACK = "127.0.0.1"
@@ -74,7 +74,7 @@ def served(port: int | None, workers: Workers, spooled_elsewhere: Spooled) -> It
 
     Raises
     ------
-    ConfigError
+    InputError
         The port cannot be used.
     """
     if port is None:
@@ -86,7 +86,7 @@ def served(port: int | None, workers: Workers, spooled_elsewhere: Spooled) -> It
         server, thread = start_http_server(port, LOOPBACK, registry)
     except OSError as error:
         message = f"metrics.port: cannot listen on {LOOPBACK}:{port} ({error.strerror}); choose another port"
-        raise ConfigError(message) from error
+        raise InputError(message) from error
     try:
         yield
     finally:

@@ -13,16 +13,16 @@ from typing import Any
 
 from pymodbus.exceptions import ModbusException
 
-from beamtouch_daemon.config import file as config_file
+from beamtouch_common.errors import InputError
+from beamtouch_common.systemd import ServiceManager
+from beamtouch_daemon.config.file import load_config, require_ports
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.delivery.spool_connection import SpoolError
 from beamtouch_daemon.delivery.spooler import Disk
-from beamtouch_daemon.exits import ConfigError
 from beamtouch_daemon.running import metrics
 from beamtouch_daemon.running.supervisor import Supervisor
 from beamtouch_daemon.running.surface_worker import Summary
-from beamtouch_daemon.running.systemd import ServiceManager
 from beamtouch_daemon.tasks import cancel
 
 WATCH_S = 1.0
@@ -45,11 +45,11 @@ async def run(path: Path) -> Ended:
 
     Raises
     ------
-    ConfigError
+    InputError
         The configuration, or a file or port that it names, cannot be used; nothing was read or published.
     """
-    config = config_file.load(path)
-    config_file.require_ports(config)
+    config = load_config(path)
+    require_ports(config)
     stop, reload = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(_on_loop_error)
@@ -62,7 +62,7 @@ async def run(path: Path) -> Ended:
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, on_signal, number)
     loop.add_signal_handler(signal.SIGHUP, reload.set)
-    failure: ConfigError | None = None
+    failure: InputError | None = None
     with _disk(config) as disk:
         async with asyncio.TaskGroup() as group:
             supervisor = Supervisor(group, disk)
@@ -71,7 +71,7 @@ async def run(path: Path) -> Ended:
                     await supervisor.apply(config)
                     summaries = await _serve(path, config, supervisor, group, (stop, reload))
                     return Ended(summaries, signals[0] is signal.SIGINT)
-            except ConfigError as error:
+            except InputError as error:
                 failure = error  # raised here, it would be wrapped in an exception group
     raise failure
 
@@ -118,11 +118,11 @@ async def _reload_on_event(
         reload.clear()
         manager.reloading()
         try:
-            new = config_file.load(path)
-            config_file.require_ports(new)
+            new = load_config(path)
+            require_ports(new)
             changed = _needing_restart(config, new)
             started = await supervisor.apply(new)
-        except ConfigError as error:
+        except InputError as error:
             _log.error("the new configuration is wrong, the old one stays in use: %s", error)
         else:
             _log.info("configuration read again; restarted: %s", ", ".join(started) or "nothing")
@@ -148,7 +148,7 @@ def _status(config: Config) -> str:
 
 @contextmanager
 def _disk(config: Config) -> Iterator[Disk | None]:
-    """Open the spool for a block; None without one. ConfigError if it cannot be used."""
+    """Open the spool for a block; None without one. InputError if it cannot be used."""
     if not config.publish.spool_mb:
         yield None
         return
@@ -156,7 +156,7 @@ def _disk(config: Config) -> Iterator[Disk | None]:
         spool = Spool(config.spool_file, round(config.publish.spool_mb * 1e6))
     except SpoolError as error:
         message = f"publish.spool_file: {error}"
-        raise ConfigError(message) from error
+        raise InputError(message) from error
     with spool, contextlib.closing(Disk(spool)) as disk:
         yield disk
 

@@ -52,7 +52,7 @@ class Supervisor:
 
         Raises
         ------
-        ConfigError
+        InputError
             The token or a tare file cannot be used; nothing changed.
         """
         secrets = config.read_token(), config.read_certificates()

@@ -6,7 +6,8 @@ import uuid
 from dataclasses import dataclass
 from time import monotonic
 
-from beamtouch_daemon.config.settings import Publish, Surface
+from beamtouch_daemon.config.publish import Publish
+from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.outbox import Outbox
 from beamtouch_daemon.delivery.publisher import Publisher, Sender

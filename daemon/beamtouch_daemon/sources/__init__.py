@@ -7,7 +7,8 @@ from beamtouch_daemon.config.settings import Surface, place_of
 from beamtouch_daemon.config.signal import Channel
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
 from beamtouch_daemon.sources.links import RtuLink, TcpLink
-from beamtouch_daemon.sources.polled import Link, Part, PolledSource
+from beamtouch_daemon.sources.part import Link, Part
+from beamtouch_daemon.sources.polled import PolledSource
 from beamtouch_daemon.sources.reading import Source
 from beamtouch_daemon.sources.registers import Block, Value, blocks_of
 from beamtouch_daemon.sources.rtu_bus import RtuBus

@@ -4,6 +4,7 @@ import json
 import secrets
 from pathlib import Path
 
+from beamtouch_common.files import write_atomically
 from beamtouch_models.metadata import FilterChoice, Metadata
 
 TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
@@ -27,8 +28,7 @@ def write_token_if_absent(folder: Path) -> Path:
     """Write a random token that only its owner may read, unless the file exists; returns its path."""
     path = folder / TOKEN_FILE
     if not path.exists():
-        path.touch(mode=0o600)
-        path.write_text(secrets.token_urlsafe(32) + "\n", encoding="ascii")
+        write_atomically(path, f"{secrets.token_urlsafe(32)}\n".encode(), mode=0o600)
     return path
 
 

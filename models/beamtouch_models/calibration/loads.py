@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.calibration.errors import Errors
-from beamtouch_models.errors import InputError
 from beamtouch_models.metadata import Metadata
 
 FEWEST_POSITIONS = 4

@@ -5,6 +5,7 @@ import re
 import sys
 from pathlib import Path
 
+from beamtouch_common.files import write_atomically
 from beamtouch_models import modelfile
 from beamtouch_models.building.build import Choices, build
 from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
@@ -13,7 +14,6 @@ from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import inspect
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import SceneError
-from beamtouch_models.export import write_whole
 from beamtouch_models.scene import load_scene
 
 
@@ -36,11 +36,11 @@ def run(options: argparse.Namespace) -> None:
             choices=Choices(estimator=options.estimator),
         )
         report = None if options.report is None else page(gather(scene, built, progress))
-    write_whole(options.output, built.content)
+    write_atomically(options.output, built.content)
     if report is not None:
-        write_whole(options.report, report.encode())
+        write_atomically(options.report, report.encode())
     if options.daemon_config is not None:
-        write_whole(options.daemon_config, daemon_config(built.metadata).encode())
+        write_atomically(options.daemon_config, daemon_config(built.metadata).encode())
         token = write_token_if_absent(options.daemon_config.parent)
         print(
             f"try it:  beamtouch-rig {options.scene} --model {options.output} --modbus-tcp 127.0.0.1:5020\n"

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import write_atomically
 from beamtouch_models import modelfile
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
@@ -14,8 +16,6 @@ from beamtouch_models.calibration.errors import Errors
 from beamtouch_models.calibration.fit import Fit
 from beamtouch_models.calibration.loads import read_loads
 from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.errors import InputError
-from beamtouch_models.export import write_whole
 
 SMALLEST_ERROR, LARGEST_ERROR = 1e-3, 50.0
 """Bounds of the stated errors of the loads, in mm and in percent."""
@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> None:
     loads = replace(read_loads(options.readings, model.metadata, options.leave_out), errors=errors)
     with shown_progress() as progress:
         found = calibrate(model, loads, progress)
-    write_whole(options.output, found.content)
+    write_atomically(options.output, found.content)
     fresh = modelfile.load(options.output)
     if options.json:
         print(

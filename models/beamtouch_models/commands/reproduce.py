@@ -9,9 +9,9 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import write_atomically
 from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.errors import InputError
-from beamtouch_models.export import write_whole
 from beamtouch_models.reproduction.reproduce import Reproduction, reproduce
 
 WIDTH_WITHOUT_TERMINAL = 160
@@ -24,7 +24,7 @@ def run(options: argparse.Namespace) -> None:
         found = reproduce(options.seed, progress)
     files = found.files()
     for name, text in files.items():
-        write_whole(folder / name, text.encode())
+        write_atomically(folder / name, text.encode())
     if options.json:
         print(json.dumps({"output": str(folder), "files": sorted(files), **found.results()}))
     else:

@@ -15,13 +15,13 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import write_atomically
 from beamtouch_models.building.build import Choices, build
 from beamtouch_models.commands.build import surface_name
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.commands.reproduce import folder_of
-from beamtouch_models.errors import InputError
 from beamtouch_models.estimators.estimator import NAMES
-from beamtouch_models.export import write_whole
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.trade.front import most_accurate, named, pareto_front, quickest
 from beamtouch_models.trade.physics import LeftOut, physics_trade
@@ -69,7 +69,7 @@ def _run(options: argparse.Namespace, kept: list[Kept]) -> None:
             built = build(
                 scene, text, name, count=picked.sensors, seed=options.seed, progress=progress, choices=choices
             )
-        write_whole(folder / f"{name}.onnx", built.content)
+        write_atomically(folder / f"{name}.onnx", built.content)
     if options.json:
         chosen = None if picked is None else {"index": points.index(picked), "model": str(folder / f"{name}.onnx")}
         print(json.dumps({"output": str(folder), "picked": chosen, **results}))
@@ -105,9 +105,9 @@ def _write(folder: Path, name: str, trade: Trade, physics: list[LeftOut]) -> dic
     """Write the results so far, each file as a whole; returns the content of trade.json."""
     front = pareto_front(trade.points)
     results = json_of(trade, front, physics)
-    write_whole(folder / "trade.json", (json.dumps(results, indent=1) + "\n").encode())
-    write_whole(folder / "trade.md", markdown(name, trade, front, physics).encode())
-    write_whole(folder / "trade.svg", plot(trade.points, front).encode())
+    write_atomically(folder / "trade.json", (json.dumps(results, indent=1) + "\n").encode())
+    write_atomically(folder / "trade.md", markdown(name, trade, front, physics).encode())
+    write_atomically(folder / "trade.svg", plot(trade.points, front).encode())
     return results
 
 

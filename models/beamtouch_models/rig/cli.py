@@ -6,16 +6,16 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from beamtouch_models.command_line import DONE, INTERRUPTED, Parser, exit_code, whole_number
-from beamtouch_models.errors import InputError
+from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code, whole_number
+from beamtouch_common.errors import InputError
+from beamtouch_models.errors import WRONG_INPUT_ERRORS
 
 PROGRAM = "beamtouch-rig"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run `beamtouch-rig`; returns the exit code: 0 stopped by SIGTERM, 2 wrong input, 130 interrupted by Ctrl-C."""
-    options = _parser().parse_args(arguments)
-    return exit_code(PROGRAM, "rig", lambda: _run(options))
+    return exit_code(PROGRAM, "rig", lambda: _run(_parser().parse_args(arguments)), WRONG_INPUT_ERRORS)
 
 
 def _run(options: argparse.Namespace) -> int:

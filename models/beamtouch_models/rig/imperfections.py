@@ -6,9 +6,10 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from beamtouch_common.files import load_toml
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
-from beamtouch_models.scene import Scene, parse, read_text
+from beamtouch_models.scene import Scene
 from beamtouch_models.structure import Finite, Fixity, PositiveFinite, Strict, changed_beam
 
 DampingRatio = Annotated[float, Field(gt=0, lt=1)]
@@ -61,5 +62,5 @@ class Imperfections(Strict):
 
 
 def load_imperfections(path: Path) -> Imperfections:
-    """Read an imperfections file; raises SceneError with the reason if it is wrong."""
-    return parse(Imperfections, read_text(path), str(path))
+    """Read an imperfections file; raises InputError with the reason if it is wrong."""
+    return load_toml(Imperfections, path)

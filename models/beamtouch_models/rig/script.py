@@ -5,8 +5,9 @@ from typing import Annotated, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from beamtouch_common.files import load_toml
 from beamtouch_models.errors import SceneError
-from beamtouch_models.scene import Scene, parse, read_text
+from beamtouch_models.scene import Scene
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -64,8 +65,8 @@ class Script(BaseModel):
 
 
 def load_script(path: Path, length_mm: float) -> Script:
-    """Read a script file for a beam of `length_mm`; raises SceneError with the reason if it is wrong."""
-    script = parse(Script, read_text(path), str(path))
+    """Read a script file for a beam of `length_mm`; raises InputError with the reason if it is wrong."""
+    script = load_toml(Script, path)
     for number, step in enumerate(script.step, start=1):
         ends = step.position_mm if isinstance(step.position_mm, tuple) else (step.position_mm,)
         if any(end is not None and not 0 <= end <= length_mm for end in ends):

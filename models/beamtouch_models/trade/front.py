@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from beamtouch_models.errors import InputError
+from beamtouch_common.errors import InputError
 from beamtouch_models.trade.points import Point
 
 

@@ -7,11 +7,11 @@ import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
+from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.api.app import Application
 from beamtouch_service.api.context import Context
 from beamtouch_service.host import tls
 from beamtouch_service.host.model_watch import ModelKeeper
-from beamtouch_service.host.systemd import ServiceManager
 from beamtouch_service.settings import TlsFiles
 
 TICK_S = 1.0

@@ -3,6 +3,7 @@
 import logging
 from ipaddress import ip_address
 
+from beamtouch_common.systemd import ServiceManager
 from beamtouch_models.modelfile import ModelFileError
 from beamtouch_service.api.app import create_app
 from beamtouch_service.api.context import Streams
@@ -14,7 +15,7 @@ from beamtouch_service.host.background import Background
 from beamtouch_service.host.handshakes import Handshakes, TlsListener
 from beamtouch_service.host.listener import bind, resolve
 from beamtouch_service.host.model_watch import ModelKeeper
-from beamtouch_service.host.systemd import ServiceManager, activated
+from beamtouch_service.host.systemd import activated
 from beamtouch_service.host.uvicorn_host import Host, configure, serve
 from beamtouch_service.settings import Settings, SurfaceSettings
 from beamtouch_service.surfaces.surface import Surface

@@ -1,52 +1,11 @@
-"""Notifications to the service manager, and the socket that it may pass on (sd_notify, sd_listen_fds; systemd 252)."""
+"""The socket that the service manager may pass on (sd_listen_fds; systemd 252)."""
 
 import os
 import socket
-from time import monotonic_ns
 
 from beamtouch_service.config import ConfigError
 
 _FIRST_FD = 3
-
-
-class ServiceManager:
-    """The manager that started this process. Without one, nothing is sent."""
-
-    def __init__(self) -> None:
-        self._address = os.environ.get("NOTIFY_SOCKET", "")
-        self._is_ready = False
-        watchdog_us = os.environ.get("WATCHDOG_USEC", "")
-        is_mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
-        self.watchdog_s = int(watchdog_us) / 1e6 if watchdog_us.isdecimal() and is_mine else None
-        """The manager restarts this process after this time without progress [s]; None if it does not watch."""
-
-    def ready(self, status: str) -> None:
-        """Report that the start or a reload is complete."""
-        self._is_ready = True
-        self._send(f"READY=1\nSTATUS={status}")
-
-    def reloading(self) -> None:
-        """Report that models are being read again."""
-        self._send(f"RELOADING=1\nMONOTONIC_USEC={monotonic_ns() // 1000}")
-
-    def stopping(self) -> None:
-        """Report that the stop has begun."""
-        self._send("STOPPING=1")
-
-    def alive(self) -> None:
-        """Report progress. The manager does not watch a service that is still starting."""
-        if self._is_ready:
-            self._send("WATCHDOG=1")
-
-    def _send(self, text: str) -> None:
-        if not self._address:
-            return
-        address = f"\0{self._address[1:]}" if self._address.startswith("@") else self._address
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sender:
-            try:
-                sender.sendto(text.encode(), address)
-            except OSError:
-                return  # a manager that is gone cannot be notified
 
 
 def activated() -> socket.socket | None:

@@ -16,13 +16,13 @@ import uvicorn
 from starlette.types import ASGIApp, Scope
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.api.app import Application
 from beamtouch_service.api.context import Streams
 from beamtouch_service.host.admission import Clients, is_busy
 from beamtouch_service.host.connection import BoundedProtocol
 from beamtouch_service.host.handshakes import HANDSHAKE_S, Handshakes
 from beamtouch_service.host.places import Places
-from beamtouch_service.host.systemd import ServiceManager
 from beamtouch_service.limits import MAX_CLIENTS, Seldom, SeldomFilter
 from beamtouch_service.settings import TlsFiles
 

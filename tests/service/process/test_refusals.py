@@ -110,7 +110,7 @@ def test_a_wrong_config(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> N
     config.write_text("[surfaces.press-7]\nmodle = 'm.onnx'\n")
 
     line = refused_here(capsys, "--config", config)
-    assert line.endswith("surfaces.press-7.modle: unknown key; remove it or correct its spelling")
+    assert line.endswith("unknown key surfaces.press-7.modle; remove it or correct its spelling")
 
 
 def test_a_token_file_that_is_empty(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -120,7 +120,7 @@ def test_a_token_file_that_is_empty(capsys: pytest.CaptureFixture[str], tmp_path
     assert "empty; write at least 16 random characters to it" in line
 
 
-@pytest.mark.parametrize("missing", ["fastapi", "uvicorn", "onnxruntime", "numpy", "prometheus_client"])
+@pytest.mark.parametrize("missing", ["fastapi", "uvicorn", "onnxruntime", "numpy", "prometheus_client", "sqlalchemy"])
 def test_a_missing_extra(missing: str) -> None:
     program = (
         f"import sys; sys.modules[{missing!r}] = None\n"
@@ -129,4 +129,4 @@ def test_a_missing_extra(missing: str) -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=20, check=False)
 
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == f"beamtouch-service: {missing} is not installed; pip install 'beamtouch[service]'\n"
+    assert done.stderr == f"beamtouch-service: {missing} is not installed; run: pip install 'beamtouch[service]'\n"

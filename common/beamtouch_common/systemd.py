@@ -10,26 +10,29 @@ class ServiceManager:
 
     def __init__(self) -> None:
         self._address = os.environ.get("NOTIFY_SOCKET", "")
+        self._is_ready = False
         watchdog_us = os.environ.get("WATCHDOG_USEC", "")
         is_mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.watchdog_s = int(watchdog_us) / 1e6 if watchdog_us.isdecimal() and is_mine else None
-        """Silence after which the manager restarts this process [s]; None: never."""
+        """Time without progress after which the manager restarts this process [s]; None: never."""
 
     def ready(self, status: str) -> None:
         """Report that the start, or a reload, is complete."""
+        self._is_ready = True
         self._send(f"READY=1\nSTATUS={status}")
 
     def reloading(self) -> None:
-        """Report that the configuration is being read again."""
+        """Report that files are being read again."""
         self._send(f"RELOADING=1\nMONOTONIC_USEC={monotonic_ns() // 1000}")
 
     def stopping(self) -> None:
-        """Report that the daemon is stopping."""
+        """Report that the stop has begun."""
         self._send("STOPPING=1")
 
     def alive(self) -> None:
-        """Report progress."""
-        self._send("WATCHDOG=1")
+        """Report progress, once the start is complete: the first report starts the manager's clock."""
+        if self._is_ready:
+            self._send("WATCHDOG=1")
 
     def _send(self, text: str) -> None:
         if not self._address:
@@ -39,4 +42,4 @@ class ServiceManager:
             try:
                 sender.sendto(text.encode(), address)
             except OSError:
-                return  # the manager is gone
+                return  # a manager that is gone cannot be notified

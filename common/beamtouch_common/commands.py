@@ -1,0 +1,99 @@
+"""The contract of all commands: `--version`, errors in one line, and the exit codes 0, 1, 2 and 130."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from importlib import metadata
+from typing import Any, NoReturn
+
+from beamtouch_common.errors import FailedError, InputError
+
+DONE, FAILED, WRONG_INPUT = 0, 1, 2
+INTERRUPTED = 130
+"""After Ctrl-C, as shells report it: 128 plus the number of the signal."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser with `--version` that reports wrong arguments in one line, without the usage; so do its subcommands."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401  # as ArgumentParser takes them
+        options.setdefault("allow_abbrev", False)  # an abbreviation may mean something else in the next version
+        super().__init__(*arguments, **options)
+        self.add_argument("--version", action="version", version=f"{self.prog.split()[0]} {version()}")
+
+    def error(self, message: str) -> NoReturn:
+        """Print a message and exit with code 2."""
+        self.exit(complain(self.prog, f"{message}; see {self.prog} --help", WRONG_INPUT))
+
+
+def whole_number(low: int, high: int) -> Callable[[str], int]:
+    """Return the type of an argument that is a whole number within a range."""
+
+    def number(text: str) -> int:
+        if not (text.isascii() and text.isdecimal() and len(text) < 20 and low <= int(text) <= high):
+            message = f"{text!r} is not a whole number from {low} to {high}"
+            raise argparse.ArgumentTypeError(message)
+        return int(text)
+
+    return number
+
+
+def exit_code(
+    program: str,
+    extra: str,
+    work: Callable[[], int],
+    input_errors: tuple[type[Exception], ...] = (InputError,),
+) -> int:
+    """Run a command and return its exit code; an expected error is one line on standard error.
+
+    Parameters
+    ----------
+    program
+        Name of the command.
+    extra
+        The extra of the distribution that the command needs.
+    work
+        The command. It imports what the extra installs, so that a missing extra is reported here.
+    input_errors
+        Errors that mean wrong input.
+    """
+    try:
+        code = work()
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        # Python would flush, and fail, again at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return complain(program, "standard output was closed before all was printed", FAILED)
+    except ModuleNotFoundError as error:
+        name = (error.name or "").partition(".")[0]
+        if not name or name in sys.stdlib_module_names or name.startswith("beamtouch_"):
+            raise
+        return complain(program, f"{name} is not installed; run: pip install 'beamtouch[{extra}]'", WRONG_INPUT)
+    except FailedError as error:
+        return complain(program, str(error), FAILED)
+    except input_errors as error:
+        return complain(program, _text(error), WRONG_INPUT)
+    except KeyboardInterrupt as stop:
+        return complain(program, str(stop) or "interrupted", INTERRUPTED)
+
+
+def complain(program: str, text: str, code: int) -> int:
+    """Print one line to standard error and return `code`."""
+    print(f"{program}: {' '.join(text.split())}", file=sys.stderr)
+    return code
+
+
+def version() -> str:
+    """Return the installed version, or `0+source` when run from a source tree that is not installed."""
+    try:
+        return metadata.version("beamtouch")
+    except metadata.PackageNotFoundError:
+        return "0+source"
+
+
+def _text(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)

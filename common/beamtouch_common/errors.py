@@ -1,0 +1,9 @@
+"""Errors that end a command with one line and an exit code, without a traceback."""
+
+
+class InputError(ValueError):
+    """Something that the user gave is wrong; the message is one line that says what to do. Exit code 2."""
+
+
+class FailedError(RuntimeError):
+    """The input is right, but the work failed; the message is one line that says why. Exit code 1."""

@@ -1,0 +1,72 @@
+"""Settings of the service that receives the samples, and the files that they name."""
+
+import ssl
+from pathlib import Path
+from typing import Annotated
+from urllib.parse import urlsplit
+
+from pydantic import AfterValidator, Field, FiniteFloat
+
+from beamtouch_common.errors import InputError
+from beamtouch_daemon.config.sources import RelativePath, Strict
+
+
+def _http_url(value: str) -> str:
+    parts = urlsplit(value)
+    if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment:
+        message = "must look like http://127.0.0.1:8420"
+        raise ValueError(message)
+    _ = parts.port  # raises ValueError when it is not a port number
+    return value.rstrip("/")
+
+
+class Publish(Strict):
+    """The service that receives the samples, and the buffers in front of it."""
+
+    url: Annotated[str, AfterValidator(_http_url)]
+    """Address of the service, without a path."""
+    token_file: RelativePath
+    """File with the service's bearer token and nothing else."""
+    certificate_file: RelativePath | None = None
+    """Certificates to trust with https (PEM); default: those of the system."""
+    batch_ms: Annotated[FiniteFloat, Field(ge=1, le=10_000)] = 4.0
+    """Longest time to collect samples for one request."""
+    queue_samples: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
+    """Limit of undelivered samples per surface in memory; beyond it the oldest are dropped and counted."""
+    spool_file: RelativePath = Path("beamtouch-daemon.spool")
+    """Keeps undelivered samples on disk."""
+    spool_mb: Annotated[FiniteFloat, Field(ge=0, le=100_000)] = 200.0
+    """Limit of the spool's size; beyond it the oldest samples are dropped and counted. 0: no spool."""
+
+
+def read_certificates(path: Path) -> str:
+    """Return the certificates in a file (PEM); InputError if they cannot be used."""
+    try:
+        pem = path.read_text(encoding="ascii")
+    except (OSError, UnicodeDecodeError) as error:
+        message = f"publish.certificate_file: cannot read {path} ({_reason(error)})"
+        raise InputError(message) from error
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=pem)
+    except (ssl.SSLError, ValueError) as error:
+        message = f"publish.certificate_file: {path} contains no PEM certificate; name the service's"
+        raise InputError(message) from error
+    return pem
+
+
+def read_token(path: Path) -> str:
+    """Return the bearer token in a file; InputError if it cannot be read."""
+    try:
+        token = path.read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        message = f"publish.token_file: cannot read {path} ({_reason(error)}); it must contain the service's token"
+        raise InputError(message) from error
+    if not token or not token.isprintable() or " " in token:
+        message = f"publish.token_file: {path} must contain the service's token and nothing else"
+        raise InputError(message)
+    return token
+
+
+def _reason(error: OSError | UnicodeDecodeError) -> str:
+    """Return the reason why a file cannot be read, in a few words."""
+    return (error.strerror if isinstance(error, OSError) else None) or "not text"

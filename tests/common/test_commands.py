@@ -1,0 +1,158 @@
+"""The contract that all commands and subcommands keep: `--version`, wrong input in one line, and Ctrl-C."""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from beamtouch_common.commands import Parser, exit_code, version
+from beamtouch_daemon import cli as daemon
+from beamtouch_models import cli as design
+from beamtouch_models.rig import cli as rig
+from beamtouch_service import cli as service
+
+Main = Callable[[list[str]], int]
+PROGRAMS: dict[str, tuple[Main, str, Callable[[], Parser]]] = {
+    "beamtouch-daemon": (daemon.main, "beamtouch_daemon", daemon._parser),
+    "beamtouch-service": (service.main, "beamtouch_service.cli", service._parser),
+    "design-sensors": (design.main, "beamtouch_models.cli", design._parser),
+    "beamtouch-rig": (rig.main, "beamtouch_models.rig.cli", rig._parser),
+}
+
+
+def subcommands(parser: Parser) -> list[str]:
+    """Return the names of the subcommands of a command; empty if it has none."""
+    return [
+        name for action in parser._actions if isinstance(action, argparse._SubParsersAction) for name in action.choices
+    ]
+
+
+COMMANDS: list[tuple[str, ...]] = [
+    command
+    for program, (_, _, parser) in PROGRAMS.items()
+    for command in ((program,), *((program, name) for name in subcommands(parser())))
+]
+"""Each command, and each of its subcommands."""
+READING: dict[tuple[str, ...], list[str]] = {
+    ("beamtouch-daemon", "check"): ["PIPE"],
+    ("beamtouch-daemon", "tare"): ["PIPE"],
+    ("beamtouch-daemon", "record"): ["PIPE", "-o", "out"],
+    ("beamtouch-service", "run"): ["--config", "PIPE"],
+    ("design-sensors", "build"): ["PIPE", "-o", "out"],
+    ("design-sensors", "calibrate"): ["MODEL", "PIPE", "-o", "out"],
+    ("design-sensors", "explain"): ["PIPE"],
+    ("design-sensors", "place"): ["PIPE"],
+    ("design-sensors", "trade"): ["PIPE", "-o", "out"],
+    ("beamtouch-rig",): ["PIPE", "--model", "model.onnx", "--serial", "line"],
+}
+"""Arguments with which a command reads a pipe, and so can be interrupted at its work."""
+
+
+def ended(main: Main, arguments: list[str]) -> int:
+    """Return the exit code of a command that ends while it reads its arguments."""
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert isinstance(end.value.code, int)
+    return end.value.code
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_every_command_prints_its_version(command: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    program, *subcommand = command
+    assert ended(PROGRAMS[program][0], [*subcommand, "--version"]) == 0
+    assert capsys.readouterr() == (f"{program} {version()}\n", "")
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize("arguments", [["--not-an\noption"], ["one", "argument", "too", "many", "for", "all"]])
+def test_wrong_arguments_of_every_command_are_one_line_and_exit_code_2(
+    command: tuple[str, ...], arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    program, *subcommand = command
+    assert ended(PROGRAMS[program][0], [*subcommand, *arguments]) == 2
+    output, errors = capsys.readouterr()
+    assert (output, errors.count("\n")) == ("", 1)
+    assert errors.startswith(program)
+    assert errors.endswith(" --help\n")
+
+
+def test_every_command_that_takes_a_pipe_is_interrupted_below() -> None:
+    workers = {command for command in COMMANDS if len(command) == 2 or command == ("beamtouch-rig",)}
+    assert workers - READING.keys() == {
+        (
+            "beamtouch-daemon",
+            "run",
+        ),  # reads its configuration in a loop that is not interrupted in the middle of a turn
+        ("beamtouch-service", "check"),  # these read a model file, which must be a regular file
+        ("design-sensors", "evaluate"),
+        ("design-sensors", "inspect"),
+        ("design-sensors", "reproduce"),  # reads no file
+    }
+
+
+@pytest.mark.parametrize("command", READING, ids=" ".join)
+def test_ctrl_c_is_130_and_one_line(command: tuple[str, ...], tmp_path: Path, bench_model: Path) -> None:
+    program, *subcommand = command
+    pipe = tmp_path / "PIPE"
+    os.mkfifo(pipe)
+    arguments = [str(bench_model) if word == "MODEL" else word for word in READING[command]]
+    line = [sys.executable, "-m", PROGRAMS[program][1], *subcommand, *arguments]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as process:
+        try:
+            writer = opened_by_its_reader(pipe, process)
+            process.send_signal(signal.SIGINT)
+            output, errors = process.communicate(timeout=60)
+            os.close(writer)
+        finally:
+            process.kill()
+    assert (process.returncode, output, errors.count("\n")) == (130, "", 1)
+    assert errors.startswith(f"{program}: interrupted")
+
+
+def opened_by_its_reader(pipe: Path, process: subprocess.Popen[str]) -> int:
+    """Open a pipe for writing once the process reads from it."""
+    deadline_s = time.monotonic() + 60
+    while time.monotonic() < deadline_s:
+        with suppress(OSError):  # nobody reads yet
+            return os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.02)
+    pytest.fail(f"nobody reads {pipe}")
+
+
+@pytest.mark.parametrize("command", [("beamtouch-service", "check"), ("design-sensors", "inspect")], ids=" ".join)
+@pytest.mark.parametrize("buffering", ["", "1"])
+def test_an_output_that_nobody_reads_to_its_end_is_a_failure_in_one_line(
+    command: tuple[str, str], buffering: str, bench_model: Path
+) -> None:
+    program, subcommand = command
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [sys.executable, "-m", PROGRAMS[program][1], subcommand, str(bench_model)],
+        stdout=writer,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONUNBUFFERED": buffering},
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (1, f"{program}: standard output was closed before all was printed\n")
+
+
+def test_an_error_of_our_own_is_a_traceback_and_no_missing_extra() -> None:
+    def work() -> int:
+        import beamtouch_common.absent  # type: ignore[import-not-found]  # noqa: PLC0415
+
+        return int(beamtouch_common.absent)
+
+    with pytest.raises(ModuleNotFoundError):
+        exit_code("program", "daemon", work)

@@ -1,0 +1,131 @@
+"""Files that people write, read with errors in one line; and files written whole or not at all."""
+
+import os
+import resource
+import stat
+import subprocess
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import BaseModel, ConfigDict, Field
+
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import load_toml, write_atomically
+
+RENAMED = {"most_mm": "max_mm"}
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Round(Strict):
+    kind: Literal["round"]
+    radius_mm: Annotated[float, Field(gt=0)]
+
+
+class Square(Strict):
+    kind: Literal["square"]
+    side_mm: float
+
+
+class Drawing(Strict):
+    shape: Annotated[Round | Square, Field(discriminator="kind")] = Round(kind="round", radius_mm=1.0)
+    count: int | Literal["auto"] = "auto"
+    holes: list[Round] = Field(default_factory=list)
+    named: dict[Annotated[str, Field(pattern="^[a-z]+$")], Square] = Field(default_factory=dict)
+    max_mm: float = 1.0
+
+
+def complaint(path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        load_toml(Drawing, path, renamed=RENAMED)
+    said = str(caught.value)
+    assert "\n" not in said
+    return said.removeprefix(f"{path}: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("colour = 3", "unknown key colour; remove it or correct its spelling"),
+        ("most_mm = 3.0", "unknown key most_mm; most_mm is now max_mm"),
+        (
+            "shape = {kind = 'round', radius = 3.0}",
+            "unknown key shape.radius; remove it or correct its spelling (and 1 more)",
+        ),
+        ("shape = {kind = 'round'}", "shape.radius_mm is missing; add it"),
+        ("shape = {kind = 'round', radius_mm = -3.0}", "shape.radius_mm: Input should be greater than 0 (given: -3.0)"),
+        ("[[holes]]\nkind = 'round'", "holes[0].radius_mm is missing; add it"),
+        (
+            "[named.square]\nkind = 'square'\nside_mm = 'a'",
+            "named.square.side_mm: Input should be a valid number (given: 'a')",
+        ),
+        (
+            "[named.A1]\nkind = 'square'\nside_mm = 1.0",
+            "named.A1: String should match pattern '^[a-z]+$' (given: 'A1')",
+        ),
+        ("count = 1.5", "count: Input should be a valid integer (given: 1.5) (and 1 more)"),
+        (f"max_mm = '{'x' * 1000}'", f"max_mm: Input should be a valid number (given: '{'x' * 76}...)"),
+        ("[shape", "not valid TOML: Expected ']' at the end of a table declaration (at end of document)"),
+    ],
+)
+def test_an_error_is_one_line_with_the_key_as_in_the_file(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "drawing.toml"
+    path.write_text(text)
+    assert complaint(path) == said
+
+
+@pytest.mark.parametrize("text", ["x = " + "[" * 100_000, "x = " + "9" * 5000], ids=["nesting", "digits"])
+def test_what_the_parser_cannot_take_is_not_valid(tmp_path: Path, text: str) -> None:
+    (tmp_path / "drawing.toml").write_text(text)
+    assert complaint(tmp_path / "drawing.toml").startswith("not valid TOML: ")
+
+
+def test_a_file_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
+    assert complaint(tmp_path / "absent.toml") == "No such file or directory"
+    assert complaint(tmp_path) == "Is a directory"
+    (tmp_path / "binary").write_bytes(b"\xff\xfe")
+    assert complaint(tmp_path / "binary") == "not a text file in UTF-8"
+    (tmp_path / "large").write_text("#" * (2**20 + 1))
+    assert complaint(tmp_path / "large") == "larger than 1 MiB; is it the right file?"
+
+
+def test_a_file_is_replaced_whole_with_the_permissions_that_were_asked_for(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        for name, mode in (("by umask", None), ("for all", 0o644), ("secret", 0o600)):
+            (tmp_path / name).write_bytes(b"old")
+            write_atomically(tmp_path / name, b"new", mode=mode)
+    finally:
+        os.umask(before)
+    assert {path.name: stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()} == {
+        "by umask": 0o640,
+        "for all": 0o644,
+        "secret": 0o600,
+    }
+    assert {path.read_bytes() for path in tmp_path.iterdir()} == {b"new"}
+
+
+WITHOUT_ROOM = """
+import resource, sys
+from pathlib import Path
+from beamtouch_common.files import write_atomically
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    write_atomically(Path(sys.argv[1]), bytes(2000))
+except OSError as error:
+    print(error.strerror)
+"""
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] == resource.RLIM_INFINITY
+    (tmp_path / "file").write_bytes(b"old")
+    command = [sys.executable, "-c", WITHOUT_ROOM, str(tmp_path / "file")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "File too large\n", "")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+    assert (tmp_path / "file").read_bytes() == b"old"
