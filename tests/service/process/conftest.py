@@ -17,7 +17,8 @@ from playwright.sync_api import Browser
 from browser import OpenPage, chromium, pages
 from certificates import make_certificate
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import READ_TOKEN, TOKEN, BuildModel, batch_of, write_model
+from service.conftest import READ_TOKEN, TOKEN, BuildModel, batch_of
+from service.small_model import write_model
 
 CLI = ("-m", "beamtouch_service.cli")
 
