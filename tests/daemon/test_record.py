@@ -12,10 +12,11 @@ import pytest
 from pymodbus.simulator.simdevice import SimAction
 
 from beamtouch_daemon.commands.record_dialogue import load_of
+from forked import Forked
 
 from . import configs
 from .devices import pymodbus_server
-from .process import command
+from .process import command, parent
 
 pytestmark = pytest.mark.anyio
 
@@ -33,10 +34,9 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 def record(config: Path, path: Path, typed: str, *options: object) -> subprocess.CompletedProcess[str]:
     """Record with answers from a pipe."""
-    program = [sys.executable, "-m", "beamtouch_daemon", "record", str(config), "-o", str(path)]
-    return subprocess.run(
-        [*program, *map(str, options)], input=typed, capture_output=True, text=True, timeout=120, check=False
-    )
+    with Forked(parent(), ["record", str(config), "-o", str(path), *map(str, options)], Path.cwd()) as process:
+        out, err = process.communicate(typed, timeout=120)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
 
 def record_at_terminal(config: Path, path: Path, typed: str, *options: object) -> subprocess.CompletedProcess[str]:

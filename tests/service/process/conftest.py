@@ -48,7 +48,7 @@ class Service:
     def stop(self, signal_number: int) -> tuple[int, str]:
         """Send a signal; return exit code and standard error."""
         self.process.send_signal(signal_number)
-        _, errors = self.process.communicate(timeout=30)
+        _, errors = self.process.communicate(timeout=60)
         return self.process.returncode, errors
 
 
@@ -127,12 +127,12 @@ def start_service(command: Command, token_file: Path) -> StartService:
 
 @pytest.fixture
 def wait_for() -> Wait:
-    """Poll until a condition holds, 20 s at most."""
+    """Poll until a condition holds, 60 s at most."""
 
     def wait(condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 60
         while not condition():
-            assert time.monotonic() < deadline, "it did not come true within 20 s"
+            assert time.monotonic() < deadline, "it did not come true within 60 s"
             time.sleep(0.01)
 
     return wait
