@@ -65,11 +65,14 @@ async def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_t
         kept = [sample for batch in batches_in(spool) for sample in batch.samples]
     whole = late.samples() + kept
     assert (counts["samples_dropped"], counts["samples_spooled"]) == (0, len(kept))
-    assert counts["samples_published"] == len(late.samples()) > 4000
+    assert counts["samples_published"] == len(late.samples()) > 1000
     assert sorted(sample.sequence for sample in whole) == list(range(counts["readings"]))
-    assert first.newest_age_ms < 5000  # the present came first
-    assert first.samples[0].sequence > 3000
-    assert sorted(counts_of(whole)) == [(float(n), float(n + 1000)) for n in read_of(whole)]
+    # The present came first: what was read after the device came back.
+    assert first.newest_age_ms < 5000
+    assert counts_of(first.samples)[0][0] > came_back
+    read = read_of(whole)
+    assert read[0] < came_back < read[-1]
+    assert sorted(counts_of(whole)) == [(float(n), float(n + 1000)) for n in read]
 
 
 async def test_killed_twenty_times_all_that_was_spooled_arrives(tmp_path: Path) -> None:
