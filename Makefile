@@ -24,8 +24,8 @@ $(INSTALLED): pyproject.toml constraints.txt
 demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live contacts for about 20 s
 	@$(BIN)/python demo/demo.py $(DEMO)
 
-test: $(INSTALLED)  ## all tests
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS)
+test: $(INSTALLED)  ## all tests, and which lines of the packages they do not run in their own processes
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) --cov
 
 bench: $(PEERS)  ## measure against peers and floors: a table, and build/bench.json; NAMES="beam ..." for some only
 	@mkdir -p build
@@ -46,4 +46,4 @@ format: $(INSTALLED)  ## format the code and sort the imports
 	$(BIN)/ruff format .
 
 clean:  ## remove everything that was made
-	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage*

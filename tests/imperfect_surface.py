@@ -9,8 +9,12 @@ import numpy as np
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.metadata import Metadata
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.scene import parse_scene
+
+POSITIONS = np.linspace(20.0, 380.0, 10)
+FORCES = np.full(10, 12.0)
 
 
 def imperfections(seed: int, metadata: Metadata) -> Imperfections:
@@ -51,3 +55,11 @@ def write_readings(
                 noisy = row + rng.normal(scale=metadata.noise.reading_mm, size=row.shape)
                 cells = [cell for value in noisy for cell in (1000, f"{value:.7g}", "good")]
                 writer.writerow([0.0, load, position, force, *cells])
+
+
+def readings(tmp_path: Path, model: ModelFile, real: Imperfections, *, seed: int = 1, **others: Floats) -> Path:
+    """Write the recording of ten loads on a surface, by default evenly spaced with 12 N each, and return its file."""
+    path = tmp_path / "loads.csv"
+    position, force = others.get("position", POSITIONS), others.get("force", FORCES)
+    write_readings(path, model.metadata, true_prior(model.metadata, real), position, force, seed=seed)
+    return path

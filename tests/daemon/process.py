@@ -1,18 +1,35 @@
 """The daemon as the user starts it: a process of its own."""
 
 import asyncio
+import atexit
 import contextlib
 import json
 import os
 import random
 import signal
 import socket
+import subprocess
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
+
+from forked import Forked, Parent
+
+LIBRARIES = (
+    "aiohttp",
+    "cobs.cobs",
+    "numpy.typing",
+    "prometheus_client",
+    "pydantic.main",
+    "pymodbus.client",
+    "serial",
+    "sqlite3",
+)
+"""Those that take long to import."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +50,7 @@ class Outcome:
 class Daemon:
     """A running daemon."""
 
-    def __init__(self, process: asyncio.subprocess.Process) -> None:
+    def __init__(self, process: subprocess.Popen[str]) -> None:
         self._process = process
 
     @property
@@ -52,33 +69,50 @@ class Daemon:
 
     async def end(self) -> Outcome:
         """Wait for the end."""
-        out, err = await asyncio.wait_for(self._process.communicate(), 15)
-        assert self._process.returncode is not None
-        return Outcome(self._process.returncode, out.decode(), err.decode())
+        out, err = await asyncio.to_thread(self._process.communicate, timeout=60)
+        return Outcome(self._process.returncode, out, err)
+
+
+@cache
+def parent() -> Parent:
+    """Return the process from which daemons are forked."""
+    made = Parent("beamtouch_daemon.cli", *LIBRARIES)
+    atexit.register(made.close)
+    return made
+
+
+def _start(
+    words: list[str], code: str, environment: dict[str, str] | None, prefix: tuple[str, ...]
+) -> subprocess.Popen[str]:
+    if not (code or environment or prefix):
+        return Forked(parent(), words, Path.cwd())
+    program = ("-c", f"{code}; from beamtouch_daemon.cli import main; sys.exit(main())")
+    pipe = subprocess.PIPE
+    return subprocess.Popen(
+        [*prefix, sys.executable, *(program if code else ("-m", "beamtouch_daemon")), *words],
+        stdin=pipe,
+        stdout=pipe,
+        stderr=pipe,
+        text=True,
+        env=os.environ | (environment or {}),
+    )
 
 
 @asynccontextmanager
 async def started(
     *arguments: str | Path, code: str = "", environment: dict[str, str] | None = None, prefix: tuple[str, ...] = ()
 ) -> AsyncIterator[Daemon]:
-    """Start the daemon, with Python `code` run before it, by `prefix`; it is gone at the end of the block."""
-    program = ("-c", f"{code}; from beamtouch_daemon.cli import main; sys.exit(main())") if code else None
-    process = await asyncio.create_subprocess_exec(
-        *prefix,
-        sys.executable,
-        *(program or ("-m", "beamtouch_daemon")),
-        *map(str, arguments),
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        env=os.environ | (environment or {}),
-    )
+    """Start the daemon, with Python `code` run before it, by `prefix`; it is gone at the end of the block.
+
+    With any of these it is started anew, otherwise forked.
+    """
+    process = await asyncio.to_thread(_start, [str(one) for one in arguments], code, environment, prefix)
     try:
         yield Daemon(process)
     finally:
         if process.returncode is None:
             process.kill()
-            await process.communicate()
+            await asyncio.to_thread(process.communicate)
 
 
 async def command(*arguments: str | Path, code: str = "") -> Outcome:

@@ -62,11 +62,11 @@ class Bench:
     async def finish(self) -> None:
         """Close the outbox and wait for the delivery of what is in it."""
         self.outbox.close()
-        await asyncio.wait_for(self._task, 5)
+        await asyncio.wait_for(self._task, 60)
 
 
 async def until(holds: Callable[[], bool]) -> None:
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         while not holds():  # noqa: ASYNC110 - what it asks for is elsewhere
             await asyncio.sleep(0.01)
 

@@ -80,5 +80,5 @@ async def serving(service: Service) -> AsyncIterator[Service]:
         yield service
     finally:
         server.should_exit = True
-        await asyncio.wait_for(task, 5)
+        await asyncio.wait_for(task, 60)
         service.listener.close()

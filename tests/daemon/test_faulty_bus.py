@@ -154,6 +154,6 @@ async def test_an_adapter_that_echoes_costs_no_unit(registers: int) -> None:
         async with rtu_units(line, {1: unit}, echo=lambda request: [(0.0, request)]):
             places = [f"register = {index}" for index in range(registers)]
             source = source_in({}, table(line.path, 500.0), places, 20.0)
-            async with asyncio.timeout(30):
+            async with asyncio.timeout(60):
                 _, errors = await take_across_sessions(source, 40, is_of(unit))
     assert errors == []

@@ -27,7 +27,7 @@ async def test_a_bad_serial_line_delivers_only_values_that_were_sent_and_each_on
             serving(Service()) as service,
             running(tmp_path, configs.serial(str(usb.path)), service.url) as daemon,
         ):
-            await service.until(1000, within_s=40)
+            await service.until(1000, within_s=60)
             assert (await daemon.stop()).code == 0
         found = counts_of(service.samples())
         assert all(second == first + 1000 for first, second in found)

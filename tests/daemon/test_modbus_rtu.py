@@ -246,4 +246,4 @@ async def test_an_unplugged_port_is_an_error() -> None:
             await anext(stream)
             line.unplug()
             with pytest.raises(SourceError):
-                await asyncio.wait_for(anext(stream), 2)
+                await asyncio.wait_for(anext(stream), 60)

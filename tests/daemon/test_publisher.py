@@ -103,8 +103,7 @@ async def test_a_stop_with_a_service_that_hangs_keeps_the_samples_on_disk(tmp_pa
 async def test_a_wrong_token_delivers_nothing_and_loses_nothing(caplog: pytest.LogCaptureFixture) -> None:
     async with serving(Service()) as service, Bench(service, token="wrong") as bench:  # noqa: S106
         bench.outbox.put(taken(0, 3))
-        await asyncio.sleep(0.5)
-        assert service.attempts >= 2
+        await until(lambda: service.attempts >= 2)
     assert len(bench.outbox) == 3
     assert service.batches == []
     complaints = [record.getMessage() for record in caplog.records if "wrong token" in record.getMessage()]
@@ -142,9 +141,9 @@ async def test_a_full_queue_drops_the_oldest_and_counts_them(caplog: pytest.LogC
 
 
 async def test_a_backlog_goes_out_in_batches_of_bounded_size_without_pause() -> None:
-    async with serving(Service()) as service, Bench(service, batch_s=1.0) as bench:
+    async with serving(Service()) as service, Bench(service, batch_s=60.0) as bench:
         bench.outbox.put(taken(0, 3500))
-        await service.until(3000, within_s=3)
+        await service.until(3000)
     assert max(len(batch.samples) for _, batch, _ in service.batches) == 1000
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon.delivery import client as service_client
 from beamtouch_daemon.delivery import late_delivery
+from beamtouch_daemon.delivery.client import MISSING_CHANNELS, NEVER_ACCEPTED, TOO_LARGE
 from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Batch, Note
@@ -19,9 +19,9 @@ pytestmark = pytest.mark.anyio
 
 
 def test_the_types_of_problems_are_those_of_the_service() -> None:
-    assert Kind.TOO_LARGE.type_uri == service_client.TOO_LARGE
-    assert Kind.MISSING_CHANNELS.type_uri == service_client.MISSING_CHANNELS
-    assert {Kind.MALFORMED_JSON.type_uri, Kind.INVALID_REQUEST.type_uri} == service_client.NEVER_ACCEPTED
+    assert Kind.TOO_LARGE.type_uri == TOO_LARGE
+    assert Kind.MISSING_CHANNELS.type_uri == MISSING_CHANNELS
+    assert {Kind.MALFORMED_JSON.type_uri, Kind.INVALID_REQUEST.type_uri} == NEVER_ACCEPTED
 
 
 @pytest.mark.parametrize("kind", ["invalid-request", "malformed-json"])

@@ -15,6 +15,7 @@ from beamtouch_service.samples import Batch, Quality
 
 from . import configs
 from .devices import SerialDevice, pymodbus_server
+from .faulty import BACK_S, SLACK_S
 from .lines import terminal
 from .process import free_port, started, summary_of
 from .service import Service, serving
@@ -85,7 +86,7 @@ async def test_a_device_that_comes_back_is_read_again_and_the_outage_is_counted(
                 assert first == pytest.approx(0.1)  # nothing from before in its average
                 outcome = await daemon.stop()
     assert outcome.code == 0
-    assert back_s < 2.0
+    assert back_s < BACK_S + SLACK_S
     assert summary_of(tmp_path)["bench"]["readings_lost"] > 180  # a second at 200 Hz
     assert "works again after" in outcome.err
     assert len(outcome.err.splitlines()) < 10
@@ -101,7 +102,7 @@ async def test_without_a_service_a_stop_ends_soon_and_reports_the_fate_of_the_sa
         config = configs.write(tmp_path, configs.surface(source=configs.serial(line.path)), url=url)
         config.write_text(config.read_text().replace("batch_ms", f"spool_mb = {spool_mb}\nbatch_ms"))
         async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while device.sequence < 50:  # noqa: ASYNC110 - the device is outside
                     await asyncio.sleep(0.05)
             begin_s = monotonic()
@@ -120,7 +121,7 @@ async def test_spooled_samples_are_delivered_after_the_next_start_alongside_new_
         url = f"http://127.0.0.1:{port}"
         config = configs.write(tmp_path, configs.surface(source=configs.serial(line.path)), url=url)
         async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while device.sequence < 300:  # noqa: ASYNC110 - the device is outside
                     await asyncio.sleep(0.05)
             assert (await daemon.stop()).code == 0
@@ -155,5 +156,5 @@ async def test_a_cancellation_that_a_task_swallows_is_repeated() -> None:
 
     task = asyncio.create_task(swallow_one())
     await asyncio.sleep(0)
-    await asyncio.wait_for(cancel({task}), 2)
+    await asyncio.wait_for(cancel({task}), 30)
     assert task.cancelled()

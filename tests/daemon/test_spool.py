@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon.delivery import spool as spool_module
 from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.delivery.spool_connection import SpoolError
 from beamtouch_daemon.delivery.spool_row import MARGIN_S
@@ -41,7 +40,7 @@ def test_a_batch_has_the_age_that_it_has_when_it_comes_back(tmp_path: Path, monk
         assert oldest is not None
         assert oldest.batch.newest_age_ms == pytest.approx(5000, abs=500)
     (tmp_path / "another_boot").write_text("another\n")
-    monkeypatch.setattr(spool_module, "BOOT_ID", tmp_path / "another_boot")
+    monkeypatch.setattr("beamtouch_daemon.delivery.spool.BOOT_ID", tmp_path / "another_boot")
     with Spool(tmp_path / "spool", ROOM) as spool:
         oldest = spool.oldest("bench")
         assert oldest is not None

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon.delivery import spool as spool_module
-from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.delivery.spool import BOOT_ID, Spool
 from beamtouch_daemon.delivery.spool_connection import SpoolError
 from beamtouch_daemon.delivery.spool_row import row_of
 
@@ -21,7 +20,7 @@ PAGE = 4096
 def fill(path: Path, rows: int, samples: int) -> None:
     """Make a spool with many batches, in one transaction: the disk is waited for once."""
     with Spool(path, ROOM):
-        boot = spool_module.BOOT_ID.read_text().strip()
+        boot = BOOT_ID.read_text().strip()
     with closing(sqlite3.connect(path)) as database, database:
         for number in range(rows):
             row = row_of("bench", batch_of(number * samples, samples), boot, time.monotonic())

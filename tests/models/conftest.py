@@ -3,7 +3,9 @@
 import pytest
 
 from beamtouch_models import cli
+from beamtouch_models.accuracy import rest
 from beamtouch_models.rig import cli as rig_cli
+from beamtouch_models.trade import points, timing
 from in_process import Command, command_of
 
 
@@ -17,3 +19,17 @@ def design_sensors_here(capsys: pytest.CaptureFixture[str]) -> Command:
 def rig_here(capsys: pytest.CaptureFixture[str]) -> Command:
     """`beamtouch-rig` in this process, for input that it refuses."""
     return command_of(rig_cli.main, capsys)
+
+
+@pytest.fixture
+def short_timing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few inferences are timed, for tests that do not ask how long one takes."""
+    monkeypatch.setattr(timing, "CALLS", 5)
+    for rounds in ("ROUNDS", "FIRST_ROUNDS"):
+        monkeypatch.setattr(points, rounds, 2)
+
+
+@pytest.fixture
+def few_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few samples at rest are drawn, for tests that do not ask how many exceed the threshold of contact."""
+    monkeypatch.setattr(rest, "REST_DRAWS", 2**12)

@@ -228,6 +228,7 @@ def test_a_build_prices_each_effect_once_and_carries_its_physics(pricings: list[
     assert physics_of(built.metadata).scene == built.physics.scene
 
 
+@pytest.mark.usefixtures("short_timing")
 def test_trade_prices_each_filter_in_its_own_noise(pricings: list[FilterChoice]) -> None:
     # Shear is negligible behind no filter, and is not behind the mean of 16 readings, which has a quarter of the noise.
     rough = scene_with(STATED["shear"], noise_percent_of_max=None, noise_mm=0.01)

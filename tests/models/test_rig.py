@@ -121,35 +121,33 @@ def test_counts_come_back_as_the_deflection_with_the_noise_of_the_scene(bench: M
     assert VirtualSurface(scene, bench.metadata, seed=1).counts(Load(150.0, 12.0), 0.0) == counts[0].tolist()
 
 
-def exchange(path: Path, sent: list[Message | float], enough: Callable[[list[Message]], bool]) -> list[Message]:
+async def exchange(path: Path, sent: list[Message | float], enough: Callable[[list[Message]], bool]) -> list[Message]:
     """Talk to a serial device as a host would and return its messages; a number in `sent` is a pause [s]."""
-
-    async def talk() -> list[Message]:
-        received: list[Message] = []
-        with named_line(path) as line:
-            device = asyncio.create_task(SerialDevice(line, lambda: [1, 2, 65535], 3, 16).serve())
-            await asyncio.sleep(0)
-            host = os.open(path, os.O_RDWR | os.O_NOCTTY)
-            try:
-                decoder = Decoder()
-                for message in sent:
-                    if isinstance(message, float):
-                        await asyncio.sleep(message)
-                    else:
-                        await asyncio.to_thread(os.write, host, encode(message))
-                async with asyncio.timeout(20):
-                    while not enough(received):
-                        received += decoder.feed(await asyncio.to_thread(os.read, host, 4096))
-            finally:
-                os.close(host)
-                device.cancel()
-        return received
-
-    return asyncio.run(talk())
+    received: list[Message] = []
+    with named_line(path) as line:
+        device = asyncio.create_task(SerialDevice(line, lambda: [1, 2, 65535], 3, 16).serve())
+        await asyncio.sleep(0)
+        host = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        try:
+            decoder = Decoder()
+            for message in sent:
+                if isinstance(message, float):
+                    await asyncio.sleep(message)
+                else:
+                    await asyncio.to_thread(os.write, host, encode(message))
+            async with asyncio.timeout(60):
+                while not enough(received):
+                    received += decoder.feed(await asyncio.to_thread(os.read, host, 4096))
+        finally:
+            os.close(host)
+            device.cancel()
+            await asyncio.wait([device])
+    return received
 
 
-def test_the_serial_device_says_hello_and_streams_until_stopped(tmp_path: Path) -> None:
-    received = exchange(tmp_path / "line", [HelloRequest(), Start(500, 1)], lambda so_far: len(so_far) >= 52)
+@pytest.mark.anyio
+async def test_the_serial_device_says_hello_and_streams_until_stopped(tmp_path: Path) -> None:
+    received = await exchange(tmp_path / "line", [HelloRequest(), Start(500, 1)], lambda so_far: len(so_far) >= 52)
     hellos = [message for message in received if isinstance(message, Hello)]
     readings = [message for message in received if isinstance(message, Reading)]
     assert len(hellos) == 2
@@ -164,9 +162,10 @@ def test_the_serial_device_says_hello_and_streams_until_stopped(tmp_path: Path) 
     assert np.percentile(np.diff(clocks), 20) < 2600
 
 
-def test_a_stopped_device_sends_nothing_but_answers(tmp_path: Path) -> None:
+@pytest.mark.anyio
+async def test_a_stopped_device_sends_nothing_but_answers(tmp_path: Path) -> None:
     script: list[Message | float] = [Start(500, 1), 0.05, Stop(), HelloRequest(), 0.1, HelloRequest()]
-    received = exchange(tmp_path / "line", script, lambda so_far: sum(isinstance(m, Hello) for m in so_far) == 3)
+    received = await exchange(tmp_path / "line", script, lambda so_far: sum(isinstance(m, Hello) for m in so_far) == 3)
     kinds = [type(message) for message in received]
     assert Reading in kinds  # the stream had started
     assert kinds[-2:] == [Hello, Hello]  # after the stop, the device sent only answers
@@ -182,18 +181,16 @@ def test_a_line_removes_its_link_and_never_replaces_a_file(tmp_path: Path) -> No
     assert (tmp_path / "file").read_text() == "keep me"
 
 
-def test_a_joined_line_carries_bytes_both_ways(tmp_path: Path) -> None:
-    async def carry() -> None:
-        with joined_line(tmp_path / "line") as near_name:
-            ends = [os.open(name, os.O_RDWR | os.O_NOCTTY) for name in (near_name, tmp_path / "line")]
-            for one, other in (ends, ends[::-1]):
-                await asyncio.to_thread(os.write, one, b"\x00\x11\x13\x03\r\n")
-                async with asyncio.timeout(5):
-                    assert await asyncio.to_thread(os.read, other, 100) == b"\x00\x11\x13\x03\r\n"
-            for end in ends:
-                os.close(end)
-
-    asyncio.run(carry())
+@pytest.mark.anyio
+async def test_a_joined_line_carries_bytes_both_ways(tmp_path: Path) -> None:
+    with joined_line(tmp_path / "line") as near_name:
+        ends = [os.open(name, os.O_RDWR | os.O_NOCTTY) for name in (near_name, tmp_path / "line")]
+        for one, other in (ends, ends[::-1]):
+            await asyncio.to_thread(os.write, one, b"\x00\x11\x13\x03\r\n")
+            async with asyncio.timeout(60):
+                assert await asyncio.to_thread(os.read, other, 100) == b"\x00\x11\x13\x03\r\n"
+        for end in ends:
+            os.close(end)
 
 
 IMPERFECT = """

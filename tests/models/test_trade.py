@@ -91,6 +91,7 @@ def test_numbers_of_sensors_and_windows_follow_the_scene() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("short_timing")
 def test_a_point_states_the_error_and_latency_of_its_model() -> None:
     scene = parse_scene(PAPER, "paper")
     kept: list[Trade] = []
@@ -136,12 +137,14 @@ def test_leaving_out_an_expensive_effect_costs_accuracy() -> None:
 
 
 @pytest.mark.long
-def test_the_command_writes_the_folder_and_builds_the_choice(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("short_timing")
+def test_the_command_writes_the_folder_and_builds_the_choice(design_sensors_here: Command, tmp_path: Path) -> None:
     scene = tmp_path / "plate.toml"
     text = PAPER.replace("count = 2", "count = [2, 3]").replace("[sensors]", "[sensors]\nrate_hz = 50")
     scene.write_text(text + "\n[requirements]\nlatency_ms = 40\n")
-    common = [COMMAND, "trade", str(scene), "-o", str(tmp_path / "out"), "--draws", "300", "--estimators", "posterior"]
-    done = subprocess.run([*common, "--latency-ms", "60", "--json"], capture_output=True, text=True, check=True)
+    common = ("trade", scene, "-o", tmp_path / "out", "--draws", 300, "--estimators", "posterior")
+    done = design_sensors_here(*common, "--latency-ms", 60, "--json")
+    assert done.returncode == 0
     found = json.loads(done.stdout)
     chosen = found["points"][found["picked"]["index"]]
     assert chosen["latency_ms"] <= 60
@@ -157,7 +160,7 @@ def test_the_command_writes_the_folder_and_builds_the_choice(tmp_path: Path) -> 
     expected = [(str(one["sensors"]), "*" * one["on_front"]) for one in found["points"]]
     assert sorted(shown) == sorted(expected)
     assert picture.count("<circle") == len(expected) + 2  # two in the legend
-    none = subprocess.run([*common, "--error-mm", "1e-6"], capture_output=True, text=True, check=False)
+    none = design_sensors_here(*common, "--error-mm", 1e-6)
     assert (none.returncode, none.stdout, none.stderr.count("\n")) == (2, "", 1)
     assert "no point has a mean error of 1e-06 mm" in none.stderr
 
@@ -214,6 +217,7 @@ def test_an_interrupted_build_of_the_choice_says_what_is_kept(tmp_path: Path, st
     assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg"}
 
 
+@pytest.mark.usefixtures("short_timing")
 def test_points_that_fail_are_named_and_the_others_are_kept(design_sensors_here: Command, tmp_path: Path) -> None:
     scene = tmp_path / "narrow.toml"
     # Three sensors with 150 mm between them go on 400 mm, four do not.

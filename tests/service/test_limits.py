@@ -67,15 +67,13 @@ def test_a_logger_repeats_itself_once_a_minute() -> None:
     assert limited.filter(record)
 
 
-def test_a_body_that_trickles_is_given_up() -> None:
+@pytest.mark.anyio
+async def test_a_body_that_trickles_is_given_up() -> None:
     async def receive() -> Message:
         await asyncio.sleep(0.01)
         return {"type": "http.request", "body": b" ", "more_body": True}
 
-    async def story() -> None:
-        await read_body(Request({"type": "http", "headers": []}, receive), limit_s=0.1)
-
     with pytest.raises(ProblemError) as caught:
-        asyncio.run(story())
+        await read_body(Request({"type": "http", "headers": []}, receive), limit_s=0.1)
     assert caught.value.problem.kind is Kind.TOO_SLOW
     assert caught.value.headers == {"Connection": "close"}

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
-import time
 from typing import TYPE_CHECKING
 
 import onnx
@@ -14,65 +12,47 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_service.access import Access
 from beamtouch_service.host import model_watch
-from beamtouch_service.host.model_watch import ModelKeeper
-from beamtouch_service.problems import ProblemError
 from beamtouch_service.surfaces.surface import Surface
 from service.conftest import ADMIN_TOKEN, TOKEN
+from service.kept_model import NO_FORCE, identity, polls, put
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from beamtouch_service.host.model_watch import ModelKeeper
     from beamtouch_service.samples import Batch
     from service.conftest import Bench, BuildModel, MakeBatch
 
     ParseBatch = Callable[..., Batch]
 
-NO_FORCE = (*modelfile.POSITION_OUTPUTS,)
+pytestmark = pytest.mark.anyio
 
 
-@pytest.fixture
-def kept(build_model: BuildModel) -> ModelKeeper:
-    path = build_model()
-    model, digest = model_watch.load(path)
-    return ModelKeeper(Surface("press-7", model), path, digest)
-
-
-def put(path: Path, content: bytes, age_s: float = 10.0) -> None:
-    """Put content there as a copy that was complete so long ago."""
-    path.write_bytes(content)
-    os.utime(path, (time.time() - age_s,) * 2)
-
-
-def identity(keeper: ModelKeeper) -> str:
-    assert keeper.surface.model is not None
-    return keeper.surface.model.identity
-
-
-def test_a_new_model_answers_from_the_next_sample_on(
+async def test_a_new_model_answers_from_the_next_sample_on(
     kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch
 ) -> None:
     old = identity(kept)
     kept.surface.receive(parse_batch(), arrival_s=10.0)
     put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
 
-    assert asyncio.run(kept.reload()) is True
+    assert await kept.reload() is True
     assert identity(kept) != old
     assert (kept.surface.contact(10.0).model, kept.surface.contact(10.0).force_n) == (old, 8.75)
     kept.surface.receive(parse_batch(sequence=2), arrival_s=10.1)
     assert (kept.surface.contact(10.1).model, kept.surface.contact(10.1).force_n) == (identity(kept), None)
 
 
-def test_the_same_content_is_no_new_model(kept: ModelKeeper) -> None:
+async def test_the_same_content_is_no_new_model(kept: ModelKeeper) -> None:
     put(kept.path, kept.path.read_bytes())
     old = kept.surface.model
 
-    assert asyncio.run(kept.reload()) is False
+    assert await kept.reload() is False
     assert kept.surface.model is old
     assert kept.surface.model_error is None
 
 
-def test_a_bad_file_changes_nothing_and_is_named_until_there_is_a_good_one(
+async def test_a_bad_file_changes_nothing_and_is_named_until_there_is_a_good_one(
     kept: ModelKeeper, build_model: BuildModel, caplog: pytest.LogCaptureFixture
 ) -> None:
     old, good = kept.surface.model, kept.path.read_bytes()
@@ -89,29 +69,29 @@ def test_a_bad_file_changes_nothing_and_is_named_until_there_is_a_good_one(
     }
     for complaint, content in bad.items():
         put(kept.path, content)
-        assert asyncio.run(kept.reload()) is False
+        assert await kept.reload() is False
         assert kept.surface.model is old
         assert complaint in str(kept.surface.summary(0).model_error)
         assert complaint in caplog.records[-1].getMessage()
     kept.path.unlink()
-    assert asyncio.run(kept.reload()) is False
+    assert await kept.reload() is False
     assert "No such file" in str(kept.surface.model_error)
 
     put(kept.path, good)
-    assert asyncio.run(kept.reload()) is False
+    assert await kept.reload() is False
     assert (kept.surface.model, kept.surface.model_error) == (old, None)
     put(kept.path, other)
-    assert asyncio.run(kept.reload()) is True
+    assert await kept.reload() is True
     assert identity(kept).startswith("tool@")
 
 
-def test_a_model_for_channels_that_do_not_arrive_is_refused(
+async def test_a_model_for_channels_that_do_not_arrive_is_refused(
     kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch
 ) -> None:
     kept.surface.receive(parse_batch(), arrival_s=10.0)
     put(kept.path, build_model(channels=5).read_bytes())
 
-    assert asyncio.run(kept.reload(other_beam=True)) is False
+    assert await kept.reload(other_beam=True) is False
     assert "it needs s4, s5, but the samples of this surface lack them" in str(kept.surface.model_error)
     assert kept.surface.contact(10.0).position_mm == 150.0
 
@@ -143,12 +123,12 @@ def layout(*places: float, names: str = "s1 s2 s3") -> list[dict[str, object]]:
         ({"name": "other", "layout": layout(100, 200, 300)}, None),
     ],
 )
-def test_a_model_of_another_beam_is_used_only_when_it_is_asked_for(
+async def test_a_model_of_another_beam_is_used_only_when_it_is_asked_for(
     kept: ModelKeeper, entries: dict[str, object], complaint: str | None, caplog: pytest.LogCaptureFixture
 ) -> None:
     old = identity(kept)
     put(kept.path, restated(kept.path, **entries))
-    asyncio.run(polls(kept, 5))
+    await polls(kept, 5)
     if complaint is None:
         assert (identity(kept) != old, kept.surface.model_error) == (True, None)
         return
@@ -156,46 +136,46 @@ def test_a_model_of_another_beam_is_used_only_when_it_is_asked_for(
     assert complaint in str(kept.surface.model_error)
     assert [complaint in record.getMessage() for record in caplog.records] == [True]
 
-    assert asyncio.run(kept.reload(other_beam=True)) is True
+    assert await kept.reload(other_beam=True) is True
     assert identity(kept) != old
     assert kept.surface.model_error is None
 
 
-def test_permission_for_another_beam_ends_when_another_file_takes_its_place(
+async def test_permission_for_another_beam_ends_when_another_file_takes_its_place(
     kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch
 ) -> None:
     old, good = identity(kept), kept.path.read_bytes()
     kept.surface.receive(parse_batch(), arrival_s=10.0)
     five = build_model(name="five", channels=5).read_bytes()
     put(kept.path, five)
-    assert asyncio.run(kept.reload(other_beam=True)) is False
+    assert await kept.reload(other_beam=True) is False
     put(kept.path, good)
-    asyncio.run(polls(kept))
+    await polls(kept)
     kept.surface.receive(parse_batch([0.5] * 5, boot_id="boot-0002"), arrival_s=10.1)
     put(kept.path, five)
-    asyncio.run(polls(kept))
+    await polls(kept)
     assert identity(kept) == old
     assert "to switch to a model of another beam, send" in str(kept.surface.model_error)
 
     # It also ends once the model was in use.
-    assert asyncio.run(kept.reload(other_beam=True)) is True
+    assert await kept.reload(other_beam=True) is True
     put(kept.path, good)
-    assert asyncio.run(kept.reload(other_beam=True)) is True
+    assert await kept.reload(other_beam=True) is True
     put(kept.path, five)
-    assert asyncio.run(kept.reload()) is False
+    assert await kept.reload() is False
     assert identity(kept) == old
 
 
-def test_a_model_whose_answers_take_long_is_refused(
+async def test_a_model_whose_answers_take_long_is_refused(
     kept: ModelKeeper, build_model: BuildModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put(kept.path, build_model(outputs=NO_FORCE).read_bytes())
     monkeypatch.setattr(model_watch, "MAX_ANSWER_S", 0.0)
-    assert asyncio.run(kept.reload()) is False
+    assert await kept.reload() is False
     assert "one answer takes 0 ms" in str(kept.surface.model_error)
 
 
-def test_a_copy_under_way_is_waited_for(kept: ModelKeeper, build_model: BuildModel) -> None:
+async def test_a_copy_under_way_is_waited_for(kept: ModelKeeper, build_model: BuildModel) -> None:
     old, new = identity(kept), build_model(outputs=NO_FORCE).read_bytes()
     seen = []
 
@@ -207,123 +187,12 @@ def test_a_copy_under_way_is_waited_for(kept: ModelKeeper, build_model: BuildMod
                 await asyncio.sleep(0.2)
                 seen.append(identity(kept))
 
-    async def story() -> bool:
-        copying = asyncio.create_task(copy())
-        await asyncio.sleep(0.1)
-        changed = await kept.reload()
-        await copying
-        return changed
-
-    assert asyncio.run(story()) is True
+    copying = asyncio.create_task(copy())
+    await asyncio.sleep(0.1)
+    assert await kept.reload() is True
+    await copying
     assert set(seen[:-1]) == {old}
     assert kept.surface.model_error is None
-
-
-def test_a_file_is_loaded_when_two_looks_in_a_row_find_the_same_new_one(
-    kept: ModelKeeper, build_model: BuildModel
-) -> None:
-    old = identity(kept)
-
-    async def story() -> list[bool]:
-        looks = []
-        for content in (None, build_model(outputs=NO_FORCE).read_bytes(), None, None):
-            if content:
-                put(kept.path, content)
-            await kept.poll()
-            looks.append(identity(kept) != old)
-        return looks
-
-    assert asyncio.run(story()) == [False, False, True, True]
-
-
-def test_a_bad_file_is_tried_once(kept: ModelKeeper, caplog: pytest.LogCaptureFixture) -> None:
-    put(kept.path, b"hello")
-
-    async def story() -> None:
-        for _ in range(5):
-            await kept.poll()
-
-    asyncio.run(story())
-    assert len(caplog.records) == 1
-
-
-async def polls(keeper: ModelKeeper, times: int = 3) -> None:
-    for _ in range(times):
-        await keeper.poll()
-
-
-def test_a_model_that_waits_for_its_channels_is_used_once_they_arrive(
-    kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    old = identity(kept)
-    kept.surface.receive(parse_batch(), arrival_s=10.0)
-    put(kept.path, build_model(name="five", channels=5).read_bytes())
-    assert asyncio.run(kept.reload(other_beam=True)) is False
-    asyncio.run(polls(kept))
-    kept.surface.receive(parse_batch([0.5] * 4, sequence=2), arrival_s=10.1)
-    asyncio.run(polls(kept))
-    assert (identity(kept), len(caplog.records)) == (old, 1)
-    assert "it needs s4, s5" in str(kept.surface.model_error)
-
-    kept.surface.receive(parse_batch([0.5] * 5, boot_id="boot-0002"), arrival_s=10.2)
-    asyncio.run(polls(kept))
-    assert identity(kept).startswith("five@")
-    assert kept.surface.model_error is None
-
-
-@pytest.mark.parametrize("model_comes_first", [True, False])
-def test_channels_that_are_renamed_are_refused_until_the_model_is_changed_too(
-    kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch, *, model_comes_first: bool
-) -> None:
-    kept.surface.receive(parse_batch(), arrival_s=10.0)
-    names = [f"t{number}" for number in range(1, 4)]
-    renamed = parse_batch(channels=names, boot_id="boot-0002")
-    content = build_model(name="renamed", prefix="t").read_bytes()
-
-    def change_model() -> None:
-        put(kept.path, content)
-        asyncio.run(polls(kept))
-
-    if model_comes_first:
-        change_model()
-    with pytest.raises(ProblemError):
-        kept.surface.receive(renamed, arrival_s=10.1)
-    if not model_comes_first:
-        change_model()
-    asyncio.run(polls(kept))
-    kept.surface.receive(renamed, arrival_s=10.2)
-    assert kept.surface.contact(10.2).model.startswith("renamed@")
-
-
-def test_a_file_that_went_away_and_came_back_is_in_use_again(kept: ModelKeeper, tmp_path: Path) -> None:
-    put(kept.path, kept.path.read_bytes())
-    asyncio.run(polls(kept))
-    kept.path.rename(tmp_path / "away")
-    assert asyncio.run(kept.reload()) is False
-    assert "No such file" in str(kept.surface.model_error)
-
-    (tmp_path / "away").rename(kept.path)
-    asyncio.run(polls(kept))
-    assert kept.surface.model_error is None
-
-
-def test_what_is_no_file_is_never_opened(kept: ModelKeeper, caplog: pytest.LogCaptureFixture) -> None:
-    kept.path.unlink()
-    os.mkfifo(kept.path)
-    os.utime(kept.path, (time.time() - 10,) * 2)
-
-    async def story() -> None:
-        try:
-            async with asyncio.timeout(30):
-                await polls(kept)
-                assert await kept.reload() is False
-        finally:
-            # A thread that waits for a writer is let go, or the loop would wait for that thread.
-            os.close(os.open(kept.path, os.O_RDWR | os.O_NONBLOCK))
-
-    asyncio.run(story())
-    assert "not a regular file" in str(kept.surface.model_error)
-    assert len(caplog.records) == 2
 
 
 def test_the_routes_of_a_model(

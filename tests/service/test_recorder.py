@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_service.events import recorder as recorder_module
 from beamtouch_service.events.recorder import MAX_LATE, Recorder
 from service.event_story import RESTING, TOUCHING, Row, settle
 
@@ -109,7 +108,7 @@ def test_a_stop_does_not_wait_for_late_samples_and_counts_them_as_lost(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     sent = fill(bench, make_batch)
-    monkeypatch.setattr(recorder_module, "STOP_S", 0.0)
+    monkeypatch.setattr("beamtouch_service.events.recorder.STOP_S", 0.0)
     stop = Thread(target=recorder.close)
     stop.start()
     gate.set()
@@ -127,7 +126,7 @@ def test_a_stop_writes_late_samples_while_it_has_time(
     bench.post(make_batch(RESTING, sequence=NEWEST))
     for number in range(3):
         bench.post(make_batch(*ROWS, sequence=len(ROWS) * number, age_ms=60_000))
-    monkeypatch.setattr(recorder_module, "STOP_S", 60.0)
+    monkeypatch.setattr("beamtouch_service.events.recorder.STOP_S", 60.0)
     recorder.close()
 
     assert (recorder.late_waiting, recorder.lost) == (0, 0)

@@ -65,7 +65,7 @@ def imperfect_beam(folder: Path, model: Path) -> Iterator[Beam]:
         yield Beam(process)
     finally:
         process.terminate()
-        process.communicate(timeout=30)
+        process.communicate(timeout=60)
 
 
 def record(config: Path, path: Path, beam: Beam) -> None:

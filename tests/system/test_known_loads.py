@@ -46,7 +46,7 @@ def rig(folder: Path, model: Path, script: str) -> Iterator[Path]:
         yield path
     finally:
         process.terminate()
-        process.communicate(timeout=30)
+        process.communicate(timeout=60)
 
 
 def daemon(*arguments: str | Path, typed: str = "") -> subprocess.CompletedProcess[str]:

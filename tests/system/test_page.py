@@ -141,7 +141,7 @@ def service_again(line: Line) -> Iterator[None]:
             yield
         finally:
             process.terminate()
-            process.wait(20)
+            process.wait(60)
 
 
 def test_a_service_that_hangs_is_no_connection(start: Callable[..., Line], open_page: OpenPage) -> None:

@@ -16,10 +16,14 @@ from playwright.sync_api import Browser
 
 from browser import OpenPage, chromium, pages
 from certificates import make_certificate
+from forked import Forked, Parent
 from plain_http import NO_TLS, TIMEOUT_S
-from service.conftest import READ_TOKEN, TOKEN, BuildModel, batch_of, write_model
+from service.conftest import READ_TOKEN, TOKEN, BuildModel, batch_of
+from service.small_model import write_model
 
 CLI = ("-m", "beamtouch_service.cli")
+LIBRARIES = ("fastapi", "uvicorn", "httptools", "sqlalchemy.dialects.postgresql", "numpy.typing", "prometheus_client")
+"""Those that take long to import."""
 
 
 class Service:
@@ -44,7 +48,7 @@ class Service:
     def stop(self, signal_number: int) -> tuple[int, str]:
         """Send a signal; return exit code and standard error."""
         self.process.send_signal(signal_number)
-        _, errors = self.process.communicate(timeout=30)
+        _, errors = self.process.communicate(timeout=60)
         return self.process.returncode, errors
 
 
@@ -53,17 +57,31 @@ Wait = Callable[[Callable[[], bool]], None]
 StartService = Callable[..., Service]
 
 
+@pytest.fixture(scope="session")
+def parent() -> Iterator[Parent]:
+    """The process from which services are forked."""
+    with Parent("beamtouch_service.cli", *LIBRARIES) as parent:
+        yield parent
+
+
 @contextmanager
-def commands_in(folder: Path) -> Iterator[Command]:
-    """Give a function that starts `beamtouch-service` with these arguments in a folder; at the end all are ended."""
+def commands_in(folder: Path, parent: Parent) -> Iterator[Command]:
+    """Give a function that starts `beamtouch-service` with these arguments in a folder; at the end all are ended.
+
+    With an environment or a program of its own it is started anew, otherwise forked.
+    """
     started: list[subprocess.Popen[str]] = []
 
     def start(
         *arguments: str | Path, environment: dict[str, str] | None = None, program: Sequence[str] = CLI
     ) -> subprocess.Popen[str]:
+        words = [str(one) for one in arguments]
+        if environment is None and program is CLI:
+            started.append(Forked(parent, words, folder))
+            return started[-1]
         search = [str(Path(entry).resolve()) for entry in os.environ.get("PYTHONPATH", "").split(":") if entry]
         process = subprocess.Popen(
-            [sys.executable, *program, *map(str, arguments)],
+            [sys.executable, *program, *words],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -82,9 +100,9 @@ def commands_in(folder: Path) -> Iterator[Command]:
 
 
 @pytest.fixture
-def command(tmp_path: Path) -> Iterator[Command]:
+def command(tmp_path: Path, parent: Parent) -> Iterator[Command]:
     """Start `beamtouch-service` in the folder of the test."""
-    with commands_in(tmp_path) as start:
+    with commands_in(tmp_path, parent) as start:
         yield start
 
 
@@ -109,12 +127,12 @@ def start_service(command: Command, token_file: Path) -> StartService:
 
 @pytest.fixture
 def wait_for() -> Wait:
-    """Poll until a condition holds, 20 s at most."""
+    """Poll until a condition holds, 60 s at most."""
 
     def wait(condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 60
         while not condition():
-            assert time.monotonic() < deadline, "it did not come true within 20 s"
+            assert time.monotonic() < deadline, "it did not come true within 60 s"
             time.sleep(0.01)
 
     return wait
@@ -155,14 +173,14 @@ def certificate(tmp_path: Path) -> tuple[Path, Path]:
 
 
 @contextmanager
-def touched_in(folder: Path) -> Iterator[Service]:
+def touched_in(folder: Path, parent: Parent) -> Iterator[Service]:
     """Give a service with a contact to give, for a minute."""
     token = folder / "token"
     token.write_text(TOKEN)
     (folder / "service.toml").write_text(
         f'[server]\nmax_clients = 8\n[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = 60000\n'
     )
-    with commands_in(folder) as start:
+    with commands_in(folder, parent) as start:
         options = ("run", "--port", "0", "--config", "service.toml", "--write-token-file", token)
         service = service_of(start(*options), TOKEN)
         assert service.post(batch_of()).status_code == 200
@@ -170,7 +188,7 @@ def touched_in(folder: Path) -> Iterator[Service]:
 
 
 @pytest.fixture
-def touched_service(tmp_path: Path) -> Iterator[Service]:
+def touched_service(tmp_path: Path, parent: Parent) -> Iterator[Service]:
     """A service of the test alone with a contact to give, for a minute."""
-    with touched_in(tmp_path) as service:
+    with touched_in(tmp_path, parent) as service:
         yield service

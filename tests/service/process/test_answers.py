@@ -112,7 +112,7 @@ def test_it_stops_with_a_sender_connected(
     def slow() -> Iterator[bytes]:
         yield b"{"
         sent.set()
-        release.wait(10)
+        release.wait(60)
         yield b"}"
 
     def post() -> None:
@@ -120,7 +120,7 @@ def test_it_stops_with_a_sender_connected(
 
     sender = threading.Thread(target=post)
     sender.start()
-    assert sent.wait(5)
+    assert sent.wait(60)
     code, errors = service.stop(signal.SIGTERM)
     release.set()
     sender.join()

@@ -63,7 +63,7 @@ def test_it_is_read_again_at_sighup_and_when_the_administrator_asks(
     def ask(token: str) -> httpx2.Response:
         url = f"{service.url}/surfaces/press-7/model/reload"
         headers = {"Authorization": f"Bearer {token}"}
-        return httpx2.post(url, headers=headers, trust_env=False, verify=NO_TLS, timeout=30)
+        return httpx2.post(url, headers=headers, trust_env=False, verify=NO_TLS, timeout=60)
 
     build_model(outputs=POSITION_OUTPUTS)
     os.utime(path, (time.time() - 60,) * 2)

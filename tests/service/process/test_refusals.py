@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def refusal(process: subprocess.Popen[str]) -> str:
-    output, errors = process.communicate(timeout=20)
+    output, errors = process.communicate(timeout=60)
     assert (process.returncode, output) == (2, "")
     (line,) = errors.splitlines()
     return line
@@ -126,7 +126,7 @@ def test_a_missing_extra(missing: str) -> None:
         f"import sys; sys.modules[{missing!r}] = None\n"
         "from beamtouch_service.cli import main; sys.exit(main(['run', '--port', '0']))"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=20, check=False)
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
 
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"beamtouch-service: {missing} is not installed; run: pip install 'beamtouch[service]'\n"

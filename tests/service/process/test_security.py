@@ -130,7 +130,7 @@ def test_a_certificate_that_will_not_do(command: Command, certificate: tuple[Pat
     def refused(certificate_file: Path, key_file: Path) -> str:
         options = ("--certificate-file", certificate_file, "--key-file", key_file)
         process = command("run", "--port", "0", *options)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=60)
         (line,) = errors.splitlines()
         assert process.returncode == 2
         return str(line)
@@ -138,7 +138,7 @@ def test_a_certificate_that_will_not_do(command: Command, certificate: tuple[Pat
     assert "not a PEM certificate and its key" in refused(certificate[1], certificate[0])
     assert "nowhere.pem: No such file" in refused(tmp_path / "nowhere.pem", certificate[1])
     process = command("run", "--port", "0", "--key-file", certificate[1])
-    assert "certificate_file is missing" in process.communicate(timeout=30)[1]
+    assert "certificate_file is missing" in process.communicate(timeout=60)[1]
 
 
 @pytest.mark.long

@@ -40,7 +40,7 @@ def states(response: httpx2.Response) -> Iterator[dict[str, Any]]:
 
 
 def opened(service: Service, stack: ExitStack, path: str = "/stream") -> httpx2.Response:
-    stream = httpx2.stream("GET", service.url + path, trust_env=False, verify=NO_TLS, timeout=20)
+    stream = httpx2.stream("GET", service.url + path, trust_env=False, verify=NO_TLS, timeout=60)
     return stack.enter_context(stream)
 
 

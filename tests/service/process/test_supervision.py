@@ -80,7 +80,7 @@ def test_the_manager_hears_of_the_start_of_progress_of_a_reload_and_of_the_end(
     assert manager.until("READY=1")
     service.process.send_signal(signal.SIGTERM)
     assert manager.until("STOPPING=1")
-    assert service.process.wait(timeout=30) == 0
+    assert service.process.wait(timeout=60) == 0
     assert manager.heard[:2] == ["READY=1", f"STATUS={service.first_line.strip()}"]
 
 
@@ -124,7 +124,7 @@ def test_a_socket_open_to_the_network_needs_tokens_too(command: Command) -> None
     with socket.create_server(("0.0.0.0", 0)) as listener:  # noqa: S104  # that it is refused is the point
         os.set_inheritable(listener.fileno(), True)
         process = command("run", program=("-c", ACTIVATED, str(listener.fileno())))
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=60)
 
     assert process.returncode == 2
     assert "open to the network" in errors
@@ -135,7 +135,7 @@ def test_a_socket_that_is_not_tcp_is_refused(command: Command, tmp_path: Path) -
         listener.bind(str(tmp_path / "socket"))
         os.set_inheritable(listener.fileno(), True)
         process = command("run", program=("-c", ACTIVATED, str(listener.fileno())))
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=60)
 
     assert process.returncode == 2
     assert errors.splitlines()[-1].endswith("is not TCP; let ListenStream= name an address and a port")

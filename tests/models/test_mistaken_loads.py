@@ -1,0 +1,198 @@
+"""Calibration of loads that are wrong: which are named, and what is refused."""
+
+import csv
+import dataclasses
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beamtouch_models import modelfile
+from beamtouch_models.accuracy.model_prior import physics_of
+from beamtouch_models.calibration.calibrate import checked_fit
+from beamtouch_models.calibration.fit import fit, supported_fit
+from beamtouch_models.calibration.loads import Loads, LoadsError
+from beamtouch_models.calibration.mistaken import mistaken
+from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.errors import NotGoodEnoughError
+from beamtouch_models.modelfile import Metadata, ModelFile
+from beamtouch_models.progress import silent
+from beamtouch_models.rig.imperfections import Imperfections
+from imperfect_surface import true_prior, write_readings
+from in_process import Command
+from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake
+
+pytestmark = pytest.mark.long
+
+SMALL = ("conveyor", "20 mm")
+"""On 1200 mm this load moves the sensors by less than eight noises: see docs/figures.md."""
+
+
+def change_load(path: Path, number: str, column: str, value: str) -> None:
+    """Mistype a number of a load."""
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows({**row, column: value} if row["load"] == number else row for row in rows)
+
+
+def test_a_mistyped_load_is_named_and_can_be_left_out(
+    design_sensors_here: Command, built_model: Callable[[str], Path], tmp_path: Path
+) -> None:
+    path, output, model = tmp_path / "loads.csv", tmp_path / "out.onnx", built_model("cantilever")
+    metadata = modelfile.load(model).metadata
+    real = random_imperfections(metadata, np.random.default_rng(1))
+    position = np.linspace(29.0, 191.0, 10)
+    write_readings(path, metadata, true_prior(metadata, real), position, np.full(10, 2.25), seed=1)
+    change_load(path, "6", "position_mm", "179")  # by 60 mm: it pressed at 119
+    given = ("calibrate", model, path, "-o", output)
+    done = design_sensors_here(*given)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "load 6 (lines 1002 to 1201) says 179 mm and 2.25 N, but the other loads" in done.stderr
+    place = re.search(r"place it at (\S+) mm with (\S+) N", done.stderr)
+    assert place is not None
+    assert [float(number) for number in place.groups()] == pytest.approx([119, 2.25], rel=0.05)
+    assert not output.exists()
+    missing = design_sensors_here(*given, "--leave-out", "77")
+    assert (missing.returncode, missing.stderr.count("\n")) == (2, 1)
+    assert "no load 77 to leave out" in missing.stderr
+    done = design_sensors_here(*given, "--leave-out", "6", "--json")
+    found = json.loads(done.stdout)
+    assert found["loads_left_out"] == [6]
+    assert found["error_after_mm"]["mean"] < found["error_before_mm"]["mean"]
+    assert output.exists()
+
+
+def test_two_exchanged_loads_are_both_named(built_model: Callable[[str], Path]) -> None:
+    model = modelfile.load(built_model("cantilever"))
+    rng = np.random.default_rng(1)
+    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
+    loads.position_mm[[2, 6]] = loads.position_mm[[6, 2]]
+    with pytest.raises(LoadsError, match=r"load 3 \(lines .*; load 7 \(lines .*; correct.*--leave-out 3 --leave-out 7"):
+        checked_fit(model, loads, silent)
+
+
+@dataclasses.dataclass(frozen=True)
+class Mistyped:
+    """Loads with one mistyped load, and the true loads."""
+
+    theory: Theory
+    honest: Loads
+    loads: Loads
+    wrong: int
+    real: Imperfections
+
+
+def mistyped(metadata: Metadata, mistake: str) -> Mistyped:
+    rng = np.random.default_rng([5, 5])
+    real = random_imperfections(metadata, rng)
+    honest = recorded(metadata, real, rng, hand_mm=0.3)
+    position, force, wrong = with_mistake(mistake, honest, metadata.ranges.position_mm, rng)
+    loads = dataclasses.replace(honest, position_mm=position, force_n=force)
+    return Mistyped(Theory.of(physics_of(metadata), metadata), honest, loads, wrong, real)
+
+
+@pytest.mark.parametrize(("name", "seed"), [("bench", 19), ("conveyor", 1), ("conveyor", 12)])
+def test_loads_that_stand_a_millimetre_off_are_accepted(
+    name: str, seed: int, built_model: Callable[[str], Path]
+) -> None:
+    model, rng = modelfile.load(built_model(name)), np.random.default_rng([seed, 7])
+    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng, hand_mm=1.0)
+    found = checked_fit(model, loads, silent).fit.errors
+    assert 0.4 < found.placing_mm < 2
+    assert 0.004 < found.force < 0.02
+
+
+def test_a_fit_finds_how_well_loads_are_placed(built_model: Callable[[str], Path]) -> None:
+    metadata = modelfile.load(built_model("cantilever")).metadata
+    theory, rng = Theory.of(physics_of(metadata), metadata), np.random.default_rng(8)
+    real = random_imperfections(metadata, rng)
+    well, badly = (
+        fit(theory, recorded(metadata, real, rng, count=30, hand_mm=hand_mm), tuple(theory.kinds)).errors
+        for hand_mm in (0.0, 3.0)
+    )
+    assert well.placing_mm < 0.3
+    assert badly.placing_mm == pytest.approx(3, rel=0.4)
+    assert badly.force == pytest.approx(0.03, rel=0.4)
+    assert max(well.residual_mm, badly.residual_mm) < metadata.noise.sample_mm
+
+
+@pytest.mark.parametrize("wrong", [("--placing-mm", "nan"), ("--placing-mm", "0"), ("--force-percent", "1e9")])
+def test_errors_that_loads_cannot_have_are_refused(
+    design_sensors_here: Command, bench_model: Path, tmp_path: Path, wrong: tuple[str, str]
+) -> None:
+    done = design_sensors_here("calibrate", bench_model, tmp_path / "loads.csv", "-o", tmp_path / "out.onnx", *wrong)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert f"{wrong[0]} {float(wrong[1]):g} is not from 0.001 to 50" in done.stderr
+
+
+@pytest.mark.parametrize("name", ["conveyor", "cantilever"])
+def test_honest_loads_of_other_surfaces_are_accepted(name: str, built_model: Callable[[str], Path]) -> None:
+    case = mistyped(modelfile.load(built_model(name)).metadata, MISTAKES[0])
+    assert mistaken(case.theory, case.honest) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "mistake"),
+    [(name, mistake) for name in ("conveyor", "cantilever") for mistake in MISTAKES if (name, mistake) != SMALL],
+)
+def test_a_mistyped_load_is_named_on_other_surfaces(
+    name: str, mistake: str, built_model: Callable[[str], Path]
+) -> None:
+    case = mistyped(modelfile.load(built_model(name)).metadata, mistake)
+    assert [one.index for one in mistaken(case.theory, case.loads)] == [case.wrong]
+
+
+def test_a_mistyped_load_that_is_accepted_does_no_harm(built_model: Callable[[str], Path]) -> None:
+    name, mistake = SMALL
+    metadata = modelfile.load(built_model(name)).metadata
+    case = mistyped(metadata, mistake)
+    assert mistaken(case.theory, case.loads) == ()
+    found = supported_fit(case.theory, case.loads, lambda _done: None)
+    exact = recorded(metadata, case.real, np.random.default_rng(9))
+    scene, fitted = (
+        np.sqrt(np.mean((case.theory.stated_mm(vector, exact) - exact.stated_mm) ** 2)) / metadata.noise.sample_mm
+        for vector in (np.zeros(case.theory.size), found.vector)
+    )
+    assert scene > 20
+    assert fitted < 1  # 0.6 noises of a sample; 0.3 with honest loads
+
+
+def test_swapped_channels_are_named(bench: ModelFile) -> None:
+    rng = np.random.default_rng(3)
+    loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng)
+    loads = dataclasses.replace(loads, stated_mm=loads.stated_mm[:, [0, 2, 1, 3]])
+    with pytest.raises(LoadsError, match="s2 and s3 seem to be swapped"):
+        checked_fit(bench, loads, silent)
+
+
+@pytest.mark.parametrize("name", ["bench", "conveyor"])
+def test_channels_in_reverse_order_are_named(name: str, built_model: Callable[[str], Path]) -> None:
+    model, rng = modelfile.load(built_model(name)), np.random.default_rng([0, 1])
+    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
+    with pytest.raises(LoadsError, match="channels seem to be in reverse order, or positions to be measured from the"):
+        checked_fit(model, dataclasses.replace(loads, stated_mm=loads.stated_mm[:, ::-1]), silent)
+    mirrored = model.metadata.length_mm - loads.position_mm
+    with pytest.raises(LoadsError, match="channels seem to be in reverse order, or positions to be measured from the"):
+        checked_fit(model, dataclasses.replace(loads, position_mm=mirrored), silent)
+
+
+@pytest.mark.parametrize("stated_mm", ["all zero", "all the same", "of a mirrored beam", "of shuffled loads"])
+def test_a_recording_that_is_of_another_surface_makes_no_model(
+    stated_mm: str, built_model: Callable[[str], Path]
+) -> None:
+    model, rng = modelfile.load(built_model("cantilever")), np.random.default_rng(5)
+    loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
+    changed = {
+        "all zero": np.zeros_like(loads.stated_mm),
+        "all the same": np.full_like(loads.stated_mm, 0.1),
+        "of a mirrored beam": loads.stated_mm[::-1],
+        "of shuffled loads": rng.permutation(loads.stated_mm),
+    }[stated_mm]
+    with pytest.raises(NotGoodEnoughError, match="nothing was written: the recording does not fit this model's"):
+        checked_fit(model, dataclasses.replace(loads, stated_mm=changed), silent)

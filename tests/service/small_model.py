@@ -1,0 +1,116 @@
+"""Real model files, small enough to compute by hand."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime as ort
+from onnx import TensorProto, helper
+
+from beamtouch_models import modelfile
+
+Rows = list[list[float]]
+
+
+def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
+    """position = 100 + 100 * (0 d1 + 1 d2 + 2 d3 ...), odds = 100 * (sum - 0.1), force = 10 * sum; intervals +-1.
+
+    A channel that is not valid counts as zero. Where the sum is exactly 2, the position is a division by zero.
+    """
+    weights = np.arange(channels, dtype=np.float32).reshape(-1, 1) * 100
+    constants = {
+        "zero": np.float32(0),
+        "one": np.float32(1),
+        "two": np.float32(2),
+        "ten": np.float32(10),
+        "hundred": np.float32(100),
+        "rest": np.float32(0.1),
+        "axis": np.array([1], np.int64),
+        "weights": weights,
+    }
+    figures = {
+        "position_mm": helper.make_node("Div", ["raised", "unity"], ["position_mm"]),
+        "position_low_mm": helper.make_node("Sub", ["position_mm", "one"], ["position_low_mm"]),
+        "position_high_mm": helper.make_node("Add", ["position_mm", "one"], ["position_high_mm"]),
+        "contact_log_odds": helper.make_node("Mul", ["above", "hundred"], ["contact_log_odds"]),
+        "force_n": helper.make_node("Mul", ["total", "ten"], ["force_n"]),
+        "force_low_n": helper.make_node("Sub", ["force_n", "one"], ["force_low_n"]),
+        "force_high_n": helper.make_node("Add", ["force_n", "one"], ["force_high_n"]),
+    }
+    nodes = [
+        helper.make_node("Where", ["valid", "deflection_mm", "zero"], ["d"]),
+        helper.make_node("ReduceSum", ["d", "axis"], ["total"], keepdims=0),
+        helper.make_node("MatMul", ["d", "weights"], ["moment"]),
+        helper.make_node("Squeeze", ["moment", "axis"], ["shift"]),
+        helper.make_node("Add", ["shift", "hundred"], ["raised"]),
+        helper.make_node("Sub", ["total", "two"], ["to_two"]),
+        helper.make_node("Div", ["to_two", "to_two"], ["unity"]),
+        helper.make_node("Sub", ["total", "rest"], ["above"]),
+        *[figures[name] for name in outputs],
+    ]
+    graph = helper.make_graph(
+        nodes,
+        "tiny",
+        [
+            helper.make_tensor_value_info("deflection_mm", TensorProto.FLOAT, ["batch", channels]),
+            helper.make_tensor_value_info("valid", TensorProto.BOOL, ["batch", channels]),
+        ],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch"]) for name in outputs],
+        [onnx.numpy_helper.from_array(np.asarray(value), name) for name, value in constants.items()],
+    )
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+
+
+def _golden(model: onnx.ModelProto, channels: int) -> modelfile.Golden:
+    deflection: Rows = [[0.1] * channels, [0.0] * channels]
+    valid = [[True] * channels] * 2
+    options = modelfile.session_options()
+    session = ort.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
+    values = session.run(None, {"deflection_mm": np.array(deflection, np.float32), "valid": np.array(valid)})
+    names = [output.name for output in session.get_outputs()]
+    answers = {name: [float(one) for one in value] for name, value in zip(names, values, strict=True)}
+    return modelfile.Golden(deflection_mm=deflection, valid=valid, answers=answers)
+
+
+@cache
+def _content(name: str, channels: int, min_channels: int, outputs: tuple[str, ...], prefix: str) -> bytes:
+    model = _graph(channels, outputs)
+    metadata = modelfile.Metadata(
+        name=name,
+        estimator="tiny",
+        length_mm=400,
+        layout=[modelfile.Channel(name=f"{prefix}{i + 1}", position_mm=100.0 * (i + 1)) for i in range(channels)],
+        min_channels=min_channels,
+        ranges=modelfile.Ranges(position_mm=(1, 399), force_n=(1, 20)),
+        max_deflection_mm=1,
+        noise=modelfile.Noise(reading_mm=0.01, sample_mm=0.01),
+        filter=modelfile.FilterChoice(),
+        sensor=modelfile.Sensor(
+            rate_hz=200, range_mm=(1, 4), standoff_mm=3, adc_bits=12, gain_mm_per_count=0.001, offset_mm=0
+        ),
+        contact_threshold=0,
+        seed=1,
+        accuracy=modelfile.Accuracy(
+            error_percent=1, error_standard_error=0.1, limit_percent=1, limit_standard_error=0.1
+        ),
+        golden=_golden(model, channels),
+        scene="",
+    )
+    helper.set_model_props(model, metadata.to_entries())
+    content: bytes = model.SerializeToString()
+    return content
+
+
+def write_model(
+    folder: Path,
+    name: str = "press-7",
+    channels: int = 3,
+    min_channels: int = 2,
+    outputs: tuple[str, ...] = modelfile.POSITION_OUTPUTS + modelfile.FORCE_OUTPUTS,
+    prefix: str = "s",
+) -> Path:
+    """Write a model file with channels s1, s2, ... (or of another prefix) on a beam of 400 mm."""
+    path = folder / f"{name}.onnx"
+    path.write_bytes(_content(name, channels, min_channels, outputs, prefix))
+    return path
