@@ -254,3 +254,13 @@ def test_a_graph_with_functions_is_refused_unloaded(bench_model: Path, tmp_path:
 def test_metadata_beyond_the_limits_of_the_parser_is_refused(bench_model: Path, tmp_path: Path, value: str) -> None:
     with pytest.raises(ModelFileError, match="its metadata is not JSON"):
         modelfile.load(rewritten(bench_model, tmp_path / "changed.onnx", "beamtouch.seed", value))
+
+
+def test_a_model_in_use_reports_to_nobody(bench_model: Path, tmp_path: Path) -> None:
+    code = "import sys, pathlib; from beamtouch_models import modelfile; modelfile.load(pathlib.Path(sys.argv[1]))"
+    # In an environment of its own, as the runtime is silent by itself where it finds signs of a test run.
+    environment = {name: os.environ[name] for name in ("PATH", "PYTHONPATH") if name in os.environ}
+    subprocess.run(
+        [sys.executable, "-c", code, bench_model], env={**environment, "HOME": str(tmp_path)}, check=True, timeout=60
+    )
+    assert not any(tmp_path.iterdir()), "onnxruntime keeps an identifier for its reports in the home folder"
