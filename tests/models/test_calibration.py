@@ -1,6 +1,7 @@
 """Calibration: what is fitted, what it is worth, what is refused."""
 
 import csv
+import dataclasses
 import json
 import re
 import subprocess
@@ -103,9 +104,11 @@ def test_leverages_leave_out_as_fitting_again_does(bench: ModelFile, tmp_path: P
     loads = read_loads(path, bench.metadata)
     theory = Theory.of(physics_of(bench.metadata), bench.metadata)
     kinds = ("gain", "curve")
-    whole = fit(theory, loads, kinds)
+    # With the same errors, as each fit would find its own.
+    loads = dataclasses.replace(loads, errors=fit(theory, loads, kinds).errors)
+    whole = fit(theory, loads, kinds, rounds=1)
     for index in (0, 4, 9):
-        rest = fit(theory, loads.without(index), kinds)
+        rest = fit(theory, loads.without(index), kinds, rounds=1)
         off = loads.stated_mm[index] - theory.stated_mm(rest.vector, loads)[index]
         assert whole.left_out_mm[index] == pytest.approx(off, rel=0.2, abs=0.05 * np.abs(whole.left_out_mm).max())
 

@@ -20,8 +20,8 @@ CHANCE = 1e-4
 """Probability that any load of a correct recording is called mistaken."""
 FAR_NOISES = 8.0
 """Distance to the prediction of the others, in noises of a sample, below which a load does no harm."""
-AGREED_NOISES = 3.0
-"""Residual, in noises of a sample, below which loads agree, so that no pair is searched for."""
+AGREED = 2.0
+"""Scatter of the rest, in units of the stated errors, below which loads agree, so that no pair is searched for."""
 LIKE_THE_BEST = 2.0
 """A load may be the mistaken one if the rest scatters at most this many times the smallest scatter without it."""
 PAIRED = 3
@@ -72,7 +72,7 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
         singles.append(_without(theory, loads, (index,), rounds=1))
     singles.sort(key=lambda trial: trial.fitted.scatter)
     best = _without(theory, loads, singles[0].left_out)
-    if best.fitted.errors.residual_mm > AGREED_NOISES * theory.prior.noise_mm and count > FEWEST_FOR_PAIRS:
+    if best.fitted.scatter > AGREED and count > FEWEST_FOR_PAIRS:
         pair = _best_pair(theory, loads, [trial.left_out[0] for trial in singles[:PAIRED]], progress)
         if pair.contradicts(loads):
             return tuple(_suspect(pair.fitted, loads, index, certain=True) for index in pair.left_out)
