@@ -11,7 +11,7 @@ from time import monotonic
 import pytest
 
 from beamtouch_daemon.delivery.spool import Spool
-from beamtouch_service.samples import Batch, Quality, Sample
+from beamtouch_service.samples import Quality, Sample
 
 from . import configs
 from .devices import SerialDevice, StampingUnit, pymodbus_server, tcp_unit
@@ -107,8 +107,10 @@ async def test_killed_twenty_times_all_that_was_spooled_arrives(tmp_path: Path) 
 async def test_one_bad_row_costs_its_own_samples_and_live_delivery_nothing(tmp_path: Path) -> None:
     bad = 17
 
-    def late(service: Service) -> list[Batch]:
-        return [batch for _, batch, _ in service.batches if batch.boot_id == "boot-0001"]
+    def late(service: Service) -> list[int]:
+        batches = [batch for _, batch, _ in service.batches if batch.boot_id == "boot-0001"]
+        # On a busy machine an answer may take so long that the daemon sends a batch again.
+        return list(dict.fromkeys(number for _, number in names(batches)))
 
     path = tmp_path / "beamtouch-daemon.spool"
     with Spool(path, 10**9) as spool:
@@ -123,7 +125,7 @@ async def test_one_bad_row_costs_its_own_samples_and_live_delivery_nothing(tmp_p
             running(tmp_path, configs.serial(str(usb.path)), service.url) as daemon,
         ):
             async with asyncio.timeout(60):
-                while sum(len(batch.samples) for batch in late(service)) < 245:
+                while len(late(service)) < 245:
                     await service.until(len(service.samples()) + 1)
             await service.until(len(service.samples()) + 200)
             outcome = await daemon.stop()
@@ -133,7 +135,7 @@ async def test_one_bad_row_costs_its_own_samples_and_live_delivery_nothing(tmp_p
         assert counts["samples_spooled"] == counts["samples_dropped"] == 0
         assert counts["samples_published"] == counts["readings"] + 245
         missing = range((bad - 1) * 7, bad * 7)
-        assert [number for _, number in names(late(service))] == [n for n in range(252) if n not in missing]
+        assert late(service) == [n for n in range(252) if n not in missing]
 
 
 async def test_spooled_samples_of_a_removed_surface_are_delivered(tmp_path: Path) -> None:
