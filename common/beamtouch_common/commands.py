@@ -60,29 +60,51 @@ def exit_code(
     """
     try:
         code = work()
-        sys.stdout.flush()
-        return code
-    except BrokenPipeError:
-        # Python would flush, and fail, again at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return complain(program, "standard output was closed before all was printed", FAILED)
+        if sys.stdout is not None:  # None if it was closed before the start
+            sys.stdout.flush()
+    except KeyboardInterrupt as stop:
+        return complain(program, str(stop) or "interrupted", INTERRUPTED)
     except ModuleNotFoundError as error:
         name = (error.name or "").partition(".")[0]
         if not name or name in sys.stdlib_module_names or name.startswith("beamtouch_"):
             raise
         return complain(program, f"{name} is not installed; run: pip install 'beamtouch[{extra}]'", WRONG_INPUT)
-    except FailedError as error:
-        return complain(program, str(error), FAILED)
-    except input_errors as error:
-        return complain(program, _text(error), WRONG_INPUT)
-    except KeyboardInterrupt as stop:
-        return complain(program, str(stop) or "interrupted", INTERRUPTED)
+    except (OSError, FailedError, *input_errors) as error:
+        if isinstance(error, OSError) and (_is_output_lost() or isinstance(error, BrokenPipeError)):
+            return complain(program, f"not all was printed to standard output: {error.strerror}", FAILED)
+        if isinstance(error, FailedError):
+            return complain(program, str(error), FAILED)
+        if isinstance(error, input_errors):
+            return complain(program, _text(error), WRONG_INPUT)
+        raise
+    return code
 
 
 def complain(program: str, text: str, code: int) -> int:
-    """Print one line to standard error and return `code`."""
-    print(f"{program}: {' '.join(text.split())}", file=sys.stderr)
+    """Print one line to standard error, with control characters escaped, and return `code`."""
+    line = " ".join(text.split())
+    shown = "".join(one if one.isprintable() else one.encode("unicode_escape").decode() for one in line)
+    print(f"{program}: {shown}", file=sys.stderr)
     return code
+
+
+def announce(line: str) -> None:
+    """Print a line at once. A command that runs on does so also where nobody reads it."""
+    try:
+        print(line, flush=True)
+    except OSError:
+        _is_output_lost()
+
+
+def _is_output_lost() -> bool:
+    """Return whether standard output takes nothing more. If so, drop what it holds: Python would fail at its end."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return True
+    return False
 
 
 def version() -> str:

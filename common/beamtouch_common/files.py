@@ -40,7 +40,7 @@ def read_text(path: Path) -> str:
         message = f"{path}: larger than {MAX_BYTES >> 20} MiB; is it the right file?"
         raise InputError(message)
     try:
-        return content.decode()
+        return content.decode("utf-8-sig")  # some editors begin a file with a byte order mark
     except UnicodeDecodeError:
         message = f"{path}: not a text file in UTF-8"
         raise InputError(message) from None
@@ -145,7 +145,10 @@ def _given(value: object) -> str:
     """Return a value in brackets; nothing for a whole table."""
     if isinstance(value, Mapping | BaseModel):
         return ""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):
+        return ""  # too long or too deep to show
     return f" (given: {text if len(text) <= _MAX_SHOWN else text[: _MAX_SHOWN - 3] + '...'})"
 
 

@@ -128,12 +128,15 @@ def opened_by_its_reader(pipe: Path, process: subprocess.Popen[str]) -> int:
 
 
 @pytest.mark.parametrize("command", [("beamtouch-service", "check"), ("design-sensors", "inspect")], ids=" ".join)
-@pytest.mark.parametrize("buffering", ["", "1"])
-def test_an_output_that_nobody_reads_to_its_end_is_a_failure_in_one_line(
-    command: tuple[str, str], buffering: str, bench_model: Path
+@pytest.mark.parametrize(
+    ("where", "buffering", "reason"),
+    [("pipe", "", "Broken pipe"), ("pipe", "1", "Broken pipe"), ("/dev/full", "", "No space left on device")],
+)
+def test_an_output_that_is_lost_is_a_failure_in_one_line(
+    command: tuple[str, str], where: str, buffering: str, reason: str, bench_model: Path
 ) -> None:
     program, subcommand = command
-    reader, writer = os.pipe()
+    reader, writer = os.pipe() if where == "pipe" else (os.open(where, os.O_RDONLY), os.open(where, os.O_WRONLY))
     os.close(reader)
     done = subprocess.run(
         [sys.executable, "-m", PROGRAMS[program][1], subcommand, str(bench_model)],
@@ -145,7 +148,21 @@ def test_an_output_that_nobody_reads_to_its_end_is_a_failure_in_one_line(
         timeout=60,
     )
     os.close(writer)
-    assert (done.returncode, done.stderr) == (1, f"{program}: standard output was closed before all was printed\n")
+    assert (done.returncode, done.stderr) == (1, f"{program}: not all was printed to standard output: {reason}\n")
+
+
+@pytest.mark.parametrize("command", [("beamtouch-service", "check"), ("design-sensors", "inspect")], ids=" ".join)
+def test_a_command_without_standard_output_does_its_work(command: tuple[str, str], bench_model: Path) -> None:
+    program, subcommand = command
+    done = subprocess.run(
+        [sys.executable, "-m", PROGRAMS[program][1], subcommand, str(bench_model)],
+        preexec_fn=lambda: os.close(1),  # nothing else runs in this test
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_an_error_of_our_own_is_a_traceback_and_no_missing_extra() -> None:

@@ -129,3 +129,17 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "File too large\n", "")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
     assert (tmp_path / "file").read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("value", ["0x" + "f" * 4000, "[{" + ".".join("b" * 900) + " = 1}]"], ids=["long", "deep"])
+def test_a_value_that_cannot_be_shown_is_refused_all_the_same(tmp_path: Path, value: str) -> None:
+    path = tmp_path / "drawing.toml"
+    path.write_text(f"max_mm = {value}\n")
+    with pytest.raises(InputError, match="max_mm: "):
+        load_toml(Drawing, path)
+
+
+def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "drawing.toml"
+    path.write_text("max_mm = 2.0\n", encoding="utf-8-sig")
+    assert load_toml(Drawing, path).max_mm == 2.0

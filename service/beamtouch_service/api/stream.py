@@ -66,6 +66,8 @@ class StateStream(EventSourceResponse):
         context.streams.admit()
         self._streams = context.streams
         super().__init__(self._events(context, surface, interval_s), ping=0, sep="\n", send_timeout=SEND_S)
+        # The protocol decides whether the connection stays open.
+        del self.headers["connection"]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one client."""

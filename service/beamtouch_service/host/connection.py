@@ -29,6 +29,9 @@ MAX_AHEAD = 64
 class BoundedProtocol(EndingProtocol):
     """Bounds heads, requests ahead of their answers, unread answers, and the number of clients."""
 
+    _answering: RequestResponseCycle | None = None
+    """The request that the application answers, or the last one that it has answered."""
+
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn's
         """Expect a request."""
         super().connection_made(transport)
@@ -61,6 +64,10 @@ class BoundedProtocol(EndingProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Give the place back."""
         self._admission.leave()
+        if self._answering is not None:
+            # uvicorn tells only the newest request, which may be another one that waits behind this.
+            self._answering.disconnected = True
+            self._answering.message_event.set()
         super().connection_lost(exc)
 
     def pause_writing(self) -> None:
@@ -159,6 +166,7 @@ class BoundedProtocol(EndingProtocol):
         super().data_received(b"%b %b HTTP/%b\r\n%b\r\n" % (method, self.url, version, kept))
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: "ASGI3Application") -> None:
+        self._answering = cycle
         # The health check needs no place.
         is_refused = self._admission.is_waiting and cycle.scope["path"] != LIVE_PATH
         super()._start_asgi_task(cycle, cast("ASGI3Application", self.clients.refuse) if is_refused else app)

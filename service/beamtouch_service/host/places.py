@@ -4,8 +4,9 @@ A connection that has shown a token outranks one that has not. Among those witho
 client close first: those without a request yet, then those with an unread answer, then idle ones. Within each of these
 kinds, the address with the most connections gives one up; among equal addresses, the longest idle connection closes.
 
-A client that has just connected has had no time for a request. So connections without one are spared at first as long
-as they fill only a quarter of the places: otherwise a crowd of idle clients would keep out whoever comes.
+A client that has just connected has had no time for a request. So the connections without one of an address are spared
+at first while they are few, a quarter of what it may have: otherwise a crowd of idle clients would keep out whoever
+comes.
 """
 
 from collections import Counter
@@ -41,8 +42,6 @@ class _Held:
 
 MAX_WAITING = 32
 """Excess clients that get a 503 or may still show a token. Any further ones are disconnected."""
-_SILENT_FIRST = (State.SILENT, State.UNREAD, State.IDLE)
-_SILENT_LAST = (State.UNREAD, State.IDLE, State.SILENT)
 
 
 class Places(Generic[Who]):
@@ -58,6 +57,8 @@ class Places(Generic[Who]):
     def __init__(self, max_clients: int, max_per_address: int, is_busy: Callable[[Who], bool]) -> None:
         self._max_clients = max_clients
         self._max_per_address = max_per_address
+        self._spared = max_per_address // 4
+        """Silent connections of one address that leave last."""
         self._is_busy = is_busy
         self._held: dict[Who, _Held] = {}
         self._waiting: dict[Who, None] = {}
@@ -129,27 +130,23 @@ class Places(Generic[Who]):
                 del self._without_token[held.address]
 
     def _victim(self, *, has_token: bool, address: str | None = None) -> Who | None:
-        states = _SILENT_FIRST if self._are_many_silent(address) else _SILENT_LAST
-        for state in states:
-            for who in self._without(state, address):
+        for state, spared in ((State.SILENT, self._spared), (State.UNREAD, 0), (State.IDLE, 0), (State.SILENT, 0)):
+            for who in self._without(state, address, spared):
                 if state is State.UNREAD or not self._is_busy(who):
                     return who
         if not has_token:
             return None
         # These leave only for a connection with a token: busy ones without, then idle ones with a token.
-        busy = (who for state in states for who in self._without(state))
+        busy = (who for state in State for who in self._without(state))
         largest_first = sorted(self._kinds[State.IDLE, True].values(), key=len, reverse=True)
         idle = (who for beside in largest_first for who in beside if not self._is_busy(who))
         return next(busy, None) or next(idle, None)
 
-    def _without(self, state: State, address: str | None = None) -> Iterator[Who]:
-        """Give the connections without a token in this state, of one address or of all, in the order to leave."""
+    def _without(self, state: State, address: str | None = None, spared: int = 0) -> Iterator[Who]:
+        """Give the connections without a token in this state, of one address or of all, in the order to leave.
+
+        Addresses with at most `spared` of them are left out.
+        """
         by_address = self._kinds[state, False]
         order = [address] if address else sorted(by_address, key=self._without_token.__getitem__, reverse=True)
-        return (who for one in order for who in by_address.get(one, ()))
-
-    def _are_many_silent(self, address: str | None) -> bool:
-        silent = self._kinds[State.SILENT, False]
-        if address is not None:
-            return len(silent.get(address, ())) > self._max_per_address // 4
-        return sum(map(len, silent.values())) > self._max_clients // 4
+        return (who for one in order if len(by_address.get(one, ())) > spared for who in by_address[one])

@@ -16,6 +16,7 @@ import uvicorn
 from starlette.types import ASGIApp, Scope
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from beamtouch_common.commands import announce
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.api.app import Application
 from beamtouch_service.api.context import Streams
@@ -118,7 +119,7 @@ class Host(uvicorn.Server):
             listener.listen(_QUEUE)
             host, port = listener.getsockname()[:2]
             shown = f"[{host}]" if listener.family is socket.AF_INET6 else host
-            print(f"listening on {scheme}://{shown}:{port}", flush=True)
+            announce(f"listening on {scheme}://{shown}:{port}")
             self._manager.ready(f"listening on {scheme}://{shown}:{port}")
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:

@@ -136,6 +136,28 @@ def test_a_newcomer_has_time_to_ask_although_all_others_are_idle(start: Start) -
         assert asks(newcomer) == b"HTTP/1.1 200 OK"
 
 
+def test_silent_connections_of_one_address_leave_before_the_idle_ones_of_others(start: Start) -> None:
+    service = start(16, 8)
+    with ExitStack() as stack:
+        idle = [stack.enter_context(connect(service, f"127.0.0.{host}")) for host in range(10, 22)]
+        assert [asks(one) for one in idle] == [b"HTTP/1.1 200 OK"] * 12
+        for _ in range(100):
+            stack.enter_context(connect(service, "127.0.0.2"))
+        assert asks(stack.enter_context(connect(service, "127.0.0.3"))) == b"HTTP/1.1 200 OK"
+        assert sum(not closes_now(one) for one in idle) >= 12
+
+
+def closes_now(connection: socket.socket) -> bool:
+    """Return whether the service has closed a connection that waits for nothing."""
+    connection.settimeout(0.0)
+    try:
+        return connection.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionResetError:
+        return True
+
+
 def test_among_equal_addresses_the_longest_idle_leaves_first(start: Start, make_batch: MakeBatch) -> None:
     service = start(4, 4)
     assert service.post(make_batch()).status_code == 200

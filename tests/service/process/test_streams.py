@@ -15,6 +15,8 @@ import pytest
 
 from plain_http import NO_TLS
 
+from .raw import connected, get
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
@@ -178,3 +180,30 @@ def test_a_client_that_does_not_read_is_dropped_and_costs_others_nothing(
             if refused and status == 200:
                 return
         pytest.fail("it was never dropped")
+
+
+def test_a_stream_ends_with_its_client_also_if_that_had_asked_for_more(
+    start_service: StartService, build_model: BuildModel, tmp_path: Path
+) -> None:
+    (tmp_path / "s.toml").write_text(f'[server]\nmax_streams = 3\n[surfaces.press-7]\nmodel = "{build_model()}"\n')
+    service = start_service("--config", "s.toml")
+    for _ in range(3):
+        with connected(service) as client:
+            client.sendall(get("/stream?interval_ms=20") + get("/health/live"))
+            assert client.recv(17) == b"HTTP/1.1 200 OK\r\n"
+    deadline_s = time.monotonic() + 60
+    while True:
+        with ExitStack() as stack:
+            if opened(service, stack).status_code == 200:
+                return
+        assert time.monotonic() < deadline_s, "the streams of clients that have left are still open"
+
+
+def test_a_stream_says_once_whether_the_connection_stays_open(service: Service) -> None:
+    with connected(service) as client:
+        client.sendall(get("/stream", "Connection: close"))
+        head = b""
+        while b"\r\n\r\n" not in head:
+            head += client.recv(4096)
+    lines = [line.lower() for line in head.split(b"\r\n") if line.lower().startswith(b"connection:")]
+    assert lines == [b"connection: close"]
