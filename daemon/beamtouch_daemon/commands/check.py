@@ -1,4 +1,4 @@
-"""`check`: reads every channel once and prints what it gives."""
+"""`check`: reads every channel once and prints counts, gap, deflection and quality."""
 
 import argparse
 import asyncio

@@ -33,7 +33,7 @@ class End(StrEnum):
     UNSEEN = "unseen"
     """The sample after the last is not known."""
     OPEN = "open"
-    """It goes on."""
+    """The contact continues."""
     STALE = "stale"
     """No sample followed within the surface's limit."""
     UNFINISHED = "unfinished"

@@ -5,7 +5,7 @@ client close first: those without a request yet, then those with an unread answe
 kinds, the address with the most connections gives one up; among equal addresses, the longest idle connection closes.
 
 A client that has just connected has had no time for a request. So connections without one are spared at first as long
-as they fill only a quarter of the places: otherwise a crowd of idle clients would keep out whoever comes.
+as they fill only a quarter of the places: otherwise a crowd of idle clients would keep out new ones.
 """
 
 from collections import Counter

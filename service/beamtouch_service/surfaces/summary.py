@@ -1,4 +1,4 @@
-"""How a surface does: the answer of `GET /surfaces`."""
+"""The summary of a surface: the answer of `GET /surfaces`."""
 
 from pydantic import BaseModel
 
