@@ -1,4 +1,4 @@
-"""The errors of a recording: how well loads are placed and weighed, and a residual that neither explains."""
+"""The errors of a recording: those of stated positions and forces, and a residual that neither explains."""
 
 from dataclasses import astuple, dataclass
 

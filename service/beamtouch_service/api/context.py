@@ -1,4 +1,4 @@
-"""The state that routes share: surfaces, clock, tokens, counts, and who keeps models and events."""
+"""The state that routes share: surfaces, clock, tokens, counts, and the keepers of models and events."""
 
 import time
 from asyncio import Event

@@ -17,7 +17,7 @@ Point = tuple[int, float, float | None]
 
 
 class Begin(StrEnum):
-    """How a contact began."""
+    """The beginning of a contact."""
 
     TOUCH = "touch"
     """The sample before the first was clear."""
@@ -26,7 +26,7 @@ class Begin(StrEnum):
 
 
 class End(StrEnum):
-    """How a contact ended."""
+    """The end of a contact."""
 
     LIFT = "lift"
     """The sample after the last was clear."""

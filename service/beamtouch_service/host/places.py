@@ -18,7 +18,7 @@ Who = TypeVar("Who")
 
 
 class State(Enum):
-    """What a connection waits for, unless it is busy."""
+    """The event that a connection waits for, unless it is busy."""
 
     SILENT = auto()
     """Its first request."""

@@ -14,7 +14,7 @@ class SampleCounts(BaseModel):
 
 
 class SurfaceSummary(BaseModel):
-    """How one surface does."""
+    """Channels, model, ages and counts of one surface."""
 
     name: str
     model: str | None
