@@ -1,4 +1,4 @@
-"""Measurements on an estimator: the threshold of contact, the accuracy, the golden answers."""
+"""What is measured of an estimator: the threshold of contact, the accuracy, the golden answers."""
 
 import numpy as np
 import pytest
