@@ -1,4 +1,4 @@
-"""How tests run, and what several rooms need: models of shipped scenes, simulated boards; built once per run."""
+"""Settings of the test run, and fixtures of several folders: models and simulated boards, built once per run."""
 
 import os
 from collections.abc import Callable

@@ -42,7 +42,7 @@ def recorded(
 ) -> Loads:
     """Loads as `read_loads` has them, of the middle force and evenly over the beam, or anywhere within both ranges.
 
-    `hand_mm` is how well they stand where they are said to.
+    `hand_mm` is the standard deviation of their true positions from the stated ones.
     """
     low, high = metadata.ranges.position_mm
     said = np.linspace(0.95 * low + 0.05 * high, 0.05 * low + 0.95 * high, count)

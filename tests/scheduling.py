@@ -20,8 +20,8 @@ TOGETHER = (
 class Scheduling(LoadScopeScheduling):  # type: ignore[misc]  # xdist ships no types
     """Gives each test to whichever process is free, but the modules of `TOGETHER` whole.
 
-    The mark `xdist_group` would say the same, but pytest 9.2 keeps it from the scheduler without a word
-    (pytest-xdist issue 1386).
+    The mark `xdist_group` would say the same, but with pytest 9.2 the scheduler never sees it: the tests of a group
+    would be spread over all processes, without an error.
     """
 
     def _split_scope(self, nodeid: str) -> str:

@@ -1,4 +1,4 @@
-"""Errors that end a command with one line and an exit code, without a traceback."""
+"""The two errors that end any command with one line and an exit code, without a traceback."""
 
 
 class InputError(ValueError):

@@ -1,4 +1,4 @@
-"""Files that people write, read with errors in one line; and files written whole or not at all."""
+"""Reads TOML files, with one-line errors, and writes files atomically."""
 
 import os
 import secrets

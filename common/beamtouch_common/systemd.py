@@ -1,4 +1,4 @@
-"""Notifications to the service manager: ready, reloading, stopping, alive (sd_notify, systemd 252)."""
+"""Notifications to systemd: ready, reloading, stopping, alive (sd_notify, systemd 252)."""
 
 import os
 import socket

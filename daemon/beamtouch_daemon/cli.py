@@ -36,8 +36,8 @@ def _parser() -> Parser:
         return command
 
     _add_run(add("run", "read all surfaces and publish their samples until stopped"))
-    check = add("check", "read every channel once and print what it gives")
-    check.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    check = add("check", "read every channel once and print counts, gap, deflection and quality")
+    check.add_argument("--json", action="store_true", help="print one JSON object on standard output")
     tare = add("tare", "measure the rest gaps, with nothing on the beam")
     tare.add_argument("--surface", metavar="NAME", help="tare this surface only (default: all)")
     tare.add_argument(

@@ -29,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> Parser:
-    parser = Parser(PROGRAM, description="Designs a touch-sensing beam: sensor positions and model, offline.")
+    parser = Parser(PROGRAM, description="Design a touch-sensing beam: sensor positions and model, offline.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, add_arguments, text in (
         ("build", _add_build, "place the sensors, make the estimator and write the model file"),
@@ -37,7 +37,7 @@ def _parser() -> Parser:
         ("evaluate", _add_evaluate, "measure a model and compare it with the accuracy limit"),
         ("explain", _add_explain, "print how much each physical effect matters in a scene"),
         ("inspect", _add_inspect, "print the metadata of a model file"),
-        ("place", _add_place, "choose sensor positions and bound how much better others could be"),
+        ("place", _add_place, "choose sensor positions and state how much better any other layout could be"),
         ("reproduce", _add_reproduce, "recompute the paper's figures and compare them with the paper"),
         ("trade", _add_trade, "measure accuracy against speed, number of sensors and filter"),
     ):
@@ -55,7 +55,7 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
         "--estimator",
         choices=ESTIMATORS,
         default=ESTIMATORS[0],
-        help=f"estimator of the position (default {ESTIMATORS[0]})",
+        help=f"estimator of the position (default: {ESTIMATORS[0]})",
     )
     parser.add_argument(
         "--daemon-config", type=Path, metavar="FILE", help="also write a configuration for beamtouch-daemon (TOML)"
@@ -79,8 +79,12 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
         help="number of a recorded load to ignore; may be given several times",
     )
     for name, metavar, text in (
-        ("--placing-mm", "MM", "how well loads stand where they are said to: standard deviation in mm (default 1)"),
-        ("--force-percent", "P", "how well their forces are known: standard deviation in percent (default 1)"),
+        ("--placing-mm", "MM", "standard deviation of a load's true position from the stated one, in mm (default: 1)"),
+        (
+            "--force-percent",
+            "P",
+            "standard deviation of a load's true force from the stated one, in percent (default: 1)",
+        ),
     ):
         parser.add_argument(name, type=float, default=1.0, metavar=metavar, help=text)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
@@ -102,8 +106,8 @@ def _add_evaluate(parser: argparse.ArgumentParser) -> None:
         type=whole_number(100, MAX_DRAWS),
         default=16_384,
         metavar="N",
-        help="number of simulated contacts, rounded up to a power of two (default 16384)"
-        "; below about 2000, a stated standard error is a lower bound",
+        help="number of simulated contacts, rounded up to a power of two; below about 2000, a stated standard error is "
+        "a lower bound (default: 16384)",
     )
     _add_seed(parser)
     _add_json(parser)
@@ -128,15 +132,17 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
         "--components",
         type=whole_number(1, 64),
         metavar="K",
-        help="number of leading eigenvalues in the product (default all)",
+        help="number of leading eigenvalues in the product (default: all)",
     )
     criteria = ("eigenvalue-product", "position-error")
     parser.add_argument(
-        "--criterion", choices=criteria, default=criteria[0], help="what to optimise (default eigenvalue-product)"
+        "--criterion", choices=criteria, default=criteria[0], help="what to optimise (default: eigenvalue-product)"
     )
-    parser.add_argument("--search", choices=("exact", "paper"), default="exact", help="search method (default exact)")
+    parser.add_argument("--search", choices=("exact", "paper"), default="exact", help="search method (default: exact)")
     parser.add_argument(
-        "--prove", action="store_true", help="prove that no layout on the grid is better, or bound the gap"
+        "--prove",
+        action="store_true",
+        help="prove that no layout on the grid is better, or state how much better one could be",
     )
     _add_seed(parser)
     _add_json(parser)
@@ -162,14 +168,14 @@ def _add_trade(parser: argparse.ArgumentParser) -> None:
     wish.add_argument(
         "--error-mm", type=float, metavar="E", help="build the quickest model with a mean error of at most E mm"
     )
-    parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, help="estimators to measure (default all)")
+    parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, help="estimators to measure (default: all)")
     parser.add_argument(
         "--draws",
         type=whole_number(100, MAX_DRAWS),
         default=4096,
         metavar="N",
-        help="simulated contacts per point, rounded up to a power of two (default 4096)"
-        "; below about 2000, a stated standard error is a lower bound",
+        help="simulated contacts per point, rounded up to a power of two; below about 2000, a stated standard error is "
+        "a lower bound (default: 4096)",
     )
     _add_seed(parser)
     _add_json(parser)
@@ -177,7 +183,11 @@ def _add_trade(parser: argparse.ArgumentParser) -> None:
 
 def _add_seed(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--seed", type=whole_number(0, 2**32 - 1), default=0, metavar="S", help="seed of all random numbers (default 0)"
+        "--seed",
+        type=whole_number(0, 2**32 - 1),
+        default=0,
+        metavar="S",
+        help="seed of all random numbers (default: 0)",
     )
 
 

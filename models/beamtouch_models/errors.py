@@ -1,4 +1,4 @@
-"""Errors that end a command with one line and an exit code, without a traceback."""
+"""Errors of models and scenes. Their bases in `beamtouch_common.errors` give the exit code."""
 
 from beamtouch_common.errors import FailedError, InputError
 

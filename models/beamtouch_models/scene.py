@@ -98,7 +98,7 @@ Descriptor = Literal["position", "force"]
 
 
 class Requirements(Strict):
-    """What the surface must do."""
+    """Requirements of the surface."""
 
     position_error_mm: PositiveFinite | None = None
     """Largest mean error; it decides the number of sensors if the scene leaves that open."""
@@ -108,7 +108,7 @@ class Requirements(Strict):
 
 
 class Scene(Strict):
-    """What the user states about a surface before it is built."""
+    """Statements of the user about a surface before it is built."""
 
     beam: Beam
     contact: Contact

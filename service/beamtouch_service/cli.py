@@ -32,34 +32,36 @@ class _Renamed(argparse.Action):
 
 
 def _parser() -> Parser:
-    words = "Accepts samples over HTTP and answers where and how hard something touches the surface."
+    words = "Accept samples over HTTP and answer where and how hard something touches the surface."
     parser = Parser(PROGRAM, description=words)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_run(commands.add_parser("run", help="serve until SIGTERM or Ctrl-C"))
-    words = "Describes a model file, or says why the service would refuse it."
+    words = "Describe a model file, or say why the service would refuse it."
     check = commands.add_parser("check", help="describe a model file", description=words)
     check.add_argument("model", metavar="MODEL", help="model file from `design-sensors build`")
-    check.add_argument("--json", action="store_true", help="print one JSON object")
+    check.add_argument("--json", action="store_true", help="print one JSON object on standard output")
     return parser
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:
-    run.description = "Serves until SIGTERM or Ctrl-C. Options override the configuration file."
-    run.add_argument("--model", metavar="MODEL", help="model file; without --config, the surface gets its name")
+    run.description = "Serve until SIGTERM or Ctrl-C. Options override the configuration file."
+    run.add_argument(
+        "--model", metavar="MODEL", help="model file; without --config, the surface is named after the model"
+    )
     run.add_argument("--config", metavar="FILE", help="TOML file with [server], [events] and [surfaces.NAME]")
-    words = "address to listen on (default: 127.0.0.1); addresses beyond loopback require a write and a read token"
+    words = "address to listen on; addresses beyond loopback require a write and a read token (default: 127.0.0.1)"
     run.add_argument("--host", help=words)
-    run.add_argument("--port", type=int, help="port to listen on (default: 8420); 0 picks a free port")
-    words = "file with the token required for writes; default: writes are disabled"
+    run.add_argument("--port", type=int, help="port to listen on; 0 picks a free port (default: 8420)")
+    words = "file with the token required for writes (default: writes are disabled)"
     run.add_argument("--write-token-file", metavar="FILE", help=words)
     run.add_argument("--token-file", dest="write_token_file", action=_Renamed, help=argparse.SUPPRESS)
-    words = "file with the token required for reads; default: reads need no token"
+    words = "file with the token required for reads (default: reads need no token)"
     run.add_argument("--read-token-file", metavar="FILE", help=words)
-    words = "file with the token required for administration; default: administration is disabled"
+    words = "file with the token required for administration (default: administration is disabled)"
     run.add_argument("--admin-token-file", metavar="FILE", help=words)
     run.add_argument("--certificate-file", metavar="FILE", help="PEM certificate for HTTPS; requires --key-file")
     run.add_argument("--key-file", metavar="FILE", help="PEM private key of the certificate")
-    words = "give no contact from a sample older than this, in ms (default: 500)"
+    words = "limit on the age of a sample that a contact may come from, in ms (default: 500)"
     run.add_argument("--stale-ms", type=float, metavar="N", help=words)
 
 

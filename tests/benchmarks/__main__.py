@@ -23,7 +23,9 @@ def main() -> int:
     """Run the benchmarks that were asked for; returns 0."""
     available = sorted(path.stem.removeprefix("bench_") for path in HERE.glob("bench_*.py"))
     parser = argparse.ArgumentParser(description="Measure, as ratios within one run.")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"which, default all: {', '.join(available)}")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"benchmarks to run: {', '.join(available)} (default: all)"
+    )
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to FILE")
     options = parser.parse_args()
     if unknown := set(options.names) - set(available):

@@ -1,4 +1,4 @@
-"""What is usually taken instead: the paper's network, scikit-learn's regressors, the small network."""
+"""Usual alternatives: the paper's network, scikit-learn's regressors, the small network."""
 
 import time
 import warnings

@@ -1,4 +1,4 @@
-"""The whole line for long: `python tests/benchmarks/soak.py --minutes 60 [--rate-hz 1000] [-o docs/soak.md]`.
+"""Endurance run: `python tests/benchmarks/soak.py --minutes 60 [--rate-hz 1000] [-o docs/soak.md]`.
 
 Rig, daemon and service as processes, loads moving all the time, contacts asked for 20 times a second and held against
 the rig's truth. Says every minute how things stand, and at the end writes a table.
@@ -207,7 +207,7 @@ def report(seen: Seen, summary: dict[str, int], minutes: float, rate_hz: int) ->
     rows += [(f"processor of {name}", f"{share:.0%} of a core") for name, share in seen.processor.items()]
     table = "\n".join(f"| {name} | {value} |" for name, value in rows)
     command = f"python tests/benchmarks/soak.py --minutes {minutes:g} --rate-hz {rate_hz}"
-    return f"# The whole line for {minutes:g} minutes\n\n`{command}`\n\n| | |\n|---|---|\n{table}\n"
+    return f"# Endurance run of {minutes:g} minutes\n\n`{command}`\n\n| | |\n|---|---|\n{table}\n"
 
 
 if __name__ == "__main__":

@@ -55,7 +55,7 @@ class Daemon:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Process id, for reading its memory and open files."""
         return self._process.pid
 
     async def stop(self, number: signal.Signals = signal.SIGTERM) -> Outcome:
@@ -64,7 +64,7 @@ class Daemon:
         return await self.end()
 
     def tell(self, number: signal.Signals) -> None:
-        """Send a signal."""
+        """Send a signal and go on."""
         self._process.send_signal(number)
 
     async def end(self) -> Outcome:

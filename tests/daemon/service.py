@@ -18,7 +18,7 @@ TOKEN = "swordfish-of-the-tests"  # noqa: S105
 
 
 class Service:
-    """What came, and what is answered."""
+    """The batches that arrived, and the answers to them."""
 
     def __init__(self, address: tuple[str, int] = ("127.0.0.1", 0)) -> None:
         self.batches: list[tuple[str, Batch, float]] = []

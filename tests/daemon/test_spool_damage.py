@@ -1,4 +1,4 @@
-"""A spool that is damaged, in one row or in its structure: the rest of it comes back, and what is bad is kept."""
+"""A spool that is damaged, in one row or in its structure: the rest is delivered, and the damaged part is kept."""
 
 import sqlite3
 import time

@@ -1,4 +1,4 @@
-"""The rest gaps: what is averaged, what is refused, and the file."""
+"""The rest gaps: their averages, refusals, and the file."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The report of a build: one page that is whole, says what is so, and asks nothing of the network."""
+"""The report of a build: one complete page with true statements and without requests to the network."""
 
 import re
 from argparse import Namespace

@@ -1,4 +1,4 @@
-"""Calibration: what is fitted, what it is worth, what is refused."""
+"""Calibration: the fitted values, the gain in accuracy, and refusals."""
 
 import csv
 import dataclasses

@@ -1,4 +1,4 @@
-"""Calibration of loads that are wrong: which are named, and what is refused."""
+"""Calibration with wrong loads: the loads that are named, and refusals."""
 
 import csv
 import dataclasses

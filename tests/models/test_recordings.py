@@ -1,4 +1,4 @@
-"""Recordings of known loads: what is read, what is refused."""
+"""Recordings of known loads: accepted and refused files."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""So many per second, so long for a body, so many lines in the log."""
+"""Limits on batches per second, on the time for a body, and on log lines."""
 
 from __future__ import annotations
 

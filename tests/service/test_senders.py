@@ -1,4 +1,4 @@
-"""Which samples move the present, whoever sends them."""
+"""The samples that change the contact, from one sender or several."""
 
 from __future__ import annotations
 

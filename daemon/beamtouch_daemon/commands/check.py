@@ -1,4 +1,4 @@
-"""`check`: reads every channel once and prints what it gives."""
+"""`check`: reads every channel once and prints counts, gap, deflection and quality."""
 
 import argparse
 import asyncio
@@ -38,7 +38,7 @@ class SurfaceState:
     channels: tuple[ChannelState, ...] = ()
     error: str | None = None
     limits: tuple[str, ...] = ()
-    """What cannot be proven of its readings, a sentence each."""
+    """Cases in which its readings may be old or foreign unnoticed, a sentence each."""
 
     @property
     def is_good(self) -> bool:

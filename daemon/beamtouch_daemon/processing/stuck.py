@@ -70,7 +70,7 @@ def fresh(channels: int) -> FloatArray:
 
 
 def runs(counts: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the length of the run of equal counts that each reading ends, and the state after them.
+    """Return the length of the run of equal counts that ends with each reading, and the state after them.
 
     A missing count (NaN) neither extends a run nor ends it. Any split of the stream gives the same result.
 

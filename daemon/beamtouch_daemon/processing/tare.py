@@ -43,7 +43,7 @@ def rest_gaps(
     ----------
     counts
         Shape (readings, channels), NaN where missing.
-    calibration
+    characteristic
         Gives gaps and qualities.
     channels
         Names in column order.

@@ -33,7 +33,7 @@ class Link(Protocol):
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """What cannot be proven of its answers, as far as is known; a sentence each."""
+        """Cases known so far in which its answers may be old or foreign unnoticed, a sentence each."""
         ...
 
     def opened(self) -> AbstractAsyncContextManager[None]:

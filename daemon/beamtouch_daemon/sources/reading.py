@@ -1,4 +1,4 @@
-"""What every source has in common: readings, errors, and the schedule of polled sources."""
+"""The common parts of all sources: readings, errors, and the schedule of polled sources."""
 
 import asyncio
 import math
@@ -44,7 +44,7 @@ class Source(Protocol):
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """What cannot be proven of the readings, as far as is known by now; a sentence each."""
+        """Cases known so far in which readings may be old or foreign unnoticed, a sentence each."""
         ...
 
     def readings(self) -> AsyncGenerator[list[Reading], None]:

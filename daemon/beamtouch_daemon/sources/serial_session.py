@@ -24,7 +24,7 @@ _REPEATED = 1 << 15
 
 
 class Session:
-    """State of one session."""
+    """The state of one session: the boot of the device, the sequence of its readings, and both clocks."""
 
     def __init__(self, hello: Hello, indices: tuple[int, ...]) -> None:
         self.knows_the_clocks = False

@@ -1,4 +1,4 @@
-"""The errors of a recording: how well loads are placed and weighed, and a residual that neither explains."""
+"""The errors of a recording: those of stated positions and forces, and a residual that neither explains."""
 
 from dataclasses import astuple, dataclass
 
@@ -7,9 +7,9 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats
 
 PSEUDO_LOADS = 0.25
-"""Number of loads that the stated errors count as much as; they matter where the loads tell little."""
+"""Weight of the stated errors, in loads; they matter where the loads tell little."""
 UPDATES = 10
-"""Number of improvements of the errors in each round of a fit, which starts from the errors of the last."""
+"""Number of improvements of the errors in each round of a fit. A round starts from the errors of the previous one."""
 
 
 @dataclass(frozen=True)
@@ -24,13 +24,13 @@ class Errors:
     """Of each deflection, beyond its noise."""
 
     def at_least(self, other: "Errors") -> "Errors":
-        """Return the larger of both, each."""
+        """Return the larger of each pair."""
         return Errors(*np.maximum(astuple(self), astuple(other)).tolist())
 
 
 @dataclass(frozen=True)
 class Deflections:
-    """What moves measured deflections about their prediction."""
+    """The causes that move measured deflections away from their prediction."""
 
     stated: Bools
     """(loads, channels), whether there is a measurement."""
@@ -51,7 +51,7 @@ class Deflections:
         return np.linalg.inv(np.linalg.cholesky(self.covariance_mm2(errors)))
 
     def errors_of(self, left_mm: Floats, about: Errors, start: Errors, freedom: float) -> Errors:
-        """Return the likely errors behind residuals (loads, channels) with so many degrees of freedom.
+        """Return the likely errors behind residuals (loads, channels) with `freedom` degrees of freedom.
 
         They maximise the likelihood (Zhou, Hu, Qiao & Lange 2019, doi 10.1080/10618600.2018.1529601), where `about`
         counts as much as `PSEUDO_LOADS` loads.

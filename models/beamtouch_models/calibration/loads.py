@@ -44,7 +44,7 @@ class Loads:
     lines: Indices
     """(loads, 2) first and last line of each load in the file, counted from 1."""
     errors: Errors = STATED
-    """How well the loads are placed and weighed."""
+    """Stated errors of the positions and forces of the loads."""
 
     def without(self, index: int) -> "Loads":
         """Return all loads but one."""

@@ -1,4 +1,4 @@
-"""`design-sensors place`: places the sensors, and bounds how much better another layout could be."""
+"""`design-sensors place`: places the sensors, and states how much better any other layout could be."""
 
 import argparse
 import json

@@ -21,7 +21,6 @@ from beamtouch_models.placement.search_paper import paper_runs, paper_search
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.scene import Scene
 
-Criterion = Literal["eigenvalue-product", "position-error"]
 SearchName = Literal["exact", "paper"]
 Certify = Literal["nothing", "bound", "proof"]
 

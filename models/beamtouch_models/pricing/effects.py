@@ -23,7 +23,7 @@ MAX_POSITIONS = 401
 
 @dataclass(frozen=True)
 class Physics:
-    """What a surface is modelled with: the effects that its scene requires behind a filter, and all prices."""
+    """The physics of a model: the effects that the scene requires behind a filter, and all prices."""
 
     scene: Scene
     """The scene without its negligible effects."""

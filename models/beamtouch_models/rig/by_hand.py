@@ -10,7 +10,7 @@ NOTHING = Load(None, 0.0)
 
 
 class ByHand:
-    """What touches the surface: the load of the last line. An empty line lifts it."""
+    """The load of the last line touches the surface. An empty line lifts it."""
 
     def __init__(self, length_mm: float) -> None:
         self._length_mm = length_mm

@@ -51,7 +51,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _parser() -> Parser:
-    parser = Parser(PROGRAM, description="Simulates a surface and serves its readings over Modbus or serial.")
+    parser = Parser(PROGRAM, description="Simulate a surface and serve its readings over Modbus or serial.")
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file of the simulated beam (TOML)")
     parser.add_argument(
         "--model", type=Path, required=True, metavar="MODEL", help="model file with the sensor positions (.onnx)"
@@ -61,7 +61,7 @@ def _parser() -> Parser:
         "--modbus-tcp",
         type=_address,
         metavar="HOST:PORT",
-        help="serve Modbus TCP, unit 1; port 0 picks a free one",
+        help="serve Modbus TCP, unit 1; port 0 picks a free port",
     )
     device.add_argument(
         "--modbus-rtu",
@@ -80,7 +80,9 @@ def _parser() -> Parser:
         help="with --serial: run this firmware on the simulated board",
     )
     touching = parser.add_mutually_exclusive_group()
-    touching.add_argument("--script", type=Path, metavar="FILE", help="loads over time (TOML); default: built in")
+    touching.add_argument(
+        "--script", type=Path, metavar="FILE", help="loads over time (TOML; default: a built-in script)"
+    )
     touching.add_argument(
         "--by-hand",
         action="store_true",
@@ -91,7 +93,7 @@ def _parser() -> Parser:
         "--imperfections", type=Path, metavar="FILE", help="differences of the real surface from the scene (TOML)"
     )
     parser.add_argument(
-        "--seed", type=whole_number(0, 2**32 - 1), default=0, metavar="S", help="seed of the noise (default 0)"
+        "--seed", type=whole_number(0, 2**32 - 1), default=0, metavar="S", help="seed of the noise (default: 0)"
     )
     return parser
 

@@ -1,4 +1,4 @@
-"""The state that routes share: surfaces, clock, tokens, counts, and who keeps models and events."""
+"""The state that routes share: surfaces, clock, tokens, counts, and the keepers of models and events."""
 
 import time
 from asyncio import Event
@@ -73,7 +73,7 @@ class Context:
     buckets: dict[str, Bucket] = field(default_factory=dict)
 
     def allow(self, scope: Scope, role: Role) -> None:
-        """Let a request pass that bears a token for `role`; raises ProblemError (401, 403)."""
+        """Let a request with a token for `role` pass; raises ProblemError (401, 403)."""
         given = next((value for name, value in scope["headers"] if name == b"authorization"), None)
         self.access.require(role, given)
 

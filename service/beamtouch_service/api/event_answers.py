@@ -31,8 +31,8 @@ class Event(BaseModel):
     begin: Begin
     """`touch`: the sample before was clear; `unseen`: that sample is not known."""
     end: End
-    """`lift`: the sample after it was clear; `open`: the contact goes on; `stale`: samples stopped during the contact;
-    `unseen`: the sample after it is not known; `unfinished`: the service stopped during the contact."""
+    """`lift`: the sample after it was clear; `open`: the contact continues; `stale`: the samples stopped during
+    the contact; `unseen`: the sample after it is not known; `unfinished`: the service stopped during the contact."""
     dwell_ms: float
     """Time from touch to lift, or to the last sample in contact if the lift was not seen."""
     peak_force_n: float | None

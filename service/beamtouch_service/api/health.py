@@ -1,4 +1,4 @@
-"""`GET /health`: whether the process lives, and whether it has contacts to give."""
+"""`GET /health`: whether the process answers, and whether it can answer `GET /contact`."""
 
 from pydantic import BaseModel
 

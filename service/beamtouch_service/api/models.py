@@ -1,4 +1,4 @@
-"""`/surfaces/NAME/model`: what the model of a surface is, and reading its file again."""
+"""`/surfaces/NAME/model`: the model of a surface, and a second reading of its file on request."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""`GET /surfaces`: the surfaces of the service, and how each one does."""
+"""`GET /surfaces`: the surfaces of the service, each with its summary."""
 
 from pydantic import BaseModel
 

@@ -9,7 +9,7 @@ from beamtouch_service.surfaces.contact import Decision, State
 from beamtouch_service.surfaces.touch import Seen
 
 FLUSH_US = 1_000_000
-"""A contact that goes on is written after this much of the sender's time, so that a crash costs no more."""
+"""A contact that continues is written after this much of the sender's time, so that a crash costs no more."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Segmenter:
         self._end = end
         self._in_contact = False
         self._is_expired = False
-        """The contact ended as stale; it goes on if the next sample follows."""
+        """The contact ended as stale; it continues if the next sample arrives."""
         self._was_clear = before is State.CLEAR
 
     def add(self, seen: Seen) -> list[Command | Edge]:
@@ -80,7 +80,7 @@ class Segmenter:
         return [*commands, self.last] if first_of_run else commands
 
     def flush(self) -> list[Command | Edge]:
-        """Return the segment of a contact that goes on, so that it can be written."""
+        """Return the segment of a contact that continues, so that it can be written."""
         pending, self._pending = self._pending, None
         return [pending.segment()] if pending else []
 

@@ -17,7 +17,7 @@ Point = tuple[int, float, float | None]
 
 
 class Begin(StrEnum):
-    """How a contact began."""
+    """The beginning of a contact."""
 
     TOUCH = "touch"
     """The sample before the first was clear."""
@@ -26,14 +26,14 @@ class Begin(StrEnum):
 
 
 class End(StrEnum):
-    """How a contact ended."""
+    """The end of a contact."""
 
     LIFT = "lift"
     """The sample after the last was clear."""
     UNSEEN = "unseen"
     """The sample after the last is not known."""
     OPEN = "open"
-    """It goes on."""
+    """The contact continues."""
     STALE = "stale"
     """No sample followed within the surface's limit."""
     UNFINISHED = "unfinished"

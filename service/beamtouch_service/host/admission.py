@@ -23,7 +23,7 @@ _TOO_MANY = Problem(
 
 @dataclass(frozen=True)
 class Clients:
-    """What the connections of one service share."""
+    """State that all connections of one service share."""
 
     places: Places[HttpToolsProtocol]
     knows: Callable[[bytes], bool]

@@ -1,7 +1,8 @@
-"""One HTTP connection: uvicorn's, with bounds on what a client may send and leave unfinished.
+"""One HTTP connection: uvicorn's protocol with limits on what a client may send and leave unfinished.
 
 uvicorn has no such bounds: docs/decisions/008-contact-at-once.md. pyproject.toml states the versions whose inner state
-(`cycle`, `pipeline`, `flow`) this class and its base were tested with.
+(`cycle`, `pipeline`, `flow`) and private methods (`_start_asgi_task`, `_unsupported_upgrade_warning`,
+`_unset_keepalive_if_required`) this class and its base were tested with.
 """
 
 import asyncio
@@ -81,7 +82,7 @@ class BoundedProtocol(EndingProtocol):
         self._admission.move(State.IDLE)
 
     def on_header(self, name: bytes, value: bytes) -> None:
-        """Take a header. Trailers of a chunked body also come here, and are dropped."""
+        """Keep a header of the head, within the limits. Trailers of a chunked body arrive here too, and are dropped."""
         if self._framing.in_head and len(self.headers) < heads.MAX_HEADERS:
             super().on_header(name, value)
         elif self._framing.in_head:
@@ -112,7 +113,7 @@ class BoundedProtocol(EndingProtocol):
             self.cycle.keep_alive = False
 
     def on_body(self, body: bytes) -> None:
-        """Take content."""
+        """Pass a part of the body to the application, unless the request was refused."""
         self._framing.content(len(body))
         if self.refusal is None and not self.transport.is_closing():
             super().on_body(body)

@@ -1,4 +1,4 @@
-"""The end of an HTTP connection: what is refused and why, and how long the client may take for what it owes."""
+"""Refusals and deadlines of an HTTP connection."""
 
 import asyncio
 from typing import Any
@@ -13,13 +13,13 @@ from beamtouch_service.problems import Problem
 REFUSED_S = 2.0
 """A refused client gets this long to read the answer before the connection ends."""
 UNREAD_S = 60.0
-"""For a client to read enough of its answers that more can be sent."""
+"""A client that reads too little of its answers for more to be sent is disconnected after this time."""
 
 
 class EndingProtocol(HttpToolsProtocol):
-    """uvicorn's protocol, with deadlines, and with problems for what is not a request.
+    """uvicorn's protocol with deadlines. Bytes that are not a request are answered with a problem.
 
-    uvicorn answers such bytes at once, in the place of an earlier request's answer.
+    uvicorn would answer such bytes at once, in the place of an earlier request's answer.
     """
 
     deadline: asyncio.TimerHandle | None = None
@@ -35,7 +35,7 @@ class EndingProtocol(HttpToolsProtocol):
         self.clients = clients
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Expect nothing any more."""
+        """Cancel all deadlines."""
         self.forget()
         self._forget_unread()
         super().connection_lost(exc)
@@ -55,7 +55,7 @@ class EndingProtocol(HttpToolsProtocol):
         self.deadline = self.loop.call_later(within_s, self._give_up)
 
     def forget(self) -> None:
-        """Expect no request."""
+        """Cancel the deadline for a request."""
         if self.deadline is not None:
             self.deadline.cancel()
             self.deadline = None

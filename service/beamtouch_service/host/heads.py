@@ -30,7 +30,7 @@ class Framing:
         self._chunk_bytes = 0
         """Bytes of the current chunk that are still to come, including the line end behind it."""
         self._size_line: bytes | None = b""
-        """What was read of the current chunk's size line; None in the trailers."""
+        """The part of the current chunk's size line that was read; None in the trailers."""
         self._moved = False
         """Whether the current piece ended a head, had content or ended a request."""
 

@@ -1,4 +1,7 @@
-"""The socket that the service manager may pass on (sd_listen_fds; systemd 252)."""
+"""The listening socket that systemd may pass on (sd_listen_fds; systemd 252).
+
+Notifications to systemd are in `beamtouch_common.systemd`.
+"""
 
 import os
 import socket

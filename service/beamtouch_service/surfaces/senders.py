@@ -25,7 +25,7 @@ class Senders:
 
     def __init__(self, stale_ms: float, max_former: int = MAX_SENDERS) -> None:
         self.changes = 0
-        """How often the sender changed."""
+        """Number of changes of the sender."""
         self._stale_ms = stale_ms
         self._max_former = max_former
         self._newest: _Newest | None = None

@@ -1,4 +1,4 @@
-"""How a surface does: the answer of `GET /surfaces`."""
+"""The summary of a surface: the answer of `GET /surfaces`."""
 
 from pydantic import BaseModel
 
@@ -14,7 +14,7 @@ class SampleCounts(BaseModel):
 
 
 class SurfaceSummary(BaseModel):
-    """How one surface does."""
+    """Channels, model, ages and counts of one surface."""
 
     name: str
     model: str | None

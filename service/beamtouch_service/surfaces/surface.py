@@ -133,7 +133,7 @@ class Surface:
 
     @property
     def sender_changes(self) -> int:
-        """How often the sender of the newest sample changed."""
+        """Number of changes of the sender of the newest sample."""
         return self._intake.senders.changes
 
     def is_stale(self, now_s: float) -> bool:

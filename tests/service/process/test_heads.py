@@ -1,4 +1,4 @@
-"""Heads of requests over raw sockets: what is refused, however it is cut into segments, and in which order."""
+"""Heads of requests over raw sockets: refusals, in any cut into segments, and the order of the answers."""
 
 import json
 import re

@@ -48,7 +48,7 @@ Start = Callable[..., Service]
 
 @pytest.fixture
 def start(start_service: StartService, build_model: BuildModel, token_file: Path, tmp_path: Path) -> Start:
-    """A function that starts a service with so many places, in all and per address."""
+    """A function that starts a service with a number of places, in all and per address."""
 
     def start(max_clients: int, per_address: int, *options: str | Path) -> Service:
         (tmp_path / "service.toml").write_text(
