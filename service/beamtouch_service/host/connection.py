@@ -1,7 +1,8 @@
 """One HTTP connection: uvicorn's, with bounds on what a client may send and leave unfinished.
 
 uvicorn has no such bounds: docs/decisions/008-contact-at-once.md. pyproject.toml states the versions whose inner state
-(`cycle`, `pipeline`, `flow`) this class and its base were tested with.
+(`cycle`, `pipeline`, `flow`) and private methods (`_start_asgi_task`, `_unsupported_upgrade_warning`,
+`_unset_keepalive_if_required`) this class and its base were tested with.
 """
 
 import asyncio
