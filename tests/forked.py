@@ -1,123 +1,120 @@
-"""Commands in processes of their own, forked from a process that has imported their libraries already.
+"""Commands in processes of their own, forked from a server that has imported their libraries already.
 
 Libraries take half a second of a processor to import, and tests start hundreds of processes. A forked process has
-arguments, folder, environment, standard streams and signals of its own, imports the modules of the command anew, and
-ends as an interpreter does. The tests of the whole system start each command as a user does.
+arguments, folder, environment, standard streams and signals of its own, and imports the modules of the command anew.
+The tests of the whole system start each command as a user does.
 """
 
-from __future__ import annotations
-
-import ctypes
-import gc
+import contextlib
 import importlib
-import json
+import multiprocessing
+import multiprocessing.connection
 import os
-import socket
-import subprocess
 import sys
-from typing import TYPE_CHECKING, Self
+from collections.abc import Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from signal import SIGKILL
+from subprocess import TimeoutExpired
+from threading import Lock, Thread
+from typing import TextIO
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
+LIBRARIES = (
+    *("aiohttp", "cobs.cobs", "pymodbus.client", "serial", "sqlite3"),
+    *("fastapi", "httptools", "sqlalchemy.dialects.postgresql", "uvicorn"),
+    *("numpy.typing", "prometheus_client", "pydantic.main"),
+)
+"""Those that take long to import. One that starts a thread when it is imported, as onnxruntime does, cannot be one."""
 
-_ADOPT_ORPHANS = 36
-"""PR_SET_CHILD_SUBREAPER of prctl(2): what the forking process leaves behind becomes a child of the test process."""
-_MAX_REQUEST_BYTES = 150_000
-
-
-class Parent:
-    """A process that has imported the libraries of a command, and forks whenever it is asked to.
-
-    A library that starts a thread when it is imported, as onnxruntime does, cannot be one of them.
-    """
-
-    def __init__(self, command: str, *libraries: str) -> None:
-        """Start it for the `main` of a module `command`."""
-        ctypes.CDLL(None).prctl(_ADOPT_ORPHANS, 1, 0, 0, 0)
-        self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
-            number = theirs.fileno()
-            program = [sys.executable, __file__, str(number), command, *libraries]
-            self._process = subprocess.Popen(
-                program, pass_fds=[number], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL
-            )
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """End it; its children go on."""
-        self._control.close()
-        self._process.wait(60)
-
-    def fork(self, arguments: Sequence[str], folder: Path, streams: Sequence[int]) -> int:
-        """Return the process id of a new child of this process that runs the command on these descriptors."""
-        request = json.dumps([arguments, str(folder), dict(os.environ)])
-        socket.send_fds(self._control, [request.encode()], streams)
-        return int(self._control.recv(20))
+_CONTEXT = multiprocessing.get_context("forkserver")
+_CONTEXT.set_forkserver_preload(list(LIBRARIES))
+_ASKING = Lock()
+"""Starting a process asks for the exit codes of all others too, and the answer to each comes once."""
 
 
-class Forked(subprocess.Popen[str]):
-    """A process of a command, forked instead of started; its standard streams are pipes."""
+class Forked:
+    """A process of a command; its standard streams are pipes. It can do what tests ask of a `subprocess.Popen`."""
 
-    def __init__(self, parent: Parent, arguments: Sequence[str], folder: Path) -> None:
-        self._parent, self._folder = parent, folder
-        pipe = subprocess.PIPE
-        super().__init__(arguments, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
+    def __init__(self, command: str, arguments: Sequence[str], folder: Path) -> None:
+        """Start the `main` of a module `command`."""
+        its_stdin, stdin = _CONTEXT.Pipe(duplex=False)
+        stdout, its_stdout = _CONTEXT.Pipe(duplex=False)
+        stderr, its_stderr = _CONTEXT.Pipe(duplex=False)
+        theirs = (its_stdin, its_stdout, its_stderr)
+        self.args = arguments
+        self.stdin, self.stdout, self.stderr = _file(stdin, "w"), _file(stdout, "r"), _file(stderr, "r")
+        request = (command, arguments, folder, dict(os.environ), theirs)
+        self._process = _CONTEXT.Process(target=_run, args=request, daemon=True)
+        with _ASKING:
+            self._process.start()
+        for end in theirs:
+            end.close()
+        self.pid = self._process.pid or 0
+        self._said, self._readers = ["", ""], list[Thread]()
 
-    def _execute_child(self, args: Sequence[str], *more: int) -> None:
-        """Take the place of fork and exec, once the pipes are made."""
-        pipes = more[9:15]
-        self.pid = self._parent.fork(args, self._folder, (pipes[0], pipes[3], pipes[5]))
-        self._child_created = True
-        self._close_pipe_fds(*pipes)  # type: ignore[attr-defined]  # private, as this method is
+    @property
+    def returncode(self) -> int | None:
+        """The exit code, or the negative number of the signal that ended it; None while it runs."""
+        with _ASKING:
+            return self._process.exitcode
+
+    def poll(self) -> int | None:
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for the end; raises TimeoutExpired if it does not come in time [s]."""
+        multiprocessing.connection.wait([self._process.sentinel], timeout)
+        code = self.returncode
+        if code is None:
+            raise TimeoutExpired(list(self.args), timeout or 0)
+        return code
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        self.send_signal(SIGKILL)
+
+    def communicate(self, typed: str = "", timeout: float | None = None) -> tuple[str, str]:
+        """Type this; return what comes from standard output and standard error once the process has ended."""
+        if not self._readers:
+            self._readers = [Thread(target=self._read, args=(index,), daemon=True) for index in range(2)]
+            for reader in self._readers:
+                reader.start()
+            with contextlib.suppress(BrokenPipeError), self.stdin:
+                self.stdin.write(typed)
+        self.wait(timeout)
+        for reader in self._readers:
+            reader.join()
+        return self._said[0], self._said[1]
+
+    def _read(self, index: int) -> None:
+        with (self.stdout, self.stderr)[index] as stream:
+            self._said[index] = stream.read()
 
 
-def _serve(control: socket.socket, command: str) -> int:
-    """Fork for each request. In the forked process, return what the command returns."""
-    while True:
-        request, streams, _, _ = socket.recv_fds(control, _MAX_REQUEST_BYTES, 3)
-        if not request:
-            return 0
-        readable, writable = os.pipe()
-        between = os.fork()
-        if between == 0:
-            # Once it has ended, the test process is the parent of its child.
-            child = os.fork()
-            if child:
-                os.write(writable, str(child).encode())
-                os._exit(0)
-            arguments, folder, environment = json.loads(request)
-            for number, stream in enumerate(streams):
-                os.dup2(stream, number)
-            for descriptor in (*streams, readable, writable):
-                os.close(descriptor)
-            control.close()
-            os.chdir(folder)
-            os.environ.clear()
-            os.environ.update(environment)
-            sys.argv[1:] = arguments
-            code: int = importlib.import_module(command).main()
-            return code
-        os.waitpid(between, 0)
-        control.send(os.read(readable, 20))
-        for descriptor in (*streams, readable, writable):
-            os.close(descriptor)
+def _file(end: Connection, mode: str) -> TextIO:
+    """Return a text file for an end of a pipe, in its place."""
+    with end:
+        return open(os.dup(end.fileno()), mode, encoding="utf-8")  # type: ignore[return-value]  # noqa: PTH123
 
 
-def _run() -> int:
-    number, command, *libraries = sys.argv[1:]
-    for library in libraries:
-        importlib.import_module(library)
-    # What is shared stays shared.
-    gc.collect()
-    gc.freeze()
-    return _serve(socket.socket(fileno=int(number)), command)
-
-
-if __name__ == "__main__":
-    sys.exit(_run())
+def _run(
+    command: str, arguments: Sequence[str], folder: Path, environment: dict[str, str], streams: Sequence[Connection]
+) -> None:
+    """Be the command, in a forked process."""
+    for number, stream in enumerate(streams):
+        os.dup2(stream.fileno(), number)
+        stream.close()
+    sys.stdin, sys.stdout = open(0, encoding="utf-8", closefd=False), open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+    # The server passes over what it cannot import.
+    missing = [name for name in LIBRARIES if name not in sys.modules]
+    if missing:
+        sys.exit(f"not imported beforehand: {', '.join(missing)}")
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    sys.argv[1:] = arguments
+    sys.exit(importlib.import_module(command).main())

@@ -1,7 +1,6 @@
 """The daemon as the user starts it: a process of its own."""
 
 import asyncio
-import atexit
 import contextlib
 import json
 import os
@@ -13,23 +12,13 @@ import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from forked import Forked, Parent
+from forked import Forked
 
-LIBRARIES = (
-    "aiohttp",
-    "cobs.cobs",
-    "numpy.typing",
-    "prometheus_client",
-    "pydantic.main",
-    "pymodbus.client",
-    "serial",
-    "sqlite3",
-)
-"""Those that take long to import."""
+COMMAND = "beamtouch_daemon.cli"
+Process = subprocess.Popen[str] | Forked
 
 
 @dataclass(frozen=True)
@@ -50,7 +39,7 @@ class Outcome:
 class Daemon:
     """A running daemon."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
+    def __init__(self, process: Process) -> None:
         self._process = process
 
     @property
@@ -70,23 +59,13 @@ class Daemon:
     async def end(self) -> Outcome:
         """Wait for the end."""
         out, err = await asyncio.to_thread(self._process.communicate, timeout=60)
-        return Outcome(self._process.returncode, out, err)
+        return Outcome(self._process.wait(), out, err)
 
 
-@cache
-def parent() -> Parent:
-    """Return the process from which daemons are forked."""
-    made = Parent("beamtouch_daemon.cli", *LIBRARIES)
-    atexit.register(made.close)
-    return made
-
-
-def _start(
-    words: list[str], code: str, environment: dict[str, str] | None, prefix: tuple[str, ...]
-) -> subprocess.Popen[str]:
+def _start(words: list[str], code: str, environment: dict[str, str] | None, prefix: tuple[str, ...]) -> Process:
     if not (code or environment or prefix):
-        return Forked(parent(), words, Path.cwd())
-    program = ("-c", f"{code}; from beamtouch_daemon.cli import main; sys.exit(main())")
+        return Forked(COMMAND, words, Path.cwd())
+    program = ("-c", f"{code}; from {COMMAND} import main; sys.exit(main())")
     pipe = subprocess.PIPE
     return subprocess.Popen(
         [*prefix, sys.executable, *(program if code else ("-m", "beamtouch_daemon")), *words],

@@ -14,7 +14,7 @@ from forked import Forked
 
 from . import configs
 from .devices import pymodbus_server
-from .process import parent
+from .process import COMMAND
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -24,9 +24,9 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 def record(config: Path, path: Path, typed: str, *options: object) -> subprocess.CompletedProcess[str]:
     """Record with answers from a pipe."""
-    with Forked(parent(), ["record", str(config), "-o", str(path), *map(str, options)], Path.cwd()) as process:
-        out, err = process.communicate(typed, timeout=120)
-    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+    process = Forked(COMMAND, ["record", str(config), "-o", str(path), *map(str, options)], Path.cwd())
+    out, err = process.communicate(typed, timeout=120)
+    return subprocess.CompletedProcess(process.args, process.wait(), out, err)
 
 
 def record_at_terminal(config: Path, path: Path, typed: str, *options: object) -> subprocess.CompletedProcess[str]:

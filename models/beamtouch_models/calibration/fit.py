@@ -8,12 +8,13 @@ loads that are left out of the fit (PRESS, from the leverages; Allen 1974, doi 1
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.calibration.errors import Errors
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.calibration.errors import Deflections, Errors
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.calibration.theory import FIXITY, MAX_FIXITY, Theory
 from beamtouch_models.metadata import Departures
@@ -68,56 +69,96 @@ class Fit:
         return self.theory.departures(self.vector)
 
 
+@dataclass(frozen=True)
+class _Problem:
+    """The fit of some kinds of departures to loads."""
+
+    theory: Theory
+    loads: Loads
+    kinds: tuple[str, ...]
+
+    @cached_property
+    def free(self) -> Indices:
+        """Places of the fitted departures in the vector of all."""
+        places = np.arange(self.theory.size)
+        return np.concatenate([places[:0], *(places[self.theory.kinds[kind]] for kind in self.kinds)])
+
+    @cached_property
+    def stated(self) -> Bools:
+        """(loads, channels), whether there is a measurement."""
+        return np.isfinite(self.loads.stated_mm)
+
+    def with_free(self, vector: Floats, part: Floats) -> Floats:
+        """Return the vector with other values of the fitted departures."""
+        moved = vector.copy()
+        moved[self.free] = part
+        return moved
+
+    def left_mm(self, vector: Floats) -> Floats:
+        """Return the residuals (loads, channels); 0 without a measurement."""
+        return np.where(self.stated, self.loads.stated_mm - self.theory.stated_mm(vector, self.loads), 0.0)
+
+    def slopes(self, vector: Floats) -> Floats:
+        """Return the change of each deflection with the fitted departures, (loads, channels, departures)."""
+        return self.theory.slopes(vector, self.loads, self.kinds)[..., self.free] * self.stated[..., None]
+
+    def weighed(self, slopes: Floats, whitening: Floats) -> Floats:
+        """Return whitened slopes, a row for each deflection."""
+        return (whitening @ slopes).reshape(self.stated.size, len(self.free))
+
+    def solved(self, vector: Floats, whitening: Floats) -> Floats:
+        """Return the vector with the likeliest departures for this whitening of the residuals."""
+        if not len(self.free):
+            return vector
+
+        def residuals(part: Floats) -> Floats:
+            left_mm = self.left_mm(self.with_free(vector, part))
+            return np.concatenate([np.einsum("lcd,ld->lc", whitening, left_mm).ravel(), part])
+
+        def jacobian(part: Floats) -> Floats:
+            slopes = self.slopes(self.with_free(vector, part))
+            return np.concatenate([-self.weighed(slopes, whitening), np.eye(len(part))])
+
+        low, high = _bounds(self.theory, self.free)
+        # The default method, "trf", cannot leave a start on a bound, and fixities start at 0.
+        start = np.clip(vector[self.free], low, high)
+        found = least_squares(residuals, start, jacobian, bounds=(low, high), method="dogbox", ftol=1e-5, max_nfev=30)
+        return self.with_free(vector, found.x)
+
+
 def fit(
     theory: Theory, loads: Loads, kinds: tuple[str, ...], start: Floats | None = None, *, rounds: int = ROUNDS
 ) -> Fit:
     """Fit some kinds of departures; the others stay as in the scene."""
-    free = np.concatenate([np.arange(theory.size)[theory.kinds[kind]] for kind in kinds]) if kinds else np.arange(0)
-    vector = np.zeros(theory.size) if start is None else start.copy()
-    vector[np.setdiff1d(np.arange(theory.size), free)] = 0.0
-    low, high = _bounds(theory, free)
-    stated, errors = np.isfinite(loads.stated_mm), loads.errors
-
-    def left_mm() -> Floats:
-        return np.where(stated, loads.stated_mm - theory.stated_mm(vector, loads), 0.0)
-
-    def slopes() -> Floats:
-        return theory.slopes(vector, loads, kinds)[..., free] * stated[..., None]
-
-    def weighed(slopes: Floats) -> Floats:
-        return (whitening @ slopes).reshape(stated.size, len(free))
-
-    def residuals(part: Floats) -> Floats:
-        vector[free] = part
-        return np.concatenate([np.einsum("lcd,ld->lc", whitening, left_mm()).ravel(), part])
-
-    def jacobian(part: Floats) -> Floats:
-        vector[free] = part
-        return np.concatenate([-weighed(slopes()), np.eye(len(free))])
-
+    problem, errors = _Problem(theory, loads, kinds), loads.errors
+    none = np.zeros(theory.size)
+    vector = none if start is None else problem.with_free(none, start[problem.free])
     for _ in range(rounds):
         moved = theory.deflections(vector, loads)
         whitening = moved.whitening(errors)
-        if len(free):
-            # The default method, "trf", cannot leave a start on a bound, and fixities start at 0.
-            start_at = np.clip(vector[free], low, high)
-            found = least_squares(
-                residuals, start_at, jacobian, bounds=(low, high), method="dogbox", ftol=1e-5, max_nfev=30
-            )
-            vector[free] = found.x
-        left, at = left_mm(), slopes()
+        vector = problem.solved(vector, whitening)
+        left, at = problem.left_mm(vector), problem.slopes(vector)
         # Only departures that the data determine, rather than the prior, use up degrees of freedom.
-        freedom = max(1.0, stated.sum() - float(np.trace(_hat(weighed(at)))))
+        freedom = max(1.0, problem.stated.sum() - float(np.trace(_hat(problem.weighed(at, whitening)))))
         errors = moved.errors_of(left, loads.errors, errors, freedom)
-    whitening, as_stated = moved.whitening(errors), moved.whitening(loads.errors)
-    left_out = np.linalg.solve(whitening, _left_out(whitening @ left[..., None], weighed(at)))[..., 0]
-    own = np.linalg.inv(weighed(at).T @ weighed(at) + np.eye(len(free)))
+    return _judged(problem, vector, moved, errors, freedom, left, at)
+
+
+def _judged(
+    problem: _Problem, vector: Floats, moved: Deflections, errors: Errors, freedom: float, left: Floats, at: Floats
+) -> Fit:
+    """Return the fit with these residuals and slopes, and its errors of loads that are left out of it."""
+    theory, stated, free = problem.theory, problem.stated, problem.free
+    whitening, as_stated = moved.whitening(errors), moved.whitening(problem.loads.errors)
+    weighed = problem.weighed(at, whitening)
+    left_out = np.linalg.solve(whitening, _left_out(whitening @ left[..., None], weighed))[..., 0]
+    own = np.linalg.inv(weighed.T @ weighed + np.eye(len(free)))
     covariance = np.zeros((theory.size, theory.size))
     covariance[np.ix_(free, free)] = own
     return Fit(
         theory,
-        kinds,
-        vector.copy(),
+        problem.kinds,
+        vector,
         errors,
         scatter=float(np.sqrt(((as_stated @ left[..., None]) ** 2).sum() / freedom)),
         freedom=freedom,

@@ -28,11 +28,7 @@ EVENTS: dict[str, Any] = {
         },
         "text/csv": {
             "schema": {"type": "string"},
-            "examples": {
-                "one contact": {
-                    "value": ",".join(examples.EVENT) + "\r\n" + ",".join(map(str, examples.EVENT.values())) + "\r\n"
-                }
-            },
+            "examples": {"one contact": {"value": examples.CSV}},
         },
     },
 }

@@ -44,7 +44,6 @@ function surfacesKnown() {
   setText(byId("model"), feed.surface?.model ? `Model ${feed.surface.model}` : "");
   setText(byId("limit"), feed.surface ? `at most ${feed.surface.stale_ms} ms` : "");
   byId("contact-link").href = feed.chosen ? `/contact?surface=${encodeURIComponent(feed.chosen)}` : "/contact";
-  events.offered = true;
   events.follow(feed.surface?.name);
 }
 

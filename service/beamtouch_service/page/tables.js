@@ -39,31 +39,29 @@ function signed(value) {
   return value.toFixed(3).replace(/^-(0\.0+)$/, "$1").replace("-", "−");
 }
 
-/** The recent contacts, as far as the service keeps them. */
+/** The recent contacts. */
 export class Events {
   constructor(token) {
     this.token = token;
-    this.offered = true;
     this.timer = null;
     this.events = [];
     this.current = true; // whether an open contact may be shown as going on
   }
 
-  /** Ask now, and from now on every few seconds; a service that keeps none is not asked again. */
+  /** Ask now, and from now on every few seconds. */
   async follow(surface) {
     clearTimeout(this.timer);
     this.surface = surface;
-    if (!surface || !this.offered) return this.show([]);
+    if (!surface) return this.show([]);
     try {
       const answer = await this.token.ask(`/events?surface=${encodeURIComponent(surface)}&limit=20`);
       const events = answer.ok ? (await answer.json()).events : [];
       if (surface !== this.surface) return;
-      this.offered = answer.status !== 404;
       this.show(events);
     } catch {
       // The feed says that the connection is lost; what happened before still happened.
     }
-    if (this.offered) this.timer = setTimeout(() => this.follow(this.surface), 5000);
+    this.timer = setTimeout(() => this.follow(this.surface), 5000);
   }
 
   /** Say whether the surface has a contact now; without one, or without news, no contact is shown as going on. */
@@ -83,20 +81,18 @@ export class Events {
 const ENDS = { stale: "samples stopped", unfinished: "service stopped" };
 
 function eventRow(event, current) {
-  const { touched_at, peak_force_n, position_mm, mean_position_mm } = event;
+  const { touched_at, peak_force_n, mean_position_mm } = event;
   const time = html("time", { datetime: touched_at }, new Date(touched_at).toLocaleTimeString("en-GB"));
-  const number = (value) => html("td", {}, typeof value === "number" ? value.toFixed(1) : "—");
+  const number = (value) => html("td", {}, value === null ? "—" : value.toFixed(1));
   const row = html("tr", {}, html("th", { scope: "row" }, time));
-  row.append(number(position_mm ?? mean_position_mm), number(peak_force_n), html("td", {}, duration(event, current)));
+  row.append(number(mean_position_mm), number(peak_force_n), html("td", {}, duration(event, current)));
   return row;
 }
 
 /** How long it touched, in s, and how it ended; at least that long where nobody saw it lift. */
-function duration({ lifted_at, dwell_s, dwell_ms, end }, current) {
-  const isOpen = end === "open" || (!end && !lifted_at);
-  if (isOpen && current) return "still";
-  const seconds = dwell_s ?? dwell_ms / 1000;
-  if (!Number.isFinite(seconds)) return "—";
-  if (lifted_at) return seconds.toFixed(1);
-  return ENDS[end] ? `≥ ${seconds.toFixed(1)}, ${ENDS[end]}` : `≥ ${seconds.toFixed(1)}`;
+function duration({ dwell_ms, end }, current) {
+  if (end === "open" && current) return "still";
+  const seconds = (dwell_ms / 1000).toFixed(1);
+  if (end === "lift") return seconds;
+  return ENDS[end] ? `≥ ${seconds}, ${ENDS[end]}` : `≥ ${seconds}`;
 }

@@ -16,20 +16,20 @@ from playwright.sync_api import Browser
 
 from browser import OpenPage, chromium, pages
 from certificates import make_certificate
-from forked import Forked, Parent
+from forked import Forked
 from plain_http import NO_TLS, TIMEOUT_S
 from service.conftest import READ_TOKEN, TOKEN, BuildModel, batch_of
 from service.small_model import write_model
 
-CLI = ("-m", "beamtouch_service.cli")
-LIBRARIES = ("fastapi", "uvicorn", "httptools", "sqlalchemy.dialects.postgresql", "numpy.typing", "prometheus_client")
-"""Those that take long to import."""
+COMMAND = "beamtouch_service.cli"
+CLI = ("-m", COMMAND)
+Process = subprocess.Popen[str] | Forked
 
 
 class Service:
     """A service process on a free port."""
 
-    def __init__(self, process: subprocess.Popen[str], first_line: str, token: str) -> None:
+    def __init__(self, process: Process, first_line: str, token: str) -> None:
         self.process = process
         self.first_line = first_line
         self.token = token
@@ -49,35 +49,28 @@ class Service:
         """Send a signal; return exit code and standard error."""
         self.process.send_signal(signal_number)
         _, errors = self.process.communicate(timeout=60)
-        return self.process.returncode, errors
+        return self.process.wait(), errors
 
 
-Command = Callable[..., subprocess.Popen[str]]
+Command = Callable[..., Process]
 Wait = Callable[[Callable[[], bool]], None]
 StartService = Callable[..., Service]
 
 
-@pytest.fixture(scope="session")
-def parent() -> Iterator[Parent]:
-    """The process from which services are forked."""
-    with Parent("beamtouch_service.cli", *LIBRARIES) as parent:
-        yield parent
-
-
 @contextmanager
-def commands_in(folder: Path, parent: Parent) -> Iterator[Command]:
+def commands_in(folder: Path) -> Iterator[Command]:
     """Give a function that starts `beamtouch-service` with these arguments in a folder; at the end all are ended.
 
     With an environment or a program of its own it is started anew, otherwise forked.
     """
-    started: list[subprocess.Popen[str]] = []
+    started: list[Process] = []
 
     def start(
         *arguments: str | Path, environment: dict[str, str] | None = None, program: Sequence[str] = CLI
-    ) -> subprocess.Popen[str]:
+    ) -> Process:
         words = [str(one) for one in arguments]
         if environment is None and program is CLI:
-            started.append(Forked(parent, words, folder))
+            started.append(Forked(COMMAND, words, folder))
             return started[-1]
         search = [str(Path(entry).resolve()) for entry in os.environ.get("PYTHONPATH", "").split(":") if entry]
         process = subprocess.Popen(
@@ -100,13 +93,13 @@ def commands_in(folder: Path, parent: Parent) -> Iterator[Command]:
 
 
 @pytest.fixture
-def command(tmp_path: Path, parent: Parent) -> Iterator[Command]:
+def command(tmp_path: Path) -> Iterator[Command]:
     """Start `beamtouch-service` in the folder of the test."""
-    with commands_in(tmp_path, parent) as start:
+    with commands_in(tmp_path) as start:
         yield start
 
 
-def service_of(process: subprocess.Popen[str], token: str) -> Service:
+def service_of(process: Process, token: str) -> Service:
     """Wait until a process listens."""
     assert process.stdout is not None
     line = process.stdout.readline()
@@ -173,14 +166,14 @@ def certificate(tmp_path: Path) -> tuple[Path, Path]:
 
 
 @contextmanager
-def touched_in(folder: Path, parent: Parent) -> Iterator[Service]:
+def touched_in(folder: Path) -> Iterator[Service]:
     """Give a service with a contact to give, for a minute."""
     token = folder / "token"
     token.write_text(TOKEN)
     (folder / "service.toml").write_text(
         f'[server]\nmax_clients = 8\n[surfaces.press-7]\nmodel = "{write_model(folder)}"\nstale_ms = 60000\n'
     )
-    with commands_in(folder, parent) as start:
+    with commands_in(folder) as start:
         options = ("run", "--port", "0", "--config", "service.toml", "--write-token-file", token)
         service = service_of(start(*options), TOKEN)
         assert service.post(batch_of()).status_code == 200
@@ -188,7 +181,7 @@ def touched_in(folder: Path, parent: Parent) -> Iterator[Service]:
 
 
 @pytest.fixture
-def touched_service(tmp_path: Path, parent: Parent) -> Iterator[Service]:
+def touched_service(tmp_path: Path) -> Iterator[Service]:
     """A service of the test alone with a contact to give, for a minute."""
-    with touched_in(tmp_path, parent) as service:
+    with touched_in(tmp_path) as service:
         yield service

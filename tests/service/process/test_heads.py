@@ -11,7 +11,6 @@ from itertools import count
 import pytest
 
 from beamtouch_service.host.heads import MAX_HEAD_BYTES, MAX_HEADERS
-from forked import Parent
 
 from ..conftest import TOKEN, MakeBatch
 from .conftest import Service, touched_in
@@ -42,9 +41,9 @@ def batch_words(make_batch: MakeBatch, *extra: str) -> bytes:
 
 
 @pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory, parent: Parent) -> Iterator[Service]:
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     """A service with a contact to give, for tests that leave it as it is but for its counts."""
-    with touched_in(tmp_path_factory.mktemp("heads"), parent) as service:
+    with touched_in(tmp_path_factory.mktemp("heads")) as service:
         yield service
 
 

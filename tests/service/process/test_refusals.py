@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from service.conftest import BuildModel
-    from service.process.conftest import Command
+    from service.process.conftest import Command, Process
 
 
-def refusal(process: subprocess.Popen[str]) -> str:
+def refusal(process: Process) -> str:
     output, errors = process.communicate(timeout=60)
     assert (process.returncode, output) == (2, "")
     (line,) = errors.splitlines()
