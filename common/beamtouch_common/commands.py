@@ -69,7 +69,7 @@ def exit_code(
         if not name or name in sys.stdlib_module_names or name.startswith("beamtouch_"):
             raise
         return complain(program, f"{name} is not installed; run: pip install 'beamtouch[{extra}]'", WRONG_INPUT)
-    except (OSError, FailedError, *input_errors) as error:
+    except Exception as error:
         if isinstance(error, OSError) and (_is_output_lost() or isinstance(error, BrokenPipeError)):
             return complain(program, f"not all was printed to standard output: {error.strerror}", FAILED)
         if isinstance(error, FailedError):

@@ -4,14 +4,9 @@ A connection that has shown a token outranks one that has not. Among those witho
 client close first: those without a request yet, then those with an unread answer, then idle ones. Within each of these
 kinds, the address with the most connections gives one up; among equal addresses, the longest idle connection closes.
 
-<<<<<<< HEAD
 A client that has just connected has had no time for a request. So the connections without one of an address are spared
 at first while they are few, a quarter of what it may have: otherwise a crowd of idle clients would keep out whoever
 comes.
-=======
-A client that has just connected has had no time for a request. So connections without one are spared at first as long
-as they fill only a quarter of the places: otherwise a crowd of idle clients would keep out new ones.
->>>>>>> prose
 """
 
 from collections import Counter
