@@ -1,7 +1,7 @@
 """Settings of the test run, and fixtures of several folders: models and simulated boards, built once per run."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 # Before numpy is imported, and for all processes that tests start: threads of two libraries in each of several test
@@ -10,11 +10,13 @@ os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM
 
 import pytest
 from filelock import FileLock
+from playwright.sync_api import Browser
 from xdist.remote import Producer
 
 from beamtouch_models import modelfile
 from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
+from browser import OpenPage, chromium, pages
 from example_scenes import SCENES
 from scheduling import Scheduling
 from simulated_board import Board, Boards, build_board, build_firmware
@@ -85,3 +87,15 @@ def board_for(tmp_path_factory: pytest.TempPathFactory) -> Boards:
 def board(board_for: Boards) -> Board:
     """A board with four channels."""
     return board_for(4)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture
+def open_page(browser: Browser) -> Iterator[OpenPage]:
+    with pages(browser) as opened:
+        yield opened

@@ -2,7 +2,7 @@
 
 Libraries take half a second of a processor to import, and tests start hundreds of processes. A forked process has
 arguments, folder, environment, standard streams and signals of its own, and imports the modules of the command anew.
-The tests of the whole system start each command as a user does.
+It ends without the teardown of an interpreter. The tests of the whole system start each command as a user does.
 """
 
 import contextlib

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import onnxruntime as ort
 
-from beamtouch_models import session
+from beamtouch_models import description, session
 from beamtouch_models.arrays import Bools, Floats32
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.metadata import (
@@ -65,6 +65,10 @@ class ModelFile:
     def channels(self) -> list[str]:
         """Channel names in input order."""
         return [channel.name for channel in self.metadata.layout]
+
+    def summary(self) -> str:
+        """Return the metadata as text, each number with its unit and reference."""
+        return description.summary(self.metadata, self.identity, self.outputs)
 
     def estimate(self, deflection_mm: Floats32, valid: Bools) -> Answers:
         """Answer a batch.

@@ -20,6 +20,7 @@ from daemon.lines import joined_terminals, terminal
 from daemon.process import free_port, started
 from daemon.service import Service, serving
 from daemon.sessions import polled
+from processes import processor_s, resident_mb
 
 POLLS, TURNS = 1500, 3
 NEVER_IN_TIME_HZ = 1e6
@@ -137,17 +138,6 @@ async def jitter(server: Path) -> list[dict[str, object]]:
         {"name": f"jitter of polls at {JITTER_HZ:g} Hz, p{q}", "value": float(np.percentile(off_ms, q)), "unit": "ms"}
         for q in (50, 99)
     ]
-
-
-def processor_s(pid: int) -> float:
-    """Return the processor time of a process so far [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / 100
-
-
-def resident_mb(pid: int) -> float:
-    """Return the resident memory of a process."""
-    return int(Path(f"/proc/{pid}/status").read_text().split("VmRSS:")[1].split()[0]) / 1e3
 
 
 READ_LOOP = """

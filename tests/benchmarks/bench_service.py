@@ -23,6 +23,7 @@ from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
 from beamtouch_service.surfaces.served_model import Inference
 from example_scenes import SCENES
+from processes import processor_s, resident_mb
 
 TURNS, SECONDS = 5, 2.0
 RATE_HZ, BATCHES_PER_S = 1000, 250
@@ -196,17 +197,6 @@ def loaded(pid: int, port: int, path: str, clients: int) -> dict[str, float]:
     used_s = processor_s(pid) - begin_s
     assert found.pop("statuses") == ["200"]
     return {name: float(value) for name, value in found.items()} | {"processor_us": used_s / found["count"] * 1e6}
-
-
-def processor_s(pid: int) -> float:
-    """Return the processor time of a process so far [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / 100
-
-
-def resident_mb(pid: int) -> float:
-    """Return the resident memory of a process."""
-    return int(Path(f"/proc/{pid}/status").read_text().split("VmRSS:")[1].split()[0]) / 1e3
 
 
 def estimates(model: modelfile.ModelFile) -> dict[str, object]:

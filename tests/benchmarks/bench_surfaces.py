@@ -9,12 +9,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from bench_service import TOKEN, processor_s, resident_mb, server
+from bench_service import TOKEN, server
 
 from beamtouch_models import modelfile
 from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
+from processes import processor_s, resident_mb
 
 MOST, SECONDS = 48, 3.0
 PROMPT_MS = 20.0

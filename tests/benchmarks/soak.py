@@ -6,7 +6,6 @@ the rig's truth. Says every minute how things stand, and at the end writes a tab
 
 import argparse
 import json
-import os
 import sys
 import tempfile
 import time
@@ -28,6 +27,7 @@ from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.scene import parse_scene
 from example_scenes import SCENES
 from line import Line, Surface, Truth
+from processes import processor_s, resident_mb
 
 ASK_S = 0.05
 SETTLED_S = 0.1
@@ -149,14 +149,7 @@ def ask(client: httpx2.Client, truth: Truth, seen: Seen) -> None:
 def remember_memory(line: Line, seen: Seen) -> None:
     """Note the resident memory of each process."""
     for name, pid in line.pids().items():
-        status_text = Path(f"/proc/{pid}/status").read_text()
-        seen.memory_mb.setdefault(name, []).append(int(status_text.split("VmRSS:")[1].split()[0]) / 1e3)
-
-
-def processor_s(pid: int) -> float:
-    """Return the processor time of a process so far [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        seen.memory_mb.setdefault(name, []).append(resident_mb(pid))
 
 
 def counts(client: httpx2.Client) -> dict[str, int]:

@@ -68,7 +68,7 @@ def _busy(busy_s: float) -> Fault:
     return lambda _number, frame: [(busy_s, frame)]
 
 
-def _values_only(fault: Fault) -> Fault:
+def values_only(fault: Fault) -> Fault:
     """A unit that is silent unless it is asked for one register with function 4."""
     return lambda number, frame: fault(number, frame) if frame[1:3] == b"\4\2" else []
 
@@ -158,7 +158,7 @@ def patterns(seed: int) -> dict[str, Pattern]:
         "late, 3 %, one register": Pattern(often(0.03, faults.late), registers=1),
         "late by 1.5 s, 0.3 %": Pattern(often(0.003, faults.very_late)),
         "late by 1.5 s, 0.3 %, one register": Pattern(often(0.003, faults.very_late), registers=1),
-        "late, 0.2 %, answers only values": Pattern(_values_only(often(0.002, faults.late)), registers=1),
+        "late, 0.2 %, answers only values": Pattern(values_only(often(0.002, faults.late)), registers=1),
         "one probe, outage": Pattern(_one_probe(_outage), registers=2),
         "lost, 3 %": Pattern(often(0.03, faults.lost)),
         "in three parts, the last byte 16 ms late": Pattern(often(1.0, faults.split), busy_s=LATENCY_S + 0.002),

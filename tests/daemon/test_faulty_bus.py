@@ -13,9 +13,9 @@ from beamtouch_daemon.sources import Buses
 from beamtouch_daemon.sources.reading import Reading
 
 from . import configs
-from .devices import Fault, NumberingUnit, Pieces, StampingUnit, rtu_units
+from .devices import NumberingUnit, Pieces, StampingUnit, rtu_units
 from .faulty import plain, running
-from .faulty_bus import Outcome, patterns, run
+from .faulty_bus import Outcome, patterns, run, values_only
 from .lines import terminal
 from .process import command
 from .service import Service, serving
@@ -39,11 +39,6 @@ def is_of(unit: NumberingUnit) -> Callable[[Reading], None]:
         assert set(reading.counts) == {unit.newest}
 
     return check
-
-
-def values_only(fault: Fault) -> Fault:
-    """A unit that is silent unless it is asked for one register with function 4."""
-    return lambda number, frame: fault(number, frame) if frame[1:3] == b"\4\2" else []
 
 
 @pytest.mark.parametrize("name", QUICK)

@@ -1,6 +1,5 @@
 """Pictures look right where CSS variables and media queries are unknown, and in a browser in light and dark."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,6 @@ from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.charts import DARK, LIGHT, SERIES_COLOURS, Chart, Series, draw, standalone
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import load_scene
-from browser import chromium
 from example_scenes import SCENES
 from pictures import decoded, drawn, share_of, share_of_black
 
@@ -26,12 +24,6 @@ def chart(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("chart") / "chart.svg"
     path.write_text(standalone(draw(Chart("a chart", "x, mm", "y, N", series))))
     return path
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as started:
-        yield started
 
 
 def test_a_chart_has_its_colours_without_a_browser(chart: Path) -> None:

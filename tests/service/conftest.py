@@ -138,3 +138,14 @@ def admin_token_file(tmp_path: Path) -> Path:
     path = tmp_path / "admin-token"
     path.write_text(ADMIN_TOKEN + "\n")
     return path
+
+
+def kind(response: httpx2.Response) -> str:
+    """Check that an answer is a whole problem, and return the last part of its type."""
+    body = response.json()
+    assert response.headers["content-type"] == "application/problem+json"
+    assert response.headers["cache-control"] == "no-store"
+    assert body["status"] == response.status_code
+    assert body["title"]
+    assert body["detail"]
+    return str(body["type"]).removeprefix("urn:beamtouch:problem:")

@@ -11,11 +11,9 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_service.access import Access
 from beamtouch_service.surfaces.surface import Surface
-from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
+from service.conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN, kind
 
 if TYPE_CHECKING:
-    import httpx2
-
     from service.conftest import Bench, BuildModel, MakeBatch
 
 ALL = Access(write=TOKEN, read=READ_TOKEN, admin=ADMIN_TOKEN)
@@ -30,11 +28,6 @@ READS += [
     "/events?surface=press-7&format=csv",
 ]
 STREAMS = ["/stream", "/stream?surface=press-7", "/surfaces/press-7/stream"]
-
-
-def kind(response: httpx2.Response) -> str:
-    assert response.headers["content-type"] == "application/problem+json"
-    return str(response.json()["type"]).removeprefix("urn:beamtouch:problem:")
 
 
 @pytest.fixture

@@ -11,18 +11,12 @@ from beamtouch_service.api.errors import pointer
 from beamtouch_service.api.samples import MAX_BODY_BYTES
 from beamtouch_service.samples import MAX_SAMPLES
 from beamtouch_service.surfaces.surface import Surface
+from service.conftest import kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    import httpx2
-
     from service.conftest import Bench, MakeBatch
-
-
-def kind(response: httpx2.Response) -> str:
-    assert response.headers["content-type"] == "application/problem+json"
-    return str(response.json()["type"]).removeprefix("urn:beamtouch:problem:")
 
 
 def accepted(bench: Bench) -> int:

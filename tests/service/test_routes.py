@@ -8,23 +8,11 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_service.surfaces.surface import Surface
+from service.conftest import kind
 
 if TYPE_CHECKING:
-    import httpx2
-
     from beamtouch_service.samples import Batch, Receipt
     from service.conftest import Bench, BuildModel, MakeBatch
-
-
-def kind(response: httpx2.Response) -> str:
-    """Check that an answer is a whole problem, and return the last part of its type."""
-    body = response.json()
-    assert response.headers["content-type"] == "application/problem+json"
-    assert response.headers["cache-control"] == "no-store"
-    assert body["status"] == response.status_code
-    assert body["title"]
-    assert body["detail"]
-    return str(body["type"]).removeprefix("urn:beamtouch:problem:")
 
 
 def test_the_contact_is_the_one_of_the_design(bench: Bench, make_batch: MakeBatch) -> None:

@@ -12,11 +12,10 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser
 
 from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
-from browser import NO_FIGURE, OpenPage, Watched, chromium, pages
+from browser import NO_FIGURE, OpenPage, Watched
 from example_scenes import SCENES
 from line import Line, Surface, Truth
 
@@ -38,18 +37,6 @@ force_n = 15
 STEADY_S = 2.0
 """How long a load must have been there before what the page says is compared: it may draw late on a busy machine."""
 COMPARE_S = 90.0
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as started:
-        yield started
-
-
-@pytest.fixture
-def open_page(browser: Browser) -> Iterator[OpenPage]:
-    with pages(browser) as opened:
-        yield opened
 
 
 @pytest.fixture

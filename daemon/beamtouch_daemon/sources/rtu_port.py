@@ -1,15 +1,13 @@
 """A serial port on the event loop that sends and receives bytes."""
 
 import asyncio
-import contextlib
-import termios
 
 import serial
 
 from beamtouch_daemon.config.sources import ModbusRtu
+from beamtouch_daemon.sources import port
 from beamtouch_daemon.sources.reading import SourceError
 
-_READ_BYTES = 4096
 _PARITIES = {"none": serial.PARITY_NONE, "even": serial.PARITY_EVEN, "odd": serial.PARITY_ODD}
 
 
@@ -28,19 +26,7 @@ class RtuPort:
         if self._serial is not None:
             return False
         settings = self._settings
-        try:
-            self._serial = serial.Serial(
-                settings.port,
-                settings.baud,
-                parity=_PARITIES[settings.parity],
-                stopbits=settings.stop_bits,
-                timeout=0,
-                write_timeout=0,
-                exclusive=True,
-            )
-        except (OSError, ValueError, termios.error) as error:
-            message = f"{settings.port} cannot be opened ({error}); does it exist, and is no other program using it?"
-            raise SourceError(message) from error
+        self._serial = port.opened(settings.port, settings.baud, _PARITIES[settings.parity], settings.stop_bits)
         self.received.clear()
         asyncio.get_running_loop().add_reader(self._serial.fileno(), self.read)
         return True
@@ -49,8 +35,7 @@ class RtuPort:
         """Close the port if it is open; calls that wait for bytes raise SourceError."""
         if self._serial is not None:
             asyncio.get_running_loop().remove_reader(self._serial.fileno())
-            with contextlib.suppress(OSError):  # an unplugged device may complain
-                self._serial.close()
+            port.close(self._serial)
             self._serial = None
             self._arrived.set()
 
@@ -73,20 +58,20 @@ class RtuPort:
         if self._serial is None:
             return
         try:
-            data = self._serial.read(_READ_BYTES)
-        except (OSError, termios.error):
+            data = self._serial.read(port.READ_BYTES)
+        except port.FAILURES:
             self.close()  # its users notice and open it again
             return
         if data:
             self.received += data
-            del self.received[:-_READ_BYTES]
+            del self.received[: -port.READ_BYTES]
             self._arrived.set()
 
     def send(self, frame: bytes) -> None:
         """Send a frame; SourceError if the port does not accept all of it."""
         try:
             sent = self._serial.write(frame) if self._serial is not None else 0
-        except (OSError, termios.error):
+        except port.FAILURES:
             self.close()
             sent = 0
         if sent != len(frame):

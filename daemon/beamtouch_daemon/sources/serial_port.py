@@ -2,17 +2,14 @@
 
 import asyncio
 import contextlib
-import termios
 from time import monotonic
 from typing import NamedTuple
 
-import serial
-
+from beamtouch_daemon.sources import port
 from beamtouch_daemon.sources.reading import SourceError
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Message
 
-_READ_BYTES = 4096
 _MAX_READS = 64
 """Limit of reads at a time: several times the buffers of serial drivers."""
 
@@ -33,11 +30,7 @@ class SerialPort:
         self._arrived: list[Arrival] = []
         self._changed = asyncio.Event()
         self._failure: str | None = None
-        try:
-            self._serial = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
-        except (OSError, ValueError, termios.error) as error:
-            message = f"{path} cannot be opened: {error}"
-            raise SourceError(message) from error
+        self._serial = port.opened(path, baud)
         self._fd = self._serial.fileno()
         asyncio.get_running_loop().add_reader(self._fd, self._read)
 
@@ -49,15 +42,14 @@ class SerialPort:
     def close(self) -> None:
         """Close the port."""
         asyncio.get_running_loop().remove_reader(self._fd)
-        with contextlib.suppress(OSError):  # an unplugged device may complain
-            self._serial.close()
+        port.close(self._serial)
 
     def send(self, message: Message) -> None:
         """Send a message without waiting: a command always fits into the driver's buffer."""
         data = encode(message)
         try:
             sent = self._serial.write(data)
-        except (OSError, termios.error) as error:
+        except port.FAILURES as error:
             failure = f"{self._path} accepts no data: {error}"
             raise SourceError(failure) from error
         if sent != len(data):
@@ -81,10 +73,10 @@ class SerialPort:
         try:
             # Read everything: the newest frame determines the age of the others.
             for _ in range(_MAX_READS):
-                data += (chunk := self._serial.read(_READ_BYTES))
-                if len(chunk) < _READ_BYTES // 2:
+                data += (chunk := self._serial.read(port.READ_BYTES))
+                if len(chunk) < port.READ_BYTES // 2:
                     break
-        except (OSError, termios.error) as error:
+        except port.FAILURES as error:
             self._failure = f"{self._path} is gone: {error}"
             # A hung-up port stays readable, so the loop would spin.
             asyncio.get_running_loop().remove_reader(self._fd)

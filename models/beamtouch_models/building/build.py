@@ -7,7 +7,7 @@ import numpy as np
 import onnx
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.held_limit import check_held, check_scale
+from beamtouch_models.building.held_limit import check_held
 from beamtouch_models.building.measured import measured
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
@@ -16,7 +16,7 @@ from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges, S
 from beamtouch_models.physics.beam import check_small_angles, max_deflection_mm, travel_mm
 from beamtouch_models.placement import Placement, fewest_sensors
 from beamtouch_models.pricing.effects import Physics, required
-from beamtouch_models.pricing.noise import choose_filter, noise_of, step_mm
+from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of, step_mm
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 

@@ -1,8 +1,7 @@
-"""The metadata of a model file, as data and as text."""
+"""The metadata of a model file, as data."""
 
 from typing import Any
 
-from beamtouch_models.metadata import Metadata
 from beamtouch_models.modelfile import ModelFile
 
 
@@ -20,42 +19,3 @@ def describe(model: ModelFile) -> dict[str, Any]:
         "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
         "golden_answers": len(metadata.golden.valid),
     }
-
-
-def summary(model: ModelFile) -> str:
-    """Return the metadata as text, each number with its unit and reference."""
-    metadata = model.metadata
-    accuracy, noise, chosen, sensor = metadata.accuracy, metadata.noise, metadata.filter, metadata.sensor
-    layout = ", ".join(f"{channel.name} {channel.position_mm:g}" for channel in metadata.layout)
-    low, high = metadata.ranges.position_mm
-    weak, strong = metadata.ranges.force_n
-    force = f"{weak:g} N, known" if weak == strong else f"{weak:g}..{strong:g} N, unknown"
-    gap = f"gap {sensor.range_mm[0]:g}..{sensor.range_mm[1]:g} mm, {sensor.standoff_mm:.4g} mm at rest"
-    smoothing = f"{chosen.kind} of {chosen.window} readings, settled after {chosen.settling_ms:g} ms"
-    error = f"{accuracy.error_percent:.3f} % +- {accuracy.error_standard_error:.3f}"
-    best = f"{accuracy.limit_percent:.3f} % +- {accuracy.limit_standard_error:.3f}"
-    spread = accuracy.ratio_standard_error
-    ratio = f"{accuracy.ratio:.3f}" + ("" if spread is None else f" +- {spread:.3f}")
-    rows = [
-        ("model", f"{model.identity} ({metadata.estimator}, seed {metadata.seed})"),
-        ("beam", f"{metadata.length_mm:g} mm, largest deflection {metadata.max_deflection_mm:.4g} mm"),
-        ("sensors", f"{layout} mm from the left end; at least {metadata.min_channels} must work"),
-        ("contact", f"{low:g}..{high:g} mm, {force}"),
-        ("sensor", f"{gap}, {sensor.adc_bits} bits, {sensor.rate_hz:g} Hz"),
-        ("filter", "none" if chosen.kind == "none" else smoothing),
-        ("noise", f"{noise.reading_mm:.3g} mm per reading, {noise.sample_mm:.3g} mm per sample"),
-        ("error", f"{error} of the length, on average"),
-        ("limit", f"{best}; error over limit {ratio}"),
-        ("outputs", ", ".join(model.outputs)),
-        *_calibration(metadata),
-    ]
-    return "\n".join(f"{label:<8} {text}" for label, text in rows)
-
-
-def _calibration(metadata: Metadata) -> list[tuple[str, str]]:
-    found = metadata.calibration
-    if found is None:
-        return []
-    kinds = ", ".join(found.fitted) or "no departures"
-    errors = f"{found.error_before_mm:.3g} mm before, {found.error_after_mm:.3g} mm after"
-    return [("real", f"calibrated with {found.loads} loads: {kinds}; mean error of the loads {errors}")]

@@ -1,50 +1,20 @@
-"""Checks of a build: a deflection that a model can carry, and a model at the accuracy limit."""
+"""The check of a build: a model at the accuracy limit."""
 
 import numpy as np
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
-from beamtouch_models.errors import NotGoodEnoughError, SceneError
+from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.export import to_bytes
 from beamtouch_models.session import runner
 
-MIN_NOISE, MAX_NOISE = 1e-6, 1e3
-"""Bounds of a sample's noise over the largest deflection. A model takes its samples in float32, which resolves 6e-8;
-with a noise of a thousand times the deflection, a sample carries no information."""
-MIN_DEFLECTION_MM, MAX_DEFLECTION_MM = 1e-9, 1e9
-"""Bounds of a beam's largest deflection, with a wide margin; their squares fit float32."""
 DRAWS = 1000
 MAX_RATIO, MIN_COVERAGE = 1.2, 0.9
 """Largest mean error over the limit, and smallest share of positions inside their 95 % intervals."""
 SURE = 4.0
 """Number of standard errors by which a bound must be missed."""
-
-
-def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
-    """Raise SceneError if no model can carry the deflection, or the noise next to it.
-
-    A noise of 0 passes; the caller decides whether it will do.
-    """
-    if not MIN_DEFLECTION_MM <= max_deflection_mm <= MAX_DEFLECTION_MM:
-        message = (
-            f"beam: the largest deflection is {max_deflection_mm:.3g} mm, which no sensor measures; check its "
-            "length, its rigidity and contact.force_n"
-        )
-        raise SceneError(message)
-    if noise_mm > MAX_NOISE * max_deflection_mm:
-        message = (
-            f"sensors: a sample's noise of {noise_mm:.3g} mm hides the largest deflection, {max_deflection_mm:.3g} mm; "
-            "use better sensors or a softer beam"
-        )
-        raise SceneError(message)
-    if 0 < noise_mm < MIN_NOISE * max_deflection_mm:
-        message = (
-            f"sensors: a sample's noise of {noise_mm:.3g} mm is less than 1e-4 % of the largest deflection, "
-            f"{max_deflection_mm:.3g} mm, too little for the float32 of a model; state the noise of a real sensor"
-        )
-        raise SceneError(message)
 
 
 def check_held(made: Estimator, prior: Prior, seed: int) -> None:

@@ -17,8 +17,8 @@ from beamtouch_models import modelfile
 from beamtouch_models.accuracy.evaluation import Errors, Evaluation, at_noise, evaluate
 from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.accuracy.statistics import Measurement
-from beamtouch_models.building.held_limit import check_scale
 from beamtouch_models.commands.progress import shown_progress
+from beamtouch_models.pricing.noise import check_scale
 
 WIDTH_WITHOUT_TERMINAL = 120
 

@@ -14,4 +14,4 @@ def run(options: argparse.Namespace) -> None:
 
 def show(model: modelfile.ModelFile, *, as_json: bool) -> None:
     """Print a model as one JSON object or as text."""
-    print(json.dumps(description.describe(model)) if as_json else description.summary(model))
+    print(json.dumps(description.describe(model)) if as_json else model.summary())

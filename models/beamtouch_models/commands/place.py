@@ -10,13 +10,12 @@ import numpy as np
 
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.held_limit import check_scale
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.placement import Placement, place, place_by_position_error, recommended_count
 from beamtouch_models.pricing.effects import required
-from beamtouch_models.pricing.noise import choose_filter, noise_of
+from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of
 from beamtouch_models.scene import Scene, load_scene
 
 LIMIT_DRAWS = 10_000

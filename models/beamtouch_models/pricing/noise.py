@@ -13,6 +13,12 @@ SPIKE_SIGMAS = 6.0
 MAX_READINGS = 10_000
 """Longest filter of the daemon."""
 
+MIN_NOISE, MAX_NOISE = 1e-6, 1e3
+"""Bounds of a sample's noise over the largest deflection. A model takes its samples in float32, which resolves 6e-8;
+with a noise of a thousand times the deflection, a sample carries no information."""
+MIN_DEFLECTION_MM, MAX_DEFLECTION_MM = 1e-9, 1e9
+"""Bounds of a beam's largest deflection, with a wide margin; their squares fit float32."""
+
 
 def sensor_noise_mm(scene: Scene) -> float:
     """Standard deviation of one reading, in mm, without the ADC's steps."""
@@ -83,3 +89,28 @@ def noise_of(scene: Scene, chosen: FilterChoice) -> Noise:
     """Noise of a reading and of a sample: the mean of N independent readings divides it by sqrt(N)."""
     reading = reading_noise_mm(scene)
     return Noise(reading_mm=reading, sample_mm=reading / math.sqrt(chosen.window))
+
+
+def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
+    """Raise SceneError if no model can carry the deflection, or the noise next to it.
+
+    A noise of 0 passes; the caller decides whether it will do.
+    """
+    if not MIN_DEFLECTION_MM <= max_deflection_mm <= MAX_DEFLECTION_MM:
+        message = (
+            f"beam: the largest deflection is {max_deflection_mm:.3g} mm, which no sensor measures; check its "
+            "length, its rigidity and contact.force_n"
+        )
+        raise SceneError(message)
+    if noise_mm > MAX_NOISE * max_deflection_mm:
+        message = (
+            f"sensors: a sample's noise of {noise_mm:.3g} mm hides the largest deflection, {max_deflection_mm:.3g} mm; "
+            "use better sensors or a softer beam"
+        )
+        raise SceneError(message)
+    if 0 < noise_mm < MIN_NOISE * max_deflection_mm:
+        message = (
+            f"sensors: a sample's noise of {noise_mm:.3g} mm is less than 1e-4 % of the largest deflection, "
+            f"{max_deflection_mm:.3g} mm, too little for the float32 of a model; state the noise of a real sensor"
+        )
+        raise SceneError(message)

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence
+from beamtouch_models.placement import layout
 from beamtouch_models.scene import Scene
 from beamtouch_models.structure import Beam
 
@@ -30,7 +31,7 @@ MAX_DEFLECTION = 1 / 48
 
 def equal_pitch_mm(count: int) -> Floats:
     """Return the positions of sensors that divide the beam into equal parts; (count,) in mm."""
-    return LENGTH_MM * np.arange(1, count + 1) / (count + 1)
+    return layout.equal_pitch_mm(SCENE, count)
 
 
 def dimensionless(sensor_mm: ArrayLike) -> Floats:

@@ -10,7 +10,6 @@ from beamtouch_models.accuracy.contacts import Contacts, simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats, Floats32
-from beamtouch_models.building.held_limit import check_scale
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.export import to_bytes
@@ -18,7 +17,7 @@ from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import check_small_angles, max_deflection_mm
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing.effects import Physics, required
-from beamtouch_models.pricing.noise import noise_of, reading_noise_mm, window_filter
+from beamtouch_models.pricing.noise import check_scale, noise_of, reading_noise_mm, window_filter
 from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.scene import MIN_SENSORS, Scene
 from beamtouch_models.session import runner

@@ -12,9 +12,7 @@ from typing import Any
 
 import httpx2
 import pytest
-from playwright.sync_api import Browser
 
-from browser import OpenPage, chromium, pages
 from certificates import make_certificate
 from forked import Forked
 from plain_http import NO_TLS, TIMEOUT_S
@@ -129,18 +127,6 @@ def wait_for() -> Wait:
             time.sleep(0.01)
 
     return wait
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as started:
-        yield started
-
-
-@pytest.fixture
-def open_page(browser: Browser) -> Iterator[OpenPage]:
-    with pages(browser) as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """Requests byte by byte, over raw sockets."""
 
 import socket
-from pathlib import Path
 
 from .conftest import Service
 
@@ -55,9 +54,3 @@ def fields(head: bytes) -> dict[bytes, bytes]:
 def status(head: bytes) -> int:
     """Return the status of an answer."""
     return int(head.split()[1])
-
-
-def resident_mb(service: Service) -> float:
-    """Return the resident memory of the process."""
-    text = Path(f"/proc/{service.process.pid}/status").read_text()
-    return int(text.split("VmRSS:")[1].split()[0]) / 1e3

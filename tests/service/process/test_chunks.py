@@ -1,9 +1,8 @@
 """Chunked bodies over raw sockets: what they cost, and where they end."""
 
-import os
-from pathlib import Path
-
 import pytest
+
+from processes import processor_s
 
 from ..conftest import TOKEN
 from .conftest import Service
@@ -13,22 +12,16 @@ MEGABYTE = 1_000_000
 HEAD = b"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n"
 
 
-def processor_s(service: Service) -> float:
-    """Return the processor time of the process so far [s]."""
-    user, system = Path(f"/proc/{service.process.pid}/stat").read_text().rpartition(")")[2].split()[11:13]
-    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
-
-
 @pytest.mark.parametrize("size", [MEGABYTE, 1000], ids=["one", "many"])
 def test_the_cost_of_a_chunk_does_not_depend_on_its_content(touched_service: Service, size: int) -> None:
     head = HEAD + f"Authorization: Bearer {TOKEN}\r\n\r\n".encode()
-    before_s = processor_s(touched_service)
+    before_s = processor_s(touched_service.process.pid)
     chunks = (b"%x\r\n%b\r\n" % (size, b"\n" * size)) * (MEGABYTE // size)
     (answer,) = said(touched_service, head + chunks + b"0\r\n\r\n", 1)
 
     assert status(answer[0]) == 400
     # With one piece per line end, it took 1.5 s.
-    assert processor_s(touched_service) - before_s < 0.5
+    assert processor_s(touched_service.process.pid) - before_s < 0.5
 
 
 def test_a_connection_ends_after_an_answer_that_was_given_before_all_chunks_came(touched_service: Service) -> None:

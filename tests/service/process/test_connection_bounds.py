@@ -12,9 +12,11 @@ from pathlib import Path
 
 import pytest
 
+from processes import resident_mb
+
 from ..conftest import TOKEN
 from .conftest import Service, StartService
-from .raw import closes, connected, fields, get, resident_mb, status
+from .raw import closes, connected, fields, get, status
 
 MAX_GROWTH_MB = 30.0
 PATIENCE_S = 60.0
@@ -48,13 +50,13 @@ def trickle(connection: socket.socket, words: bytes) -> None:
 def test_who_asks_and_reads_little_costs_little_and_holds_up_nobody(
     touched_service: Service, target: str, read_bytes: int
 ) -> None:
-    before_mb = resident_mb(touched_service)
+    before_mb = resident_mb(touched_service.process.pid)
     with connected(touched_service) as connection:
         asking = threading.Thread(target=flood, args=(connection, get(target) * 1000, 20_000_000, read_bytes))
         asking.start()
         asking.join(5)
         statuses = [touched_service.get("/contact").status_code for _ in range(20)]
-        assert resident_mb(touched_service) - before_mb < MAX_GROWTH_MB
+        assert resident_mb(touched_service.process.pid) - before_mb < MAX_GROWTH_MB
         touched_service.process.send_signal(signal.SIGTERM)
         touched_service.process.wait(timeout=PATIENCE_S)
         asking.join()
@@ -75,7 +77,7 @@ def test_a_stop_does_not_wait_for_who_does_not_read(touched_service: Service) ->
 
 
 def test_what_follows_a_chunked_body_is_bounded(touched_service: Service) -> None:
-    before_mb = resident_mb(touched_service)
+    before_mb = resident_mb(touched_service.process.pid)
     with connected(touched_service) as connection:
         connection.sendall(get("/contact", "Transfer-Encoding: chunked") + b"0\r\n")
         wait_for_end = threading.Thread(target=trickle, args=(connection, b"a:b\r\n" * 2000))
@@ -83,7 +85,7 @@ def test_what_follows_a_chunked_body_is_bounded(touched_service: Service) -> Non
         wait_for_end.join(PATIENCE_S)
         assert not wait_for_end.is_alive()
 
-    assert resident_mb(touched_service) - before_mb < MAX_GROWTH_MB
+    assert resident_mb(touched_service.process.pid) - before_mb < MAX_GROWTH_MB
 
 
 @pytest.mark.parametrize("megabytes", [2, 50])
@@ -126,7 +128,7 @@ def test_unfinished_handshakes_keep_nobody_out(
     service = start_service(
         "--certificate-file", certificate[0], "--key-file", certificate[1], "--write-token-file", token_file
     )
-    port, before_mb = int(service.url.rpartition(":")[2]), resident_mb(service)
+    port, before_mb = int(service.url.rpartition(":")[2]), resident_mb(service.process.pid)
     trusted = ssl.create_default_context(cafile=str(certificate[0]))
     with ExitStack() as stack:
         silent = [stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(400)]
@@ -136,5 +138,5 @@ def test_unfinished_handshakes_keep_nobody_out(
         assert daemon.getresponse().status == 200
         # Most of them made room, long before their time was over.
         assert len(list(Path(f"/proc/{service.process.pid}/fd").iterdir())) < 200
-        assert resident_mb(service) - before_mb < 110  # without bounds 180
+        assert resident_mb(service.process.pid) - before_mb < 110  # without bounds 180
         assert closes(silent[0])

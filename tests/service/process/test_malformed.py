@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from processes import resident_mb
 from service.conftest import BuildModel
 
 from .conftest import StartService
@@ -61,10 +62,6 @@ def malformed(chance: random.Random) -> bytes:
     else:
         return chance.randbytes(chance.randrange(2000))
     return json.dumps(body).encode()
-
-
-def resident_mb(pid: int) -> float:
-    return int(Path(f"/proc/{pid}/status").read_text().split("VmRSS:")[1].split()[0]) / 1e3
 
 
 def send(port: int, token: str, seed: int, number: int, statuses: dict[int, int]) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import httpx2
 import onnx
 
+from beamtouch_models import cli as design_sensors
 from beamtouch_models.metadata import POSITION_OUTPUTS
 from beamtouch_service import cli
 from plain_http import NO_TLS
@@ -159,8 +160,10 @@ def test_contacts_are_given_while_a_model_is_loaded(
 def test_check_says_what_a_model_is(bench_model: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["check", str(bench_model)]) == 0
     text = capsys.readouterr().out
-    assert "s1 at " in text
-    assert "golden answers  reproduced" in text
+    assert "s1 68, s2 156, s3 244, s4 332 mm" in text
+    assert "answers reproduced" in text
+    assert design_sensors.main(["inspect", str(bench_model)]) == 0
+    assert capsys.readouterr().out == text
 
     assert cli.main(["check", "--json", str(bench_model)]) == 0
     said = json.loads(capsys.readouterr().out)

@@ -1,0 +1,28 @@
+"""Opening and closing a serial port, for all kinds of lines."""
+
+import contextlib
+import termios
+
+import serial
+
+from beamtouch_daemon.sources.reading import SourceError
+
+READ_BYTES = 4096
+"""Received bytes that one call takes."""
+FAILURES = (OSError, termios.error)
+"""What reading and writing raise once the device is gone."""
+
+
+def opened(path: str, baud: int, parity: str = serial.PARITY_NONE, stop_bits: float = 1) -> serial.Serial:
+    """Open a port that no other program can open, and whose calls never wait; SourceError if it cannot be opened."""
+    try:
+        return serial.Serial(path, baud, parity=parity, stopbits=stop_bits, timeout=0, write_timeout=0, exclusive=True)
+    except (*FAILURES, ValueError) as error:
+        message = f"{path} cannot be opened ({error}); does it exist, and is no other program using it?"
+        raise SourceError(message) from error
+
+
+def close(port: serial.Serial) -> None:
+    """Close a port."""
+    with contextlib.suppress(OSError):  # an unplugged device may complain
+        port.close()
