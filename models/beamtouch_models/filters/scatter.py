@@ -1,0 +1,206 @@
+"""The covariance of a mean beyond that of white noise, from the scatter of the readings in it and of the means before it.
+
+docs/decisions/011-covariance.md explains the form and has the measurements.
+"""
+
+import math
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from beamtouch_models.filters.means import FloatArray
+from beamtouch_models.filters.significance import look_at
+
+SMALLEST_NOISE_MM = 1e-9
+"""Readings without noise are compared with this, so that rounding errors are no motion."""
+STILL_PART = 1 / 4
+"""Part of the slowest period in which readings must agree to prove rest."""
+SCATTER_PART = 1 / 2
+"""Part of the slowest period over which means scatter by their amplitude."""
+USUAL = 3.0
+"""The newest reading deviates from the mean as usual if its square is within this many times the scatter before the
+mean: that of a vibration is at most twice it."""
+UNSEEN = 0.01
+"""Vibrations that the readings do not show, relative to those that they show: modes that swing as fast as the readings
+come seem to stand still."""
+
+Past = tuple[FloatArray, FloatArray]
+"""The last readings as they entered the mean, and the last means, shape (rows, channels)."""
+
+
+class Scatter:
+    """Finds the excess covariance.
+
+    Parameters
+    ----------
+    span
+        Largest number of readings in a mean.
+    slowest_period
+        Period of the slowest motion, in readings; 0 if it is not known.
+    noise_mm
+        Standard deviation of a reading, shape (channels,).
+    """
+
+    def __init__(self, span: int, slowest_period: float, noise_mm: FloatArray) -> None:
+        self.span = span
+        self._still = math.ceil(STILL_PART * slowest_period)
+        self._half = max(1, math.ceil(SCATTER_PART * slowest_period))
+        self._noise_mm = noise_mm
+        self._unit_mm = np.maximum(noise_mm, SMALLEST_NOISE_MM)
+        self._slope = max(2 * span, self._half)
+        self._rows = max(self._slope, span + self._compared(span))
+        self._means = max(span, self._half)
+
+    @property
+    def memory(self) -> int:
+        """Number of rows that are looked at."""
+        return max(self._rows, self._means)
+
+    def fresh(self, channels: int) -> Past:
+        """Return the initial state."""
+        return np.full((self._rows - 1, channels), np.nan), np.full((self._means, channels), np.nan)
+
+    def excess(
+        self,
+        readings: FloatArray,
+        cleaned: FloatArray,
+        mean: FloatArray,
+        variance: FloatArray,
+        spans: list[int],
+        past: Past,
+    ) -> tuple[NDArray[np.bool_], FloatArray, Past]:
+        """Return which means carry an excess covariance, the excess [mm^2], and the next state.
+
+        Parameters
+        ----------
+        readings
+            Unfiltered, shape (readings, channels).
+        cleaned
+            As they entered the mean.
+        mean
+            Means, NaN where a channel has none.
+        variance
+            Relative variance of their noise.
+        spans
+            Number of readings in each mean.
+        past
+            The state.
+        """
+        rows, means = np.concatenate([past[0], cleaned]), np.concatenate([past[1], mean])
+        there = ~np.isnan(mean)
+        deviations = np.empty((*mean.shape, self._rows))
+        np.subtract(sliding_window_view(rows, self._rows, axis=0), mean[:, :, np.newaxis], out=deviations)
+        np.subtract(readings, mean, out=deviations[:, :, -1])  # what replaced the newest reading may hide a touch
+        known = ~np.isnan(deviations)
+        deviations[~known] = 0.0
+        moves, squares = self._moves(deviations, there.sum(axis=1), spans)
+        moves |= ((readings != cleaned) & there).any(axis=1)
+        excess = np.zeros((*mean.shape, mean.shape[1]))
+        if moves.any():
+            before = sliding_window_view(means[:-1], self._means, axis=0)
+            for span in sorted({spans[row] for row in np.flatnonzero(moves)}):
+                at = np.flatnonzero(moves & (np.array(spans) == span))
+                excess[at] = self._excess(
+                    deviations[at], known[at], before[at] - mean[at, :, np.newaxis], variance[at], squares[at], span
+                )
+        return moves, excess, (rows[len(rows) - self._rows + 1 :], means[len(means) - self._means :])
+
+    def _compared(self, span: int) -> int:
+        """Return the number of readings that must agree to prove rest."""
+        return max(span, self._still)
+
+    def _moves(
+        self, deviations: FloatArray, working: NDArray[np.intp], spans: list[int]
+    ) -> tuple[NDArray[np.bool_], FloatArray]:
+        """Return which readings scatter, and their sums of squares in units of the noise, each of shape (readings,)."""
+        units = deviations / self._unit_mm[:, np.newaxis]
+        moves, squares = np.empty(len(units), dtype=np.bool_), np.empty(len(units))
+        for span in sorted(set(spans)):
+            look = look_at(self._compared(span), self._slope, self._rows, len(self._unit_mm))
+            at = np.flatnonzero(np.array(spans) == span) if len(set(spans)) > 1 else slice(None)
+            moves[at], squares[at] = look.scatter(units[at], working[at])
+        return moves, squares
+
+    def _excess(
+        self,
+        deviations: FloatArray,
+        known: NDArray[np.bool_],
+        before: FloatArray,
+        variance: FloatArray,
+        squares: FloatArray,
+        span: int,
+    ) -> FloatArray:
+        """Return the excess covariance of means that move, shape (means, channels, channels).
+
+        Parameters
+        ----------
+        deviations
+            Deviations of the readings from the mean [mm], shape (means, channels, rows); 0 if missing.
+        known
+            Which of them are not missing.
+        before
+            Deviations of the earlier means from the mean [mm], shape (means, channels, rows); NaN if missing.
+        variance
+            Relative variance of the noise of the mean, shape (means, channels); NaN for a channel without a value.
+        squares
+            Sums of squares of the readings, in units of the noise, shape (means,).
+        span
+            Number of readings in each mean.
+        """
+        there = ~np.isnan(variance)
+        own = np.where(there, variance, 0.0)
+        number = max(span, self._half)
+        swing = self._scatter_of_means(deviations, known, before[:, :, -number:], own, span)
+        newest = deviations[:, :, -1]
+        change = newest[:, :, np.newaxis] * newest[:, np.newaxis] - USUAL * self._usual(deviations, known, span)
+        seen = _positive_part(np.concatenate([swing, change]))
+        excess: FloatArray = seen[: len(own)] + seen[len(own) :]
+        # A direction that a single reading shows is as uncertain as that reading.
+        single = ((newest / self._unit_mm) ** 2).sum(axis=1) / np.maximum(squares, 1.0)
+        isotropic = np.minimum(single, 1.0)[:, np.newaxis] * self._noise_mm**2
+        isotropic = isotropic + UNSEEN**2 * np.trace(excess, axis1=1, axis2=2)[:, np.newaxis]
+        excess = excess + isotropic[:, :, np.newaxis] * np.eye(own.shape[1])
+        return excess * (there[:, :, np.newaxis] & there[:, np.newaxis])
+
+    def _scatter_of_means(
+        self, deviations: FloatArray, known: NDArray[np.bool_], before: FloatArray, own: FloatArray, span: int
+    ) -> FloatArray:
+        """Return the mean product of the deviations of earlier means, without what noise explains.
+
+        While there are too few earlier means, readings take their place.
+        """
+        number, compared = before.shape[2], self._compared(span)
+        missing = np.isnan(before)
+        before = np.where(missing, 0.0, before)
+        count = (~missing).any(axis=1).sum(axis=1)
+        readings = deviations[:, :, -compared:]
+        taken = known[:, :, -compared:].any(axis=1).sum(axis=1)
+        part = count / number
+        product = (before @ before.transpose(0, 2, 1)) * (part / np.maximum(count, 1))[:, np.newaxis, np.newaxis]
+        product += (readings @ readings.transpose(0, 2, 1)) * ((1 - part) / np.maximum(taken, 1))[:, np.newaxis, np.newaxis]
+        # Means that are j readings apart share n - j of their n readings.
+        apart = np.minimum(np.arange(1, number + 1) * own[:, :, np.newaxis], 1.0).mean(axis=2)
+        noise = 2 * own * apart * self._noise_mm**2
+        scatter: FloatArray = product - noise[:, :, np.newaxis] * np.eye(own.shape[1])
+        return scatter
+
+    def _usual(self, deviations: FloatArray, known: NDArray[np.bool_], span: int) -> FloatArray:
+        """Return the covariance of the readings before those in the mean; that of the noise if there are too few."""
+        begin = self._rows - span - self._compared(span)
+        rows, good = (of[:, :, begin : self._rows - span] for of in (deviations, known))
+        number = good.sum(axis=2, keepdims=True)
+        centre = rows.sum(axis=2, keepdims=True) / np.maximum(number, 1)
+        away = np.where(good, rows - centre, 0.0)
+        most = number.max(axis=1, keepdims=True)
+        covariance = away @ away.transpose(0, 2, 1) / np.maximum(most - 1, 1)
+        usual: FloatArray = np.where(most > 1, covariance, np.diag(self._noise_mm**2))
+        return usual
+
+
+def _positive_part(matrices: FloatArray) -> FloatArray:
+    """Return the nearest positive semi-definite matrices of symmetric ones, shape (matrices, channels, channels)."""
+    values, vectors = np.linalg.eigh(matrices)
+    roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
+    positive: FloatArray = roots @ roots.transpose(0, 2, 1)
+    return (positive + positive.transpose(0, 2, 1)) / 2
