@@ -5,12 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_models.filters import Filtered
+from beamtouch_models.filters import Filtered, FloatArray
 
 PLAIN_WITHIN = 0.02
 """Largest relative difference between the variance and that of so many readings, for which no covariance is stated."""
 DIGITS_BELOW_NOISE = 1e-4
 """Entries are rounded to this part of the variance of the noise, so that rounding never makes the matrix indefinite."""
+MAX_DIGITS = 300
+"""Beyond it, entries are not rounded."""
 SIGNIFICANT = 1e-12
 """Without noise, entries are rounded to this part of the largest one."""
 
@@ -29,22 +31,26 @@ UNKNOWN = Uncertainty(None, None)
 
 def uncertainties(filtered: Filtered) -> list[Uncertainty]:
     """Return the uncertainty of each sample."""
-    if filtered.noise_mm is None:
-        return [UNKNOWN] * len(filtered.mean_mm)
+    samples = len(filtered.mean_mm)
+    if filtered.noise_mm is None or not samples:
+        return [UNKNOWN] * samples
     number = np.floor(filtered.readings + 1e-6)
     differs = np.abs(filtered.relative_variance * number[:, np.newaxis] - 1) > PLAIN_WITHIN  # False for NaN
-    stated = filtered.moves | differs.any(axis=1)
     found = [UNKNOWN if math.isnan(readings) else Uncertainty(int(readings), None) for readings in number.tolist()]
-    if stated.any():
-        matrices, (row, column) = filtered.covariance_mm2, np.tril_indices(filtered.mean_mm.shape[1])
-        for index in np.flatnonzero(stated).tolist():
+    stated = np.flatnonzero(filtered.moves | differs.any(axis=1)).tolist()
+    if stated:
+        triangle = np.tril_indices(filtered.mean_mm.shape[1])
+        matrices, least = filtered.covariance_mm2, float(filtered.noise_mm.min())
+        for index in stated:
             readings = found[index].readings
             if readings is not None:
-                found[index] = Uncertainty(readings, _rounded(matrices[index][row, column], filtered.noise_mm, readings))
+                found[index] = Uncertainty(readings, _rounded(matrices[index][triangle], least**2 / readings))
     return found
 
 
-def _rounded(triangle: np.ndarray, noise_mm: np.ndarray, readings: int) -> list[float]:
-    white = float(noise_mm.min()) ** 2 / readings
-    quantum = max(DIGITS_BELOW_NOISE * white, SIGNIFICANT * float(triangle.max()))
-    return np.round(triangle, max(0, -math.floor(math.log10(quantum)))).tolist() if quantum > 0 else triangle.tolist()
+def _rounded(triangle: FloatArray, white_mm2: float) -> list[float]:
+    """Return a triangle in as few digits as keep the matrix positive; `white_mm2` is the variance of the noise in it."""
+    quantum = max(DIGITS_BELOW_NOISE * white_mm2, SIGNIFICANT * float(triangle.max()))
+    digits = -math.floor(math.log10(quantum)) if quantum > 0 else 0
+    values: list[float] = (np.round(triangle, digits) if 0 < digits < MAX_DIGITS else triangle).tolist()
+    return values

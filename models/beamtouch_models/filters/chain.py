@@ -144,7 +144,7 @@ class Chain:
         )
 
     def _apply(self, values: FloatArray) -> Filtered:
-        signal = cleaned = means.signal_of(values)
+        signal = cleaned = unfiltered = means.signal_of(values)
         for index, stage in enumerate(self._stages):
             signal, self._states[index] = stage.step(signal, self._states[index])
             if stage.span == 1:
@@ -152,17 +152,18 @@ class Chain:
         mean, variance = signal[:, 0], signal[:, 1]
         moves, excess = np.zeros(len(values), dtype=np.bool_), np.zeros((len(values), self._channels, self._channels))
         if self._scatter and len(values):
-            spans = self._spans(variance)
-            moves, excess, self._past = self._scatter.excess(values, cleaned[:, 0], mean, variance, spans, self._past)
+            entered = values if cleaned is unfiltered else cleaned[:, 0]
+            spans = self._spans(variance, self._scatter.span)
+            moves, excess, self._past = self._scatter.excess(values, entered, mean, variance, spans, self._past)
         return Filtered(mean, variance, self._noise_mm, moves, excess)
 
-    def _spans(self, variance: FloatArray) -> list[int]:
+    def _spans(self, variance: FloatArray, longest: int) -> list[int]:
         """Return the number of readings from which each mean is made."""
-        assert self._scatter
         if not self._restarts:
-            return [self._scatter.span] * len(variance)
+            return [longest] * len(variance)
         least = np.where(np.isnan(variance), 1.0, variance).min(axis=1)
-        return np.minimum(np.ceil(1 / least - 1e-9), self._scatter.span).astype(int).tolist()
+        spans: list[int] = np.minimum(np.ceil(1 / least - 1e-9), longest).astype(np.intp).tolist()
+        return spans
 
 
 def _unchanged(signal: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -7,7 +7,6 @@ a single reading. A state is a signal that holds the last rows.
 import math
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -29,7 +28,16 @@ def fresh(rows: int, channels: int) -> FloatArray:
 
 def signal_of(values: FloatArray) -> FloatArray:
     """Return readings, shape (readings, channels), as a signal."""
-    return np.stack([values, np.where(np.isnan(values), np.nan, 1.0)], axis=1)
+    signal = np.empty((len(values), 2, values.shape[1]))
+    signal[:, 0] = values
+    signal[:, 1] = np.where(np.isnan(values), np.nan, 1.0)
+    return signal
+
+
+def windows(rows: FloatArray, size: int) -> FloatArray:
+    """Return the last `size` rows up to each row that has as many, shape (windows, size, ...)."""
+    count = len(rows) - size + 1
+    return rows[np.newaxis] if count == 1 else rows[np.arange(count)[:, np.newaxis] + np.arange(size)]
 
 
 def moving_average(
@@ -42,14 +50,16 @@ def moving_average(
     `needed`.
     """
     rows = np.concatenate([state, signal])
-    windows = sliding_window_view(rows, window, axis=0)
-    good = ~np.isnan(windows[:, 0])
-    total = np.where(good[:, np.newaxis], windows, 0.0).sum(axis=-1)
-    number = good.sum(axis=-1)
-    averaged = np.full_like(signal, np.nan)
-    shown = ~np.isnan(signal[:, 0]) & (number >= needed)
-    np.divide(total[:, 0], number, out=averaged[:, 0], where=shown)
-    np.divide(total[:, 1], number * number, out=averaged[:, 1], where=shown)
+    parts = windows(rows, window)
+    averaged: FloatArray = parts.sum(axis=1)
+    if np.isnan(averaged).any():
+        good = ~np.isnan(parts[:, :, 0])
+        number = good.sum(axis=1)
+        averaged = np.where(good[:, :, np.newaxis], parts, 0.0).sum(axis=1)
+        averaged[np.isnan(signal) | (number < needed)[:, np.newaxis]] = np.nan
+        averaged /= np.stack([number, number * number], axis=1)
+    else:
+        averaged /= np.array([[window], [window * window]])
     return averaged, rows[len(rows) - (window - 1) :]
 
 

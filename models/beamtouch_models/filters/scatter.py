@@ -6,11 +6,10 @@ docs/decisions/011-covariance.md explains the form and has the measurements.
 import math
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from beamtouch_models.filters.means import FloatArray
-from beamtouch_models.filters.significance import look_at
+from beamtouch_models.filters.means import FloatArray, windows
+from beamtouch_models.filters.significance import Look, look_at
 
 SMALLEST_NOISE_MM = 1e-9
 """Readings without noise are compared with this, so that rounding errors are no motion."""
@@ -18,9 +17,9 @@ STILL_PART = 1 / 4
 """Part of the slowest period in which readings must agree to prove rest."""
 SCATTER_PART = 1 / 2
 """Part of the slowest period over which means scatter by their amplitude."""
-USUAL = 3.0
+USUAL = 1.5
 """The newest reading deviates from the mean as usual if its square is within this many times the scatter before the
-mean: that of a vibration is at most twice it."""
+mean; that of a vibration is on average once and at most twice it."""
 UNSEEN = 0.01
 """Vibrations that the readings do not show, relative to those that they show: modes that swing as fast as the readings
 come seem to stand still."""
@@ -88,21 +87,23 @@ class Scatter:
             The state.
         """
         rows, means = np.concatenate([past[0], cleaned]), np.concatenate([past[1], mean])
-        there = ~np.isnan(mean)
-        deviations = np.empty((*mean.shape, self._rows))
-        np.subtract(sliding_window_view(rows, self._rows, axis=0), mean[:, :, np.newaxis], out=deviations)
-        np.subtract(readings, mean, out=deviations[:, :, -1])  # what replaced the newest reading may hide a touch
+        deviations = windows(rows, self._rows) - mean[:, np.newaxis]
+        deviations[:, -1] = readings - mean  # what replaced the newest reading may hide a touch
         known = ~np.isnan(deviations)
-        deviations[~known] = 0.0
-        moves, squares = self._moves(deviations, there.sum(axis=1), spans)
-        moves |= ((readings != cleaned) & there).any(axis=1)
+        working: NDArray[np.intp] | int = mean.shape[1]
+        if not known.all():
+            deviations[~known] = 0.0
+            working = (~np.isnan(mean)).sum(axis=1)
+        moves, squares = self._moves(deviations, working, spans)
+        if cleaned is not readings:
+            moves |= ((readings != cleaned) & known[:, -1]).any(axis=1)
         excess = np.zeros((*mean.shape, mean.shape[1]))
         if moves.any():
-            before = sliding_window_view(means[:-1], self._means, axis=0)
+            before = windows(means[:-1], self._means)
             for span in sorted({spans[row] for row in np.flatnonzero(moves)}):
                 at = np.flatnonzero(moves & (np.array(spans) == span))
                 excess[at] = self._excess(
-                    deviations[at], known[at], before[at] - mean[at, :, np.newaxis], variance[at], squares[at], span
+                    deviations[at], known[at], before[at] - mean[at, np.newaxis], variance[at], squares[at], span
                 )
         return moves, excess, (rows[len(rows) - self._rows + 1 :], means[len(means) - self._means :])
 
@@ -111,16 +112,23 @@ class Scatter:
         return max(span, self._still)
 
     def _moves(
-        self, deviations: FloatArray, working: NDArray[np.intp], spans: list[int]
+        self, deviations: FloatArray, working: NDArray[np.intp] | int, spans: list[int]
     ) -> tuple[NDArray[np.bool_], FloatArray]:
         """Return which readings scatter, and their sums of squares in units of the noise, each of shape (readings,)."""
-        units = deviations / self._unit_mm[:, np.newaxis]
+        units = deviations / self._unit_mm
+        kinds = set(spans)
+        if len(kinds) == 1:
+            return self._look(spans[0]).scatter(units, working)
         moves, squares = np.empty(len(units), dtype=np.bool_), np.empty(len(units))
-        for span in sorted(set(spans)):
-            look = look_at(self._compared(span), self._slope, self._rows, len(self._unit_mm))
-            at = np.flatnonzero(np.array(spans) == span) if len(set(spans)) > 1 else slice(None)
-            moves[at], squares[at] = look.scatter(units[at], working[at])
+        for span in kinds:
+            at = np.flatnonzero(np.array(spans) == span)
+            moves[at], squares[at] = self._look(span).scatter(
+                units[at], working if isinstance(working, int) else working[at]
+            )
         return moves, squares
+
+    def _look(self, span: int) -> Look:
+        return look_at(self._compared(span), self._slope, self._rows, len(self._unit_mm))
 
     def _excess(
         self,
@@ -136,11 +144,11 @@ class Scatter:
         Parameters
         ----------
         deviations
-            Deviations of the readings from the mean [mm], shape (means, channels, rows); 0 if missing.
+            Deviations of the readings from the mean [mm], shape (means, rows, channels); 0 if missing.
         known
             Which of them are not missing.
         before
-            Deviations of the earlier means from the mean [mm], shape (means, channels, rows); NaN if missing.
+            Deviations of the earlier means from the mean [mm], shape (means, rows, channels); NaN if missing.
         variance
             Relative variance of the noise of the mean, shape (means, channels); NaN for a channel without a value.
         squares
@@ -151,16 +159,14 @@ class Scatter:
         there = ~np.isnan(variance)
         own = np.where(there, variance, 0.0)
         number = max(span, self._half)
-        swing = self._scatter_of_means(deviations, known, before[:, :, -number:], own, span)
-        newest = deviations[:, :, -1]
-        change = newest[:, :, np.newaxis] * newest[:, np.newaxis] - USUAL * self._usual(deviations, known, span)
-        seen = _positive_part(np.concatenate([swing, change]))
-        excess: FloatArray = seen[: len(own)] + seen[len(own) :]
+        excess = _positive_part(self._scatter_of_means(deviations, known, before[:, -number:], own, span))
+        newest = deviations[:, -1]
+        excess += self._change(newest, deviations, known, span)
         # A direction that a single reading shows is as uncertain as that reading.
         single = ((newest / self._unit_mm) ** 2).sum(axis=1) / np.maximum(squares, 1.0)
         isotropic = np.minimum(single, 1.0)[:, np.newaxis] * self._noise_mm**2
         isotropic = isotropic + UNSEEN**2 * np.trace(excess, axis1=1, axis2=2)[:, np.newaxis]
-        excess = excess + isotropic[:, :, np.newaxis] * np.eye(own.shape[1])
+        excess += isotropic[:, :, np.newaxis] * np.eye(own.shape[1])
         return excess * (there[:, :, np.newaxis] & there[:, np.newaxis])
 
     def _scatter_of_means(
@@ -170,32 +176,44 @@ class Scatter:
 
         While there are too few earlier means, readings take their place.
         """
-        number, compared = before.shape[2], self._compared(span)
+        number, compared = before.shape[1], self._compared(span)
         missing = np.isnan(before)
         before = np.where(missing, 0.0, before)
-        count = (~missing).any(axis=1).sum(axis=1)
-        readings = deviations[:, :, -compared:]
-        taken = known[:, :, -compared:].any(axis=1).sum(axis=1)
+        count = (~missing).any(axis=2).sum(axis=1)
         part = count / number
-        product = (before @ before.transpose(0, 2, 1)) * (part / np.maximum(count, 1))[:, np.newaxis, np.newaxis]
-        product += (readings @ readings.transpose(0, 2, 1)) * ((1 - part) / np.maximum(taken, 1))[:, np.newaxis, np.newaxis]
+        product = (before.transpose(0, 2, 1) @ before) * (part / np.maximum(count, 1))[:, np.newaxis, np.newaxis]
+        if (count < number).any():
+            readings = deviations[:, -compared:]
+            taken = known[:, -compared:].any(axis=2).sum(axis=1)
+            share = (1 - part) / np.maximum(taken, 1)
+            product += (readings.transpose(0, 2, 1) @ readings) * share[:, np.newaxis, np.newaxis]
         # Means that are j readings apart share n - j of their n readings.
         apart = np.minimum(np.arange(1, number + 1) * own[:, :, np.newaxis], 1.0).mean(axis=2)
         noise = 2 * own * apart * self._noise_mm**2
         scatter: FloatArray = product - noise[:, :, np.newaxis] * np.eye(own.shape[1])
         return scatter
 
-    def _usual(self, deviations: FloatArray, known: NDArray[np.bool_], span: int) -> FloatArray:
-        """Return the covariance of the readings before those in the mean; that of the noise if there are too few."""
+    def _change(
+        self, newest: FloatArray, deviations: FloatArray, known: NDArray[np.bool_], span: int
+    ) -> FloatArray:
+        """Return the product of the newest deviation, shape (means, channels), less what was usual before the mean.
+
+        Before a touch nothing moved; while the beam rings, readings deviated as far before.
+        """
+        square = (newest * newest).sum(axis=1)
+        direction = newest / np.sqrt(np.where(square > 0, square, 1.0))[:, np.newaxis]
         begin = self._rows - span - self._compared(span)
-        rows, good = (of[:, :, begin : self._rows - span] for of in (deviations, known))
-        number = good.sum(axis=2, keepdims=True)
-        centre = rows.sum(axis=2, keepdims=True) / np.maximum(number, 1)
-        away = np.where(good, rows - centre, 0.0)
-        most = number.max(axis=1, keepdims=True)
-        covariance = away @ away.transpose(0, 2, 1) / np.maximum(most - 1, 1)
-        usual: FloatArray = np.where(most > 1, covariance, np.diag(self._noise_mm**2))
-        return usual
+        rows, good = (of[:, begin : self._rows - span] for of in (deviations, known))
+        number = good.sum(axis=1, keepdims=True)
+        away = np.where(good, rows - rows.sum(axis=1, keepdims=True) / np.maximum(number, 1), 0.0)
+        along = (away @ direction[:, :, np.newaxis])[:, :, 0]
+        most = number.max(axis=(1, 2))
+        usual = (along * along).sum(axis=1) / np.maximum(most - 1, 1)
+        noise = ((direction * self._noise_mm) ** 2).sum(axis=1)
+        usual = np.where(most > 1, usual, noise)
+        part = 1 - np.minimum(USUAL * usual / np.where(square > 0, square, 1.0), 1.0)
+        change: FloatArray = (newest * part[:, np.newaxis])[:, :, np.newaxis] * newest[:, np.newaxis]
+        return change
 
 
 def _positive_part(matrices: FloatArray) -> FloatArray:

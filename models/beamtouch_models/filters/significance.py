@@ -42,34 +42,33 @@ class Look:
     for_slope: int
     """Number of readings in the slope."""
     contrasts: FloatArray
-    """Shape (rows, contrasts), newest row last: mean of `readings`, mean of `for_slope`, slope, then the differences.
+    """Shape (contrasts, rows), newest row last: mean of `readings`, mean of `for_slope`, slope, then the differences.
     Each has unit length."""
     members: FloatArray
-    """Shape (rows, 2): 1 for the rows in `readings`, and in `for_slope`."""
+    """Shape (2, rows): 1 for the rows in `readings`, and in `for_slope`."""
     scatter_limit: FloatArray
-    slope_limit: FloatArray
     linear_limit: FloatArray
-    difference_limit: FloatArray
     """Limits, shape (channels + 1,), by the number of working channels."""
+    contrast_limits: FloatArray
+    """Limits of the slope and of the differences, shape (channels + 1, contrasts - 2)."""
 
-    def scatter(self, deviations: FloatArray, working: NDArray[np.intp]) -> tuple[NDArray[np.bool_], FloatArray]:
+    def scatter(self, deviations: FloatArray, working: NDArray[np.intp] | int) -> tuple[NDArray[np.bool_], FloatArray]:
         """Return whether the readings move, and their sum of squares about their mean, each of shape (samples,).
 
         Parameters
         ----------
         deviations
-            Deviations from any constant, in units of the noise, shape (samples, channels, rows); 0 if missing.
+            Deviations from any constant, in units of the noise, shape (samples, rows, channels); 0 if missing.
         working
-            Number of working channels, shape (samples,).
+            Number of working channels, shape (samples,), or the same for all.
         """
-        squares = ((deviations @ self.contrasts) ** 2).sum(axis=1)
-        total = ((deviations * deviations) @ self.members).sum(axis=1)
+        squares = ((self.contrasts @ deviations) ** 2).sum(axis=2)
+        total = (self.members @ (deviations * deviations)).sum(axis=2)
         within: FloatArray = total[:, 0] - squares[:, 0]
-        beside = total[:, 1] - squares[:, 1] - squares[:, 2]
-        moves = within > self.scatter_limit[working]
-        moves |= (squares[:, 2] > self.slope_limit[working]) & (beside < self.linear_limit[working])
-        moves |= (squares[:, 3:] > self.difference_limit[working][:, np.newaxis]).any(axis=1)
-        return moves, np.maximum(within, 0.0)
+        beyond = squares[:, 2:] > self.contrast_limits[working]
+        if beyond[:, 0].any():
+            beyond[:, 0] &= total[:, 1] - squares[:, 1] - squares[:, 2] < self.linear_limit[working]
+        return beyond.any(axis=1) | (within > self.scatter_limit[working]), within
 
 
 @lru_cache(maxsize=256)
@@ -92,13 +91,13 @@ def look_at(readings: int, for_slope: int, rows: int, channels: int) -> Look:
     def limits(freedom: int, beyond: float) -> FloatArray:
         return np.array([chi_square_quantile(number * freedom, beyond) for number in working])
 
+    slope_limit, difference_limit = limits(int(has_slope), FALSE), limits(1, FALSE / max(1, len(news)))
     return Look(
         readings,
         for_slope,
-        np.ascontiguousarray(contrasts.T),
-        members,
+        contrasts,
+        np.ascontiguousarray(members.T),
         scatter_limit=limits(readings - 1, FALSE),
-        slope_limit=limits(int(has_slope), FALSE),
-        linear_limit=limits(for_slope - 2 if has_slope else 0, LINEAR),
-        difference_limit=limits(1, FALSE / max(1, len(news))),
+        linear_limit=limits(for_slope - 2, LINEAR),
+        contrast_limits=np.stack([slope_limit, *[difference_limit] * len(news)], axis=1),
     )
