@@ -100,7 +100,8 @@ class Sample(BaseModel):
 
 def triangle_rows(triangle: list[float]) -> list[list[float]]:
     """Return the rows of a lower triangle; the n-th has n values."""
-    rows, begin = [], 0
+    rows: list[list[float]] = []
+    begin = 0
     while begin < len(triangle):
         rows.append(triangle[begin : begin + len(rows) + 1])
         begin += len(rows)

@@ -21,7 +21,6 @@ from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, R
 from beamtouch_daemon.exits import ConfigError
 from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
 
-
 MAX_PERIOD_READINGS = 4000
 """Limit of the readings in a slowest period, as every sample is compared with half of them."""
 
@@ -141,7 +140,9 @@ class Surface(Strict):
         elif isinstance(self.source, SerialLine) and (self.rate_hz < 1 or self.rate_hz != int(self.rate_hz)):
             message = "rate_hz must be a whole number for a serial source"
         elif (self.slowest_period_ms or 0.0) * self.rate_hz / 1e3 > MAX_PERIOD_READINGS:
-            message = f"slowest_period_ms: at most {MAX_PERIOD_READINGS} readings, {MAX_PERIOD_READINGS / self.rate_hz:g} s"
+            message = (
+                f"slowest_period_ms: at most {MAX_PERIOD_READINGS} readings, {MAX_PERIOD_READINGS / self.rate_hz:g} s"
+            )
         elif max_hz is not None and self.rate_hz > max_hz:
             message = f"rate_hz: {module} converts {max_hz:g} times a second; a higher rate would read old values again"
         if message:

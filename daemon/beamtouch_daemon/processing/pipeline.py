@@ -136,9 +136,7 @@ class Pipeline:
         filtered = self._chain.apply(np.where(good, raw, np.nan))
         return np.where(good, filtered.mean_mm, raw), uncertainties(filtered)
 
-    def _sample(
-        self, unix_s: float, values: FloatArray, codes: NDArray[np.int8], uncertainty: Uncertainty
-    ) -> Sample:
+    def _sample(self, unix_s: float, values: FloatArray, codes: NDArray[np.int8], uncertainty: Uncertainty) -> Sample:
         qualities = [QUALITIES[code] for code in codes]
         sample = Sample(
             sequence=self._sequence,

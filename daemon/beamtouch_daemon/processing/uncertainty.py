@@ -49,7 +49,7 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
 
 
 def _rounded(triangle: FloatArray, white_mm2: float) -> list[float]:
-    """Return a triangle in as few digits as keep the matrix positive; `white_mm2` is the variance of the noise in it."""
+    """Return a triangle in as few digits as keep the matrix positive; `white_mm2` is the noise variance in it."""
     quantum = max(DIGITS_BELOW_NOISE * white_mm2, SIGNIFICANT * float(triangle.max()))
     digits = -math.floor(math.log10(quantum)) if quantum > 0 else 0
     values: list[float] = (np.round(triangle, digits) if 0 < digits < MAX_DIGITS else triangle).tolist()

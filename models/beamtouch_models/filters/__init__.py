@@ -1,8 +1,9 @@
 """Filters of deflections, and the covariance of what they give. Numpy only, and pure.
 
-Values have shape (readings, channels), oldest first. Every stage takes a state and returns the next one; the state holds
-the rows that are still needed, and NaN for rows that do not exist yet. Any split of the stream gives the same result, to
-the bit: every value is computed from the same rows in the same order. There are no running sums, so nothing drifts.
+Values have shape (readings, channels), oldest first. Every stage takes a state and returns the next one; the state
+holds the rows that are still needed, and NaN for rows that do not exist yet. Any split of the stream gives the same
+result, to the bit: every value is computed from the same rows in the same order. There are no running sums, so nothing
+drifts.
 
 NaN marks a reading of a channel that is not good. Its result is NaN, and it never affects a later value: a moving
 average and an adaptive mean continue with the good readings in the window, and a low-pass restarts at the next good
@@ -18,33 +19,16 @@ from beamtouch_models.filters.chain import (
     moving_average_stage,
     spike_stage,
 )
-from beamtouch_models.filters.means import (
-    LOW_PASS_MEMORY,
-    SPIKE_MEMORY,
-    FloatArray,
-    adaptive,
-    fresh,
-    low_pass,
-    moving_average,
-    smoothing,
-    spike,
-)
+from beamtouch_models.filters.means import FloatArray, smoothing
 
 __all__ = [
-    "LOW_PASS_MEMORY",
-    "SPIKE_MEMORY",
     "Chain",
     "Filtered",
     "FloatArray",
     "Stage",
-    "adaptive",
     "adaptive_stage",
-    "fresh",
-    "low_pass",
     "low_pass_stage",
-    "moving_average",
     "moving_average_stage",
     "smoothing",
-    "spike",
     "spike_stage",
 ]

@@ -1,7 +1,7 @@
 """The filters: each takes a signal and a state, and returns the filtered signal and the next state.
 
-A signal has shape (readings, 2, channels): the value in mm, and the variance of the white noise in it, relative to that of
-a single reading. A state is a signal that holds the last rows.
+A signal has shape (readings, 2, channels): the value in mm, and the variance of the white noise in it, relative to
+that of a single reading. A state is a signal that holds the last rows.
 """
 
 import math
@@ -17,7 +17,8 @@ REPLACED = 3.0
 """Variance of a replaced reading.
 
 It repeats one of its neighbours, so the noise of that one counts twice in a mean. In a mean of n readings, of which r
-were replaced, the variance is (n - r - r + 4 r) / n^2 = (n + 2 r) / n^2: as if each of the r had three times the variance.
+were replaced, the variance is (n - 2 r + 4 r) / n^2 = (n + 2 r) / n^2: as if each of the r had three times the
+variance.
 """
 
 
@@ -71,8 +72,8 @@ def smoothing(cutoff_hz: float, rate_hz: float) -> float:
 def low_pass(signal: FloatArray, state: FloatArray, factor: float) -> tuple[FloatArray, FloatArray]:
     """Apply y += a (x - y) with a = `factor`; `state` holds the last y.
 
-    The variance of white noise approaches a / (2 - a) of its own. After n readings, (1 - a)**n of a step remains. The first
-    good reading passes unchanged.
+    The variance of white noise approaches a / (2 - a) of its own. After n readings, (1 - a)**n of a step remains. The
+    first good reading passes unchanged.
     """
     smoothed = np.empty_like(signal)
     last, variance = state[0]
@@ -136,7 +137,7 @@ def adaptive(signal: FloatArray, state: FloatArray, window: int, step_mm: float)
 
 
 def _mean(rows: FloatArray) -> FloatArray:
-    """Return the mean of the good values of each column and its variance, shape (2, channels), NaN if there are none."""
+    """Return the mean of each column's good values and its variance, shape (2, channels), NaN if there are none."""
     good = ~np.isnan(rows[:, 0])
     number = good.sum(axis=0)
     mean: FloatArray = np.where(good[:, np.newaxis], rows, 0.0).sum(axis=0)

@@ -1,4 +1,4 @@
-"""The covariance of a mean beyond that of white noise, from the scatter of the readings in it and of the means before it.
+"""The covariance of a mean beyond that of white noise: from the scatter of its readings and of the means before it.
 
 docs/decisions/011-covariance.md explains the form and has the measurements.
 """
@@ -193,9 +193,7 @@ class Scatter:
         scatter: FloatArray = product - noise[:, :, np.newaxis] * np.eye(own.shape[1])
         return scatter
 
-    def _change(
-        self, newest: FloatArray, deviations: FloatArray, known: NDArray[np.bool_], span: int
-    ) -> FloatArray:
+    def _change(self, newest: FloatArray, deviations: FloatArray, known: NDArray[np.bool_], span: int) -> FloatArray:
         """Return the product of the newest deviation, shape (means, channels), less what was usual before the mean.
 
         Before a touch nothing moved; while the beam rings, readings deviated as far before.

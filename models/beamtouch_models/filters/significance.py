@@ -1,9 +1,9 @@
 """Tests whether readings scatter more than their noise explains.
 
 The deviations of the last readings from their mean are compared with quantiles of the chi-square distribution, in three
-ways: by their sum of squares, which shows ringing; by the difference between the last 1, 2, 4, ... readings and the rest,
-which shows a touch within the window; and by their slope, which shows a load that moves slowly. At rest each way finds
-something in at most `FALSE` of the samples.
+ways: by their sum of squares, which shows ringing; by the difference between the last 1, 2, 4, ... readings and the
+rest, which shows a touch within the window; and by their slope, which shows a load that moves slowly. At rest each way
+finds something in at most `FALSE` of the samples.
 """
 
 import math
@@ -84,7 +84,9 @@ def look_at(readings: int, for_slope: int, rows: int, channels: int) -> Look:
         / math.sqrt(new * (readings - new) * readings)
         for new in news
     ]
-    contrasts = np.stack([members[:, 0] / math.sqrt(readings), members[:, 1] / math.sqrt(for_slope), slope, *differences])
+    contrasts = np.stack(
+        [members[:, 0] / math.sqrt(readings), members[:, 1] / math.sqrt(for_slope), slope, *differences]
+    )
     working = range(channels + 1)
     has_slope = for_slope > 3
 
