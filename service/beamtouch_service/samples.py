@@ -17,7 +17,7 @@ MAX_SAMPLES = 2000
 MAX_READINGS = 1_000_000
 """In a sample."""
 ROUNDING = 1e-9
-"""A covariance matrix may miss being positive semi-definite by this part of its diagonal: senders round its entries."""
+"""A covariance may miss being positive semi-definite by this part of its largest variance: senders round entries."""
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 ChannelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
@@ -111,11 +111,12 @@ def triangle_rows(triangle: list[float]) -> list[list[float]]:
 def _flaw(rows: list[list[float]], deflection_mm: list[float | None]) -> str:
     """Return what keeps a lower triangle from being a covariance; empty if it is one.
 
-    Row by row, the triangle becomes its Cholesky factor. A direction that is left with less than `ROUNDING` of a
-    channel's variance has none.
+    Row by row, the triangle becomes its Cholesky factor. A channel that is left with a variance of less than rounding
+    can explain has none.
     """
     factor: list[list[float]] = []
     variances = [row[-1] for row in rows]
+    slack = ROUNDING * max(variances)
     for row, value in zip(rows, deflection_mm, strict=True):
         variance = row[-1]
         if variance < 0:
@@ -124,19 +125,19 @@ def _flaw(rows: list[list[float]], deflection_mm: list[float | None]) -> str:
             return "must be 0 for a channel without a deflection"
         new: list[float] = []
         left = variance
-        for entry, done, other in zip(row, factor, variances, strict=False):
+        for entry, done in zip(row, factor, strict=False):
             pivot = done[-1]
             rest = entry - sum(map(float.__mul__, new, done))
             if pivot > 0:
                 new.append(rest / pivot)
                 left -= new[-1] * new[-1]
-            elif abs(rest) <= math.sqrt(ROUNDING) * math.sqrt(other) * math.sqrt(variance):
+            elif abs(rest) <= math.sqrt(slack) * math.sqrt(max(variance, slack)):
                 new.append(0.0)
             else:
                 return "is not positive semi-definite"
-        if left < -ROUNDING * variance:
+        if left < -slack:
             return "is not positive semi-definite"
-        new.append(math.sqrt(left) if left > ROUNDING * variance else 0.0)
+        new.append(math.sqrt(left) if left > slack else 0.0)
         factor.append(new)
     return ""
 

@@ -37,14 +37,14 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
     number = np.floor(filtered.readings + 1e-6)
     differs = np.abs(filtered.relative_variance * number[:, np.newaxis] - 1) > PLAIN_WITHIN  # False for NaN
     found = [UNKNOWN if math.isnan(readings) else Uncertainty(int(readings), None) for readings in number.tolist()]
-    stated = np.flatnonzero(filtered.moves | differs.any(axis=1)).tolist()
-    if stated:
-        triangle = np.tril_indices(filtered.mean_mm.shape[1])
-        matrices, least = filtered.covariance_mm2, float(filtered.noise_mm.min())
-        for index in stated:
+    stated = np.flatnonzero(filtered.moves | differs.any(axis=1))
+    if len(stated):
+        row, column = np.tril_indices(filtered.mean_mm.shape[1])
+        triangles, least = filtered.covariances_mm2(stated)[:, row, column], float(filtered.noise_mm.min())
+        for index, triangle in zip(stated.tolist(), triangles, strict=True):
             readings = found[index].readings
             if readings is not None:
-                found[index] = Uncertainty(readings, _rounded(matrices[index][triangle], least**2 / readings))
+                found[index] = Uncertainty(readings, _rounded(triangle, least**2 / readings))
     return found
 
 

@@ -66,7 +66,7 @@ class Filtered:
     moves: NDArray[np.bool_]
     """Whether the readings scatter more than their noise explains, shape (readings,); never without a known noise."""
     excess_mm2: FloatArray
-    """Covariance beyond that of the noise, shape (readings, channels, channels); zero where `moves` is False."""
+    """Covariance beyond that of the noise, of the means that move, shape (moving, channels, channels)."""
 
     @property
     def readings(self) -> FloatArray:
@@ -83,11 +83,18 @@ class Filtered:
         ValueError
             The noise of a reading is not known.
         """
+        return self.covariances_mm2(np.arange(len(self.moves)))
+
+    def covariances_mm2(self, rows: NDArray[np.intp]) -> FloatArray:
+        """Return the covariances of some of the means [mm^2], shape (rows, channels, channels); errors as above."""
         if self.noise_mm is None:
             message = "the covariance needs the noise of a reading"
             raise ValueError(message)
-        white = np.where(np.isnan(self.mean_mm), 0.0, self.relative_variance) * self.noise_mm**2
-        return self.excess_mm2 + white[:, :, np.newaxis] * np.eye(white.shape[1])
+        white = np.where(np.isnan(self.mean_mm[rows]), 0.0, self.relative_variance[rows]) * self.noise_mm**2
+        covariances: FloatArray = white[:, :, np.newaxis] * np.eye(white.shape[1])
+        moving = self.moves[rows]
+        covariances[moving] += self.excess_mm2[np.cumsum(self.moves)[rows[moving]] - 1]
+        return covariances
 
 
 class Chain:
@@ -150,7 +157,7 @@ class Chain:
             if stage.span == 1:
                 cleaned = signal
         mean, variance = signal[:, 0], signal[:, 1]
-        moves, excess = np.zeros(len(values), dtype=np.bool_), np.zeros((len(values), self._channels, self._channels))
+        moves, excess = np.zeros(len(values), dtype=np.bool_), np.zeros((0, self._channels, self._channels))
         if self._scatter and len(values):
             entered = values if cleaned is unfiltered else cleaned[:, 0]
             spans = self._spans(variance, self._scatter.span)

@@ -69,7 +69,7 @@ class Scatter:
         spans: list[int],
         past: Past,
     ) -> tuple[NDArray[np.bool_], FloatArray, Past]:
-        """Return which means carry an excess covariance, the excess [mm^2], and the next state.
+        """Return which means carry an excess covariance, the excess of these [mm^2], and the next state.
 
         Parameters
         ----------
@@ -97,12 +97,14 @@ class Scatter:
         moves, squares = self._moves(deviations, working, spans)
         if cleaned is not readings:
             moves |= ((readings != cleaned) & known[:, -1]).any(axis=1)
-        excess = np.zeros((*mean.shape, mean.shape[1]))
-        if moves.any():
+        moving = np.flatnonzero(moves)
+        excess = np.empty((len(moving), mean.shape[1], mean.shape[1]))
+        if len(moving):
             before = windows(means[:-1], self._means)
-            for span in sorted({spans[row] for row in np.flatnonzero(moves)}):
-                at = np.flatnonzero(moves & (np.array(spans) == span))
-                excess[at] = self._excess(
+            kinds = np.array(spans)[moving]
+            for span in set(kinds.tolist()):
+                at = moving[kinds == span]
+                excess[kinds == span] = self._excess(
                     deviations[at], known[at], before[at] - mean[at, np.newaxis], variance[at], squares[at], span
                 )
         return moves, excess, (rows[len(rows) - self._rows + 1 :], means[len(means) - self._means :])
@@ -161,13 +163,15 @@ class Scatter:
         number = max(span, self._half)
         excess = _positive_part(self._scatter_of_means(deviations, known, before[:, -number:], own, span))
         newest = deviations[:, -1]
-        excess += self._change(newest, deviations, known, span)
+        square = ((newest / self._unit_mm) ** 2).sum(axis=1)
+        differs = square > self._look(span).newest_limit[there.sum(axis=1)]
+        excess += self._change(np.where(differs[:, np.newaxis], newest, 0.0), deviations, known, span)
         # A direction that a single reading shows is as uncertain as that reading.
-        single = ((newest / self._unit_mm) ** 2).sum(axis=1) / np.maximum(squares, 1.0)
+        single = square / np.maximum(squares, 1.0)
         isotropic = np.minimum(single, 1.0)[:, np.newaxis] * self._noise_mm**2
         isotropic = isotropic + UNSEEN**2 * np.trace(excess, axis1=1, axis2=2)[:, np.newaxis]
         excess += isotropic[:, :, np.newaxis] * np.eye(own.shape[1])
-        return excess * (there[:, :, np.newaxis] & there[:, np.newaxis])
+        return (excess + excess.transpose(0, 2, 1)) / 2 * (there[:, :, np.newaxis] & there[:, np.newaxis])
 
     def _scatter_of_means(
         self, deviations: FloatArray, known: NDArray[np.bool_], before: FloatArray, own: FloatArray, span: int
@@ -187,11 +191,17 @@ class Scatter:
             taken = known[:, -compared:].any(axis=2).sum(axis=1)
             share = (1 - part) / np.maximum(taken, 1)
             product += (readings.transpose(0, 2, 1) @ readings) * share[:, np.newaxis, np.newaxis]
+        # A mean is as of the middle of its readings, so a steady motion has gone as far since as in as many readings.
+        size = 1 / np.where(own > 0, own, 1.0).min(axis=1)
+        half = np.clip(np.ceil((size - 1) / 2 - 1e-9), 0, number).astype(np.intp)
+        lag = np.where((half > 0)[:, np.newaxis], before[np.arange(len(before)), number - half - (half == 0)], 0.0)
+        product += lag[:, :, np.newaxis] * lag[:, np.newaxis]
         # Means that are j readings apart share n - j of their n readings.
         apart = np.minimum(np.arange(1, number + 1) * own[:, :, np.newaxis], 1.0).mean(axis=2)
+        apart += np.minimum(half[:, np.newaxis] * own, 1.0)
         noise = 2 * own * apart * self._noise_mm**2
         scatter: FloatArray = product - noise[:, :, np.newaxis] * np.eye(own.shape[1])
-        return scatter
+        return (scatter + scatter.transpose(0, 2, 1)) / 2
 
     def _change(self, newest: FloatArray, deviations: FloatArray, known: NDArray[np.bool_], span: int) -> FloatArray:
         """Return the product of the newest deviation, shape (means, channels), less what was usual before the mean.
@@ -219,4 +229,4 @@ def _positive_part(matrices: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(matrices)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
     positive: FloatArray = roots @ roots.transpose(0, 2, 1)
-    return (positive + positive.transpose(0, 2, 1)) / 2
+    return positive

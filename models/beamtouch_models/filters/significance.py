@@ -24,7 +24,7 @@ LINEAR = 0.001
 def chi_square_quantile(freedom: int, beyond: float) -> float:
     """Return the value that a chi-square variable exceeds with probability `beyond`; inf without degrees of freedom.
 
-    Wilson and Hilferty's approximation (1931) is within 3 % where `beyond` is at most 0.01.
+    Wilson and Hilferty's approximation (1931). It is within 3 % for two degrees of freedom and more.
     """
     if freedom < 1:
         return math.inf
@@ -49,6 +49,8 @@ class Look:
     scatter_limit: FloatArray
     linear_limit: FloatArray
     """Limits, shape (channels + 1,), by the number of working channels."""
+    newest_limit: FloatArray
+    """Limit of the square of the newest deviation, shape (channels + 1,)."""
     contrast_limits: FloatArray
     """Limits of the slope and of the differences, shape (channels + 1, contrasts - 2)."""
 
@@ -101,5 +103,6 @@ def look_at(readings: int, for_slope: int, rows: int, channels: int) -> Look:
         np.ascontiguousarray(members.T),
         scatter_limit=limits(readings - 1, FALSE),
         linear_limit=limits(for_slope - 2, LINEAR),
+        newest_limit=limits(1, FALSE),
         contrast_limits=np.stack([slope_limit, *[difference_limit] * len(news)], axis=1),
     )
