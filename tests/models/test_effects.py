@@ -179,7 +179,7 @@ def test_first_frequencies_agree_with_published_values(supports: object, frequen
 
 
 def test_the_slowest_period_is_that_of_the_beam_with_the_heaviest_load_on_it() -> None:
-    # The lowest root of 1 = m w^2 sum phi_k^2 / (w_k^2 - w^2), of a mass m = 20 N / g in the middle of the bench's beam,
+    # The lowest root of 1 = m w^2 sum phi_k^2 / (w_k^2 - w^2), of a mass m = 20 N / g in the middle of the bench beam,
     # which weighs 0.2355 kg and has modes w_k = k^2 2 pi 43.9754 / s with phi_k^2 = 2 sin^2(k pi / 2) / 0.2355 kg.
     order = np.arange(1, 400, 2)
     squares, phi = (2 * math.pi * 43.9754 * order**2) ** 2, 2 / 0.2355

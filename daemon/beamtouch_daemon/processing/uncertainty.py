@@ -34,8 +34,13 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
     samples = len(filtered.mean_mm)
     if filtered.noise_mm is None or not samples:
         return [UNKNOWN] * samples
+    variance = filtered.relative_variance
+    if not filtered.moves.any() and variance.min() == variance.max():  # False for NaN; the usual case, in half the time
+        readings = math.floor(1 / variance[0, 0] + 1e-6)
+        if abs(variance[0, 0] * readings - 1) <= PLAIN_WITHIN:
+            return [Uncertainty(readings, None)] * samples
     number = np.floor(filtered.readings + 1e-6)
-    differs = np.abs(filtered.relative_variance * number[:, np.newaxis] - 1) > PLAIN_WITHIN  # False for NaN
+    differs = np.abs(variance * number[:, np.newaxis] - 1) > PLAIN_WITHIN  # False for NaN
     found = [UNKNOWN if math.isnan(readings) else Uncertainty(int(readings), None) for readings in number.tolist()]
     stated = np.flatnonzero(filtered.moves | differs.any(axis=1))
     if len(stated):

@@ -46,6 +46,7 @@ class Scatter:
         self._still = math.ceil(STILL_PART * slowest_period)
         self._half = max(1, math.ceil(SCATTER_PART * slowest_period))
         self._noise_mm = noise_mm
+        self._identity = np.eye(len(noise_mm))
         self._unit_mm = np.maximum(noise_mm, SMALLEST_NOISE_MM)
         self._slope = max(2 * span, self._half)
         self._rows = max(self._slope, span + self._compared(span))
@@ -89,14 +90,16 @@ class Scatter:
         rows, means = np.concatenate([past[0], cleaned]), np.concatenate([past[1], mean])
         deviations = windows(rows, self._rows) - mean[:, np.newaxis]
         deviations[:, -1] = readings - mean  # what replaced the newest reading may hide a touch
-        known = ~np.isnan(deviations)
         working: NDArray[np.intp] | int = mean.shape[1]
-        if not known.all():
-            deviations[~known] = 0.0
+        known = np.ones(deviations.shape[:2], dtype=np.bool_)
+        if np.isnan(deviations.sum()):
+            missing = np.isnan(deviations)
+            deviations[missing] = 0.0
+            known = ~missing.all(axis=2)
             working = (~np.isnan(mean)).sum(axis=1)
         moves, squares = self._moves(deviations, working, spans)
         if cleaned is not readings:
-            moves |= ((readings != cleaned) & known[:, -1]).any(axis=1)
+            moves |= (np.abs(readings - cleaned) > 0).any(axis=1)  # False for NaN
         moving = np.flatnonzero(moves)
         excess = np.empty((len(moving), mean.shape[1], mean.shape[1]))
         if len(moving):
@@ -148,7 +151,7 @@ class Scatter:
         deviations
             Deviations of the readings from the mean [mm], shape (means, rows, channels); 0 if missing.
         known
-            Which of them are not missing.
+            Which rows hold a reading of any channel, shape (means, rows).
         before
             Deviations of the earlier means from the mean [mm], shape (means, rows, channels); NaN if missing.
         variance
@@ -165,12 +168,12 @@ class Scatter:
         newest = deviations[:, -1]
         square = ((newest / self._unit_mm) ** 2).sum(axis=1)
         differs = square > self._look(span).newest_limit[there.sum(axis=1)]
-        excess += self._change(np.where(differs[:, np.newaxis], newest, 0.0), deviations, known, span)
+        excess += self._change(np.where(differs[:, np.newaxis], newest, 0.0), deviations, span)
         # A direction that a single reading shows is as uncertain as that reading.
         single = square / np.maximum(squares, 1.0)
         isotropic = np.minimum(single, 1.0)[:, np.newaxis] * self._noise_mm**2
         isotropic = isotropic + UNSEEN**2 * np.trace(excess, axis1=1, axis2=2)[:, np.newaxis]
-        excess += isotropic[:, :, np.newaxis] * np.eye(own.shape[1])
+        excess += isotropic[:, :, np.newaxis] * self._identity
         return (excess + excess.transpose(0, 2, 1)) / 2 * (there[:, :, np.newaxis] & there[:, np.newaxis])
 
     def _scatter_of_means(
@@ -188,7 +191,7 @@ class Scatter:
         product = (before.transpose(0, 2, 1) @ before) * (part / np.maximum(count, 1))[:, np.newaxis, np.newaxis]
         if (count < number).any():
             readings = deviations[:, -compared:]
-            taken = known[:, -compared:].any(axis=2).sum(axis=1)
+            taken = known[:, -compared:].sum(axis=1)
             share = (1 - part) / np.maximum(taken, 1)
             product += (readings.transpose(0, 2, 1) @ readings) * share[:, np.newaxis, np.newaxis]
         # A mean is as of the middle of its readings, so a steady motion has gone as far since as in as many readings.
@@ -200,26 +203,22 @@ class Scatter:
         apart = np.minimum(np.arange(1, number + 1) * own[:, :, np.newaxis], 1.0).mean(axis=2)
         apart += np.minimum(half[:, np.newaxis] * own, 1.0)
         noise = 2 * own * apart * self._noise_mm**2
-        scatter: FloatArray = product - noise[:, :, np.newaxis] * np.eye(own.shape[1])
+        scatter: FloatArray = product - noise[:, :, np.newaxis] * self._identity
         return (scatter + scatter.transpose(0, 2, 1)) / 2
 
-    def _change(self, newest: FloatArray, deviations: FloatArray, known: NDArray[np.bool_], span: int) -> FloatArray:
+    def _change(self, newest: FloatArray, deviations: FloatArray, span: int) -> FloatArray:
         """Return the product of the newest deviation, shape (means, channels), less what was usual before the mean.
 
         Before a touch nothing moved; while the beam rings, readings deviated as far before.
         """
-        square = (newest * newest).sum(axis=1)
-        direction = newest / np.sqrt(np.where(square > 0, square, 1.0))[:, np.newaxis]
-        begin = self._rows - span - self._compared(span)
-        rows, good = (of[:, begin : self._rows - span] for of in (deviations, known))
-        number = good.sum(axis=1, keepdims=True)
-        away = np.where(good, rows - rows.sum(axis=1, keepdims=True) / np.maximum(number, 1), 0.0)
-        along = (away @ direction[:, :, np.newaxis])[:, :, 0]
-        most = number.max(axis=(1, 2))
-        usual = (along * along).sum(axis=1) / np.maximum(most - 1, 1)
+        square = np.maximum((newest * newest).sum(axis=1), np.finfo(np.float64).tiny)
+        direction = newest / np.sqrt(square)[:, np.newaxis]
+        number = self._compared(span)
+        rows = deviations[:, self._rows - span - number : self._rows - span]
+        along = (rows @ direction[:, :, np.newaxis])[:, :, 0]
+        scatter = ((along * along).sum(axis=1) - along.sum(axis=1) ** 2 / number) / max(number - 1, 1)
         noise = ((direction * self._noise_mm) ** 2).sum(axis=1)
-        usual = np.where(most > 1, usual, noise)
-        part = 1 - np.minimum(USUAL * usual / np.where(square > 0, square, 1.0), 1.0)
+        part = 1 - np.minimum(USUAL * np.maximum(scatter, noise) / square, 1.0)
         change: FloatArray = (newest * part[:, np.newaxis])[:, :, np.newaxis] * newest[:, np.newaxis]
         return change
 
