@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import chi2
@@ -204,6 +204,7 @@ def test_a_channel_without_a_reading_has_a_zero_row_and_the_others_keep_their_do
 
 @pytest.mark.parametrize("noise_mm", [0.0, 1e-6, 1e-3, 10.0])
 @pytest.mark.parametrize("kind", CHAINS)
+@settings(max_examples=25, deadline=None)
 @given(data=st.data())
 def test_a_covariance_is_finite_and_positive_at_any_scale(kind: str, noise_mm: float, data: st.DataObject) -> None:
     unit = st.sampled_from([0.0, 1e-6, 1e-3, 1.0, 1e3])

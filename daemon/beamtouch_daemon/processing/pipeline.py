@@ -138,7 +138,8 @@ class Pipeline:
 
     def _sample(self, unix_s: float, values: FloatArray, codes: NDArray[np.int8], uncertainty: Uncertainty) -> Sample:
         qualities = [QUALITIES[code] for code in codes]
-        sample = Sample(
+        # The service validates what it receives; to do so here as well would double the cost of a covariance.
+        sample = Sample.model_construct(
             sequence=self._sequence,
             acquired_unix_us=round(unix_s * 1e6),
             deflection_mm=[

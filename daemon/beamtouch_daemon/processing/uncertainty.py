@@ -7,8 +7,9 @@ import numpy as np
 
 from beamtouch_models.filters import Filtered, FloatArray
 
-PLAIN_WITHIN = 0.02
-"""Largest relative difference between the variance and that of so many readings, for which no covariance is stated."""
+PLAIN = (0.9, 1.02)
+"""Variance, relative to that of so many readings, for which no covariance is stated. That of a low-pass lies between
+the variances of two numbers of readings."""
 DIGITS_BELOW_NOISE = 1e-4
 """Entries are rounded to this part of the variance of the noise, so that rounding never makes the matrix indefinite."""
 MAX_DIGITS = 300
@@ -37,10 +38,11 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
     variance = filtered.relative_variance
     if not filtered.moves.any() and variance.min() == variance.max():  # False for NaN; the usual case, in half the time
         readings = math.floor(1 / variance[0, 0] + 1e-6)
-        if abs(variance[0, 0] * readings - 1) <= PLAIN_WITHIN:
+        if PLAIN[0] <= variance[0, 0] * readings <= PLAIN[1]:
             return [Uncertainty(readings, None)] * samples
     number = np.floor(filtered.readings + 1e-6)
-    differs = np.abs(variance * number[:, np.newaxis] - 1) > PLAIN_WITHIN  # False for NaN
+    relative = variance * number[:, np.newaxis]
+    differs = (relative < PLAIN[0]) | (relative > PLAIN[1])  # False for NaN
     found = [UNKNOWN if math.isnan(readings) else Uncertainty(int(readings), None) for readings in number.tolist()]
     stated = np.flatnonzero(filtered.moves | differs.any(axis=1))
     if len(stated):
