@@ -91,11 +91,11 @@ class Scatter:
         deviations = windows(rows, self._rows) - mean[:, np.newaxis]
         deviations[:, -1] = readings - mean  # what replaced the newest reading may hide a touch
         working: NDArray[np.intp] | int = mean.shape[1]
-        known = np.ones(deviations.shape[:2], dtype=np.bool_)
+        known: NDArray[np.bool_] = np.ones(deviations.shape[:2], dtype=np.bool_)
         if np.isnan(deviations.sum()):
-            missing = np.isnan(deviations)
-            deviations[missing] = 0.0
-            known = ~missing.all(axis=2)
+            there = ~np.isnan(deviations)
+            deviations[~there] = 0.0
+            known = there.any(axis=2)
             working = (~np.isnan(mean)).sum(axis=1)
         moves, squares = self._moves(deviations, working, spans)
         if cleaned is not readings:
