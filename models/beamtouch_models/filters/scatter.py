@@ -95,7 +95,7 @@ class Scatter:
         if np.isnan(deviations.sum()):
             there = ~np.isnan(deviations)
             deviations[~there] = 0.0
-            known = there.any(axis=2)
+            known[:] = there.any(axis=2)
             working = (~np.isnan(mean)).sum(axis=1)
         moves, squares = self._moves(deviations, working, spans)
         if cleaned is not readings:
