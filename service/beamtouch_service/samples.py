@@ -4,6 +4,7 @@ The service receives it, so the service owns its format. The daemon imports this
 service. It depends on pydantic only, so a gateway needs no web framework and no onnxruntime.
 """
 
+import math
 from enum import StrEnum
 from itertools import pairwise
 from typing import Annotated, Self
@@ -13,9 +14,14 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 MAX_CHANNELS = 64
 MAX_SAMPLES = 2000
 """In a batch. All other requests wait while its samples are estimated."""
+MAX_READINGS = 1_000_000
+"""In a sample."""
+ROUNDING = 1e-9
+"""A covariance may miss being positive semi-definite by this part of its largest variance: senders round entries."""
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 ChannelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
+Noise = Annotated[FiniteFloat, Field(gt=0)]
 SurfaceName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
 
 
@@ -41,7 +47,7 @@ class Note(StrEnum):
 
 
 class Sample(BaseModel):
-    """One filtered deflection per channel, with its quality and its time."""
+    """One filtered deflection per channel, with its covariance, its quality and its time."""
 
     model_config = _STRICT
 
@@ -53,6 +59,13 @@ class Sample(BaseModel):
     """One value per channel, positive in the direction of the load; null for a missing channel."""
     quality: Annotated[list[Annotated[Quality, Field(strict=False)]], Field(max_length=MAX_CHANNELS)]
     """One quality per channel."""
+    readings: int | None = Field(default=None, ge=1, le=MAX_READINGS)
+    """How many readings are in it. Null: the sender states no noise, and the sample counts as a settled one."""
+    covariance_mm2: list[FiniteFloat] | None = Field(default=None, max_length=MAX_CHANNELS * (MAX_CHANNELS + 1) // 2)
+    """Covariance of the deflections [mm^2]: the lower triangle by rows, 0 for a channel that is not good.
+
+    Null: the noise of a reading squared over `readings` on the diagonal, and nothing else.
+    """
 
     @model_validator(mode="after")
     def _one_quality_per_value(self) -> Self:
@@ -64,6 +77,69 @@ class Sample(BaseModel):
                 message = "a channel without a deflection cannot be good"
                 raise ValueError(message)
         return self
+
+    @model_validator(mode="after")
+    def _covariance_is_possible(self) -> Self:
+        if self.covariance_mm2 is None:
+            return self
+        channels = len(self.deflection_mm)
+        if self.readings is None:
+            message = "covariance_mm2 needs readings"
+            raise ValueError(message)
+        if len(self.covariance_mm2) != channels * (channels + 1) // 2:
+            message = (
+                f"covariance_mm2 must hold {channels * (channels + 1) // 2} values, the lower triangle of {channels} "
+                f"channels, not {len(self.covariance_mm2)}"
+            )
+            raise ValueError(message)
+        if reason := _flaw(triangle_rows(self.covariance_mm2), self.deflection_mm):
+            message = f"covariance_mm2 {reason}"
+            raise ValueError(message)
+        return self
+
+
+def triangle_rows(triangle: list[float]) -> list[list[float]]:
+    """Return the rows of a lower triangle; the n-th has n values."""
+    rows: list[list[float]] = []
+    begin = 0
+    while begin < len(triangle):
+        rows.append(triangle[begin : begin + len(rows) + 1])
+        begin += len(rows)
+    return rows
+
+
+def _flaw(rows: list[list[float]], deflection_mm: list[float | None]) -> str:
+    """Return what keeps a lower triangle from being a covariance; empty if it is one.
+
+    Row by row, the triangle becomes its Cholesky factor. A channel that is left with a variance of less than rounding
+    can explain has none.
+    """
+    factor: list[list[float]] = []
+    variances = [row[-1] for row in rows]
+    slack = ROUNDING * max(variances)
+    for row, value in zip(rows, deflection_mm, strict=True):
+        variance = row[-1]
+        if variance < 0:
+            return "has a negative value on its diagonal"
+        if value is None and any(row):
+            return "must be 0 for a channel without a deflection"
+        new: list[float] = []
+        left = variance
+        for entry, done in zip(row, factor, strict=False):
+            pivot = done[-1]
+            rest = entry - sum(map(float.__mul__, new, done))
+            if pivot > 0:
+                new.append(rest / pivot)
+                left -= new[-1] * new[-1]
+            elif abs(rest) <= math.sqrt(slack) * math.sqrt(max(variance, slack)):
+                new.append(0.0)
+            else:
+                return "is not positive semi-definite"
+        if left < -slack:
+            return "is not positive semi-definite"
+        new.append(math.sqrt(left) if left > slack else 0.0)
+        factor.append(new)
+    return ""
 
 
 class Batch(BaseModel):
@@ -80,6 +156,10 @@ class Batch(BaseModel):
     samples: list[Sample] = Field(min_length=1, max_length=MAX_SAMPLES)
     notes: list[Annotated[Note, Field(strict=False)]] = Field(default=[], max_length=len(Note))
     """Findings of the sender while it took these samples. Older senders state none."""
+    noise_mm: list[Noise] | None = Field(default=None, max_length=MAX_CHANNELS)
+    """Standard deviation of one reading of each channel, as the sender assumes it. Older senders state none."""
+    characteristic: str | None = Field(default=None, pattern=r"^[A-Za-z0-9-]{1,64}$")
+    """Identity of the sender's characteristics and rest gaps: another one after each change of either."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -88,6 +168,9 @@ class Batch(BaseModel):
             raise ValueError(message)
         if any(len(sample.deflection_mm) != len(self.channels) for sample in self.samples):
             message = f"every sample must hold {len(self.channels)} values, one per channel"
+            raise ValueError(message)
+        if self.noise_mm is not None and len(self.noise_mm) != len(self.channels):
+            message = f"noise_mm must hold {len(self.channels)} values, one per channel"
             raise ValueError(message)
         sequences = [sample.sequence for sample in self.samples]
         if any(later <= earlier for earlier, later in pairwise(sequences)):

@@ -59,6 +59,18 @@ async def test_samples_with_a_note_that_the_service_does_not_know_are_delivered_
         assert bench.outbox.dropped == 0
 
 
+async def test_a_service_that_does_not_know_covariances_receives_the_samples_without_them() -> None:
+    service = Service()
+    service.problem_of = lambda batch, _: (422, "invalid-request") if batch.samples[0].readings else None
+    stated = {"readings": 4, "covariance_mm2": [0.01, 0.0, 0.0]}
+    async with serving(service), Bench(service) as bench:
+        bench.outbox.put([replace(one, sample=one.sample.model_copy(update=stated)) for one in taken(0, 3)])
+        await service.until(3)
+        await bench.finish()
+        assert sequences(service) == [0, 1, 2]
+        assert bench.outbox.dropped == 0
+
+
 PROXY = ""
 """The type of a problem that is none: a page of HTML."""
 

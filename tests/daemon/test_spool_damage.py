@@ -83,7 +83,7 @@ def first_sequences(spool: Spool, surface: str) -> list[int]:
 
 
 def test_samples_that_are_set_aside_are_counted_and_bounded(tmp_path: Path) -> None:
-    length = len(batch_of(0).model_dump_json())
+    length = len(batch_of(0).model_dump_json(exclude_defaults=True))
     with Spool(tmp_path / "spool", 35 * length) as spool:
         for first in range(0, 100, 10):
             number = spool.put("bench", batch_of(first), 0.0)

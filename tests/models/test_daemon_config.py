@@ -32,6 +32,13 @@ def test_it_states_the_noise_of_a_reading(bench: ModelFile, tmp_path: Path) -> N
     assert surface_of(bench.metadata, tmp_path).noise_mm == bench.metadata.noise.reading_mm > 0
 
 
+def test_it_states_the_slowest_period_of_the_beam(bench: ModelFile, tmp_path: Path) -> None:
+    assert surface_of(bench.metadata, tmp_path).slowest_period_ms == pytest.approx(98.0, rel=1e-3)
+    massless = bench.metadata.scene.replace("density_kg_m3", "# ")
+    without = bench.metadata.model_copy(update={"scene": massless})
+    assert surface_of(without, tmp_path).slowest_period_ms is None
+
+
 def test_a_scene_without_noise_states_none(bench: ModelFile, tmp_path: Path) -> None:
     quiet = bench.metadata.noise.model_copy(update={"reading_mm": 0.0})
     surface = surface_of(bench.metadata.model_copy(update={"noise": quiet}), tmp_path)

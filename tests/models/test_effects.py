@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
@@ -14,7 +15,7 @@ from beamtouch_models.accuracy.statistics import mean_of
 from beamtouch_models.building.build import Choices, build, sensor_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.physics.dynamics import first_frequency_hz, ringing_after_filter, sag_mm
+from beamtouch_models.physics.dynamics import first_frequency_hz, ringing_after_filter, sag_mm, slowest_period_ms
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing import effects as effects_module
 from beamtouch_models.pricing.effects import Physics, effects_of, required
@@ -175,6 +176,31 @@ def test_a_foundation_that_carries_the_beam_is_in_at_any_price() -> None:
 def test_first_frequencies_agree_with_published_values(supports: object, frequency: float) -> None:
     scene = scene_with({"beam": {"supports": supports, "density_kg_m3": 7850}})
     assert first_frequency_hz(scene.beam) == pytest.approx(frequency, rel=2e-4)
+
+
+def test_the_slowest_period_is_that_of_the_beam_with_the_heaviest_load_on_it() -> None:
+    # The lowest root of 1 = m w^2 sum phi_k^2 / (w_k^2 - w^2), of a mass m = 20 N / g in the middle of the bench beam,
+    # which weighs 0.2355 kg and has modes w_k = k^2 2 pi 43.9754 / s with phi_k^2 = 2 sin^2(k pi / 2) / 0.2355 kg.
+    order = np.arange(1, 400, 2)
+    squares, phi = (2 * math.pi * 43.9754 * order**2) ** 2, 2 / 0.2355
+
+    def left(square: float) -> float:
+        return float(1 - 20 / 9.80665 * square * np.sum(phi / (squares - square)))
+
+    exact_ms = 1e3 * 2 * math.pi / math.sqrt(brentq(left, 1.0, 0.99 * squares[0]))
+    scene, _ = load_scene(SCENES / "bench.toml")
+    assert exact_ms <= (slowest_period_ms(scene) or 0.0) <= 1.03 * exact_ms
+
+
+def test_a_mode_near_the_rate_of_the_readings_seems_slow_for_as_long_as_it_rings() -> None:
+    # The second mode of the conveyor's rail swings at 96 Hz, 4 Hz from the 100 readings per second. It would seem to
+    # need 0.25 s for a period, but at 1 % of damping it rings for 1 / (0.01 x 2 pi x 96) = 0.166 s.
+    scene, _ = load_scene(SCENES / "conveyor.toml")
+    assert slowest_period_ms(scene) == pytest.approx(166, rel=0.01)
+
+
+def test_without_a_mass_the_slowest_period_is_not_known() -> None:
+    assert slowest_period_ms(scene_with({"beam": {"density_kg_m3": None}})) is None
 
 
 def test_a_foundation_under_a_floating_beam_is_a_spring() -> None:

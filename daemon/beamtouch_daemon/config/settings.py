@@ -18,6 +18,9 @@ from beamtouch_daemon.config.signal import Channel, Filter, LowPass, NoFilter, P
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
 from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
 
+MAX_PERIOD_READINGS = 4000
+"""Limit of the readings in a slowest period, as every sample is compared with half of them."""
+
 
 class Metrics(Strict):
     """Metrics for Prometheus, on this machine only."""
@@ -69,6 +72,12 @@ class Surface(Strict):
     """Standard deviation of one reading; default: estimated from the readings.
 
     `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is stuck.
+    Samples state their covariance only if it is given.
+    """
+    slowest_period_ms: Annotated[FiniteFloat | None, Field(gt=0, le=60_000)] = None
+    """Period of the slowest motion of the beam; readings that scatter within it show that the beam moves.
+
+    Default: only the readings in the mean are compared.
     """
     source: Source
     filter: Filter = NoFilter()
@@ -94,6 +103,10 @@ class Surface(Strict):
             message = f"filter.cutoff_hz must lie below half of rate_hz, {self.rate_hz / 2} Hz"
         elif isinstance(self.source, SerialLine) and (self.rate_hz < 1 or self.rate_hz != int(self.rate_hz)):
             message = "rate_hz must be a whole number for a serial source"
+        elif (self.slowest_period_ms or 0.0) * self.rate_hz / 1e3 > MAX_PERIOD_READINGS:
+            message = (
+                f"slowest_period_ms: at most {MAX_PERIOD_READINGS} readings, {MAX_PERIOD_READINGS / self.rate_hz:g} s"
+            )
         elif max_hz is not None and self.rate_hz > max_hz:
             message = f"rate_hz: {module} converts {max_hz:g} times a second; a higher rate would read old values again"
         if message:

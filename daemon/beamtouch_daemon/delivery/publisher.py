@@ -22,8 +22,8 @@ from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_service.samples import MAX_SAMPLES, Batch
 
 MAX_BATCH = min(1000, MAX_SAMPLES)
-MAX_BATCH_VALUES = 16_000
-"""Limits of samples and of values in one request: under half of the MiB that the service accepts."""
+MAX_BATCH_VALUES = 40_000
+"""Limits of samples and of values, covariances included, in one request: under half of the MiB that is accepted."""
 LAST_SEND_S = 1.0
 """While the daemon stops, samples are spooled if the service does not answer within this time."""
 
@@ -37,6 +37,10 @@ class Sender:
     surface: str
     channels: list[str]
     boot_id: str
+    noise_mm: list[float] | None = None
+    """Standard deviation of one reading of each channel, if it is known."""
+    characteristic: str | None = None
+    """Identity of the characteristics and rest gaps."""
 
 
 class Publisher:
@@ -52,7 +56,8 @@ class Publisher:
         self._outbox = outbox
         self._batch_s = batch_s
         self._disk = disk
-        self._max_samples = min(MAX_BATCH, MAX_BATCH_VALUES // len(sender.channels))
+        channels = len(sender.channels)
+        self._max_samples = min(MAX_BATCH, MAX_BATCH_VALUES // (channels + channels * (channels + 1) // 2))
         self._published = 0
         self._is_refused = False
         """Whether the service takes no samples of this surface at all."""
@@ -134,4 +139,6 @@ class Publisher:
             newest_age_ms=max(0.0, (now_s - samples[-1].monotonic_s) * 1e3),
             samples=[taken.sample for taken in samples],
             notes=sorted({note for taken in samples for note in taken.notes}),
+            noise_mm=self._sender.noise_mm,
+            characteristic=self._sender.characteristic,
         )

@@ -32,7 +32,7 @@ class Spooled:
 
 def row_of(surface: str, batch: Batch, machine_boot: str, newest_monotonic_s: float) -> tuple[Any, ...]:
     """Return the columns of a batch without its number, the checksum last."""
-    content = batch.model_dump_json()
+    content = batch.model_dump_json(exclude_defaults=True)
     row = (surface, len(batch.samples), machine_boot, newest_monotonic_s, content)
     return (*row, _checksum(surface.encode(), len(batch.samples), machine_boot.encode(), newest_monotonic_s, content))
 

@@ -1,7 +1,8 @@
 """The characteristic of the channels: counts to gap to deflection, and the quality of each count."""
 
+import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Self
 
 import numpy as np
@@ -64,6 +65,12 @@ class Characteristic:
         """Largest change of the gap with one count [mm per count], shape (channels,)."""
         steepest: FloatArray = np.where(np.isfinite(self.slopes), np.abs(self.slopes), 0.0).max(axis=1)
         return steepest
+
+    @property
+    def identity(self) -> str:
+        """Short text that is another one after any change of a characteristic or a rest gap."""
+        shapes_and_values = b"".join(repr(values.shape).encode() + values.tobytes() for values in astuple(self))
+        return hashlib.sha256(shapes_and_values).hexdigest()[:12]
 
     def gap(self, counts: FloatArray) -> FloatArray:
         """Return gaps [mm] of counts, shape (readings, channels); NaN, a missing count, stays NaN.

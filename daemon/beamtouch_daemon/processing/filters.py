@@ -2,9 +2,10 @@
 
 import math
 
+from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import Adaptive, Filter, LowPass, MovingAverage
 from beamtouch_models import filters
-from beamtouch_models.filters import Stage
+from beamtouch_models.filters import Chain, Stage
 
 MIN_FILL = 0.75
 """Part of the averaging window that good readings must fill before a channel has a value.
@@ -14,18 +15,23 @@ could make a beam at rest look touched.
 """
 
 
+def chain_of(surface: Surface) -> Chain:
+    """Return the configured filters of a surface, with its noise and the period of its slowest motion."""
+    return Chain(
+        stages(surface.filter, surface.rate_hz),
+        len(surface.channels),
+        surface.noise_mm,
+        (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3,
+    )
+
+
 def stages(settings: Filter, rate_hz: float) -> tuple[Stage, ...]:
     """Return the configured filters, in the order in which they apply."""
-    chosen = []
-    if (limit_mm := settings.spike_mm) is not None:
-        chosen.append(Stage(filters.SPIKE_MEMORY, lambda values, state: filters.spike(values, state, limit_mm)))
+    chosen = [] if settings.spike_mm is None else [filters.spike_stage(settings.spike_mm)]
     if isinstance(settings, MovingAverage):
-        window, needed = settings.window, math.ceil(MIN_FILL * settings.window)
-        chosen.append(Stage(window - 1, lambda values, state: filters.moving_average(values, state, window, needed)))
+        chosen.append(filters.moving_average_stage(settings.window, math.ceil(MIN_FILL * settings.window)))
     elif isinstance(settings, LowPass):
-        factor = filters.smoothing(settings.cutoff_hz, rate_hz)
-        chosen.append(Stage(filters.LOW_PASS_MEMORY, lambda values, state: filters.low_pass(values, state, factor)))
+        chosen.append(filters.low_pass_stage(filters.smoothing(settings.cutoff_hz, rate_hz)))
     elif isinstance(settings, Adaptive):
-        longest, step_mm = settings.window, settings.step_mm
-        chosen.append(Stage(longest, lambda values, state: filters.adaptive(values, state, longest, step_mm)))
+        chosen.append(filters.adaptive_stage(settings.window, settings.step_mm))
     return tuple(chosen)

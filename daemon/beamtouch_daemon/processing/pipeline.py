@@ -1,4 +1,4 @@
-"""Turns readings into samples: characteristic, quality, zero, filter, sequence number."""
+"""Turns readings into samples: characteristic, quality, zero, filter, covariance, sequence number."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import stuck, zero_tracking
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
-from beamtouch_daemon.processing.filters import stages
+from beamtouch_daemon.processing.filters import chain_of
+from beamtouch_daemon.processing.uncertainty import UNKNOWN, Uncertainty, uncertainties
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.filters import Chain, FloatArray
+from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Note, Quality, Sample
 
 GAP_PERIODS = 3.0
@@ -59,7 +60,7 @@ class Pipeline:
     def __init__(self, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None) -> None:
         channels = len(surface.channels)
         self._characteristic = Characteristic.of(surface.channels, rest_gap_mm)
-        self._chain = Chain(stages(surface.filter, surface.rate_hz), channels)
+        self._chain = chain_of(surface)
         self._longest_runs = stuck.longest_runs(
             surface.channels, self._characteristic.steepest, surface.noise_mm, surface.rate_hz
         )
@@ -97,14 +98,15 @@ class Pipeline:
         codes = self._quality(counts)
         raw = self._characteristic.deflection(self._characteristic.gap(counts))
         values = np.empty_like(raw)
+        stated = [UNKNOWN] * len(raw)
         for part in self._without_gaps(times):
-            values[part] = self._values(raw[part], codes[part] == _GOOD)
+            values[part], stated[part] = self._values(raw[part], codes[part] == _GOOD)
         unsettled = (codes == _GOOD) & np.isnan(values)  # the filter has too few readings
         codes[unsettled] = _MISSING
         waits = unsettled.any(axis=1) & ~(codes == _GOOD).any(axis=1)
         return [
-            Taken(reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code), notes)
-            for reading, value, code, wait in zip(readings, values, codes, waits, strict=True)
+            Taken(reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code, doubt), notes)
+            for reading, value, code, doubt, wait in zip(readings, values, codes, stated, waits, strict=True)
             if not wait
         ]
 
@@ -126,17 +128,18 @@ class Pipeline:
                 self._zero = self._zero.disturbed()
             yield slice(start, end)
 
-    def _values(self, raw: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
-        """Return the deflections to publish, of readings without a gap."""
+    def _values(self, raw: FloatArray, good: NDArray[np.bool_]) -> tuple[FloatArray, list[Uncertainty]]:
+        """Return the deflections to publish, of readings without a gap, and their uncertainty."""
         if self._zero_rules is not None:
             zeros, self._zero = zero_tracking.track(np.where(good, raw, np.nan), self._zero, self._zero_rules)
             raw = raw - zeros
         filtered = self._chain.apply(np.where(good, raw, np.nan))
-        return np.where(good, filtered, raw)
+        return np.where(good, filtered.mean_mm, raw), uncertainties(filtered)
 
-    def _sample(self, unix_s: float, values: FloatArray, codes: NDArray[np.int8]) -> Sample:
+    def _sample(self, unix_s: float, values: FloatArray, codes: NDArray[np.int8], uncertainty: Uncertainty) -> Sample:
         qualities = [QUALITIES[code] for code in codes]
-        sample = Sample(
+        # The service validates what it receives; to do so here as well would double the cost of a covariance.
+        sample = Sample.model_construct(
             sequence=self._sequence,
             acquired_unix_us=round(unix_s * 1e6),
             deflection_mm=[
@@ -144,6 +147,8 @@ class Pipeline:
                 for value, quality in zip(values.tolist(), qualities, strict=True)
             ],
             quality=qualities,
+            readings=uncertainty.readings,
+            covariance_mm2=uncertainty.covariance_mm2,
         )
         self._sequence += 1
         return sample

@@ -12,6 +12,7 @@ from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.outbox import Outbox
 from beamtouch_daemon.delivery.publisher import Publisher, Sender
 from beamtouch_daemon.delivery.spooler import Disk
+from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.running.acquisition import Acquisition
 from beamtouch_daemon.sources import Buses
 from beamtouch_daemon.tasks import cancel, keep_going
@@ -63,7 +64,9 @@ class SurfaceWorker:
         self.outbox = Outbox(shared.publish.queue_samples, name)
         self.acquisition = Acquisition(name, surface, rest_gap_mm, self.outbox, shared.buses)
         # A restarted worker numbers its samples from 0 again, so it needs a boot id of its own.
-        sender = Sender(name, surface.channel_names, str(uuid.uuid4()))
+        noise_mm = None if surface.noise_mm is None else [surface.noise_mm] * len(surface.channels)
+        characteristic = Characteristic.of(surface.channels, rest_gap_mm).identity
+        sender = Sender(name, surface.channel_names, str(uuid.uuid4()), noise_mm, characteristic)
         self.publisher = Publisher(shared.client, sender, self.outbox, shared.publish.batch_ms / 1e3, shared.disk)
         self._spool = shared.disk and shared.disk.spool
         # The spool's counts continue when a worker is restarted.

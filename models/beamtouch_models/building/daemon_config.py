@@ -6,6 +6,8 @@ from pathlib import Path
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models.metadata import FilterChoice, Metadata
+from beamtouch_models.physics.dynamics import slowest_period_ms
+from beamtouch_models.scene import parse_scene
 
 TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
 RIG_PORT = 5020
@@ -43,7 +45,7 @@ token_file = "{TOKEN_FILE}"       # the file that `beamtouch-service run --write
 
 [surfaces.{name}]
 rate_hz = {metadata.sensor.rate_hz!r}
-{_noise(metadata)}
+{_noise(metadata)}{_period(metadata)}
 [surfaces.{name}.source]
 kind = "modbus-tcp"                   # the rig: beamtouch-rig ... --modbus-tcp 127.0.0.1:{RIG_PORT}
 host = "127.0.0.1"
@@ -66,6 +68,17 @@ def _noise(metadata: Metadata) -> str:
     return (
         f"noise_mm = {metadata.noise.reading_mm!r}        # of a reading; `tare` refuses a surface that moves more,\n"
         "                                      # and a channel whose counts repeat for too long counts as stuck\n"
+    )
+
+
+def _period(metadata: Metadata) -> str:
+    """Return the line with the slowest period; empty if the scene does not state the beam's mass."""
+    period_ms = slowest_period_ms(parse_scene(metadata.scene, f"the scene in {metadata.name}"))
+    if period_ms is None:
+        return ""
+    return (
+        f"slowest_period_ms = {period_ms:.4g}             # of the beam with a weight on it; readings that differ\n"
+        "                                      # within it show that the beam moves\n"
     )
 
 

@@ -1,4 +1,4 @@
-"""Ringing of a beam after a sudden load: its first natural frequency, and the part that passes the filter."""
+"""Ringing of a beam after a sudden load: its natural frequencies, and the part that passes the filter."""
 
 import math
 
@@ -7,8 +7,9 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.physics.beam import influence
+from beamtouch_models.physics.beam import influence, load_positions_mm
 from beamtouch_models.physics.closed_forms import span_of
+from beamtouch_models.scene import Scene
 from beamtouch_models.structure import SMALLEST_NORMAL, Beam
 
 DAMPING_RATIO = 0.01
@@ -23,6 +24,8 @@ FIRST_ROOT = {
 GRAVITY = 9.80665
 POINTS = 400
 """Point masses that represent the beam if there is no closed form; they give the frequency to about 1e-4."""
+MODES = 4
+"""Modes that a sudden load excites noticeably: its deflection in mode k is about 1/k^4 of that in the first."""
 
 
 def first_frequency_hz(beam: Beam) -> float | None:
@@ -39,15 +42,36 @@ def first_frequency_hz(beam: Beam) -> float | None:
         ratio = beam.rigidity_n_mm2 * 1e3 / float(mass[0])  # mm^4/s^2: a newton is 1000 kg mm/s^2
         frequency = FIRST_ROOT[span.form] ** 2 / (2 * math.pi) * math.sqrt(ratio) / beam.length_mm / beam.length_mm
     else:
-        place, point_mass = _points(beam, mass)
-        root = np.sqrt(point_mass)
-        flexibility = influence(beam, place, place) * 1e-3 * root[:, None] * root  # s^2
-        largest = float(np.linalg.eigvalsh((flexibility + flexibility.T) / 2)[-1])
-        frequency = 1 / (2 * math.pi * math.sqrt(largest)) if largest > 0 else math.inf
+        frequency = float(_frequencies_hz(beam, mass)[0])
     if not SMALLEST_NORMAL <= frequency < math.inf:
         message = "beam: its natural frequency cannot be computed; check length, rigidity and density"
         raise SceneError(message)
     return frequency
+
+
+def slowest_period_ms(scene: Scene) -> float | None:
+    """Return the longest period in which the readings of a scene's beam seem to swing, in ms.
+
+    None if the scene does not state density, width and thickness.
+
+    A weight on the beam makes it slower. The largest force of the scene is taken as a weight where the beam yields
+    most; the squares of the periods of the beam and of the weight add up (Dunkerley, On the whirling and vibration of
+    shafts, Phil. Trans. A 185, 1894), which is never too short. A mode that swings faster than half the rate of the
+    readings seems to swing at the difference to a multiple of that rate, for as long as it rings.
+    """
+    beam, rate_hz = scene.beam, scene.sensors.rate_hz
+    mass, first_hz = _line_mass(beam), first_frequency_hz(beam)
+    if mass is None or first_hz is None:
+        return None
+    loads = load_positions_mm(scene)
+    yielding_m_per_n = 1e-3 * float(np.diag(influence(beam, loads, loads)).max())
+    weight_kg = scene.contact.force_range_n[1] / GRAVITY
+    periods_s = [math.hypot(1 / first_hz, 2 * math.pi * math.sqrt(weight_kg * yielding_m_per_n))]
+    for frequency_hz in (first_hz, *_frequencies_hz(beam, mass)[1:MODES].tolist()):
+        rings_s = 1 / (DAMPING_RATIO * 2 * math.pi * frequency_hz)
+        apparent_hz = abs(frequency_hz - round(frequency_hz / rate_hz) * rate_hz)
+        periods_s.append(1 / frequency_hz if 2 * frequency_hz <= rate_hz else min(1 / max(apparent_hz, 1e-9), rings_s))
+    return 1e3 * max(periods_s)
 
 
 def sag_mm(beam: Beam) -> float | None:
@@ -76,6 +100,17 @@ def _points(beam: Beam, line_mass: Floats) -> tuple[Floats, Floats]:
     place = (np.arange(POINTS) + 0.5) / POINTS * beam.length_mm
     section = np.searchsorted([section.to_mm for section in beam.sections], place)
     return place, line_mass[section] * (beam.length_mm / POINTS)
+
+
+def _frequencies_hz(beam: Beam, line_mass: Floats) -> Floats:
+    """Return the natural frequencies in Hz, lowest first; those of modes that do not move are inf."""
+    place, point_mass = _points(beam, line_mass)
+    root = np.sqrt(point_mass)
+    flexibility = influence(beam, place, place) * 1e-3 * root[:, None] * root  # s^2
+    squares = np.maximum(np.linalg.eigvalsh((flexibility + flexibility.T) / 2)[::-1], 0.0)
+    with np.errstate(divide="ignore"):
+        frequencies: Floats = 1 / (2 * math.pi * np.sqrt(squares))
+    return frequencies
 
 
 def ringing_after_filter(frequency_hz: float, chosen: FilterChoice, rate_hz: float) -> float:

@@ -1,0 +1,34 @@
+"""Filters of deflections, and the covariance of what they give. Numpy only, and pure.
+
+Values have shape (readings, channels), oldest first. Every stage takes a state and returns the next one; the state
+holds the rows that are still needed, and NaN for rows that do not exist yet. Any split of the stream gives the same
+result, to the bit: every value is computed from the same rows in the same order. There are no running sums, so nothing
+drifts.
+
+NaN marks a reading of a channel that is not good. Its result is NaN, and it never affects a later value: a moving
+average and an adaptive mean continue with the good readings in the window, and a low-pass restarts at the next good
+reading.
+"""
+
+from beamtouch_models.filters.chain import (
+    Chain,
+    Filtered,
+    Stage,
+    adaptive_stage,
+    low_pass_stage,
+    moving_average_stage,
+    spike_stage,
+)
+from beamtouch_models.filters.means import FloatArray, smoothing
+
+__all__ = [
+    "Chain",
+    "Filtered",
+    "FloatArray",
+    "Stage",
+    "adaptive_stage",
+    "low_pass_stage",
+    "moving_average_stage",
+    "smoothing",
+    "spike_stage",
+]

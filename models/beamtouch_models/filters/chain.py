@@ -1,0 +1,177 @@
+"""Several filters in succession: the means of the readings, and the covariance of these means."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.filters import means
+from beamtouch_models.filters.means import FloatArray
+from beamtouch_models.filters.scatter import Scatter
+
+BLOCK_VALUES = 500_000
+"""Longer inputs are filtered in parts, so that the windows of a part fit in memory."""
+LOW_PASS_SPAN = 8
+"""A low-pass spans this many times 1 / a readings: exp(-8) of a step remains after them, a sixth of the noise of a
+reading if the step was 500 times that noise."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One filter with its parameters."""
+
+    memory: int
+    """Number of rows of its state."""
+    step: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+    """Takes a signal and a state; returns the filtered signal and the next state."""
+    span: int = 1
+    """Number of readings from which a value can be made; 1 if the filter averages nothing."""
+    restarts: bool = False
+    """Whether the mean restarts at a step, so that the span is that of the readings in it."""
+
+
+def spike_stage(limit_mm: float) -> Stage:
+    """Return `spike` as a stage."""
+    return Stage(means.SPIKE_MEMORY, partial(means.spike, limit_mm=limit_mm))
+
+
+def moving_average_stage(window: int, needed: int = 1) -> Stage:
+    """Return `moving_average` as a stage."""
+    return Stage(window - 1, partial(means.moving_average, window=window, needed=needed), window)
+
+
+def low_pass_stage(factor: float) -> Stage:
+    """Return `low_pass` as a stage."""
+    return Stage(means.LOW_PASS_MEMORY, partial(means.low_pass, factor=factor), math.ceil(LOW_PASS_SPAN / factor))
+
+
+def adaptive_stage(window: int, step_mm: float) -> Stage:
+    """Return `adaptive` as a stage."""
+    return Stage(window, partial(means.adaptive, window=window, step_mm=step_mm), window, restarts=True)
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """Means of readings and their uncertainty."""
+
+    mean_mm: FloatArray
+    """Shape (readings, channels); NaN where a channel has no value."""
+    relative_variance: FloatArray
+    """Variance of the white noise of each mean, relative to that of a reading; 1/n for a mean of n readings."""
+    noise_mm: FloatArray | None
+    """Standard deviation of a reading, shape (channels,); None if it is not known."""
+    moves: NDArray[np.bool_]
+    """Whether the readings scatter more than their noise explains, shape (readings,); never without a known noise."""
+    excess_mm2: FloatArray
+    """Covariance beyond that of the noise, of the means that move, shape (moving, channels, channels)."""
+
+    @property
+    def readings(self) -> FloatArray:
+        """Number of readings whose mean has the noise of the least noisy channel, shape (readings,); NaN for none."""
+        least = np.where(np.isnan(self.relative_variance), np.inf, self.relative_variance).min(axis=1)
+        return np.where(np.isfinite(least), 1 / least, np.nan)
+
+    @property
+    def covariance_mm2(self) -> FloatArray:
+        """Covariance of the means [mm^2], shape (readings, channels, channels); zero rows for channels without a value.
+
+        Raises
+        ------
+        ValueError
+            The noise of a reading is not known.
+        """
+        return self.covariances_mm2(np.arange(len(self.moves)))
+
+    def covariances_mm2(self, rows: NDArray[np.intp]) -> FloatArray:
+        """Return the covariances of some of the means [mm^2], shape (rows, channels, channels); errors as above."""
+        if self.noise_mm is None:
+            message = "the covariance needs the noise of a reading"
+            raise ValueError(message)
+        white = np.where(np.isnan(self.mean_mm[rows]), 0.0, self.relative_variance[rows]) * self.noise_mm**2
+        covariances: FloatArray = white[:, :, np.newaxis] * np.eye(white.shape[1])
+        moving = self.moves[rows]
+        covariances[moving] += self.excess_mm2[np.cumsum(self.moves)[rows[moving]] - 1]
+        return covariances
+
+
+class Chain:
+    """Several filters in succession, and their states.
+
+    Parameters
+    ----------
+    chosen
+        The filters, in the order in which they apply. One of them may average; filters that replace readings come
+        before it.
+    channels
+        Number of channels.
+    noise_mm
+        Standard deviation of a reading, of all channels or of each; None if it is not known.
+    slowest_period
+        Period of the slowest motion of the beam, in readings; 0 if it is not known.
+    """
+
+    def __init__(
+        self,
+        chosen: tuple[Stage, ...],
+        channels: int,
+        noise_mm: float | FloatArray | None = None,
+        slowest_period: float = 0.0,
+    ) -> None:
+        self._stages = chosen
+        self._channels = channels
+        self._noise_mm = None if noise_mm is None else np.broadcast_to(np.asarray(noise_mm, np.float64), (channels,))
+        averaging = next((stage for stage in chosen if stage.span > 1), Stage(0, _unchanged))
+        self._restarts = averaging.restarts
+        self._scatter = Scatter(averaging.span, slowest_period, self._noise_mm) if self._noise_mm is not None else None
+        longest = max([1, *(stage.memory for stage in chosen), self._scatter.memory if self._scatter else 0])
+        self._block = max(1, BLOCK_VALUES // (longest * channels))
+        self.restart()
+
+    def restart(self) -> None:
+        """Reset all states, so that no earlier value affects a later one."""
+        self._states = [means.fresh(stage.memory, self._channels) for stage in self._stages]
+        if self._scatter:
+            self._past = self._scatter.fresh(self._channels)
+
+    def apply(self, values: FloatArray) -> Filtered:
+        """Filter readings, shape (readings, channels), and keep the state after them."""
+        starts = range(0, max(1, len(values)), self._block)
+        parts = [self._apply(values[start : start + self._block]) for start in starts]
+        if len(parts) == 1:
+            return parts[0]
+        return Filtered(
+            np.concatenate([part.mean_mm for part in parts]),
+            np.concatenate([part.relative_variance for part in parts]),
+            self._noise_mm,
+            np.concatenate([part.moves for part in parts]),
+            np.concatenate([part.excess_mm2 for part in parts]),
+        )
+
+    def _apply(self, values: FloatArray) -> Filtered:
+        signal = cleaned = unfiltered = means.signal_of(values)
+        for index, stage in enumerate(self._stages):
+            signal, self._states[index] = stage.step(signal, self._states[index])
+            if stage.span == 1:
+                cleaned = signal
+        mean, variance = signal[:, 0], signal[:, 1]
+        moves, excess = np.zeros(len(values), dtype=np.bool_), np.zeros((0, self._channels, self._channels))
+        if self._scatter and len(values):
+            entered = values if cleaned is unfiltered else cleaned[:, 0]
+            spans = self._spans(variance, self._scatter.span)
+            moves, excess, self._past = self._scatter.excess(values, entered, mean, variance, spans, self._past)
+        return Filtered(mean, variance, self._noise_mm, moves, excess)
+
+    def _spans(self, variance: FloatArray, longest: int) -> list[int]:
+        """Return the number of readings from which each mean is made."""
+        if not self._restarts:
+            return [longest] * len(variance)
+        least = np.where(np.isnan(variance), 1.0, variance).min(axis=1)
+        spans: list[int] = np.minimum(np.ceil(1 / least - 1e-9), longest).astype(np.intp).tolist()
+        return spans
+
+
+def _unchanged(signal: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return signal, state

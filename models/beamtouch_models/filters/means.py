@@ -1,0 +1,147 @@
+"""The filters: each takes a signal and a state, and returns the filtered signal and the next state.
+
+A signal has shape (readings, 2, channels): the value in mm, and the variance of the white noise in it, relative to
+that of a single reading. A state is a signal that holds the last rows.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+SPIKE_MEMORY = 2
+LOW_PASS_MEMORY = 1
+REPLACED = 3.0
+"""Variance of a replaced reading.
+
+It repeats one of its neighbours, so the noise of that one counts twice in a mean. In a mean of n readings, of which r
+were replaced, the variance is (n - 2 r + 4 r) / n^2 = (n + 2 r) / n^2: as if each of the r had three times the
+variance.
+"""
+
+
+def fresh(rows: int, channels: int) -> FloatArray:
+    """Return the initial state of a filter."""
+    return np.full((rows, 2, channels), np.nan)
+
+
+def signal_of(values: FloatArray) -> FloatArray:
+    """Return readings, shape (readings, channels), as a signal."""
+    signal = np.empty((len(values), 2, values.shape[1]))
+    signal[:, 0] = values
+    signal[:, 1] = np.where(np.isnan(values), np.nan, 1.0)
+    return signal
+
+
+def windows(rows: FloatArray, size: int) -> FloatArray:
+    """Return the last `size` rows up to each row that has as many, shape (windows, size, ...)."""
+    count = len(rows) - size + 1
+    return rows[np.newaxis] if count == 1 else rows[np.arange(count)[:, np.newaxis] + np.arange(size)]
+
+
+def moving_average(
+    signal: FloatArray, state: FloatArray, window: int, needed: int = 1
+) -> tuple[FloatArray, FloatArray]:
+    """Average the last `window` readings; `state` holds the last `window` - 1.
+
+    The standard deviation of white noise is divided by sqrt(window); a step is complete after `window` readings. At the
+    start, and after a bad reading, the average is over the good readings in the window, or NaN if there are fewer than
+    `needed`.
+    """
+    rows = np.concatenate([state, signal])
+    parts = windows(rows, window)
+    averaged: FloatArray = parts.sum(axis=1)
+    if np.isnan(averaged).any():
+        good = ~np.isnan(parts[:, :, 0])
+        number = good.sum(axis=1)
+        averaged = np.where(good[:, :, np.newaxis], parts, 0.0).sum(axis=1)
+        averaged[np.isnan(signal) | (number < needed)[:, np.newaxis]] = np.nan
+        averaged /= np.stack([number, number * number], axis=1)
+    else:
+        averaged /= np.array([[window], [window * window]])
+    return averaged, rows[len(rows) - (window - 1) :]
+
+
+def smoothing(cutoff_hz: float, rate_hz: float) -> float:
+    """Return the factor `a` of `low_pass` that puts its -3 dB point at `cutoff_hz`."""
+    return 1.0 - math.exp(-2.0 * math.pi * cutoff_hz / rate_hz)
+
+
+def low_pass(signal: FloatArray, state: FloatArray, factor: float) -> tuple[FloatArray, FloatArray]:
+    """Apply y += a (x - y) with a = `factor`; `state` holds the last y.
+
+    The variance of white noise approaches a / (2 - a) of its own. After n readings, (1 - a)**n of a step remains. The
+    first good reading passes unchanged.
+    """
+    smoothed = np.empty_like(signal)
+    last, variance = state[0]
+    for row, (value, own) in enumerate(signal):
+        begins = np.isnan(last)
+        last = np.where(begins, value, last + factor * (value - last))
+        variance = np.where(begins, own, (1 - factor) ** 2 * variance + factor**2 * own)
+        smoothed[row] = last, variance
+    return smoothed, np.stack([last, variance])[np.newaxis]
+
+
+def spike(signal: FloatArray, state: FloatArray, limit_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Replace a reading further than `limit_mm` from the median of the last three by that median.
+
+    `state` holds the last two unfiltered readings. A step passes one reading later, a single spike never passes, and
+    noise below the limit passes unchanged. Nothing is replaced before three good readings in a row.
+    """
+    rows = np.concatenate([state, signal])
+    oldest, older, newest = rows[:-2, 0], rows[1:-1, 0], rows[2:, 0]
+    median = np.maximum(np.minimum(oldest, older), np.minimum(np.maximum(oldest, older), newest))
+    replace = np.abs(newest - median) > limit_mm  # False where the median is NaN
+    cleaned = signal.copy()
+    np.copyto(cleaned[:, 0], median, where=replace)
+    cleaned[:, 1][replace] *= REPLACED
+    return cleaned, rows[-SPIKE_MEMORY:]
+
+
+def adaptive(signal: FloatArray, state: FloatArray, window: int, step_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Average the readings since the last step, at most `window` of them; the window is at least 2.
+
+    A reading further than `step_mm` from the mean is held back: its channel keeps the mean, and the next reading
+    decides. If the next one is as far in the same direction, it was a step, and the means of all channels restart with
+    these two readings, so that all channels have equal noise. Otherwise it was a spike, which never enters the mean. If
+    a window contains nothing but spikes, the next reading passes unchanged.
+
+    The standard deviation s of white noise is divided by sqrt(n), with n readings since the step. Noise looks like a
+    step if two readings in a row are far from the mean in the same direction. With k = `step_mm` / s, the probability
+    per reading and channel is below exp(-k^2 n / (n + 2)): the mean of the two readings is then also further than
+    `step_mm` from the mean of the n, and their difference has the variance s^2 (1/2 + 1/n).
+
+    `state` holds the last `window` - 1 readings as they entered the mean: NaN before its start, and for readings that
+    are held back or left out. Its last row is the last unfiltered reading.
+    """
+    rows = np.concatenate([state[:-1], signal])  # overwritten with the readings that enter the mean
+    newest = state[-1]
+    averaged = np.empty_like(signal)
+    for row, reading in enumerate(signal):
+        end = row + window - 1
+        before = _mean(rows[row:end])
+        value = reading[0]
+        far = np.abs(value - before[0]) > step_mm  # False where either is NaN
+        waited = np.isnan(rows[end - 1, 0]) & (np.abs(newest[0] - before[0]) > step_mm)
+        if np.any(far & waited & ((value > before[0]) == (newest[0] > before[0]))):
+            rows[row : end - 1] = np.nan
+            rows[end - 1] = newest
+            far[:] = False
+        rows[end] = np.where(far, np.nan, reading)
+        averaged[row] = np.where(np.isnan(value), np.nan, np.where(far, before, _mean(rows[row : end + 1])))
+        newest = reading
+    return averaged, np.concatenate([rows[len(signal) :], newest[np.newaxis]])
+
+
+def _mean(rows: FloatArray) -> FloatArray:
+    """Return the mean of each column's good values and its variance, shape (2, channels), NaN if there are none."""
+    good = ~np.isnan(rows[:, 0])
+    number = good.sum(axis=0)
+    mean: FloatArray = np.where(good[:, np.newaxis], rows, 0.0).sum(axis=0)
+    there = number > 0
+    mean[:, ~there] = np.nan
+    np.divide(mean, np.stack([number, number * number]), out=mean, where=there)
+    return mean

@@ -1,0 +1,174 @@
+"""What a sample says of its uncertainty, from counts to what the service and the spool receive."""
+
+import json
+import math
+import sqlite3
+import time
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.processing.characteristic import Characteristic
+from beamtouch_daemon.processing.pipeline import Pipeline
+from beamtouch_daemon.sources.reading import Reading
+from beamtouch_models.filters import FloatArray
+from beamtouch_service.samples import Batch, Sample, triangle_rows
+
+from .spools import ROOM, batch_of, drained
+
+NOISE_MM = 0.003
+RATE_HZ = 200.0
+COUNTS_PER_MM = 10_000
+
+
+def surface_of(channels: int = 4, **changes: object) -> Surface:
+    values: dict[str, object] = {
+        "rate_hz": RATE_HZ,
+        "noise_mm": NOISE_MM,
+        "slowest_period_ms": 98.0,
+        "source": {"kind": "modbus-tcp", "host": "127.0.0.1"},
+        "filter": {"kind": "moving-average", "window": 4, "spike_mm": 6 * NOISE_MM},
+        "channels": [
+            {
+                "name": f"s{index + 1}",
+                "register": index,
+                "gain_mm_per_count": -1 / COUNTS_PER_MM,
+                "offset_mm": 4.5,
+                "rest_gap_mm": 2.5,
+                "range_mm": [1.0, 4.0],
+            }
+            for index in range(channels)
+        ],
+    }
+    return Surface.model_validate(values | changes)
+
+
+def samples(surface: Surface, deflection_mm: FloatArray, begin_s: float = 1.0) -> list[Sample]:
+    """The samples of deflections with noise, shape (readings, channels)."""
+    noise = NOISE_MM * np.random.default_rng(2).standard_normal(deflection_mm.shape)
+    counts = np.round((2.0 + deflection_mm + noise) * COUNTS_PER_MM)
+    readings = [
+        Reading(begin_s + index / RATE_HZ, tuple(None if math.isnan(count) else count for count in row))
+        for index, row in enumerate(counts.tolist())
+    ]
+    return [one.sample for one in Pipeline(surface).process(readings, 0.0)]
+
+
+def matrix_of(sample: Sample) -> FloatArray:
+    assert sample.covariance_mm2 is not None
+    channels = len(sample.deflection_mm)
+    lower = np.zeros((channels, channels))
+    for index, row in enumerate(triangle_rows(sample.covariance_mm2)):
+        lower[index, : index + 1] = row
+    return lower + np.tril(lower, -1).T
+
+
+def ringing(readings: int, channels: int = 4) -> FloatArray:
+    swing: FloatArray = np.sin(2 * math.pi * 44 / RATE_HZ * np.arange(readings))[:, np.newaxis]
+    return 0.3 * swing * np.linspace(0.4, 1.0, channels)
+
+
+def test_a_sample_at_rest_states_its_readings_and_no_covariance() -> None:
+    at_rest = samples(surface_of(), np.full((1000, 4), 0.2))[20:]
+    assert {sample.readings for sample in at_rest} == {4}
+    assert sum(sample.covariance_mm2 is not None for sample in at_rest) <= 0.01 * len(at_rest)
+
+
+def test_a_sample_of_a_ringing_beam_states_a_covariance_in_the_pattern_of_the_mode() -> None:
+    sample = samples(surface_of(), ringing(100))[-1]
+    values, vectors = np.linalg.eigh(matrix_of(sample))
+    pattern = np.linspace(0.4, 1.0, 4)
+    assert abs(vectors[:, -1] @ pattern) / np.linalg.norm(pattern) > 0.999
+    assert values[-1] > 100 * values[-2]
+    assert values[0] >= 0.99 * NOISE_MM**2 / 4  # rounding keeps the noise
+
+
+def test_the_largest_covariance_takes_few_bytes_and_the_service_takes_it() -> None:
+    at_rest, moving = samples(surface_of(8), np.zeros((50, 8))), samples(surface_of(8), ringing(50, 8))
+    size = [len(sample.model_dump_json(exclude_defaults=True)) for sample in (at_rest[-1], moving[-1])]
+    assert size[1] - size[0] < 36 * 15
+    assert Sample.model_validate_json(moving[-1].model_dump_json()) == moving[-1]
+
+
+def test_a_channel_that_is_not_good_has_zeros() -> None:
+    deflection = ringing(60)
+    deflection[40:, 1] = math.nan
+    deflection[40:, 2] = 1.9  # beyond the linear range
+    covariance = matrix_of(samples(surface_of(), deflection)[-1])
+    assert not covariance[[1, 2]].any()
+    assert covariance[3, 0] > 0
+
+
+def test_a_channel_with_fewer_readings_than_the_others_states_its_larger_variance() -> None:
+    deflection = np.zeros((40, 4))
+    deflection[-2, 1] = math.nan
+    sample = samples(surface_of(), deflection)[-1]
+    assert sample.readings == 4
+    expected = NOISE_MM**2 * np.diag([1 / 4, 1 / 3, 1 / 4, 1 / 4])
+    np.testing.assert_allclose(matrix_of(sample), expected, rtol=1e-3)
+
+
+def test_after_a_gap_nothing_before_it_makes_a_sample_doubtful() -> None:
+    surface = surface_of()
+    pipeline = Pipeline(surface)
+    level = [Reading(1.0 + index / RATE_HZ, (20_000.0,) * 4) for index in range(50)]
+    later = [Reading(9.0 + index / RATE_HZ, (25_000.0,) * 4) for index in range(50)]
+    (*_, last), after = pipeline.process(level, 0.0), pipeline.process(later, 0.0)
+    assert last.sample.covariance_mm2 is None
+    assert all(one.sample.covariance_mm2 is None for one in after if one.sample.readings == 4)
+    assert after[0].sample.readings == 3
+
+
+def test_without_a_stated_noise_a_sample_says_nothing() -> None:
+    sample = samples(surface_of(noise_mm=None), ringing(50))[-1]
+    assert (sample.readings, sample.covariance_mm2) == (None, None)
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [{"kind": "none"}, {"kind": "low-pass", "cutoff_hz": 20.0}, {"kind": "adaptive", "window": 8, "step_mm": 0.018}],
+)
+def test_every_filter_states_it(kind: dict[str, object]) -> None:
+    at_rest, moving = (samples(surface_of(filter=kind), values)[-1] for values in (np.zeros((300, 4)), ringing(300)))
+    assert at_rest.readings is not None
+    assert np.trace(matrix_of(moving)) > 100 * NOISE_MM**2
+
+
+def test_the_period_is_refused_where_it_holds_too_many_readings() -> None:
+    with pytest.raises(ValueError, match="at most 4000 readings, 20 s"):
+        surface_of(slowest_period_ms=20_001.0)
+
+
+def test_another_rest_gap_or_gain_is_another_identity() -> None:
+    surface = surface_of()
+    same, tared = (Characteristic.of(surface.channels, gaps) for gaps in (None, {"s1": 2.6}))
+    other = replace(same, slopes=2 * same.slopes)
+    assert same.identity == Characteristic.of(surface_of().channels).identity
+    assert len({same.identity, tared.identity, other.identity}) == 3
+
+
+def test_a_spooled_batch_keeps_its_covariance_and_rows_of_the_older_format_are_delivered(tmp_path: Path) -> None:
+    older = batch_of(0)
+    stated = [one.model_copy(update={"readings": 4, "covariance_mm2": [0.01, 0.0, 0.0]}) for one in older.samples]
+    newer = older.model_copy(update={"samples": stated, "noise_mm": [0.2, 0.2], "characteristic": "4f2c91d0aa17"})
+    with Spool(tmp_path / "spool", ROOM) as spool:
+        for batch in (older, newer):
+            spool.put("bench", batch, time.monotonic())
+    content = json.loads(older.model_dump_json())
+    del content["noise_mm"], content["characteristic"]  # as a daemon wrote it that did not know them
+    for one in content["samples"]:
+        del one["readings"], one["covariance_mm2"]
+    with closing(sqlite3.connect(tmp_path / "spool")) as database, database:
+        (first,) = database.execute("SELECT min(id) FROM batch").fetchone()
+        changed = (json.dumps(content), first)
+        database.execute("UPDATE batch SET content = ?, checksum = NULL WHERE id = ?", changed)
+    with Spool(tmp_path / "spool", ROOM) as spool:
+        oldest, second = drained(spool)
+    assert oldest.samples == older.samples
+    assert (second.samples, second.noise_mm, second.characteristic) == (stated, [0.2, 0.2], "4f2c91d0aa17")
+    assert Batch.model_validate_json(second.model_dump_json()) == second

@@ -1,0 +1,231 @@
+"""The covariance of filtered means: the noise's own at rest, and honest while a beam is touched, rings or moves."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.stats import chi2
+
+from beamtouch_models.filters import (
+    Chain,
+    FloatArray,
+    adaptive_stage,
+    low_pass_stage,
+    moving_average_stage,
+    spike_stage,
+)
+from beamtouch_models.filters.significance import chi_square_quantile
+
+NOISE_MM = 0.0045
+RATE_HZ = 200.0
+FIRST_HZ, DAMPING = 44.0, 0.01
+PERIOD = 0.098 * RATE_HZ
+"""Of the beam with a weight of 20 N on it, in readings."""
+SENSORS = np.array([0.15, 0.38, 0.62, 0.85])
+WINDOW = 4
+FILTER = (spike_stage(6 * NOISE_MM), moving_average_stage(WINDOW, 3))
+MODES = np.arange(1, 13)
+
+
+def shape(place: FloatArray) -> FloatArray:
+    """Modes of a simply supported beam at places relative to its length, shape (..., modes)."""
+    return np.sin(math.pi * MODES * np.asarray(place)[..., np.newaxis])
+
+
+def static_mm(place: FloatArray, largest_mm: FloatArray) -> FloatArray:
+    """Deflection at the sensors, shape (..., sensors): the sum of the modes (Timoshenko), 1/k^4 of each."""
+    scale = 96 / math.pi**4 * largest_mm  # 48 E I / l^3 in the middle
+    deflection: FloatArray = scale[..., np.newaxis] * ((shape(place) / MODES**4) @ shape(SENSORS).T)
+    return deflection
+
+
+def response(seconds: FloatArray, lasting_s: float) -> FloatArray:
+    """Part of each mode's static deflection after a load that grows for so long, shape (..., modes)."""
+    omega = 2 * math.pi * FIRST_HZ * MODES**2
+    damped, decay = omega * math.sqrt(1 - DAMPING**2), DAMPING * omega
+
+    def integral(time: FloatArray) -> FloatArray:
+        """Return the integral of the response to a sudden load."""
+        time = np.maximum(time, 0.0)[..., np.newaxis]
+        swing = np.exp((1j * damped - decay) * time)
+        rest = ((swing - 1) / (1j * damped - decay)).real + decay / damped * ((swing - 1) / (1j * damped - decay)).imag
+        whole: FloatArray = time - rest
+        return whole
+
+    lasting = max(lasting_s, 1e-7)
+    grown: FloatArray = (integral(seconds) - integral(seconds - lasting)) / lasting
+    return grown
+
+
+def held(
+    chain: Chain, deflection: FloatArray, truth: FloatArray, samples: list[int], noise: np.random.Generator
+) -> FloatArray:
+    """Share of the loads whose normalised error is within its 95 % quantile, for each of the samples.
+
+    Deflections have shape (loads, readings, sensors); the truth is the static one.
+    """
+    inside = np.zeros(len(samples))
+    for readings, true_mm in zip(deflection, truth, strict=True):
+        chain.restart()
+        filtered = chain.apply(readings + NOISE_MM * noise.standard_normal(readings.shape))
+        for index, at in enumerate(samples):
+            mean = filtered.mean_mm[at]
+            floor = np.diag((0.003 * mean) ** 2 + (NOISE_MM / 5) ** 2)
+            error = mean - true_mm[at]
+            inside[index] += error @ np.linalg.solve(filtered.covariance_mm2[at] + floor, error) <= chi2.ppf(0.95, 4)
+    return inside / len(deflection)
+
+
+BEFORE = 60
+"""Readings at rest before a load, more than any filter here looks back."""
+LOADS = 150
+
+
+def loads(random: np.random.Generator, lasting_s: float | None) -> tuple[FloatArray, FloatArray]:
+    """Deflections and static deflections, shape (loads, readings, sensors); None: the beam follows at once."""
+    place, largest = random.uniform(0.05, 0.95, LOADS), random.uniform(0.23, 2.26, LOADS)
+    seconds = (np.arange(-BEFORE, 104) + random.uniform(0, 1, (LOADS, 1))) / RATE_HZ
+    grown = np.clip(seconds / max(lasting_s or 0.0, 1e-7), 0.0, 1.0)[..., np.newaxis]
+    truth = grown * static_mm(place, largest)[:, np.newaxis]
+    if lasting_s is None:
+        return truth, truth
+    modal = (shape(place) / MODES**4)[:, np.newaxis] * response(seconds, lasting_s)
+    return (96 / math.pi**4 * largest)[:, np.newaxis, np.newaxis] * (modal @ shape(SENSORS).T), truth
+
+
+def test_at_the_touch_of_a_beam_that_follows_at_once_the_error_is_covered_at_every_reading() -> None:
+    random = np.random.default_rng(3)
+    deflection, truth = loads(random, None)
+    samples = [BEFORE + reading for reading in (0, 1, 2, 3, 4, 8, 20, 100)]
+    assert held(Chain(FILTER, 4, NOISE_MM, PERIOD), deflection, truth, samples, random).min() >= 0.93
+
+
+@pytest.mark.parametrize(("lasting_s", "first_ms"), [(0.0, 35), (0.03, 20)])
+def test_while_the_beam_rings_the_error_is_covered(lasting_s: float, first_ms: int) -> None:
+    random = np.random.default_rng(4)
+    deflection, truth = loads(random, lasting_s)
+    samples = [BEFORE + round(ms * 1e-3 * RATE_HZ) for ms in (first_ms, 50, 100, 200, 500)]
+    assert held(Chain(FILTER, 4, NOISE_MM, PERIOD), deflection, truth, samples, random).min() >= 0.93
+
+
+@pytest.mark.parametrize("speed_mm_per_s", [10, 100, 300, 1000])
+def test_while_a_load_moves_the_error_is_covered(speed_mm_per_s: float) -> None:
+    random = np.random.default_rng(5)
+    place, largest = random.uniform(0.05, 0.95, LOADS), random.uniform(0.23, 2.26, LOADS)
+    way = random.choice([-1, 1], (LOADS, 1)) * speed_mm_per_s / 400 / RATE_HZ * np.arange(-BEFORE, 1)
+    truth = static_mm(np.clip(place[:, np.newaxis] + way, 0.02, 0.98), largest[:, np.newaxis])
+    assert held(Chain(FILTER, 4, NOISE_MM, PERIOD), truth, truth, [BEFORE], random)[0] >= 0.93
+
+
+CHAINS = {
+    "none": (),
+    "spike": (spike_stage(6.0),),
+    "mean": (spike_stage(6.0), moving_average_stage(4, 3)),
+    "long mean": (moving_average_stage(50),),
+    "low-pass": (low_pass_stage(0.2),),
+    "adaptive": (adaptive_stage(16, 6.0),),
+}
+
+
+@pytest.mark.parametrize("kind", CHAINS)
+@pytest.mark.parametrize("channels", [2, 8])
+def test_a_beam_at_rest_has_the_noise_of_its_filter_and_nothing_else(kind: str, channels: int) -> None:
+    white = np.random.default_rng(6).standard_normal((100_000 // channels, channels))
+    filtered = Chain(CHAINS[kind], channels, 1.0, 20.0).apply(white)
+    settled = slice(400, None)
+    measured = np.cov(filtered.mean_mm[settled].T)
+    stated = filtered.covariance_mm2[settled]
+    assert filtered.moves[settled].mean() <= 0.01
+    independent = len(filtered.mean_mm[settled]) * filtered.relative_variance[-1, 0]
+    np.testing.assert_allclose(np.diag(measured), filtered.relative_variance[-1], rtol=5 * math.sqrt(2 / independent))
+    ratio = np.trace(stated, axis1=1, axis2=2) / filtered.relative_variance[settled].sum(axis=1)
+    assert np.median(ratio) == pytest.approx(1)
+    assert ratio.mean() <= 1.2
+    still = stated[~filtered.moves[settled]]
+    sign, logarithm = np.linalg.slogdet(still)
+    assert (sign == 1).all()
+    expected = np.log(filtered.relative_variance[settled][~filtered.moves[settled]]).sum(axis=1)
+    np.testing.assert_allclose(logarithm, expected, rtol=1e-9)
+
+
+def test_a_touch_is_doubtful_only_until_as_many_readings_agree_as_prove_rest() -> None:
+    random = np.random.default_rng(8)
+    deflection, _ = loads(random, None)
+    chain, doubtful = Chain(FILTER, 4, NOISE_MM, PERIOD), np.zeros(12)
+    for readings in deflection[:50]:
+        chain.restart()
+        filtered = chain.apply(readings + NOISE_MM * random.standard_normal(readings.shape))
+        doubtful += filtered.moves[BEFORE : BEFORE + 12]
+    assert (doubtful[:5] >= 48).all()  # a quarter of the period has five readings
+    assert (doubtful[6:] <= 3).all()
+
+
+def test_the_noise_of_a_low_pass_follows_from_its_weights() -> None:
+    filtered = Chain((low_pass_stage(0.3),), 1, 1.0).apply(np.zeros((30, 1)))
+    for number in range(1, 31):
+        weights = [0.7 ** (number - 1), *(0.3 * 0.7 ** np.arange(number - 1))]
+        assert filtered.relative_variance[number - 1, 0] == pytest.approx(np.sum(np.square(weights)))
+
+
+def test_a_replaced_spike_makes_the_mean_less_certain_as_measured() -> None:
+    random = np.random.default_rng(9)
+    values = random.standard_normal((8, 4000))
+    values[4] += 50
+    filtered = Chain((spike_stage(20.0), moving_average_stage(4)), 4000).apply(values)
+    np.testing.assert_allclose(
+        filtered.relative_variance[[3, 4, 7]], [[1 / 4] * 4000, [6 / 16] * 4000, [6 / 16] * 4000]
+    )
+    assert 0.25 * 1.1 < np.mean(filtered.mean_mm[6] ** 2) <= 6 / 16  # it repeats the larger of its neighbours
+
+
+def test_a_spike_is_doubtful_until_the_next_reading_shows_that_it_was_one() -> None:
+    values = 0.01 * np.random.default_rng(10).standard_normal((60, 3))
+    values[50, 1] += 5
+    filtered = Chain((spike_stage(1.0), moving_average_stage(4)), 3, 0.01).apply(values)
+    covariance = filtered.covariance_mm2
+    assert covariance[50, 1, 1] > 20  # of 25: it may be a touch
+    assert covariance[51, 1, 1] == pytest.approx(1e-4 * 6 / 16)
+    assert not covariance[51, 1, [0, 2]].any()
+
+
+def test_a_channel_without_a_reading_has_a_zero_row_and_the_others_keep_their_doubt() -> None:
+    time_s = np.arange(100) / RATE_HZ
+    values = np.sin(2 * math.pi * 44 * time_s)[:, np.newaxis] * [1.0, 2.0, 3.0]
+    values[60:, 1] = np.nan
+    covariance = Chain((moving_average_stage(4),), 3, 0.01, 20.0).apply(values).covariance_mm2[-1]
+    assert not covariance[1].any()
+    assert not covariance[:, 1].any()
+    correlation = covariance[0, 2] / math.sqrt(covariance[0, 0] * covariance[2, 2])
+    assert correlation > 0.99
+
+
+@pytest.mark.parametrize("noise_mm", [0.0, 1e-6, 1e-3, 10.0])
+@pytest.mark.parametrize("kind", CHAINS)
+@settings(max_examples=25, deadline=None)
+@given(data=st.data())
+def test_a_covariance_is_finite_and_positive_at_any_scale(kind: str, noise_mm: float, data: st.DataObject) -> None:
+    unit = st.sampled_from([0.0, 1e-6, 1e-3, 1.0, 1e3])
+    readings = arrays(np.float64, (data.draw(st.integers(1, 25)), 3), elements=st.floats(-1, 1) | st.just(math.nan))
+    values = data.draw(readings) * data.draw(unit) + data.draw(unit)
+    period = data.draw(st.sampled_from([0.0, 12.0]))
+    covariance = Chain(CHAINS[kind], 3, noise_mm, period).apply(values).covariance_mm2
+    assert np.isfinite(covariance).all()
+    np.testing.assert_array_equal(covariance, covariance.transpose(0, 2, 1))
+    least = np.linalg.eigvalsh(covariance)[:, 0]
+    assert (least >= -1e-12 * np.trace(covariance, axis1=1, axis2=2)).all()
+
+
+def test_without_a_known_noise_there_is_no_covariance() -> None:
+    filtered = Chain((moving_average_stage(2),), 1).apply(np.zeros((3, 1)))
+    assert not filtered.moves.any()
+    with pytest.raises(ValueError, match="needs the noise"):
+        _ = filtered.covariance_mm2
+
+
+@pytest.mark.parametrize("beyond", [0.01, 0.002, 0.0002])
+@pytest.mark.parametrize("freedom", [2, 3, 8, 40, 400])
+def test_the_quantile_is_that_of_chi_square(freedom: int, beyond: float) -> None:
+    assert chi_square_quantile(freedom, beyond) == pytest.approx(chi2.isf(beyond, freedom), rel=0.04)
