@@ -1,6 +1,6 @@
 """The covariance of a mean beyond that of white noise: from the scatter of its readings and of the means before it.
 
-docs/decisions/011-covariance.md explains the form and has the measurements.
+docs/decisions/012-covariance.md explains the form and has the measurements.
 """
 
 import math
