@@ -36,11 +36,12 @@ from beamtouch_models.metadata import (
     Sensor,
 )
 from beamtouch_models.session import Answers, session_options
+from beamtouch_models.whitening import whitening
 
 __all__ = [
     "FORCE_OUTPUTS", "INPUTS", "METADATA_PREFIX", "POSITION_OUTPUTS", "SCHEMA_VERSION",
     "Accuracy", "Answers", "Calibration", "Channel", "Departures", "FilterChoice", "Golden", "Metadata", "ModelFile",
-    "ModelFileError", "Noise", "Ranges", "Sensor", "load", "load_bytes", "read", "session_options",
+    "ModelFileError", "Noise", "Ranges", "Sensor", "load", "load_bytes", "read", "session_options", "whitening",
 ]  # fmt: skip
 
 GOLDEN_TOLERANCE = 1e-3

@@ -93,8 +93,8 @@ def evaluate(model: ModelFile, prior: Prior, *, draws: int, seed: int, progress:
 
 
 def at_noise(prior: Prior, noise_mm: float) -> Prior:
-    """Return the prior of the same surface with another noise per sample."""
-    return replace(prior, noise_mm=noise_mm)
+    """Return the prior of the same surface with another noise per sample; at 0, without any error."""
+    return replace(prior, noise_mm=noise_mm) if noise_mm else replace(prior, noise_mm=0.0, gain=0.0, zero_mm=0.0)
 
 
 def _answers(model: ModelFile, deflection_mm: Floats) -> dict[str, Floats]:

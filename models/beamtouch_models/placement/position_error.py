@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.accuracy.densities import densities
+from beamtouch_models.accuracy.forces import forces_of
 from beamtouch_models.accuracy.limit import accuracy_limit, spread_contacts
 from beamtouch_models.accuracy.posterior import log_likelihood
 from beamtouch_models.accuracy.prior import Prior
@@ -54,7 +55,7 @@ class Surrogate:
         shapes = self.shapes[:, layout]
         size = np.linalg.norm(shapes, axis=1)
         projection = (self.clean[:, layout] + self.noise) @ (shapes / np.where(size > 0, size, 1.0)[:, None]).T
-        density = log_likelihood(self.force_n, size, projection, projection**2 / 2)
+        density = log_likelihood(forces_of(self.force_n, 0.0), size, projection, projection**2 / 2)
         return float(densities(np.broadcast_to(self.position_mm, density.shape), density).mean_distance().mean())
 
     def cramer_rao_mm(self, sums: Floats) -> Floats:
