@@ -12,6 +12,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes
+from beamtouch_models.metadata import INPUTS
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.placement import place
 from beamtouch_models.scene import load_scene
@@ -32,12 +33,13 @@ def prior_of(name: str, sensors: int, noise_percent: float, *, known: bool) -> P
 
 
 def answers_of(
-    graph: onnx.ModelProto, deflection_mm: Floats, valid: NDArray[np.bool_] | None = None
+    graph: onnx.ModelProto, prior: Prior, deflection_mm: Floats, valid: NDArray[np.bool_] | None = None
 ) -> dict[str, Floats]:
-    """Answers in float64 to deflections (samples, channels)."""
-    valid = np.ones(deflection_mm.shape, np.bool_) if valid is None else valid
+    """Answers in float64 to deflections (samples, channels) with the prior's own noise and floor."""
+    present = np.ones(deflection_mm.shape, np.bool_) if valid is None else valid
+    reading = np.where(present, deflection_mm, 0.0)
     with np.errstate(over="ignore"):
-        found = runner(to_bytes(graph))(deflection_mm.astype(np.float32), valid)
+        found = runner(to_bytes(graph))(reading, prior.whitening(np.clip(reading, -1e30, 1e30), present))
     return {name: values.astype(np.float64) for name, values in found.items()}
 
 
@@ -63,11 +65,11 @@ def in_double(model: onnx.ModelProto) -> onnx.ModelProto:
     return double
 
 
-def double_answers(graph: onnx.ModelProto, deflection_mm: Floats) -> dict[str, Floats]:
-    """Answers of the same graph computed in float64, to the same readings as float32 gives."""
+def double_answers(graph: onnx.ModelProto, prior: Prior, deflection_mm: Floats) -> dict[str, Floats]:
+    """Answers of the same graph computed in float64, to the same inputs as float32 gives."""
     content = to_bytes(in_double(graph))
     session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
     names = [output.name for output in session.get_outputs()]
-    reading = deflection_mm.astype(np.float32).astype(np.float64)
-    valid = np.ones(reading.shape, np.bool_)
-    return dict(zip(names, session.run(None, {"deflection_mm": reading, "valid": valid}), strict=True))
+    inputs = deflection_mm, prior.whitening(deflection_mm)
+    rounded = [values.astype(np.float32).astype(np.float64) for values in inputs]
+    return dict(zip(names, session.run(None, dict(zip(INPUTS, rounded, strict=True))), strict=True))

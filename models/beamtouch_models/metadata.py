@@ -9,8 +9,8 @@ from beamtouch_models.errors import ModelFileError
 
 SCHEMA_VERSION: Literal[1] = 1
 METADATA_PREFIX = "beamtouch."
-INPUTS = ("deflection_mm", "valid")
-POSITION_OUTPUTS = ("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds")
+INPUTS = ("deflection_mm", "whitening_per_mm")
+POSITION_OUTPUTS = ("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds", "misfit")
 FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
 
 _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
