@@ -16,7 +16,7 @@ from beamtouch_models.arrays import Floats32
 Answers = dict[str, Floats32]
 """One array (batch,) per output of a graph."""
 Run = Callable[[NDArray[np.floating], NDArray[np.floating]], Answers]
-"""Takes deflections in mm (batch, channels) and their whitening in 1/mm (batch, channels, channels), in any precision."""
+"""Takes deflections in mm (batch, channels) and their whitening in 1/mm (batch, channels, channels)."""
 
 CHUNK = 64
 """Samples per call of a runner, few enough for the cache."""

@@ -51,7 +51,7 @@ def whitening(
 def _factor(correlation: Floats) -> Floats:
     """Return the lower Cholesky factors; raises ValueError if one does not exist."""
     try:
-        return np.linalg.cholesky(correlation)
+        return np.linalg.cholesky(correlation).astype(np.float64, copy=False)
     except np.linalg.LinAlgError:
         message = "covariance_mm2: it must be positive definite"
         raise ValueError(message) from None

@@ -23,11 +23,11 @@ def prior_of_model(metadata: Metadata, physics: Scene | None = None) -> Prior:
     """Rebuild the prior of a model; pass the scene of `physics_of` if it is known. Raises SceneError as that does."""
     physics = physics or physics_of(metadata)
     sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
-    prior = Prior.of(physics, sensor_mm, metadata.noise.sample_mm)
+    bare = Prior.of(physics, sensor_mm, metadata.noise.sample_mm)
+    prior = replace(bare, gain=np.array(metadata.floor.gain), zero_mm=np.array(metadata.floor.zero_mm))
     if metadata.calibration is None:
         return prior
-    noise_mm = float(np.hypot(prior.noise_mm, metadata.calibration.residual_mm))
-    return replace(departed(prior, physics, sensor_mm, metadata.calibration.departures), noise_mm=noise_mm)
+    return departed(prior, physics, sensor_mm, metadata.calibration.departures)
 
 
 def departed(prior: Prior, physics: Scene, sensor_mm: Floats, departures: Departures) -> Prior:

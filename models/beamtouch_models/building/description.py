@@ -9,7 +9,7 @@ from beamtouch_models.modelfile import ModelFile
 def describe(model: ModelFile) -> dict[str, Any]:
     """Return all metadata of a model file, for JSON."""
     metadata = model.metadata
-    fields = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy"})
+    fields = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy", "drawn"})
     return {
         **fields,
         "model": model.identity,
@@ -18,7 +18,7 @@ def describe(model: ModelFile) -> dict[str, Any]:
         "noise_mm": metadata.noise.sample_mm,
         "outputs": list(model.outputs),
         "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
-        "golden_answers": len(metadata.golden.valid),
+        "golden_answers": len(metadata.golden.deflection_mm),
     }
 
 
@@ -42,6 +42,11 @@ def summary(model: ModelFile) -> str:
         ("sensors", f"{layout} mm from the left end; at least {metadata.min_channels} must work"),
         ("contact", f"{low:g}..{high:g} mm, {force}"),
         ("sensor", f"{gap}, {sensor.adc_bits} bits, {sensor.rate_hz:g} Hz"),
+        (
+            "floor",
+            f"gains {_several(metadata.floor.gain, 100, '%')}, zeros {_several(metadata.floor.zero_mm, 1000, 'um')}",
+        ),
+        ("touch", _touch(metadata)),
         ("filter", "none" if chosen.kind == "none" else smoothing),
         ("noise", f"{noise.reading_mm:.3g} mm per reading, {noise.sample_mm:.3g} mm per sample"),
         ("error", f"{error} of the length, on average"),
@@ -50,6 +55,19 @@ def summary(model: ModelFile) -> str:
         *_calibration(metadata),
     ]
     return "\n".join(f"{label:<8} {text}" for label, text in rows)
+
+
+def _several(values: list[float], factor: float, unit: str) -> str:
+    """Return the values as one number, or as their range."""
+    low, high = min(values) * factor, max(values) * factor
+    return f"+- {low:.2g} {unit}" if low == high else f"+- {low:.2g}..{high:.2g} {unit}"
+
+
+def _touch(metadata: Metadata) -> str:
+    seen, per_day = metadata.smallest_force.force_n, metadata.thresholds.false_contacts_per_day
+    often = f"{per_day:.2g} a day" if per_day >= 1 else f"one in {1 / per_day:.3g} days"
+    ends = f"{seen[0]:.2g} and {seen[-1]:.2g} N at the ends"
+    return f"at least {min(seen):.2g} N is seen, {ends} of the range; false contacts at rest: {often}"
 
 
 def _calibration(metadata: Metadata) -> list[tuple[str, str]]:

@@ -19,8 +19,9 @@ from beamtouch_models.estimators.onnx_graph import with_linear_input
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Calibration, Departures, Metadata
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.pricing.noise import floor_of
 from beamtouch_models.progress import Fraction, Progress
-from beamtouch_models.scene import Scene
+from beamtouch_models.scene import Scene, parse_scene
 
 UNEXPLAINED = 0.1
 """Largest error of a fit, over the deflections that the scene predicts, and over the length.
@@ -95,7 +96,7 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     checked = checked_fit(model, loads, progress)
     found, before, after = checked.fit, checked.before_mm, checked.after_mm
     theory = found.theory
-    prior = _calibrated_prior(theory, found)
+    prior = _calibrated_prior(metadata, theory, found)
     made = _made(metadata, prior, found.departures, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
     progress("measuring the accuracy against the limit", 0.85)
     calibration = Calibration(
@@ -106,11 +107,14 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
         error_before_mm=float(before.mean()),
         error_after_mm=float(after.mean()),
     )
-    fields = measured(made, prior, metadata.seed)
+    scene = parse_scene(metadata.scene, metadata.name)
+    fields = measured(made, prior, scene, metadata.filter, metadata.seed)
     fresh = metadata.model_copy(
         update={
             "min_channels": made.min_channels,
-            "contact_threshold": fields.contact_threshold,
+            "thresholds": fields.thresholds,
+            "smallest_force": fields.smallest_force,
+            "floor": fields.floor,
             "accuracy": fields.accuracy,
             "golden": fields.golden,
             "calibration": calibration,
@@ -160,9 +164,11 @@ def _residual_mm(found: Fit) -> float:
     return float(max(found.residual_mm, found.error_mm if found.kinds else 0.0))
 
 
-def _calibrated_prior(theory: Theory, found: Fit) -> Prior:
-    prior = theory.prior_with(found.departures)
-    return replace(prior, noise_mm=float(np.hypot(prior.noise_mm, _residual_mm(found))))
+def _calibrated_prior(metadata: Metadata, theory: Theory, found: Fit) -> Prior:
+    prior, floor = theory.prior_with(found.departures), metadata.floor
+    # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
+    zero_mm = np.hypot(floor_of(parse_scene(metadata.scene, metadata.name))[1], _residual_mm(found))
+    return replace(prior, gain=np.array(floor.gain), zero_mm=np.full(prior.channels, zero_mm))
 
 
 def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Fraction) -> Estimator:
@@ -209,7 +215,7 @@ def _limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
     """Return the mean error of the best estimate for samples of these loads."""
     rng = np.random.default_rng(seed)
     clean = loads.force_n[:, None] * prior.influence_at(loads.position_mm)
-    noise = rng.normal(scale=prior.noise_mm, size=(draws, *clean.shape))
+    noise = rng.normal(size=(draws, *clean.shape)) * prior.deviation_mm(clean)
     readings = (clean + noise).reshape(-1, prior.channels)
     off = limit.posterior_median_mm(prior, readings).reshape(draws, -1) - loads.position_mm
     return float(np.abs(off).mean())

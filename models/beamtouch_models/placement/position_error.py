@@ -95,7 +95,7 @@ def surrogate_of(scene: Scene, rules: Candidates, count: int, noise_mm: float, s
     """Draw the contacts of a surrogate."""
     grid = np.linspace(*scene.contact.position_mm, GRID)
     drawn, force, noise = spread_contacts(
-        Prior.of(scene, np.zeros(count), noise_mm), DRAWS, np.random.default_rng(seed)
+        Prior.real(scene, np.zeros(count), noise_mm), DRAWS, np.random.default_rng(seed)
     )
     return Surrogate(
         scene.contact.force_range_n,
@@ -121,6 +121,6 @@ def decided(
         limits = []
         for number, layout in enumerate(distinct):
             progress(number / len(distinct))
-            limits.append(accuracy_limit(Prior.of(scene, rules.position_mm[layout], noise_mm), draws, seed).percent)
+            limits.append(accuracy_limit(Prior.real(scene, rules.position_mm[layout], noise_mm), draws, seed).percent)
         distinct = [distinct[index] for index in np.argsort(limits, kind="stable")[:3]]
     return distinct[0]

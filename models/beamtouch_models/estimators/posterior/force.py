@@ -9,6 +9,8 @@ from beamtouch_models.metadata import FORCE_OUTPUTS
 
 NORMAL = 1.959964
 """97.5 % quantile of the normal distribution."""
+WIDER = 1.03
+"""Factor that widens the interval where the posterior is tempered."""
 BEYOND = 2.5
 """Distance of a cell's best force from the range, in root-2 deviations, from which it counts as beyond the range; at
 about this distance the tail of the prior outweighs the range."""
@@ -91,7 +93,9 @@ def state_force(
     square = graph.apply("Mul", square, contraction) if contraction else square
     square = graph.apply("Mul", posterior, graph.apply("Add", square, within))
     deviation = graph.apply("Sqrt", graph.apply("ReduceSum", square, axis, keepdims=1))
-    ends = graph.apply("Mul", deviation, graph.constant([0.0, -NORMAL, NORMAL]))
+    ends = graph.apply(
+        "Mul", deviation, graph.constant(np.array([0.0, -NORMAL, NORMAL]) * (WIDER if contraction else 1.0))
+    )
     ends = graph.apply("Clip", graph.apply("Add", mean, ends), graph.constant(0.0), graph.constant(HIGHEST * high))
-    for index, (name, end) in enumerate(zip(FORCE_OUTPUTS, graph.split(ends, 3, 2), strict=True)):
+    for name, end in zip(FORCE_OUTPUTS, graph.split(ends, 3, 2), strict=True):
         graph.apply("Squeeze", end, graph.ints(1, 2), output=name)

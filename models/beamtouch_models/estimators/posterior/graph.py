@@ -72,7 +72,7 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
     if design.temper:
         widened = tempered(graph, prior, cells, scored.sample, scored.shape, scored.precision)
     root = graph.apply("Sqrt", scored.precision)
-    mass = log_mass(graph, prior.force_n, root, scored.force, widened and widened.widening)
+    mass = log_mass(graph, prior.force_n, root, scored.force, widened.widening if widened else None)
     width = np.diff(cells.edges_mm)
     share = graph.constant(np.log(np.maximum(width / width.sum(), np.finfo(np.float32).tiny)))
     weighted = graph.apply("Sub", share, scored.misfit)

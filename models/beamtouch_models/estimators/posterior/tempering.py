@@ -64,8 +64,8 @@ class Tempered:
 def tempered(graph: Graph, prior: Prior, cells: Cells, sample: str, shape: str, precision: str) -> Tempered:
     """Return the widening of each cell, from the change of the reading across it."""
     known = prior.force_is_known
-    change = cells.change.T * (prior.force_n[1] if known else 1.0)
-    change = graph.apply("MatMul", INPUTS[1], graph.constant(change))
+    crossed = cells.change.T * (prior.force_n[1] if known else 1.0)
+    change = graph.apply("MatMul", INPUTS[1], graph.constant(crossed))
     if known:
         step2 = graph.apply("ReduceSumSquare", change, axes=[1], keepdims=1)
         step2 = graph.apply("Max", graph.apply("Sub", step2, graph.constant(RESOLVED**2)), graph.constant(0.0))
