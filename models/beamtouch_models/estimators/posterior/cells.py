@@ -113,9 +113,7 @@ def path_of(prior: Prior) -> Path:
 
 
 def cells_of(prior: Prior, count: int, path: Path | None = None) -> Cells:
-    """Return `count` cells for a prior, spaced evenly in a metric that mixes the change of the reading, of position and
-    of the log of its size.
-    """
+    """Return `count` cells, spaced evenly in a metric of the change of reading, position and log of the size."""
     path = path or path_of(prior)
     known = prior.force_is_known
     metric = path.moved**2 + (path.moved.sum() * POSITION_SHARE[known] / (FINE - 1)) ** 2
