@@ -61,7 +61,7 @@ def posterior_quantiles(
     for start in range(0, len(deflection_mm), CHUNK):
         part = slice(start, start + CHUNK)
         seen = _Seen(whitening[part], np.einsum("dij,dj->di", whitening[part], deflection_mm[part]))
-        density = _log_density(seen, forces, influence[None])
+        density = _log_density(prior, seen, forces, grid[None], influence[None])
         found.append(_resolved(prior, forces, seen, np.broadcast_to(grid, density.shape), density, levels[part]))
     whole = np.concatenate(found)
     return whole[:, :-1], whole[:, -1]
@@ -80,14 +80,28 @@ class _Seen:
         return _Seen(self.whitening[rows], self.sample[rows])
 
 
-def _log_density(seen: _Seen, forces: Forces, influence: Floats) -> Floats:
-    """Return log densities (draws, grid) for the influence (draws or 1, grid, channels) at the nodes of grids."""
+def _log_density(prior: Prior, seen: _Seen, forces: Forces, grids: Floats, influence: Floats) -> Floats:
+    """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
     shapes = np.matmul(influence, seen.whitening.transpose(0, 2, 1))
+    sample = np.broadcast_to(seen.sample[:, None, :], shapes.shape)
+    if prior.uncertainty is None:
+        return _fitted(forces, shapes, sample)
+    # The likeliest force at a position says how much the mounting adds to each channel's variance there.
+    square = np.einsum("dgs,dgs->dg", shapes, shapes)
+    force = np.einsum("dgs,dgs->dg", shapes, sample) / np.where(square > 0, square, 1.0)
+    force = np.clip(force, forces[0].low_n, forces[-1].high_n)
+    moved = np.matmul(prior.uncertainty(grids) ** 2, (seen.whitening**2).transpose(0, 2, 1))
+    wider = np.sqrt(1 + force[:, :, None] ** 2 * moved)
+    return _fitted(forces, shapes / wider, sample / wider) - np.log(wider).sum(axis=2)
+
+
+def _fitted(forces: Forces, shapes: Floats, sample: Floats) -> Floats:
+    """Return log densities (draws, grid) of shapes per newton and samples in their deviations, with their last axis."""
     size = np.sqrt(np.einsum("dgs,dgs->dg", shapes, shapes))
-    shapes /= np.where(size > 0, size, 1.0)[:, :, None]
-    projection = np.einsum("dgs,ds->dg", shapes, seen.sample)
+    unit = shapes / np.where(size > 0, size, 1.0)[:, :, None]
+    projection = np.einsum("dgs,dgs->dg", unit, sample)
     # Compute the residual directly: with little noise a difference of squares would cancel.
-    residual = seen.sample[:, None, :] - projection[:, :, None] * shapes
+    residual = sample - projection[:, :, None] * unit
     return log_likelihood(forces, size, projection, -np.einsum("dgs,dgs->dg", residual, residual) / 2)
 
 
@@ -104,7 +118,7 @@ def _resolved(prior: Prior, forces: Forces, seen: _Seen, grids: Floats, density:
         if not len(todo):
             return found
         influence = prior.influence_at(grids.ravel()).reshape(*grids.shape, -1)
-        density = _log_density(seen.take(todo), forces, influence)
+        density = _log_density(prior, seen.take(todo), forces, grids, influence)
     last = densities(grids, density)
     found[todo] = np.column_stack([last.quantiles(levels[todo]), last.mean_distance()])
     return found

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.physics.beam import influence_deviation, scene_influence
 from beamtouch_models.pricing.noise import floor_of
 from beamtouch_models.scene import Scene
 from beamtouch_models.whitening import whitening
@@ -41,6 +41,9 @@ class Prior:
     """(channels,) or one number, standard deviation of the relative gain error that is left after calibration."""
     zero_mm: ArrayLike = 0.0
     """(channels,) or one number, standard deviation of the zero."""
+    uncertain_at: Callable[[Floats], Floats] | None = None
+    """From load positions (loads,) to the standard deviation of the influence (loads, channels) in mm/N that the
+    mounting of the sensors leaves, of either sign; None: their positions are exact."""
 
     @classmethod
     def of(cls, scene: Scene, sensor_mm: Floats, noise_mm: float) -> Self:
@@ -56,9 +59,21 @@ class Prior:
 
     @classmethod
     def real(cls, scene: Scene, sensor_mm: Floats, noise_mm: float) -> Self:
-        """Like `of`, with the gain errors and the zero drift of the scene's sensors."""
+        """Like `of`, with the errors of gain, zero and mounting of the scene's sensors."""
         gain, zero_mm = floor_of(scene)
-        return replace(cls.of(scene, sensor_mm, noise_mm), gain=gain, zero_mm=zero_mm)
+        uncertain_at = partial(influence_deviation, scene, sensor_mm) if scene.sensors.mounting_tolerance_mm else None
+        return replace(cls.of(scene, sensor_mm, noise_mm), gain=gain, zero_mm=zero_mm, uncertain_at=uncertain_at)
+
+    def sampled(self, position_mm: Floats, force_n: Floats) -> tuple[Floats, Floats]:
+        """Return true deflections of contacts and the standard deviation of their samples, (contacts, channels) in mm.
+
+        Positions and forces are (contacts,).
+        """
+        clean = force_n[:, None] * self.influence_at(position_mm)
+        deviation = self.deviation_mm(clean)
+        if self.uncertain_at is not None:
+            deviation = np.hypot(deviation, force_n[:, None] * self.uncertain_at(position_mm))
+        return clean, deviation
 
     def deviation_mm(self, deflection_mm: Floats) -> Floats:
         """Return the standard deviation of measurements of deflections (samples, channels), in mm, floor included."""
@@ -85,6 +100,12 @@ class Prior:
         grid = np.linspace(*self.position_mm, TABLE)
         return CubicSpline(grid, self.influence_at(grid))
 
+    @cached_property
+    def uncertainty(self) -> CubicSpline | None:
+        """Interpolated deviation of the influence; None if the sensors' positions are exact."""
+        grid = np.linspace(*self.position_mm, TABLE)
+        return None if self.uncertain_at is None else CubicSpline(grid, self.uncertain_at(grid))
+
     def without(self, *missing: int) -> Self:
         """Return the prior of the surface without some channels."""
         kept = np.setdiff1d(np.arange(self.channels), missing)
@@ -95,6 +116,19 @@ class Prior:
             every[:, kept] = deflection_mm
             return whole(every)[:, kept]
 
-        influence = lambda load_mm: self.influence_at(load_mm)[:, kept]  # noqa: E731
+        influence = partial(_columns, self.influence_at, kept)
+        uncertain = None if self.uncertain_at is None else partial(_columns, self.uncertain_at, kept)
         gain, zero_mm = (np.broadcast_to(value, self.channels)[kept] for value in (self.gain, self.zero_mm))
-        return replace(self, channels=len(kept), influence_at=influence, stated=stated, gain=gain, zero_mm=zero_mm)
+        return replace(
+            self,
+            channels=len(kept),
+            influence_at=influence,
+            stated=stated,
+            gain=gain,
+            zero_mm=zero_mm,
+            uncertain_at=uncertain,
+        )
+
+
+def _columns(matrix_at: Callable[[Floats], Floats], kept: Indices, load_mm: Floats) -> Floats:
+    return matrix_at(load_mm)[:, kept]

@@ -48,8 +48,8 @@ def lessons(prior: Prior, rng: np.random.Generator, size: int, *, contacts_only:
     kind = np.ones(size) if contacts_only else rng.random(size)
     touched = kind >= REST_SHARE + WEAK_SHARE
     part = np.where(touched, 1.0, np.where(kind < REST_SHARE, 0.0, rng.random(size)))
-    clean = (force * part)[:, None] * prior.table(position)
-    deflection = clean + rng.normal(size=clean.shape) * prior.deviation_mm(clean)
+    clean, deviation = prior.sampled(position, force * part)
+    deflection = clean + rng.normal(size=clean.shape) * deviation
     valid = np.ones(deflection.shape, np.bool_)
     if may_miss_one(prior) and not contacts_only:
         lacking = np.flatnonzero(rng.random(size) < MISSING_SHARE)

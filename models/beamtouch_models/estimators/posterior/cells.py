@@ -41,6 +41,8 @@ class Cells:
     """(cells, channels) mm/N, at the middles of the cells."""
     change: Floats
     """(cells, channels) mm/N, change of the influence across a cell."""
+    uncertain: Floats | None
+    """(cells, channels) mm/N, deviation of the influence at the middles; None if the sensors' positions are exact."""
 
 
 @dataclass(frozen=True)
@@ -102,9 +104,11 @@ def path_of(prior: Prior) -> Path:
     influence = prior.table(fine)
     force = prior.force_n[1]
     deviation = prior.deviation_mm(force * influence)
-    middle = (influence[1:] + influence[:-1]) / 2
-    shape = force * middle / prior.deviation_mm(force * middle)
-    change = force * np.diff(influence, axis=0) / prior.deviation_mm(force * middle)
+    if prior.uncertainty is not None:
+        deviation = np.hypot(deviation, force * prior.uncertainty(fine))
+    within = (deviation[1:] + deviation[:-1]) / 2
+    shape = force * (influence[1:] + influence[:-1]) / 2 / within
+    change = force * np.diff(influence, axis=0) / within
     size = np.linalg.norm(force * influence / deviation, axis=1)
     if not prior.force_is_known:
         square = (shape**2).sum(axis=1) + (FLOOR * size.max()) ** 2
@@ -124,4 +128,5 @@ def cells_of(prior: Prior, count: int, path: Path | None = None) -> Cells:
     marks = np.linspace(0, along[-1], 2 * count + 1)
     table = np.stack([np.interp(marks, along, column) for column in path.influence.T], axis=1)
     places = np.interp(marks, along, path.position_mm)
-    return Cells(places[::2], places[1::2], table[1::2], np.diff(table[::2], axis=0))
+    uncertain = None if prior.uncertainty is None else prior.uncertainty(places[1::2])
+    return Cells(places[::2], places[1::2], table[1::2], np.diff(table[::2], axis=0), uncertain)

@@ -61,6 +61,8 @@ class Scored:
     """f"""
     misfit: str
     """R, half the misfit"""
+    widened: str | None
+    """Log of the factor by which the mounting of the sensors widens the errors; None if it does not."""
 
 
 def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = None) -> onnx.ModelProto:
@@ -76,6 +78,8 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
     width = np.diff(cells.edges_mm)
     share = graph.constant(np.log(np.maximum(width / width.sum(), np.finfo(np.float32).tiny)))
     weighted = graph.apply("Sub", share, scored.misfit)
+    if scored.widened is not None:
+        mass = graph.apply("Sub", mass, scored.widened)
     _log_odds(graph, scored, weighted)
     if widened is not None:
         weighted = graph.apply("Sub", share, graph.apply("Div", scored.misfit, widened.widening))
@@ -94,20 +98,35 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
 def _scored(graph: Graph, prior: Prior, cells: Cells) -> Scored:
     """Return the misfit of the best force of each cell."""
     deflection, given = INPUTS
-    whitening = graph.apply("Mul", given, graph.constant(0.5**0.5))
     influence, largest = cells.influence.T, prior.force_n[1]
     bound = WIDEST * largest * float(np.abs(influence).max())
+    whitening = graph.apply("Mul", given, graph.constant(0.5**0.5))
     reading = graph.apply("Clip", deflection, graph.constant(-bound), graph.constant(bound))
     sample = graph.apply("MatMul", whitening, graph.apply("Unsqueeze", reading, graph.ints(2)))
     shape = graph.apply("MatMul", whitening, graph.constant(influence))
+    if cells.uncertain is None:
+        return Scored(sample, shape, *_fitted(graph, sample, shape, largest), None)
+    # The likeliest force says how much the mounting of the sensors adds to the variance of each channel.
+    _, force, _ = _fitted(graph, sample, shape, largest)
+    weight = graph.apply("Mul", given, given)
+    moved = graph.apply("MatMul", weight, graph.constant(cells.uncertain.T**2))
+    moved = graph.apply("Mul", moved, graph.apply("Mul", force, force))
+    wider = graph.apply("Sqrt", graph.apply("Add", moved, graph.constant(1.0)))
+    shape = graph.apply("Div", shape, wider)
+    found = _fitted(graph, graph.apply("Div", sample, wider), shape, largest)
+    density = graph.apply("ReduceSum", graph.apply("Log", wider), graph.ints(1), keepdims=1)
+    return Scored(sample, shape, *found, density)
+
+
+def _fitted(graph: Graph, sample: str, shape: str, largest_n: float) -> tuple[str, str, str]:
+    """Return precision, best force and half the misfit of each cell."""
     along = graph.apply("ReduceSum", graph.apply("Mul", shape, sample), graph.ints(1), keepdims=1)
     precision = graph.apply("ReduceSumSquare", shape, axes=[1], keepdims=1)
-    precision = graph.apply("Add", precision, graph.constant(TINY / largest**2))
+    precision = graph.apply("Add", precision, graph.constant(TINY / largest_n**2))
     force = graph.apply("Div", along, precision)
-    force = graph.apply("Clip", force, graph.constant(0.0), graph.constant(HIGHEST * largest))
+    force = graph.apply("Clip", force, graph.constant(0.0), graph.constant(HIGHEST * largest_n))
     residual = graph.apply("Sub", sample, graph.apply("Mul", force, shape))
-    misfit = graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
-    return Scored(sample, shape, precision, force, misfit)
+    return precision, force, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
 
 
 def _log_odds(graph: Graph, scored: Scored, weighted: str) -> None:
