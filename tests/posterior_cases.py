@@ -1,5 +1,6 @@
 """Priors of the shipped scenes for tests of the posterior, and running its graph."""
 
+import dataclasses
 from functools import lru_cache
 
 import numpy as np
@@ -30,6 +31,11 @@ def prior_of(name: str, sensors: int, noise_percent: float, *, known: bool) -> P
     scene = scene.model_copy(update={"contact": contact})
     positions = np.array(place(scene, sensors, 1).positions_mm)
     return Prior.of(scene, positions, max_deflection_mm(scene) * noise_percent / 100)
+
+
+def with_floor(prior: Prior) -> Prior:
+    """The prior with the errors of gain and zero that a scene has by default, behind a mean of four readings."""
+    return dataclasses.replace(prior, gain=0.003, zero_mm=0.4 * prior.noise_mm)
 
 
 def answers_of(

@@ -92,7 +92,8 @@ def _log_density(prior: Prior, seen: _Seen, forces: Forces, grids: Floats, influ
     force = np.clip(force, forces[0].low_n, forces[-1].high_n)
     moved = np.matmul(prior.uncertainty(grids) ** 2, (seen.whitening**2).transpose(0, 2, 1))
     wider = np.sqrt(1 + force[:, :, None] ** 2 * moved)
-    return _fitted(forces, shapes / wider, sample / wider) - np.log(wider).sum(axis=2)
+    density: Floats = _fitted(forces, shapes / wider, sample / wider) - np.log(wider).sum(axis=2)
+    return density
 
 
 def _fitted(forces: Forces, shapes: Floats, sample: Floats) -> Floats:

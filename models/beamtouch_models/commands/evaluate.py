@@ -107,11 +107,15 @@ def _lines(found: Evaluation) -> list[tuple[str, str, str]]:
         ("force interval", found.force_coverage, "% of forces lie inside; nominally 95 %", 100.0),
         ("force error", found.force_error_n, "N, mean", 1.0),
         ("missed contacts", found.missed, "% of contacts", 100.0),
+        ("unexplained", found.unexplained, "% of contacts exceed the threshold of the misfit", 100.0),
         ("false contacts", found.false_alarms, "per million samples at rest", 1e6),
     ]
     lines = [
         (label, _text(value.scaled(factor)), remark) for label, value, remark, factor in share if value is not None
     ]
+    if found.smallest_force_n is not None:
+        least, most = found.smallest_force_n
+        lines.append(("smallest force", f"{least:.3g}..{most:.3g}", "N, seen in 95 % of samples along the range"))
     if found.cramer_rao_mean_mm is None:
         return [*lines, ("without noise", "", "the limit is 0, so there is no ratio")]
     return [*lines, ("Cramer-Rao", f"{found.cramer_rao_mean_mm:.4g}", "mm, mean |error| of an unbiased estimate")]

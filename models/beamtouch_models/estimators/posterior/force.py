@@ -41,7 +41,7 @@ def log_mass(graph: Graph, force_n: tuple[float, float], root: str, force: str, 
 
 def _known(graph: Graph, core: Piece, root: str, offset: str, widening: str | None) -> str:
     """Return the mass of a known force times the root."""
-    at = graph.apply("Slice", offset, graph.ints(1), graph.ints(2), graph.ints(1))
+    at = _row(graph, offset, 1)
     square = graph.apply("Mul", at, at)
     square = graph.apply("Div", square, widening) if widening else square
     square = graph.apply("Min", square, graph.constant(FARTHEST))
@@ -74,28 +74,39 @@ def state_force(
     posterior: str,
     contraction: str | None,
 ) -> None:
-    """Add mean and interval of the force, from its scatter over the cells and its deviation within each cell.
+    """Add the force, from the posterior of the median, and its interval, from that of the ends.
 
     A best force that is hardly beyond the range is moved to its end, which is then the likeliest force.
     """
     low, high = force_n
+    known = low == high
     moved = graph.apply("Clip", force, graph.constant(low), graph.constant(high))
     beyond = graph.apply("Mul", graph.apply("Sub", force, moved), root)
     far = graph.apply("Greater", graph.apply("Abs", beyond), graph.constant(BEYOND))
     moved = graph.apply("Where", far, force, moved)
-    # The deviation within a cell is at most that of an even distribution.
-    flat = graph.apply("Add", precision, graph.constant(6 / (high - low or high) ** 2))
-    within = graph.apply("Div", graph.constant(0.5), flat)
     axis = graph.ints(2)
-    mean = graph.apply("ReduceSum", graph.apply("Mul", posterior, moved), axis, keepdims=1)
-    off = graph.apply("Sub", moved, mean)
+    median, ends = (posterior, posterior) if known else (_row(graph, posterior, 0), _row(graph, posterior, 1))
+    middle = graph.apply("ReduceSum", graph.apply("Mul", median, moved), axis, keepdims=1)
+    # Where a known force explains the sample, the cells hold it, and there is no deviation within them.
+    seen = moved if known else force
+    mean = graph.apply("ReduceSum", graph.apply("Mul", ends, seen), axis, keepdims=1)
+    off = graph.apply("Sub", seen, mean)
     square = graph.apply("Mul", off, off)
-    square = graph.apply("Mul", square, contraction) if contraction else square
-    square = graph.apply("Mul", posterior, graph.apply("Add", square, within))
-    deviation = graph.apply("Sqrt", graph.apply("ReduceSum", square, axis, keepdims=1))
-    ends = graph.apply(
-        "Mul", deviation, graph.constant(np.array([0.0, -NORMAL, NORMAL]) * (WIDER if contraction else 1.0))
+    square = (
+        graph.apply("Mul", square, contraction if known else _row(graph, contraction, 1)) if contraction else square
     )
-    ends = graph.apply("Clip", graph.apply("Add", mean, ends), graph.constant(0.0), graph.constant(HIGHEST * high))
-    for name, end in zip(FORCE_OUTPUTS, graph.split(ends, 3, 2), strict=True):
-        graph.apply("Squeeze", end, graph.ints(1, 2), output=name)
+    if not known:
+        square = graph.apply("Add", square, graph.apply("Div", graph.constant(0.5), precision))
+    variance = graph.apply("ReduceSum", graph.apply("Mul", ends, square), axis, keepdims=1)
+    both = np.array([-NORMAL, NORMAL]) * (WIDER if contraction else 1.0)
+    interval = graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both))
+    interval = graph.apply("Add", mean, interval)
+    interval = graph.apply("Clip", interval, graph.constant(0.0), graph.constant(HIGHEST * high))
+    least, most = graph.split(interval, 2, 2)
+    middle = graph.apply("Min", graph.apply("Max", middle, least), most)
+    for name, value in zip(FORCE_OUTPUTS, (middle, least, most), strict=True):
+        graph.apply("Squeeze", value, graph.ints(1, 2), output=name)
+
+
+def _row(graph: Graph, value: str, row: int) -> str:
+    return graph.apply("Slice", value, graph.ints(row), graph.ints(row + 1), graph.ints(1))

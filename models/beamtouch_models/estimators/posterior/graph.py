@@ -13,6 +13,11 @@ position range have width w_i, share s_i of the range, and influence g_i at thei
 *Force.* Its prior is even over the range of the scene, or a single known force, with a hundredth of the mass in tails
 from 0 to 10 times the largest force (`accuracy.forces`). A force beyond the range gets its true place.
 
+*Interval.* If the force is open, the interval comes from a second posterior, with an even prior of the force from 0 to
+10 times the largest: it holds the truth also just outside the range, where the first prior pulls the position towards
+a place that a force within the range explains. The median keeps the first prior, but stays between
+the 5 % and 95 % quantiles of the second.
+
 *Log odds.* log(sum_i s_i exp(-R_i)) + |y|^2, without the prior of the force: at rest their distribution depends
 only on the directions of the influence, not on the size of the covariance.
 
@@ -26,6 +31,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import onnx
+from numpy.typing import DTypeLike
 
 from beamtouch_models.accuracy.forces import HIGHEST
 from beamtouch_models.accuracy.prior import Prior
@@ -36,9 +42,11 @@ from beamtouch_models.estimators.posterior.force import log_mass, state_force
 from beamtouch_models.estimators.posterior.tempering import Tempered, tempered
 from beamtouch_models.metadata import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
 
-QUANTILES = (0.5, 0.025, 0.975)
-TINY = 1e-12
-"""Added to a, over the square of the largest force, so that a cell without influence divides by no 0."""
+QUANTILES = (0.5, 0.025, 0.975, 0.05, 0.95)
+"""Of the first posterior, the median; of the second, the ends of the interval and those that keep the median in it."""
+LEAST_PRECISION = np.pi / HIGHEST**2
+"""Added to a, over the square of the largest force: then 1 / sqrt(a) is the mass of an even prior up to HIGHEST, even
+in a cell that says nothing of the force."""
 EXACT_SUMS = 512
 """Number of cells above which a sum of widths in float32 loses a digit of the interval."""
 WIDEST = 1e4
@@ -83,16 +91,28 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
     _log_odds(graph, scored, weighted)
     if widened is not None:
         weighted = graph.apply("Sub", share, graph.apply("Div", scored.misfit, widened.widening))
-    posterior = graph.apply("Softmax", graph.apply("Add", weighted, mass), axis=2)
-    posterior = graph.apply("Max", posterior, graph.constant(SMALLEST_MASS))
+    posterior = _posteriors(graph, prior, weighted, mass, scored)
     contraction = None if widened is None else widened.contraction(posterior)
-    _state_position(graph, cells, posterior, widened, contraction)
+    _state_position(graph, prior, cells, posterior, widened, contraction)
     _state_misfit(graph, scored, prior.channels, design.cells)
     outputs = list(POSITION_OUTPUTS)
     if with_force:
         state_force(graph, prior.force_n, scored.precision, root, scored.force, posterior, contraction)
         outputs += FORCE_OUTPUTS
     return model(graph, prior.channels, outputs)
+
+
+def _posteriors(graph: Graph, prior: Prior, weighted: str, mass: str, scored: Scored) -> str:
+    """Return the posteriors of the median and of the interval, (batch, 2, N); a single one if the force is known."""
+    score = graph.apply("Add", weighted, mass)
+    if not prior.force_is_known:
+        ends = graph.apply("Mul", graph.apply("Log", scored.precision), graph.constant(-0.5))
+        ends = graph.apply("Add", weighted, ends)
+        if scored.widened is not None:
+            ends = graph.apply("Sub", ends, scored.widened)
+        score = graph.apply("Concat", score, ends, axis=1)
+    every = graph.apply("Softmax", score, axis=2)
+    return graph.apply("Max", every, graph.constant(SMALLEST_MASS))
 
 
 def _scored(graph: Graph, prior: Prior, cells: Cells) -> Scored:
@@ -122,7 +142,7 @@ def _fitted(graph: Graph, sample: str, shape: str, largest_n: float) -> tuple[st
     """Return precision, best force and half the misfit of each cell."""
     along = graph.apply("ReduceSum", graph.apply("Mul", shape, sample), graph.ints(1), keepdims=1)
     precision = graph.apply("ReduceSumSquare", shape, axes=[1], keepdims=1)
-    precision = graph.apply("Add", precision, graph.constant(TINY / largest_n**2))
+    precision = graph.apply("Add", precision, graph.constant(LEAST_PRECISION / largest_n**2))
     force = graph.apply("Div", along, precision)
     force = graph.apply("Clip", force, graph.constant(0.0), graph.constant(HIGHEST * largest_n))
     residual = graph.apply("Sub", sample, graph.apply("Mul", force, shape))
@@ -137,28 +157,44 @@ def _log_odds(graph: Graph, scored: Scored, weighted: str) -> None:
 
 
 def _state_position(
-    graph: Graph, cells: Cells, posterior: str, widened: Tempered | None, contraction: str | None
+    graph: Graph, prior: Prior, cells: Cells, posterior: str, widened: Tempered | None, contraction: str | None
 ) -> None:
-    """Add median and interval from the posterior over the cells, contracted about the median if tempered."""
+    """Add median and interval from the posteriors over the cells, contracted about their medians if tempered."""
     many = len(cells.middles_mm) > EXACT_SUMS
     kind = np.float64 if many else np.float32
     before = graph.apply("CumSum", posterior, graph.index(2), exclusive=1)
-    part = graph.apply("Sub", graph.constant(np.array(QUANTILES).reshape(1, 3, 1)), before)
-    part = graph.apply("Clip", graph.apply("Div", part, posterior), graph.constant(0.0), graph.constant(1.0))
-    along = graph.apply("Mul", part, graph.constant(np.diff(cells.edges_mm)))
-    # A matrix-vector product of the built-in kernels would be three times slower.
-    place = graph.apply("ReduceSum", graph.cast(along, kind) if many else along, graph.ints(2), keepdims=0)
-    if cells.edges_mm[0]:
-        place = graph.apply("Add", place, graph.constant(cells.edges_mm[0], kind))
+    known = prior.force_is_known
+    rows, levels = graph.ints(*([0] * 3 if known else [0, 1, 1, 1, 1])), QUANTILES[:3] if known else QUANTILES
+    if not known:
+        posterior, before = (graph.apply("Gather", one, rows, axis=1) for one in (posterior, before))
+    place = _quantile(graph, cells, posterior, before, levels, kind)
     if widened is not None and contraction is not None:
-        median = graph.apply("Gather", place, graph.ints(0), axis=1)
+        median = _quantile(graph, cells, posterior, before, (0.5,) * len(levels), kind)
         centre = widened.centre(posterior, median, cells) if many else median
         part = graph.apply("Sqrt", graph.apply("Squeeze", contraction, graph.ints(2)))
+        part = graph.apply("Gather", part, rows, axis=1)
         part = graph.cast(part, kind) if many else part
         place = graph.apply("Add", centre, graph.apply("Mul", graph.apply("Sub", place, median), part))
     place = graph.cast(place, np.float32) if many else place
-    for index, name in enumerate(POSITION_OUTPUTS[:3]):
-        graph.apply("Gather", place, graph.index(index), axis=1, output=name)
+    names = (POSITION_OUTPUTS[0] if known else None, *POSITION_OUTPUTS[1:3], None, None)[: len(levels)]
+    found = [graph.apply("Gather", place, graph.index(i), axis=1, output=name) for i, name in enumerate(names)]
+    if not known:
+        middle = graph.apply("Max", found[0], found[3])
+        graph.apply("Min", middle, found[4], output=POSITION_OUTPUTS[0])
+
+
+def _quantile(
+    graph: Graph, cells: Cells, posterior: str, before: str, levels: tuple[float, ...], kind: DTypeLike
+) -> str:
+    """Return a quantile of each posterior, (batch, 5)."""
+    part = graph.apply("Sub", graph.constant(np.array(levels).reshape(1, -1, 1)), before)
+    part = graph.apply("Clip", graph.apply("Div", part, posterior), graph.constant(0.0), graph.constant(1.0))
+    along = graph.apply("Mul", part, graph.constant(np.diff(cells.edges_mm)))
+    # A matrix-vector product of the built-in kernels would be three times slower.
+    place = graph.apply(
+        "ReduceSum", graph.cast(along, kind) if kind == np.float64 else along, graph.ints(2), keepdims=0
+    )
+    return graph.apply("Add", place, graph.constant(cells.edges_mm[0], kind)) if cells.edges_mm[0] else place
 
 
 def _state_misfit(graph: Graph, scored: Scored, channels: int, cells: int) -> None:

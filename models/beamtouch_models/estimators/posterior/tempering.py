@@ -19,6 +19,8 @@ RESOLVED = 0.5
 """Largest cell, in deviations, that is not tempered, for a known force."""
 CENTRE_ERROR = 0.026
 """Error of a tempered posterior's centre for an open force, in units of its widened deviation; widens the interval."""
+MOST_TURNED = 0.01
+"""Largest square of the angle by which a cell turns the reading; next to a support it is noise."""
 NARROW = 2.0
 """Largest deviation of a posterior, in cells, for which its mean is its centre."""
 
@@ -70,12 +72,13 @@ def tempered(graph: Graph, prior: Prior, cells: Cells, sample: str, shape: str, 
         step2 = graph.apply("ReduceSumSquare", change, axes=[1], keepdims=1)
         step2 = graph.apply("Max", graph.apply("Sub", step2, graph.constant(RESOLVED**2)), graph.constant(0.0))
     else:
-        # A change along the deflection itself is one of the force; the rest turns the reading, by less than a radian.
+        # A change along the deflection itself is one of the force; the rest turns the reading.
         along = graph.apply("ReduceSum", graph.apply("Mul", change, shape), graph.ints(1), keepdims=1)
         along = graph.apply("Mul", graph.apply("Div", along, precision), shape)
         turned = graph.apply("ReduceSumSquare", graph.apply("Sub", change, along), axes=[1], keepdims=1)
         size = graph.apply("ReduceSumSquare", sample, axes=[1], keepdims=1)
-        step2 = graph.apply("Mul", graph.apply("Div", turned, precision), size)
+        turned = graph.apply("Min", graph.apply("Div", turned, precision), graph.constant(MOST_TURNED))
+        step2 = graph.apply("Mul", turned, size)
     # Slightly more than t, so that rho^2 including the error of the centre is at most 1.
     error = 0.0 if known else CENTRE_ERROR
     unit = graph.constant(1 / (1 - error**2))
