@@ -7,7 +7,7 @@ import numpy as np
 import onnx
 import onnxruntime as ort
 from numpy.typing import NDArray
-from onnx import TensorProto, numpy_helper
+from onnx import TensorProto, helper, numpy_helper
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
@@ -65,6 +65,17 @@ def in_double(model: onnx.ModelProto) -> onnx.ModelProto:
     for attribute in (attribute for node in double.graph.node for attribute in node.attribute):
         if attribute.name == "to" and attribute.i == TensorProto.FLOAT:
             attribute.i = TensorProto.DOUBLE
+    nodes = list(double.graph.node)
+    del double.graph.node[:]
+    for node in nodes:
+        # onnxruntime has erf for float32 only.
+        if node.op_type == "Erf":
+            single, result = f"{node.input[0]}_single", node.output[0]
+            double.graph.node.append(helper.make_node("Cast", [node.input[0]], [single], to=TensorProto.FLOAT))
+            double.graph.node.append(helper.make_node("Erf", [single], [f"{single}_erf"]))
+            double.graph.node.append(helper.make_node("Cast", [f"{single}_erf"], [result], to=TensorProto.DOUBLE))
+        else:
+            double.graph.node.append(node)
     for value in (*double.graph.input, *double.graph.output):
         if value.type.tensor_type.elem_type == TensorProto.FLOAT:
             value.type.tensor_type.elem_type = TensorProto.DOUBLE

@@ -9,6 +9,8 @@ from beamtouch_models.errors import ModelFileError
 
 SCHEMA_VERSION: Literal[2] = 2
 METADATA_PREFIX = "beamtouch."
+THIS_FILE = "MODEL.onnx"
+"""Stands for the name of the file in a message; the loader knows the name."""
 INPUTS = ("deflection_mm", "whitening_per_mm")
 POSITION_OUTPUTS = ("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds", "misfit")
 FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
@@ -242,15 +244,14 @@ class Metadata(_Strict):
         if not ours:
             message = "it is an ONNX file but not a Beamtouch model: it has no beamtouch metadata"
             raise ModelFileError(message)
+        if ours.get("schema_version") == "1":
+            message = (
+                "schema version 1, from before samples stated their covariance; rebuild it from its own scene with "
+                f"`design-sensors build {THIS_FILE} -o {THIS_FILE}`, and calibrate it again if it was calibrated"
+            )
+            raise ModelFileError(message)
         try:
-            fields = {key: json.loads(text) for key, text in ours.items()}
-            if fields.get("schema_version") == 1:
-                message = (
-                    "schema version 1, from before samples stated their covariance; rebuild it from its own scene: "
-                    "design-sensors build MODEL.onnx --output MODEL.onnx"
-                )
-                raise ModelFileError(message)
-            return cls.model_validate(fields)
+            return cls.model_validate({key: json.loads(text) for key, text in ours.items()})
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"])

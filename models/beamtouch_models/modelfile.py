@@ -24,6 +24,7 @@ from beamtouch_models.metadata import (
     METADATA_PREFIX,
     POSITION_OUTPUTS,
     SCHEMA_VERSION,
+    THIS_FILE,
     Accuracy,
     Calibration,
     Channel,
@@ -153,7 +154,7 @@ def load_bytes(content: bytes, origin: str) -> ModelFile:
         _check_golden(model)
         trusted = _open(session.open_session, content)
     except ModelFileError as error:
-        message = f"{origin}: {error}"
+        message = f"{origin}: {error}".replace(THIS_FILE, origin)
         raise ModelFileError(message) from None
     return replace(model, session=trusted)
 

@@ -63,9 +63,13 @@ def _several(values: list[float], factor: float, unit: str) -> str:
     return f"+- {low:.2g} {unit}" if low == high else f"+- {low:.2g}..{high:.2g} {unit}"
 
 
+def per_day(rate: float) -> str:
+    """Return a number per day in words."""
+    return f"{rate:.2g} a day" if rate >= 1 else f"one in {1 / rate:.3g} days"
+
+
 def _touch(metadata: Metadata) -> str:
-    seen, per_day = metadata.smallest_force.force_n, metadata.thresholds.false_contacts_per_day
-    often = f"{per_day:.2g} a day" if per_day >= 1 else f"one in {1 / per_day:.3g} days"
+    seen, often = metadata.smallest_force.force_n, per_day(metadata.thresholds.false_contacts_per_day)
     ends = f"{seen[0]:.2g} and {seen[-1]:.2g} N at the ends"
     return f"at least {min(seen):.2g} N is seen, {ends} of the range; false contacts at rest: {often}"
 

@@ -9,7 +9,7 @@ from beamtouch_models.metadata import FORCE_OUTPUTS
 
 NORMAL = 1.959964
 """97.5 % quantile of the normal distribution."""
-WIDER = 1.03
+WIDER = 1.08
 """Factor that widens the interval where the posterior is tempered."""
 BEYOND = 2.5
 """Distance of a cell's best force from the range, in root-2 deviations, from which it counts as beyond the range; at

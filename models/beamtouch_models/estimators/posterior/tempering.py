@@ -17,8 +17,9 @@ from beamtouch_models.metadata import INPUTS
 
 RESOLVED = 0.5
 """Largest cell, in deviations, that is not tempered, for a known force."""
-CENTRE_ERROR = 0.026
-"""Error of a tempered posterior's centre for an open force, in units of its widened deviation; widens the interval."""
+CENTRE_ERROR = {True: 0.004, False: 0.026}
+"""For known and open force: error of a tempered posterior's centre, in units of its widened deviation; it widens the
+interval."""
 MOST_TURNED = 0.01
 """Largest square of the angle by which a cell turns the reading; next to a support it is noise."""
 NARROW = 2.0
@@ -39,7 +40,7 @@ class Tempered:
         """Return rho^2, (batch, 1, 1)."""
         graph = self.graph
         rho2 = graph.apply("ReduceSum", graph.apply("Div", posterior, self.widening), graph.ints(2), keepdims=1)
-        return graph.apply("Add", rho2, graph.constant(self.centre_error**2)) if self.centre_error else rho2
+        return graph.apply("Add", rho2, graph.constant(self.centre_error**2))
 
     def centre(self, posterior: str, median: str, cells: Cells) -> str:
         """Return the mean where a posterior is as narrow as its tempering allows, the median elsewhere; both double.
@@ -80,7 +81,7 @@ def tempered(graph: Graph, prior: Prior, cells: Cells, sample: str, shape: str, 
         turned = graph.apply("Min", graph.apply("Div", turned, precision), graph.constant(MOST_TURNED))
         step2 = graph.apply("Mul", turned, size)
     # Slightly more than t, so that rho^2 including the error of the centre is at most 1.
-    error = 0.0 if known else CENTRE_ERROR
+    error = CENTRE_ERROR[known]
     unit = graph.constant(1 / (1 - error**2))
     widening = graph.apply("Add", graph.apply("Mul", step2, unit), unit)
     return Tempered(graph, widening, error)
