@@ -302,6 +302,6 @@ def test_a_mounting_tolerance_is_modelled_only_where_it_matters() -> None:
     assert physics(small).sensors.mounting_tolerance_mm == 0
     assert priced(large)["mounting tolerance"].verdict == "floor"
     assert physics(large).sensors.mounting_tolerance_mm == 1.0
-    # The slope of the beam is largest at its supports under a load in the middle: 3 times the deflection over the length.
+    # Under a load in the middle the slope at a support is 3 times the deflection over the length.
     expected = 3 * max_deflection_mm(large) / 400 / noise_of(large, choose_filter(large)).sample_mm
     assert price(large, "mounting tolerance") == pytest.approx(expected, rel=0.05)
