@@ -251,7 +251,7 @@ def _limit_percent(physics: Physics) -> float:
     """The limit of the layout of two sensors, as a trade with 256 draws measures it."""
     noise_mm = physics.noise.sample_mm
     layout = np.array(fewest_sensors(physics.scene, noise_mm, 2, 0).positions_mm)
-    contacts = simulated_enough(Prior.of(physics.scene, layout, noise_mm), 256, 1)
+    contacts = simulated_enough(Prior.real(physics.scene, layout, noise_mm), 256, 1)
     assert contacts.deviation_mm is not None
     return mean_of(contacts.deviation_mm, contacts.weight).value / physics.scene.beam.length_mm * 100
 

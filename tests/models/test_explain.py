@@ -20,6 +20,9 @@ NAMES = [
     "dynamics",
     "sensor curve",
     "ADC steps",
+    "gain error",
+    "zero drift",
+    "mounting tolerance",
 ]
 
 

@@ -87,7 +87,7 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
     ("key", "value", "said"),
     [
         ("beamtouch.schema_version", "3", "beamtouch.schema_version"),
-        ("beamtouch.schema_version", "1", r"rebuild it from its own scene: design-sensors build .*changed\.onnx"),
+        ("beamtouch.schema_version", "1", r"rebuild it .* with `design-sensors build .*changed\.onnx -o"),
         ("beamtouch.floor", '{"gain": [0.1], "zero_mm": [0]}', "thresholds and floor: each list must have 4 entries"),
         ("beamtouch.layout", "[]", "beamtouch.layout"),
         ("beamtouch.noise", None, "beamtouch.noise: Field required"),
