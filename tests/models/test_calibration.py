@@ -75,7 +75,8 @@ def test_ten_loads_bring_the_error_to_the_limit(bench: ModelFile, calibrated: Ca
     after, held = error_over_limit(fresh, real)
     assert before > 2
     assert after < 1.1  # measured over twenty surfaces: 0.98 to 1.05
-    assert 0.94 < held < 0.97
+    # The floor allows for errors of gain and zero that this surface has not got beyond those that were fitted.
+    assert 0.94 < held < 0.995
     assert calibrated.after_mm.mean() < 0.3 * calibrated.before_mm.mean()
 
 
