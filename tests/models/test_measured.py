@@ -15,11 +15,12 @@ from beamtouch_models.accuracy.touch import (
     touch_thresholds,
 )
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.measured import measured
+from beamtouch_models.building.measured import measured, thresholds_of
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing.noise import choose_filter, noise_of
+from beamtouch_models.pricing.prices import changed
 from beamtouch_models.scene import load_scene
 from beamtouch_models.session import Run, runner
 from beamtouch_models.whitening import whitening
@@ -108,6 +109,19 @@ def test_the_smallest_force_is_seen_in_19_of_20_samples() -> None:
     odds = answers_of(graph_of(prior), prior, clean + rng.normal(scale=prior.noise_mm, size=clean.shape))
     seen = (odds["contact_log_odds"] > threshold).reshape(3, 4000).mean(axis=1)
     assert seen == pytest.approx([0.95] * 3, abs=0.02)
+
+
+def test_fewer_false_contacts_cost_a_little_force() -> None:
+    scene, _ = load_scene(SCENES / "bench.toml")
+    prior = prior_of("bench", 3, 0.1, known=False)
+    monthly, daily = (
+        thresholds_of(prior, changed(scene, "requirements", false_contacts_per_day=per_day), choose_filter(scene), 1)
+        for per_day in (1 / 30, 1.0)
+    )
+    # The odds of rest fall by e for each unit of the log odds, nearly.
+    assert monthly.touch[-1] - daily.touch[-1] == pytest.approx(np.log(30), rel=0.1)
+    weakest = [smallest_force_n(prior, one.touch[-1], np.array([200.0]))[0] for one in (monthly, daily)]
+    assert 1 < weakest[0] / weakest[1] < 1.2
 
 
 def test_misfit_thresholds_are_quantiles_of_chi_square() -> None:
