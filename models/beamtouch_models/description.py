@@ -24,6 +24,11 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
         ("sensors", f"{layout} mm from the left end; at least {metadata.min_channels} must work"),
         ("contact", f"{low:g}..{high:g} mm, {force}"),
         ("sensor", f"{gap}, {sensor.adc_bits} bits, {sensor.rate_hz:g} Hz"),
+        (
+            "floor",
+            f"gains {_several(metadata.floor.gain, 100, '%')}, zeros {_several(metadata.floor.zero_mm, 1000, 'um')}",
+        ),
+        ("touch", _touch(metadata)),
         ("filter", "none" if chosen.kind == "none" else smoothing),
         ("noise", f"{noise.reading_mm:.3g} mm per reading, {noise.sample_mm:.3g} mm per sample"),
         ("error", f"{error} of the length, on average"),
@@ -33,6 +38,23 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
         *_calibration(metadata),
     ]
     return "\n".join(f"{label:<8} {text}" for label, text in rows)
+
+
+def _several(values: list[float], factor: float, unit: str) -> str:
+    """Return the values as one number, or as their range."""
+    low, high = min(values) * factor, max(values) * factor
+    return f"+- {low:.2g} {unit}" if low == high else f"+- {low:.2g}..{high:.2g} {unit}"
+
+
+def per_day(rate: float) -> str:
+    """Return a number per day in words."""
+    return f"{rate:.2g} a day" if rate >= 1 else f"one in {1 / rate:.3g} days"
+
+
+def _touch(metadata: Metadata) -> str:
+    seen, often = metadata.smallest_force.force_n, per_day(metadata.thresholds.false_contacts_per_day)
+    ends = f"{seen[0]:.2g} and {seen[-1]:.2g} N at the ends"
+    return f"at least {min(seen):.2g} N is seen, {ends} of the range; false contacts at rest: {often}"
 
 
 def _calibration(metadata: Metadata) -> list[tuple[str, str]]:

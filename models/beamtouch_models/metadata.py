@@ -1,19 +1,22 @@
 """The metadata of a model file: everything that is needed to run its graph."""
 
 import json
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveFloat, ValidationError, model_validator
 
 from beamtouch_models.errors import ModelFileError
 
-SCHEMA_VERSION: Literal[1] = 1
+SCHEMA_VERSION: Literal[2] = 2
 METADATA_PREFIX = "beamtouch."
-INPUTS = ("deflection_mm", "valid")
-POSITION_OUTPUTS = ("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds")
+THIS_FILE = "MODEL.onnx"
+"""Stands for the name of the file in a message; the loader knows the name."""
+INPUTS = ("deflection_mm", "whitening_per_mm")
+POSITION_OUTPUTS = ("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds", "misfit")
 FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
 
 _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
+_Deviation = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
@@ -44,6 +47,56 @@ class Noise(_Strict):
     reading_mm: float = Field(ge=0)
     sample_mm: float = Field(ge=0)
     """After the filter; the model is made for this noise."""
+
+
+class Floor(_Strict):
+    """Errors that calibration leaves and that never average away: standard deviations per channel."""
+
+    gain: list[_Deviation]
+    """Relative error of the gain."""
+    zero_mm: list[_Deviation]
+    """Error of the zero."""
+
+
+class Thresholds(_Strict):
+    """Thresholds for any covariance, by the number of valid channels; the first entries are for one channel."""
+
+    touch: list[FiniteFloat]
+    """A sample is a contact if `contact_log_odds` exceeds this."""
+    rest: list[PositiveFloat]
+    """Rest does not explain a sample if the sum of squares of the whitened sample exceeds this."""
+    misfit: list[PositiveFloat | None]
+    """No single contact explains a sample if `misfit` exceeds this; None where so few channels fit any contact."""
+    false_contacts_per_day: PositiveFloat
+    """Contacts per day at rest that `touch` was chosen for."""
+
+
+class DrawnSupport(_Strict):
+    """A support of the beam, as a page draws it."""
+
+    at_mm: FiniteFloat
+    kind: Literal["simple", "fixed"]
+
+
+class Drawn(_Strict):
+    """The beam as a page draws it."""
+
+    supports: list[DrawnSupport]
+    """From left to right."""
+    at_mm: list[FiniteFloat]
+    """Positions along the beam at which the deflection is given."""
+    load_mm: list[FiniteFloat]
+    """Positions of the contact for which it is given."""
+    deflection_mm_per_n: list[list[FiniteFloat]]
+    """For each position of the contact, the deflection along the beam."""
+
+
+class Seen(_Strict):
+    """The smallest force that a settled sample shows along the beam, with all channels."""
+
+    position_mm: list[FiniteFloat]
+    force_n: list[PositiveFloat]
+    """Of 100 settled samples at this force, 95 are a contact."""
 
 
 class FilterChoice(_Strict):
@@ -121,14 +174,14 @@ class Golden(_Strict):
     """Inputs with the answers that the graph gave when it was built."""
 
     deflection_mm: list[list[FiniteFloat]] = Field(min_length=1)
-    valid: list[list[bool]] = Field(min_length=1)
+    whitening_per_mm: list[list[list[FiniteFloat]]] = Field(min_length=1)
     answers: dict[str, list[FiniteFloat]]
 
 
 class Metadata(_Strict):
     """The metadata of a model file: each field is one entry, as JSON, named `beamtouch.<field>`."""
 
-    schema_version: Literal[1] = SCHEMA_VERSION
+    schema_version: Literal[2] = SCHEMA_VERSION
     name: str = Field(pattern=_NAME)
     """Name of the scene, and of the surface unless a configuration gives another."""
     estimator: str
@@ -141,10 +194,13 @@ class Metadata(_Strict):
     max_deflection_mm: PositiveFloat
     """Largest deflection in the scene, anywhere on the beam, at the largest force."""
     noise: Noise
+    floor: Floor
     filter: FilterChoice
     sensor: Sensor
-    contact_threshold: FiniteFloat
-    """A sample is a contact if `contact_log_odds` exceeds this; unused if the graph does not give them."""
+    thresholds: Thresholds
+    """Unused if the graph gives neither log odds nor a misfit."""
+    smallest_force: Seen
+    drawn: Drawn
     seed: int
     accuracy: Accuracy
     calibration: Calibration | None = None
@@ -162,9 +218,15 @@ class Metadata(_Strict):
         if self.min_channels > len(names):
             message = f"min_channels: {self.min_channels} of {len(names)} channels"
             raise ValueError(message)
-        rows: list[list[float] | list[bool]] = [*self.golden.deflection_mm, *self.golden.valid]
-        if len(self.golden.valid) != len(self.golden.deflection_mm) or any(len(row) != len(names) for row in rows):
+        golden = self.golden
+        rows: list[list[float]] = [*golden.deflection_mm, *(row for one in golden.whitening_per_mm for row in one)]
+        if any(len(row) != len(names) for row in rows) or len(rows) != len(golden.deflection_mm) * (len(names) + 1):
             message = f"golden: every row of inputs must have {len(names)} channels"
+            raise ValueError(message)
+        limits = self.thresholds
+        each: list[list[Any]] = [limits.touch, limits.rest, limits.misfit, self.floor.gain, self.floor.zero_mm]
+        if any(len(values) != len(names) for values in each):
+            message = f"thresholds and floor: each list must have {len(names)} entries"
             raise ValueError(message)
         return self
 
@@ -181,6 +243,12 @@ class Metadata(_Strict):
         }
         if not ours:
             message = "it is an ONNX file but not a Beamtouch model: it has no beamtouch metadata"
+            raise ModelFileError(message)
+        if ours.get("schema_version") == "1":
+            message = (
+                "schema version 1, from before samples stated their covariance; rebuild it from its own scene with "
+                f"`design-sensors build {THIS_FILE} -o {THIS_FILE}`, and calibrate it again if it was calibrated"
+            )
             raise ModelFileError(message)
         try:
             return cls.model_validate({key: json.loads(text) for key, text in ours.items()})

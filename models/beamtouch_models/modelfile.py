@@ -16,7 +16,7 @@ import numpy as np
 import onnxruntime as ort
 
 from beamtouch_models import description, session
-from beamtouch_models.arrays import Bools, Floats32
+from beamtouch_models.arrays import Floats32
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.metadata import (
     FORCE_OUTPUTS,
@@ -24,23 +24,30 @@ from beamtouch_models.metadata import (
     METADATA_PREFIX,
     POSITION_OUTPUTS,
     SCHEMA_VERSION,
+    THIS_FILE,
     Accuracy,
     Calibration,
     Channel,
     Departures,
+    Drawn,
     FilterChoice,
+    Floor,
     Golden,
     Metadata,
     Noise,
     Ranges,
+    Seen,
     Sensor,
+    Thresholds,
 )
 from beamtouch_models.session import Answers, session_options
+from beamtouch_models.whitening import whitening
 
 __all__ = [
     "FORCE_OUTPUTS", "INPUTS", "METADATA_PREFIX", "POSITION_OUTPUTS", "SCHEMA_VERSION",
-    "Accuracy", "Answers", "Calibration", "Channel", "Departures", "FilterChoice", "Golden", "Metadata", "ModelFile",
-    "ModelFileError", "Noise", "Ranges", "Sensor", "load", "load_bytes", "read", "session_options",
+    "Accuracy", "Answers", "Calibration", "Channel", "Departures", "Drawn", "FilterChoice", "Floor", "Golden",
+    "Metadata", "ModelFile", "ModelFileError", "Noise", "Ranges", "Seen", "Sensor", "Thresholds", "load", "load_bytes",
+    "read", "session_options", "whitening",
 ]  # fmt: skip
 
 GOLDEN_TOLERANCE = 1e-3
@@ -70,19 +77,19 @@ class ModelFile:
         """Return the metadata as text, each number with its unit and reference."""
         return description.summary(self.metadata, self.identity, self.outputs)
 
-    def estimate(self, deflection_mm: Floats32, valid: Bools) -> Answers:
+    def estimate(self, deflection_mm: Floats32, whitening_per_mm: Floats32) -> Answers:
         """Answer a batch.
 
         Parameters
         ----------
-        deflection_mm : (batch, channels) float32, mm, in the order of the layout; invalid channels are ignored
-        valid : (batch, channels) bool
+        deflection_mm : (batch, channels) float32, in the order of the layout, 0 for a channel that is missing
+        whitening_per_mm : (batch, channels, channels) float32, as `whitening` returns it
 
         Returns
         -------
         One float32 array (batch,) per output name.
         """
-        values = self.session.run(None, {"deflection_mm": deflection_mm, "valid": valid})
+        values = self.session.run(None, dict(zip(INPUTS, (deflection_mm, whitening_per_mm), strict=True)))
         return dict(zip(self.outputs, values, strict=True))
 
 
@@ -151,7 +158,7 @@ def load_bytes(content: bytes, origin: str) -> ModelFile:
         _check_golden(model)
         trusted = _open(session.open_session, content)
     except ModelFileError as error:
-        message = f"{origin}: {error}"
+        message = f"{origin}: {error}".replace(THIS_FILE, origin)
         raise ModelFileError(message) from None
     return replace(model, session=trusted)
 
@@ -181,7 +188,8 @@ def _check_signature(model: ModelFile) -> None:
 def _check_golden(model: ModelFile) -> None:
     golden = model.metadata.golden
     with session.limited() as options:
-        rows = [_one_row(model, options, *row) for row in zip(golden.deflection_mm, golden.valid, strict=True)]
+        inputs = zip(golden.deflection_mm, golden.whitening_per_mm, strict=True)
+        rows = [_one_row(model, options, *row) for row in inputs]
     for name in model.outputs:
         found = np.array([row[name] for row in rows], np.float32)
         expected = np.array(golden.answers.get(name, []), np.float32)
@@ -193,10 +201,11 @@ def _check_golden(model: ModelFile) -> None:
 
 
 def _one_row(
-    model: ModelFile, options: ort.RunOptions, deflection_mm: list[float], valid: list[bool]
+    model: ModelFile, options: ort.RunOptions, deflection_mm: list[float], whitening_per_mm: list[list[float]]
 ) -> dict[str, float]:
     """Answer one sample as the service does; raises ModelFileError if the graph cannot."""
-    inputs = {"deflection_mm": np.array([deflection_mm], np.float32), "valid": np.array([valid], np.bool_)}
+    given = (np.array([values], np.float32) for values in (deflection_mm, whitening_per_mm))
+    inputs = dict(zip(INPUTS, given, strict=True))
     try:
         values = model.session.run(None, inputs, options)
         return {name: float(value.reshape(())) for name, value in zip(model.outputs, values, strict=True)}

@@ -52,6 +52,12 @@ class Sensors(Strict):
     """Standard deviation of a reading."""
     noise_percent_of_max: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Standard deviation of a reading in percent of the largest deflection in the scene."""
+    gain_error_percent: Annotated[float, Field(ge=0, le=100)] | None = None
+    """Standard deviation of each sensor's gain after calibration, in percent; by default 0.3."""
+    zero_drift_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    """Standard deviation of each sensor's zero since the last tare; by default a fifth of the noise of a reading."""
+    mounting_tolerance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Standard deviation of each sensor's position along the beam."""
     rate_hz: PositiveFinite = 100.0
     range_mm: tuple[PositiveFinite, PositiveFinite] = (1.0, 4.0)
     """Smallest and largest gap between which the sensor is linear."""
@@ -104,6 +110,8 @@ class Requirements(Strict):
     """Largest mean error; it decides the number of sensors if the scene leaves that open."""
     latency_ms: PositiveFinite | None = None
     """Time that the filter may take; by default there is no filter."""
+    false_contacts_per_day: PositiveFinite = 1 / 30
+    """Contacts per day that may be stated although nothing touches; by default one a month."""
     descriptors: tuple[Descriptor, ...] = ("position",)
 
 

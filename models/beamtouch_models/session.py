@@ -9,15 +9,16 @@ from typing import Any
 
 import numpy as np
 import onnxruntime as ort
+from numpy.typing import NDArray
 
-from beamtouch_models.arrays import Bools, Floats32
+from beamtouch_models.arrays import Floats32
 
 Answers = dict[str, Floats32]
 """One array (batch,) per output of a graph."""
-Run = Callable[[Floats32, Bools], Answers]
-"""Takes deflections in mm and validity, both (batch, channels)."""
+Run = Callable[[NDArray[np.floating], NDArray[np.floating]], Answers]
+"""Takes deflections in mm (batch, channels) and their whitening in 1/mm (batch, channels, channels)."""
 
-CHUNK = 256
+CHUNK = 64
 """Samples per call of a runner, few enough for the cache."""
 MAX_MEMORY_BYTES = 64 * 1024 * 1024
 """Memory that all graphs on trial share for intermediate results; a sample of a real model takes under 1 MiB."""
@@ -93,10 +94,12 @@ def runner(content: bytes) -> Run:
     """Return a function that runs an ONNX file's content on many samples, in chunks that fit the cache."""
     session = open_session(content)
     names = [output.name for output in session.get_outputs()]
+    deflection, whitening = (entry.name for entry in session.get_inputs())
 
-    def run(deflection_mm: Floats32, valid: Bools) -> Answers:
-        chunks = [slice(start, start + CHUNK) for start in range(0, len(deflection_mm), CHUNK)]
-        parts = [session.run(None, {"deflection_mm": deflection_mm[c], "valid": valid[c]}) for c in chunks]
+    def run(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
+        reading, weights = deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32)
+        chunks = [slice(start, start + CHUNK) for start in range(0, len(reading), CHUNK)]
+        parts = [session.run(None, {deflection: reading[c], whitening: weights[c]}) for c in chunks]
         return {name: np.concatenate([part[index] for part in parts]) for index, name in enumerate(names)}
 
     return run

@@ -203,14 +203,14 @@ def estimates(model: modelfile.ModelFile) -> dict[str, object]:
     """One sample through the model as the service does it, against the bare call of the runtime, in turns."""
     golden = model.metadata.golden
     values = np.array(golden.deflection_mm[:1], np.float32)
-    valid = np.ones(values.shape, np.bool_)
+    weights = np.array(golden.whitening_per_mm[:1], np.float32)
     inference = Inference(model)
-    feed = {"deflection_mm": values, "valid": valid}
+    feed = {"deflection_mm": values, "whitening_per_mm": weights}
     mine, bare = [], []
     for _ in range(TURNS):
         begin_s = perf_counter()
         for _ in range(ESTIMATES):
-            inference.ask(values, valid)
+            inference.ask(values, weights)
         middle_s = perf_counter()
         for _ in range(ESTIMATES):
             model.session.run(None, feed)

@@ -27,6 +27,7 @@ from beamtouch_models.building.daemon_config import daemon_config
 from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import load_scene
+from beamtouch_service.surfaces.estimates import whitening_of
 from daemon.devices import pymodbus_server
 from daemon.process import started
 from example_scenes import SCENES
@@ -121,8 +122,9 @@ def readings_needed(settings: Surface, beam: VirtualSurface, model: modelfile.Mo
         counts = tuple(beam.counts(LOAD, 0.0))
         (taken,) = pipeline.process([Reading((19 + count) * period_s, counts)], 0.0)
         values = np.array([taken.sample.deflection_mm], np.float32)
-        odds = float(model.estimate(values, np.ones(values.shape, np.bool_))["contact_log_odds"][0])
-        if odds > model.metadata.contact_threshold:
+        weights = whitening_of(model, values, np.ones(values.shape, np.bool_))
+        odds = float(model.estimate(values, weights)["contact_log_odds"][0])
+        if odds > model.metadata.thresholds.touch[-1]:
             return count
     message = "the load is no contact"
     raise AssertionError(message)

@@ -38,9 +38,9 @@ def baselines(case: Case) -> list[dict[str, object]]:
         start = time.perf_counter()
         made = estimator_of(name, prior, with_force=False, seed=SEED, progress=lambda _done: None)
         took = time.perf_counter() - start
-        content, single = to_bytes(made.graph), reading.astype(np.float32)
-        answers = runner(content)(single, np.ones(single.shape, np.bool_))["position_mm"]
-        calls[name] = answer_of(content, single[:1])
+        content, weights = to_bytes(made.graph), prior.whitening(reading)
+        answers = runner(content)(reading, weights)["position_mm"]
+        calls[name] = answer_of(content, reading[:1], weights[:1])
         rows.append(_row(case, name, np.abs(answers - truth), best, took))
     for name, model in _regressors(prior).items():
         start = time.perf_counter()

@@ -84,8 +84,8 @@ def case_row(case: Case) -> dict[str, object]:
     prior, drawn, best = drawn_of(case)
     design = design_for(prior)
     content = to_bytes(posterior_graph(prior, with_force=not case.known))
-    reading = drawn.deflection_mm.astype(np.float32)
-    answers = runner(content)(reading, np.ones(reading.shape, np.bool_))
+    reading = drawn.deflection_mm
+    answers = runner(content)(reading, prior.whitening(reading))
     ratio = ratio_of(np.abs(answers["position_mm"] - drawn.position_mm), best)
 
     def held(quantity: str, unit: str, truth: Array) -> float:
@@ -112,12 +112,12 @@ def latency_rows() -> list[dict[str, object]]:
     for name in ("paper", "bench", "conveyor"):
         scene, _ = load_scene(SCENES / f"{name}.toml")
         count = scene.sensors.count_range[0]
-        prior = Prior.of(scene, np.array(placed(name, count)[1]), noise_of(scene, choose_filter(scene)).sample_mm)
-        reading = limit.draw(prior, 1, SEED).deflection_mm.astype(np.float32)
+        prior = Prior.real(scene, np.array(placed(name, count)[1]), noise_of(scene, choose_filter(scene)).sample_mm)
+        reading = limit.draw(prior, 1, SEED).deflection_mm
         calls: dict[str, Callable[[], object]] = {}
         for estimator in NAMES:
             made = estimator_of(estimator, prior, with_force=scene.wants_force, seed=SEED, progress=lambda _done: None)
-            calls[estimator] = answer_of(to_bytes(made.graph), reading)
+            calls[estimator] = answer_of(to_bytes(made.graph), reading, prior.whitening(reading))
         times = in_turns(calls)
         ten = times["paper-network"]
         for estimator in NAMES[:-1]:
@@ -135,10 +135,10 @@ def latency_rows() -> list[dict[str, object]]:
     return rows
 
 
-def answer_of(content: bytes, reading: NDArray[np.float32]) -> Callable[[], object]:
+def answer_of(content: bytes, reading: Array, whitening: Array) -> Callable[[], object]:
     """A call that answers one sample."""
     session = ort.InferenceSession(content, session_options(), providers=["CPUExecutionProvider"])
-    feed = {"deflection_mm": reading, "valid": np.ones(reading.shape, np.bool_)}
+    feed = {"deflection_mm": reading.astype(np.float32), "whitening_per_mm": whitening.astype(np.float32)}
     return lambda: session.run(None, feed)
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from beamtouch_models import cli
-from beamtouch_models.accuracy import rest
+from beamtouch_models.accuracy import evaluation
 from beamtouch_models.rig import cli as rig_cli
 from beamtouch_models.trade import points, timing
 from in_process import Command, command_of
@@ -32,4 +32,4 @@ def short_timing(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def few_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few samples at rest are drawn, for tests that do not ask how many exceed the threshold of contact."""
-    monkeypatch.setattr(rest, "REST_DRAWS", 2**12)
+    monkeypatch.setattr(evaluation, "REST_DRAWS", 2**12)

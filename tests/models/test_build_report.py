@@ -72,7 +72,7 @@ def test_the_page_is_complete_and_makes_no_requests(facts: Facts) -> None:
 def test_every_figure_and_table_is_described_for_screen_readers(facts: Facts) -> None:
     tags = Tags(page(facts))
     figures = tags.of("svg")
-    assert len(figures) == len(tags.of("figure")) == len(tags.of("figcaption")) == 5
+    assert len(figures) == len(tags.of("figure")) == len(tags.of("figcaption")) == 6
     assert all(figure["role"] == "img" and len(figure["aria-label"]) > 30 for figure in figures)
     assert len(tags.of("caption")) == len(tags.of("table"))
     assert all(cell["scope"] in {"row", "col"} for cell in tags.of("th"))

@@ -43,7 +43,9 @@ def error_over_limit(model: ModelFile, real: Imperfections) -> tuple[float, floa
     prior = true_prior(model.metadata, real)
     drawn = limit.draw(prior, 4000, 9)
     stated = prior.stated(drawn.deflection_mm).astype(np.float32)
-    answers = model.estimate(stated, np.ones(stated.shape, np.bool_))
+    answers = model.estimate(
+        stated, prior_of_model(model.metadata).whitening(stated.astype(np.float64)).astype(np.float32)
+    )
     best = np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm).mean()
     held = (answers["position_low_mm"] <= drawn.position_mm) & (drawn.position_mm <= answers["position_high_mm"])
     return float(np.abs(answers["position_mm"] - drawn.position_mm).mean() / best), float(held.mean())
@@ -56,7 +58,8 @@ def test_ten_loads_bring_the_error_to_the_limit(bench: ModelFile, calibrated: Ca
     after, held = error_over_limit(fresh, real)
     assert before > 2
     assert after < 1.1  # measured over twenty surfaces: 0.98 to 1.05
-    assert 0.94 < held < 0.97
+    # The floor allows for errors of gain and zero that this surface has not got beyond those that were fitted.
+    assert 0.94 < held < 0.995
     assert calibrated.after_mm.mean() < 0.3 * calibrated.before_mm.mean()
 
 
@@ -77,10 +80,16 @@ def test_the_file_says_what_was_fitted_and_rebuilds_from_itself(calibrated: Cali
     assert calibration.loads == 10
     assert calibration.fitted == list(calibrated.fit.kinds)
     prior = prior_of_model(fresh.metadata)
-    assert prior.noise_mm == pytest.approx(np.hypot(bench.metadata.noise.sample_mm, calibration.residual_mm))
+    # What the fit leaves is no noise: it stays when readings are averaged.
+    assert prior.noise_mm == bench.metadata.noise.sample_mm
+    floor = np.hypot(bench.metadata.floor.zero_mm, calibration.residual_mm)
+    assert prior.zero_mm == pytest.approx(floor)
+    assert fresh.metadata.floor.zero_mm == pytest.approx(floor.tolist())
     drawn = limit.draw(prior, 2000, 3)
     stated = prior.stated(drawn.deflection_mm).astype(np.float32)
-    answers = fresh.estimate(stated, np.ones(stated.shape, np.bool_))
+    answers = fresh.estimate(
+        stated, prior_of_model(fresh.metadata).whitening(stated.astype(np.float64)).astype(np.float32)
+    )
     best = limit.posterior_median_mm(prior, drawn.deflection_mm)
     assert np.abs(answers["position_mm"] - drawn.position_mm).mean() < 1.02 * np.abs(best - drawn.position_mm).mean()
     # What is stated is undone by the graph: y + curve y^2 is the deflection again.

@@ -1,6 +1,7 @@
 """The command `design-sensors`, run as a user runs it."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
+import onnx
 import pytest
 
 from beamtouch_models import modelfile
@@ -33,7 +35,9 @@ def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(tmp
     assert described["seed"] == 7
     assert described["max_deflection_mm"] == pytest.approx(1.1287477954, rel=1e-9)
     assert described["noise_mm"] == pytest.approx(0.02 * 1.1287477954, rel=1e-9)
-    assert described["outputs"] == ["position_mm", "position_low_mm", "position_high_mm", "contact_log_odds"]
+    assert described["outputs"] == ["position_mm", "position_low_mm", "position_high_mm", "contact_log_odds", "misfit"]
+    assert described["floor"] == {"gain": [0.0] * 3, "zero_mm": [0.0] * 3}
+    assert len(described["thresholds"]["touch"]) == 3
     assert described["accuracy"]["ratio"] < 1.3
     assert modelfile.load(model).identity == described["model"]
     channels = tomllib.loads(config.read_text())["surfaces"]["paper"]["channels"]
@@ -47,8 +51,34 @@ def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(tmp
     assert json.loads(inspected.stdout) == described
 
 
+@pytest.mark.long
+def test_a_model_of_schema_1_is_refused_with_the_command_that_rebuilds_it(bench_model: Path, tmp_path: Path) -> None:
+    old = onnx.load(bench_model)
+    for entry in old.metadata_props:
+        if entry.key == "beamtouch.schema_version":
+            entry.value = "1"
+    path = tmp_path / "bench.onnx"
+    onnx.save(old, path)
+    refused = design_sensors("inspect", path)
+    assert refused.returncode == 2
+    command = re.search(r"`design-sensors (build [^`]*)`", refused.stderr)
+    assert command is not None
+    done = design_sensors(*command[1].split())
+    assert done.returncode == 0, done.stderr
+    assert path.read_bytes() == bench_model.read_bytes()
+
+
+def test_a_file_without_a_scene_cannot_be_rebuilt(tmp_path: Path) -> None:
+    (tmp_path / "no.onnx").write_bytes(b"no model")
+    done = design_sensors("build", tmp_path / "no.onnx", "-o", tmp_path / "new.onnx")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "not a model file that holds its scene" in done.stderr
+
+
 def test_inspect_for_a_person(bench_model: Path) -> None:
     done = design_sensors("inspect", bench_model)
+    assert "gains +- 0.3 %, zeros +- 1 um" in done.stdout
+    assert "false contacts at rest: one in 30 days" in done.stdout
     assert done.returncode == 0
     assert "s1 68, s2 156, s3 244, s4 332 mm" in done.stdout
     assert "error over limit" in done.stdout

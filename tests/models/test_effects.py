@@ -15,6 +15,7 @@ from beamtouch_models.accuracy.statistics import mean_of
 from beamtouch_models.building.build import Choices, build, sensor_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.physics.dynamics import first_frequency_hz, ringing_after_filter, sag_mm, slowest_period_ms
 from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing import effects as effects_module
@@ -277,7 +278,7 @@ def _limit_percent(physics: Physics) -> float:
     """The limit of the layout of two sensors, as a trade with 256 draws measures it."""
     noise_mm = physics.noise.sample_mm
     layout = np.array(fewest_sensors(physics.scene, noise_mm, 2, 0).positions_mm)
-    contacts = simulated_enough(Prior.of(physics.scene, layout, noise_mm), 256, 1)
+    contacts = simulated_enough(Prior.real(physics.scene, layout, noise_mm), 256, 1)
     assert contacts.deviation_mm is not None
     return mean_of(contacts.deviation_mm, contacts.weight).value / physics.scene.beam.length_mm * 100
 
@@ -308,3 +309,26 @@ def test_extreme_noise_gives_prices_or_a_refusal(noise: float) -> None:
 def test_a_mass_beyond_float64_is_refused() -> None:
     with pytest.raises(SceneError, match="its mass cannot be computed"):
         effects(scene_with({"beam": {"density_kg_m3": 1e-320}}))
+
+
+def test_the_errors_that_calibration_leaves_are_priced_and_belong_to_the_floor() -> None:
+    scene = scene_with({"sensors": {"gain_error_percent": 1.0, "zero_drift_mm": 0.01}})
+    noise_mm, found = noise_of(scene, choose_filter(scene)).sample_mm, priced(scene)
+    # The largest deflection is that in the middle of the beam, 2 % of it the noise: 1 % of gain is half the noise.
+    assert found["gain error"].price == pytest.approx(0.5, rel=1e-3)
+    assert found["zero drift"].price == pytest.approx(0.01 / noise_mm)
+    assert found["gain error"].verdict == found["zero drift"].verdict == "floor"
+    taken = priced(scene_with())
+    assert "as the scene states none" in taken["gain error"].reason
+    assert (taken["gain error"].price, taken["zero drift"].price) == pytest.approx((0.15, 0.2), rel=1e-3)
+
+
+def test_a_mounting_tolerance_is_modelled_only_where_it_matters() -> None:
+    small, large = (scene_with({"sensors": {"mounting_tolerance_mm": tolerance}}) for tolerance in (0.01, 1.0))
+    assert priced(small)["mounting tolerance"].verdict == "out"
+    assert physics(small).sensors.mounting_tolerance_mm == 0
+    assert priced(large)["mounting tolerance"].verdict == "floor"
+    assert physics(large).sensors.mounting_tolerance_mm == 1.0
+    # Under a load in the middle the slope at a support is 3 times the deflection over the length.
+    expected = 3 * max_deflection_mm(large) / 400 / noise_of(large, choose_filter(large)).sample_mm
+    assert price(large, "mounting tolerance") == pytest.approx(expected, rel=0.05)

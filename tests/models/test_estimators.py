@@ -29,7 +29,7 @@ def test_the_papers_network_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:
     network = trained_as_in_the_paper(prior, 0)
     position = np.linspace(40, 360, 50)
     deflection = prior.force_n[1] * prior.influence_at(position)
-    answers = answers_of(paper_graph(network), deflection, np.zeros(deflection.shape, np.bool_))
+    answers = answers_of(paper_graph(network), prior, deflection)
     assert list(answers) == ["position_mm"]
     assert answers["position_mm"] == pytest.approx(network.estimate_mm(deflection), abs=1e-2)
     # Without noise it knows the position to a percent or so of the length.

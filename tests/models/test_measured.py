@@ -1,14 +1,30 @@
-"""What is measured of an estimator: the threshold of contact, the accuracy, the golden answers."""
+"""What is measured of an estimator: the thresholds of touch, the accuracy, the golden answers."""
+
+from itertools import combinations
 
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.rest import FALSE_ALARM_RATE, contact_threshold
-from beamtouch_models.building.measured import _for_odds, measured
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.touch import (
+    directions,
+    misfit_thresholds,
+    rate_per_sample,
+    rest_like_contact,
+    smallest_force_n,
+    touch_thresholds,
+)
+from beamtouch_models.arrays import Floats
+from beamtouch_models.building.measured import measured, thresholds_of
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.export import to_bytes
-from beamtouch_models.session import runner
+from beamtouch_models.placement import fewest_sensors
+from beamtouch_models.pricing.noise import choose_filter, noise_of
+from beamtouch_models.pricing.removal import changed
+from beamtouch_models.scene import load_scene
+from beamtouch_models.session import Run, runner
+from beamtouch_models.whitening import whitening
+from example_scenes import SCENES
 from posterior_cases import answers_of, graph_of, prior_of
 
 
@@ -16,41 +32,113 @@ from posterior_cases import answers_of, graph_of, prior_of
 @pytest.mark.parametrize("rate", [1e-2, 1e-3])
 def test_samples_at_rest_exceed_the_threshold_at_the_stated_rate(sensors: int, rate: float) -> None:
     prior = prior_of("bench", sensors, 1.0, known=False)
-    made = estimator_of("posterior", prior, with_force=False, seed=0, progress=lambda _done: None)
-    run = runner(to_bytes(_for_odds(made.graph)))
-    threshold = contact_threshold(prior, run, 3, rate)
-    draws = 200_000
-    rest = np.random.default_rng(9).normal(scale=prior.noise_mm, size=(draws, sensors)).astype(np.float32)
-    found = (run(rest, np.ones(rest.shape, np.bool_))["contact_log_odds"] > threshold).mean()
-    assert found == pytest.approx(rate, abs=4 * (rate / draws) ** 0.5 + 0.05 * rate)
+    threshold = touch_thresholds(prior, rate, 3)[-1]
+    draws = 100_000
+    rest = np.random.default_rng(9).normal(scale=prior.noise_mm, size=(draws, sensors))
+    found = (answers_of(graph_of(prior), prior, rest)["contact_log_odds"] > threshold).mean()
+    assert found == pytest.approx(rate, abs=4 * (rate / draws) ** 0.5 + 0.1 * rate)
 
 
 def test_the_threshold_of_a_single_channel_is_the_normal_tail() -> None:
-    # One channel on a beam whose influence is the same everywhere: the odds grow with the reading, and the rarest
-    # millionth of a normal distribution lies above 4.7534 deviations (tables; scipy.stats.norm.isf agrees).
+    # The rarest millionth of a normal distribution lies above 4.7534 deviations (tables); the odds are half its square.
     prior = prior_of("cantilever", 1, 2.0, known=True)
-    made = estimator_of("posterior", prior, with_force=False, seed=0, progress=lambda _done: None)
-    run = runner(to_bytes(_for_odds(made.graph)))
-    threshold = contact_threshold(prior, run, 1, FALSE_ALARM_RATE)
-    reading = np.linspace(0, 8, 8001, dtype=np.float32)[:, None] * np.float32(prior.noise_mm)
-    odds = run(reading, np.ones(reading.shape, np.bool_))["contact_log_odds"]
-    assert (np.diff(odds) >= -1e-4).all()
-    assert reading[np.searchsorted(odds, threshold), 0] / prior.noise_mm == pytest.approx(4.7534, abs=0.03)
+    (threshold,) = touch_thresholds(prior, 1e-6, 1)
+    assert threshold == pytest.approx(4.7534**2 / 2, abs=0.15)
 
 
-def test_the_odds_alone_are_those_of_the_whole() -> None:
-    prior = prior_of("bench", 4, 1.0, known=False)
-    graph = graph_of(prior)
-    readings = limit.draw(prior, 1000, 2).deflection_mm
-    alone = answers_of(_for_odds(graph), readings)
-    assert list(alone) == ["contact_log_odds"]
-    assert np.array_equal(alone["contact_log_odds"], answers_of(graph, readings)["contact_log_odds"])
+def exceeding(
+    run: Run, prior: Prior, covariance: Floats, kept: tuple[int, ...], rate: float, threshold: float
+) -> float:
+    """The rate at which rest exceeds a threshold, through the graph, by importance sampling, over what was asked."""
+    channels, draws = prior.channels, 2048
+    valid = np.zeros((draws, channels), np.bool_)
+    valid[:, kept] = True
+    weights = whitening(np.zeros((draws, channels)), covariance, 0.0, prior.zero_mm, valid)
+    part = weights[0][np.ix_(kept, kept)]
+    shapes = prior.table(np.linspace(*prior.position_mm, 201))[:, kept] @ part.T
+    rest = rest_like_contact(directions(shapes), rate, draws, 5)
+    reading = np.zeros((draws, channels))
+    reading[:, kept] = np.linalg.solve(part, rest.sample.T).T
+    odds = run(reading, weights)["contact_log_odds"]
+    return float(np.where(odds > threshold, rest.weight, 0.0).mean() / rate)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.toml")))
+def test_every_mask_and_covariance_holds_the_false_contacts_that_were_asked_for(name: str) -> None:
+    scene, _ = load_scene(SCENES / f"{name}.toml")
+    chosen = choose_filter(scene)
+    noise_mm = noise_of(scene, chosen).sample_mm
+    layout = np.array(fewest_sensors(scene, noise_mm, None, 0).positions_mm)
+    prior = Prior.real(scene, layout, noise_mm)
+    rate = rate_per_sample(1 / 30, scene.sensors.rate_hz, chosen.window)
+    thresholds = touch_thresholds(prior, rate, 1)
+    run = runner(to_bytes(graph_of(prior)))
+    white = np.eye(prior.channels) * noise_mm**2
+    for size in range(1, prior.channels + 1):
+        for kept in combinations(range(prior.channels), size):
+            assert 0.5 < exceeding(run, prior, white, kept, rate, thresholds[size - 1]) < 2, kept
+    every = tuple(range(prior.channels))
+    # Fewer readings in the mean, one noisy channel, and the first mode of a beam that still rings a little.
+    noisy = white * np.array([1, *[25] * (prior.channels - 1)])
+    mode = np.sin(np.pi * layout / prior.length_mm)
+    for covariance in (white * 16, noisy, white + 25 * noise_mm**2 * np.outer(mode, mode)):
+        assert 0.4 < exceeding(run, prior, covariance, every, rate, thresholds[-1]) < 2.5
+
+
+def test_overlapping_windows_cluster_their_false_contacts() -> None:
+    # By simulation of a moving average that exceeds three deviations: clusters, over samples that exceed.
+    rng = np.random.default_rng(0)
+    for window in (1, 4, 20):
+        mean = np.convolve(rng.normal(size=2_000_000), np.ones(window) / window**0.5, "valid")
+        above = mean > 3.0
+        starts = np.flatnonzero(above[1:] & ~above[:-1])
+        # Excursions of one window are one contact.
+        clusters = 1 + (np.diff(starts) > window).sum()
+        per_day = clusters / len(mean) * 86_400
+        assert rate_per_sample(per_day, 1.0, window) == pytest.approx(above.mean(), rel=0.35)
+
+
+def test_the_smallest_force_is_seen_in_19_of_20_samples() -> None:
+    prior = prior_of("bench", 3, 1.0, known=False)
+    threshold = touch_thresholds(prior, 1e-8, 1)[-1]
+    position = np.array([60.0, 200.0, 350.0])
+    force = smallest_force_n(prior, threshold, position)
+    rng = np.random.default_rng(2)
+    clean = np.repeat(force[:, None] * prior.influence_at(position), 4000, axis=0)
+    odds = answers_of(graph_of(prior), prior, clean + rng.normal(scale=prior.noise_mm, size=clean.shape))
+    seen = (odds["contact_log_odds"] > threshold).reshape(3, 4000).mean(axis=1)
+    assert seen == pytest.approx([0.95] * 3, abs=0.02)
+
+
+def test_fewer_false_contacts_cost_a_little_force() -> None:
+    scene, _ = load_scene(SCENES / "bench.toml")
+    prior = prior_of("bench", 3, 0.1, known=False)
+    monthly, daily = (
+        thresholds_of(prior, changed(scene, "requirements", false_contacts_per_day=per_day), choose_filter(scene), 1)
+        for per_day in (1 / 30, 1.0)
+    )
+    # The odds of rest fall by e for each unit of the log odds, nearly.
+    assert monthly.touch[-1] - daily.touch[-1] == pytest.approx(np.log(30), rel=0.1)
+    weakest = [smallest_force_n(prior, one.touch[-1], np.array([200.0]))[0] for one in (monthly, daily)]
+    assert 1 < weakest[0] / weakest[1] < 1.2
+
+
+def test_misfit_thresholds_are_quantiles_of_chi_square() -> None:
+    rest, misfit = misfit_thresholds(4, 200.0)
+    # Tables: one in 17 280 000 on two degrees of freedom is twice its logarithm.
+    assert misfit == [None, None, pytest.approx(29.4, abs=0.2), pytest.approx(2 * np.log(86_400 * 200))]
+    assert rest[1] == misfit[3]
 
 
 def test_the_same_seed_measures_the_same() -> None:
     prior = prior_of("bench", 2, 1.0, known=False)
     made = estimator_of("posterior", prior, with_force=True, seed=4, progress=lambda _done: None)
-    first, second = measured(made, prior, 4), measured(made, prior, 4)
+    scene, _ = load_scene(SCENES / "bench.toml")
+    first, second = (
+        measured(made, prior, scene, choose_filter(scene), 4),
+        measured(made, prior, scene, choose_filter(scene), 4),
+    )
     assert first == second
     assert first.accuracy.ratio == pytest.approx(1, abs=0.01)
     # Four thousand plain contacts leave 1.2 % at best.

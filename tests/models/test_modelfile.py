@@ -42,7 +42,7 @@ def test_a_built_model_loads_with_its_metadata(bench: ModelFile) -> None:
 
 
 def test_a_model_answers_a_batch(bench: ModelFile) -> None:
-    answers = bench.estimate(np.zeros((3, 4), np.float32), np.ones((3, 4), np.bool_))
+    answers = bench.estimate(np.zeros((3, 4), np.float32), np.tile(np.eye(4, dtype=np.float32), (3, 1, 1)))
     assert set(answers) == set(bench.outputs)
     assert all(values.shape == (3,) and values.dtype == np.float32 for values in answers.values())
 
@@ -86,7 +86,9 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("beamtouch.schema_version", "2", "beamtouch.schema_version"),
+        ("beamtouch.schema_version", "3", "beamtouch.schema_version"),
+        ("beamtouch.schema_version", "1", r"rebuild it .* with `design-sensors build .*changed\.onnx -o"),
+        ("beamtouch.floor", '{"gain": [0.1], "zero_mm": [0]}', "thresholds and floor: each list must have 4 entries"),
         ("beamtouch.layout", "[]", "beamtouch.layout"),
         ("beamtouch.noise", None, "beamtouch.noise: Field required"),
         ("beamtouch.noise", "{", "not JSON"),

@@ -49,7 +49,8 @@ def test_the_teacher_is_the_posterior() -> None:
     assert taught.valid.all()
     best = limit.posterior_median_mm(PRIOR, taught.deflection_mm)
     width = taught.position[:, 2] - taught.position[:, 1]
-    assert (np.abs(taught.position[:, 0] - best) < 0.1 * width).all()
+    # Next to an end of the range the interval, which does not lean on the range of the force, moves the median.
+    assert (np.abs(taught.position[:, 0] - best) < 0.1 * width).mean() > 0.98
     mixed = lessons(PRIOR, np.random.default_rng(2), 400)
     assert 0 < (~mixed.touched).sum() < 200
     assert 0 < (~mixed.valid).sum(axis=1).max() < 2
@@ -63,20 +64,16 @@ def test_the_same_seed_gives_the_same_file() -> None:
 
 def test_the_graph_computes_what_the_network_computes(network: Network) -> None:
     taught = lessons(PRIOR, np.random.default_rng(5), 300)
-    answers = answers_of(small_network_graph(network, with_force=True), taught.deflection_mm, taught.valid)
+    answers = answers_of(small_network_graph(network, with_force=True), PRIOR, taught.deflection_mm, taught.valid)
     inputs = network.inputs
     raw = network.raw(inputs.features(taught.deflection_mm, taught.valid))
     centre, half = network.position_scale
     position = centre + half * raw[:, 0]
-    widths = half * network.width[0] * np.exp(raw[:, 1:3])
     assert answers["position_mm"] == pytest.approx(np.clip(position, *PRIOR.position_mm), abs=2e-2)
-    assert answers["position_low_mm"] == pytest.approx(np.clip(position - widths[:, 0], *PRIOR.position_mm), abs=5e-2)
-    assert answers["position_high_mm"] == pytest.approx(np.clip(position + widths[:, 1], *PRIOR.position_mm), abs=5e-2)
-    assert answers["contact_log_odds"] == pytest.approx(4 * raw[:, 3], abs=2e-3)
     log_force = raw[:, 4] + inputs.log_length(taught.deflection_mm, taught.valid)
     assert answers["force_n"] == pytest.approx(np.clip(np.exp(log_force), *PRIOR.force_n), rel=1e-3)
-    high = np.exp(log_force + network.width[1] * np.exp(raw[:, 6]))
-    assert answers["force_high_n"] == pytest.approx(np.clip(high, *PRIOR.force_n), rel=2e-3)
+    # It does not look at its covariance, so it has no interval to give.
+    assert set(answers) == {"position_mm", "force_n"}
 
 
 def test_the_value_of_a_missing_channel_has_no_effect(network: Network) -> None:
@@ -84,28 +81,22 @@ def test_the_value_of_a_missing_channel_has_no_effect(network: Network) -> None:
     deflection = limit.draw(PRIOR, 50, 5).deflection_mm
     valid = np.ones(deflection.shape, np.bool_)
     valid[:, 1] = False
-    before = answers_of(graph, deflection, valid)
+    before = answers_of(graph, PRIOR, deflection, valid)
     for rubbish in (np.nan, np.inf, -1e30, 0.0):
         deflection[:, 1] = rubbish
-        after = answers_of(graph, deflection, valid)
+        after = answers_of(graph, PRIOR, deflection, valid)
         assert all(np.array_equal(before[name], after[name]) for name in before)
 
 
 @pytest.mark.parametrize("missing", [None, 0])
-def test_the_error_is_near_the_limit_and_intervals_hold_the_truth(network: Network, missing: int | None) -> None:
+def test_the_error_is_near_the_limit(network: Network, missing: int | None) -> None:
     drawn = limit.draw(PRIOR, 4000, 6)
     valid = np.ones(drawn.deflection_mm.shape, np.bool_)
     prior, reading = PRIOR, drawn.deflection_mm
     if missing is not None:
         valid[:, missing] = False
         prior, reading = PRIOR.without(missing), np.delete(reading, missing, axis=1)
-    answers = answers_of(small_network_graph(network, with_force=True), drawn.deflection_mm, valid)
+    answers = answers_of(small_network_graph(network, with_force=True), PRIOR, drawn.deflection_mm, valid)
     best = np.abs(limit.posterior_median_mm(prior, reading) - drawn.position_mm).mean()
     # The bound after a few seconds of training; a build trains five times as long.
     assert np.abs(answers["position_mm"] - drawn.position_mm).mean() < 1.35 * best
-    for low, high, truth in (
-        ("position_low_mm", "position_high_mm", drawn.position_mm),
-        ("force_low_n", "force_high_n", drawn.force_n),
-    ):
-        held = ((answers[low] <= truth) & (truth <= answers[high])).mean()
-        assert abs(held - 0.95) < (0.02 if missing is None else 0.08)

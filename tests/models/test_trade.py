@@ -123,7 +123,8 @@ def test_quantised_weights_are_integers_and_cost_accuracy() -> None:
     assert onnx.TensorProto.INT8 in {tensor.data_type for tensor in small.graph.initializer}
     drawn = limit.draw(prior, 2000, 3)
     plain, rough = (
-        np.abs(answers_of(g, drawn.deflection_mm)["position_mm"] - drawn.position_mm).mean() for g in (graph, small)
+        np.abs(answers_of(g, prior, drawn.deflection_mm)["position_mm"] - drawn.position_mm).mean()
+        for g in (graph, small)
     )
     assert plain < rough
 

@@ -34,11 +34,14 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
         "position_low_mm": helper.make_node("Sub", ["position_mm", "one"], ["position_low_mm"]),
         "position_high_mm": helper.make_node("Add", ["position_mm", "one"], ["position_high_mm"]),
         "contact_log_odds": helper.make_node("Mul", ["above", "hundred"], ["contact_log_odds"]),
+        "misfit": helper.make_node("Mul", ["total", "zero"], ["misfit"]),
         "force_n": helper.make_node("Mul", ["total", "ten"], ["force_n"]),
         "force_low_n": helper.make_node("Sub", ["force_n", "one"], ["force_low_n"]),
         "force_high_n": helper.make_node("Add", ["force_n", "one"], ["force_high_n"]),
     }
     nodes = [
+        helper.make_node("ReduceSumSquare", ["whitening_per_mm"], ["weight"], axes=[1], keepdims=0),
+        helper.make_node("Greater", ["weight", "zero"], ["valid"]),
         helper.make_node("Where", ["valid", "deflection_mm", "zero"], ["d"]),
         helper.make_node("ReduceSum", ["d", "axis"], ["total"], keepdims=0),
         helper.make_node("MatMul", ["d", "weights"], ["moment"]),
@@ -54,7 +57,7 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
         "tiny",
         [
             helper.make_tensor_value_info("deflection_mm", TensorProto.FLOAT, ["batch", channels]),
-            helper.make_tensor_value_info("valid", TensorProto.BOOL, ["batch", channels]),
+            helper.make_tensor_value_info("whitening_per_mm", TensorProto.FLOAT, ["batch", channels, channels]),
         ],
         [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch"]) for name in outputs],
         [onnx.numpy_helper.from_array(np.asarray(value), name) for name, value in constants.items()],
@@ -64,13 +67,19 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
 
 def _golden(model: onnx.ModelProto, channels: int) -> modelfile.Golden:
     deflection: Rows = [[0.1] * channels, [0.0] * channels]
-    valid = [[True] * channels] * 2
+    whitening = (np.eye(channels) * 100).tolist()
     options = modelfile.session_options()
     session = ort.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
-    values = session.run(None, {"deflection_mm": np.array(deflection, np.float32), "valid": np.array(valid)})
+    values = session.run(
+        None,
+        {
+            "deflection_mm": np.array(deflection, np.float32),
+            "whitening_per_mm": np.array([whitening] * 2, np.float32),
+        },
+    )
     names = [output.name for output in session.get_outputs()]
     answers = {name: [float(one) for one in value] for name, value in zip(names, values, strict=True)}
-    return modelfile.Golden(deflection_mm=deflection, valid=valid, answers=answers)
+    return modelfile.Golden(deflection_mm=deflection, whitening_per_mm=[whitening] * 2, answers=answers)
 
 
 @cache
@@ -89,7 +98,15 @@ def _content(name: str, channels: int, min_channels: int, outputs: tuple[str, ..
         sensor=modelfile.Sensor(
             rate_hz=200, range_mm=(1, 4), standoff_mm=3, adc_bits=12, gain_mm_per_count=0.001, offset_mm=0
         ),
-        contact_threshold=0,
+        floor=modelfile.Floor(gain=[0.003] * channels, zero_mm=[0.002] * channels),
+        thresholds=modelfile.Thresholds(
+            touch=[0.0] * channels,
+            rest=[30.0] * channels,
+            misfit=[None, None, *[30.0] * channels][:channels],
+            false_contacts_per_day=1 / 30,
+        ),
+        smallest_force=modelfile.Seen(position_mm=[200.0], force_n=[0.5]),
+        drawn=modelfile.Drawn(supports=[], at_mm=[0.0, 400.0], load_mm=[200.0], deflection_mm_per_n=[[0.0, 0.0]]),
         seed=1,
         accuracy=modelfile.Accuracy(
             error_percent=1, error_standard_error=0.1, limit_percent=1, limit_standard_error=0.1

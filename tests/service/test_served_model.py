@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from beamtouch_models import modelfile
+from beamtouch_service.surfaces.estimates import whitening_of
 from beamtouch_service.surfaces.served_model import Inference
 
 if TYPE_CHECKING:
@@ -26,16 +27,16 @@ def test_one_sample_after_the_other_is_answered_as_if_alone(bench_model: Path) -
     for number in range(50):
         shape = (1 + number % 3, len(model.channels))
         deflection_mm = random.uniform(-0.1, 1, shape).astype(np.float32)
-        valid = random.random(shape) < 0.8
-        assert as_lists(inference.ask(deflection_mm, valid)) == as_lists(model.estimate(deflection_mm, valid))
+        weights = whitening_of(model, deflection_mm, random.random(shape) < 0.8)
+        assert as_lists(inference.ask(deflection_mm, weights)) == as_lists(model.estimate(deflection_mm, weights))
 
 
 def test_two_models_do_not_share_memory(build_model: BuildModel) -> None:
     one = Inference(modelfile.load(build_model()))
     other = Inference(modelfile.load(build_model()))
-    values, valid = np.array([[0.5, 0.25, 0.125]], np.float32), np.ones((1, 3), np.bool_)
-    found = one.ask(values, valid)
-    other.ask(np.zeros((1, 3), np.float32), valid)
+    values, weights = np.array([[0.5, 0.25, 0.125]], np.float32), np.eye(3, dtype=np.float32)[None]
+    found = one.ask(values, weights)
+    other.ask(np.zeros((1, 3), np.float32), weights)
 
     assert found["position_mm"].tolist() == [150.0]
-    assert as_lists(one.ask(values, valid)) == as_lists(found)
+    assert as_lists(one.ask(values, weights)) == as_lists(found)

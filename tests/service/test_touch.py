@@ -64,8 +64,8 @@ def test_the_threshold_of_lifting_lies_between_rest_and_touch(build_model: Build
     found = levels(modelfile.load(build_model()))
 
     # The tiny model says 100 (sum - 0.1): -10 at rest, 0 at its threshold.
-    assert found.touch == 0
-    assert found.lift == pytest.approx(-10 + LIFT_FRACTION * 10)
+    assert found.touch == (0, 0, 0)
+    assert found.lift == pytest.approx((-10 + LIFT_FRACTION * 10,) * 3)
 
 
 def test_a_load_at_the_threshold_gives_one_contact(

@@ -1,8 +1,9 @@
 """The Cramer-Rao bound on the position.
 
 The standard deviation of an unbiased estimate is at least one over the root of the Fisher information. For a reading of
-mean F g(x) with independent Gaussian noise s per channel, the information is |F g'(x)|^2 / s^2 if the force is known.
-If the force is open, only the part of g' orthogonal to g counts: a change along g may as well come from the force.
+mean F g(x) with independent Gaussian errors s per channel, the information is |F g'(x) / s|^2 if the force is known.
+If the force is open, only the part of g'/s orthogonal to g/s counts: a change along g may as well come from the force.
+The errors are those of the noise, of gains and of zeros; what their size itself tells of the contact is left out.
 Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, sec. 3.7 and 3.8.
 """
 
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 
-POSITIONS, FORCES = 2001, 64
+POSITIONS, FORCES = 1001, 32
 
 
 def position_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLike) -> Floats:
@@ -22,15 +23,18 @@ def position_deviation_mm(prior: Prior, position_mm: ArrayLike, force_n: ArrayLi
     better.
     """
     position, force = np.broadcast_arrays(np.asarray(position_mm, np.float64), np.asarray(force_n, np.float64))
-    slope = prior.table.derivative()(position)
+    influence = prior.table(position)
+    deviation = prior.deviation_mm(force[:, None] * influence)
+    if prior.uncertainty is not None:
+        deviation = np.hypot(deviation, force[:, None] * prior.uncertainty(position))
+    slope, shape = prior.table.derivative()(position) / deviation, influence / deviation
     if not prior.force_is_known:
-        shape = prior.table(position)
         size = (shape**2).sum(axis=1, keepdims=True)
         along = (slope * shape).sum(axis=1, keepdims=True)
         slope = slope - shape * np.divide(along, size, out=np.zeros_like(size), where=size > 0)
     told = force * np.linalg.norm(slope, axis=1)
     with np.errstate(divide="ignore"):
-        bound: Floats = prior.noise_mm / told
+        bound: Floats = 1 / told
     return bound
 
 
@@ -49,8 +53,8 @@ def mean_errors_mm(prior: Prior) -> Floats:
     positions = low + (high - low) * (np.arange(POSITIONS) + 0.5) / POSITIONS
     weak, strong = prior.force_n
     forces = weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES if weak < strong else np.array([weak])
-    unit = position_deviation_mm(prior, positions, 1.0)
-    gaussian = np.sqrt(2 / np.pi) * unit[:, None] / forces
+    every, each = np.repeat(positions, len(forces)), np.tile(forces, POSITIONS)
+    gaussian = np.sqrt(2 / np.pi) * position_deviation_mm(prior, every, each).reshape(POSITIONS, -1)
     guess = ((positions - low) ** 2 + (high - positions) ** 2) / (2 * (high - low))
     errors: Floats = np.minimum(gaussian, guess[:, None]).mean(axis=1)
     return errors

@@ -8,15 +8,17 @@ from beamtouch_models.accuracy import cramer_rao
 from beamtouch_models.accuracy.contacts import Contacts, simulated
 from beamtouch_models.accuracy.limit import SCRAMBLINGS
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.rest import rest_exceeding
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
+from beamtouch_models.accuracy.touch import directions, rest_like_contact, smallest_force_n
 from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Fraction, silent
-from beamtouch_models.session import CHUNK, Answers
+from beamtouch_models.session import CHUNK
 
 MIDDLE = (0.2, 0.8)
 """Bounds of the middle of the beam, over its length."""
+REST_PLACES, REST_DRAWS, REST_RATE = 129, 2**14, 1e-8
+"""Positions, samples and rarity of the simulated samples at rest that look like a contact."""
 LEAST_SHARE = 1e-3
 """Smallest share of contacts for which a stretch gets its own errors; each part of the draws needs one there, too."""
 
@@ -57,6 +59,10 @@ class Evaluation:
     """Share of contacts that are not detected."""
     false_alarms: Measurement | None
     """Share of samples at rest that are taken for a contact."""
+    smallest_force_n: tuple[float, float] | None
+    """Smallest force of which 95 % of settled samples are a contact: where it is least, and where it is largest."""
+    unexplained: Measurement | None
+    """Share of contacts whose misfit exceeds its threshold; None with so few channels that any contact fits."""
 
 
 def evaluate(model: ModelFile, prior: Prior, *, draws: int, seed: int, progress: Fraction = silent) -> Evaluation:
@@ -64,7 +70,7 @@ def evaluate(model: ModelFile, prior: Prior, *, draws: int, seed: int, progress:
     contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done))
     drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.weight
     weight = np.broadcast_to(counts[:, None], likely.shape)
-    answers = _answers(model, prior.stated(drawn.deflection_mm))
+    answers = estimates(model, prior, drawn.deflection_mm)
     progress(0.9)
     worst = np.abs(answers["position_mm"] - drawn.position_mm)
     error, best = contacts.error_mm(answers["position_mm"]), contacts.least_error_mm()
@@ -85,29 +91,30 @@ def evaluate(model: ModelFile, prior: Prior, *, draws: int, seed: int, progress:
         if prior.force_is_known
         else _coverage(answers, "force", "n", drawn.force_n[:, None], weight[:, :1]),
         force_error_n=mean_of(np.abs(answers["force_n"] - drawn.force_n), counts) if "force_n" in answers else None,
-        missed=share_of(answers["contact_log_odds"] <= model.metadata.contact_threshold, counts)
+        missed=share_of(answers["contact_log_odds"] <= model.metadata.thresholds.touch[-1], counts)
         if "contact_log_odds" in answers
         else None,
         false_alarms=_false_alarms(model, prior, seed + 1),
+        smallest_force_n=_smallest_force_n(model, prior),
+        unexplained=_unexplained(model, answers, counts),
     )
 
 
 def at_noise(prior: Prior, noise_mm: float) -> Prior:
-    """Return the prior of the same surface with another noise per sample."""
-    return replace(prior, noise_mm=noise_mm)
+    """Return the prior of the same surface with another noise per sample; at 0, without any error."""
+    return replace(prior, noise_mm=noise_mm) if noise_mm else replace(prior, noise_mm=0.0, gain=0.0, zero_mm=0.0)
 
 
-def _answers(model: ModelFile, deflection_mm: Floats) -> dict[str, Floats]:
-    return {name: values.astype(np.float64) for name, values in estimates(model, deflection_mm).items()}
-
-
-def estimates(model: ModelFile, deflection_mm: Floats) -> Answers:
-    """Return the answers of a model to deflections (samples, channels), all channels valid."""
-    reading = deflection_mm.astype(np.float32)
+def estimates(model: ModelFile, prior: Prior, deflection_mm: Floats) -> dict[str, Floats]:
+    """Return the answers to deflections (samples, channels) that are linear in the force; all channels are valid."""
+    reading = prior.stated(deflection_mm)
+    # Without noise any small covariance will do.
+    noise_mm = prior.noise_mm or model.metadata.noise.sample_mm
+    inputs = reading.astype(np.float32), at_noise(prior, noise_mm).whitening(reading).astype(np.float32)
     # A graph takes kilobytes for each sample of a batch.
-    parts = [reading[start : start + CHUNK] for start in range(0, len(reading), CHUNK)]
-    answers = [model.estimate(part, np.ones(part.shape, np.bool_)) for part in parts]
-    return {name: np.concatenate([one[name] for one in answers]) for name in model.outputs}
+    chunks = [slice(start, start + CHUNK) for start in range(0, len(reading), CHUNK)]
+    answers = [model.estimate(*(values[chunk] for values in inputs)) for chunk in chunks]
+    return {name: np.concatenate([one[name] for one in answers]).astype(np.float64) for name in model.outputs}
 
 
 def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> Errors:
@@ -152,5 +159,23 @@ def _width(answers: dict[str, Floats], weight: Floats) -> Measurement | None:
 def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Measurement | None:
     if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
         return None
-    share, standard_error = rest_exceeding(prior, model.estimate, seed, model.metadata.contact_threshold)
-    return Measurement(share, standard_error)
+    deviation = prior.deviation_mm(np.zeros((1, prior.channels)))
+    unit = directions(prior.table(np.linspace(*prior.position_mm, REST_PLACES)) / deviation)
+    rest = rest_like_contact(unit, REST_RATE, REST_DRAWS, seed)
+    odds = estimates(model, prior, rest.sample * deviation)["contact_log_odds"]
+    return mean_of(np.where(odds > model.metadata.thresholds.touch[-1], rest.weight, 0.0))
+
+
+def _smallest_force_n(model: ModelFile, prior: Prior) -> tuple[float, float] | None:
+    if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
+        return None
+    places = np.linspace(*prior.position_mm, REST_PLACES)
+    force = smallest_force_n(prior, model.metadata.thresholds.touch[-1], places)
+    return float(force.min()), float(force.max())
+
+
+def _unexplained(model: ModelFile, answers: dict[str, Floats], weight: Floats) -> Measurement | None:
+    threshold = model.metadata.thresholds.misfit[-1]
+    if "misfit" not in answers or threshold is None:
+        return None
+    return share_of(answers["misfit"] > threshold, weight)

@@ -42,12 +42,12 @@ class MeanError:
 
 
 def draw(prior: Prior, count: int, seed: int) -> Draws:
-    """Draw contacts uniformly from the ranges, with Gaussian noise per channel."""
+    """Draw contacts uniformly from the ranges; noise, gains and zeros are Gaussian, drawn per sample and channel."""
     rng = np.random.default_rng(seed)
     position = rng.uniform(*prior.position_mm, size=count)
     force = rng.uniform(*prior.force_n, size=count)
-    clean = force[:, None] * prior.influence_at(position)
-    return Draws(position, force, clean + rng.normal(scale=prior.noise_mm, size=clean.shape))
+    clean, deviation = prior.sampled(position, force)
+    return Draws(position, force, clean + rng.normal(size=clean.shape) * deviation)
 
 
 def mean_error(prior: Prior, draws: Draws, estimate_mm: Floats) -> MeanError:
@@ -95,8 +95,8 @@ def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
     position, force = (np.concatenate([contact[part] for contact in contacts]) for part in (0, 1))
     noise = np.concatenate([contact[2] for contact in contacts])
     position, weight = _where_it_errs(prior, position)
-    clean = force[:, None] * prior.influence_at(position)
-    return Draws(position, force, clean + prior.noise_mm * noise, weight / weight.mean())
+    clean, deviation = prior.sampled(position, force)
+    return Draws(position, force, clean + deviation * noise, weight / weight.mean())
 
 
 def _where_it_errs(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:

@@ -23,14 +23,11 @@ def prior_of_model(metadata: Metadata) -> Prior:
     """Rebuild the prior of a model; raises SceneError as `physics_of`."""
     scene = physics_of(metadata).scene
     sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
-    prior = Prior.of(scene, sensor_mm, metadata.noise.sample_mm)
+    bare = Prior.of(scene, sensor_mm, metadata.noise.sample_mm)
+    prior = replace(bare, gain=np.array(metadata.floor.gain), zero_mm=np.array(metadata.floor.zero_mm))
     if metadata.calibration is None:
         return prior
-    noise_mm = float(np.hypot(prior.noise_mm, metadata.calibration.residual_mm))
-    return replace(
-        departed(prior, scene.beam, scene.contact.width_mm, sensor_mm, metadata.calibration.departures),
-        noise_mm=noise_mm,
-    )
+    return departed(prior, scene.beam, scene.contact.width_mm, sensor_mm, metadata.calibration.departures)
 
 
 def departed(prior: Prior, beam: Beam, width_mm: float, sensor_mm: Floats, departures: Departures) -> Prior:

@@ -1,15 +1,19 @@
-"""The posterior of the position, with the force integrated out exactly.
+"""The posterior of the position under any covariance, with the force integrated out exactly.
 
-For a given position the likelihood is Gaussian in the force, so its integral over the range of forces is a difference
-of normal distribution functions.
+For a given position the likelihood is Gaussian in the force, so its integral over an even piece of the prior of the
+force is a difference of normal distribution functions.
 """
+
+from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from scipy.special import log_ndtr
 
 from beamtouch_models.accuracy.densities import densities
+from beamtouch_models.accuracy.forces import Forces, Piece, forces_of
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.errors import SceneError
 
 GRID = 801
@@ -24,11 +28,19 @@ MIN_NOISE = 1e-12
 """Smallest noise of a sample over the largest deflection: below it, rounding in float64 shows in the posterior."""
 
 
-def posterior_quantiles(prior: Prior, deflection_mm: Floats, levels: Floats | None = None) -> tuple[Floats, Floats]:
-    """Return quantiles of the position, and the mean distance from the median, for readings (draws, channels).
+def posterior_quantiles(
+    prior: Prior,
+    deflection_mm: Floats,
+    levels: Floats | None = None,
+    *,
+    whitening_per_mm: Floats | None = None,
+    tail: float = 0.0,
+) -> tuple[Floats, Floats]:
+    """Return quantiles of the position, and the mean distance from the median, for samples (draws, channels).
 
-    `levels` are (draws, levels) between 0 and 1, by default the median alone. Returns quantiles (draws, levels) and
-    distances (draws,), in mm.
+    `levels` are (draws, levels) between 0 and 1, by default the median alone. `whitening_per_mm` (draws, channels,
+    channels) states the covariance of each sample, by default that of the prior. `tail` is the share of forces outside
+    the range (`forces_of`). Returns quantiles (draws, levels) and distances (draws,), in mm.
 
     All draws share one grid over the range; narrow posteriors are computed again on grids of their own until the grid
     resolves them.
@@ -43,24 +55,61 @@ def posterior_quantiles(prior: Prior, deflection_mm: Floats, levels: Floats | No
             f"of {largest:.3g} mm; state a larger one"
         )
         raise SceneError(message)
-    shapes = influence / prior.noise_mm
-    size = np.linalg.norm(shapes, axis=1)
-    direction = shapes / np.where(size > 0, size, 1.0)[:, None]
+    whitening = prior.whitening(deflection_mm) if whitening_per_mm is None else whitening_per_mm
+    forces = forces_of(prior.force_n, tail)
     found = []
     for start in range(0, len(deflection_mm), CHUNK):
-        reading = deflection_mm[start : start + CHUNK] / prior.noise_mm
-        projection = reading @ direction.T
-        density = log_likelihood(prior.force_n, size, projection, projection**2 / 2)
-        grids = np.broadcast_to(grid, density.shape)
-        found.append(_resolved(prior, reading, grids, density, levels[start : start + CHUNK]))
+        part = slice(start, start + CHUNK)
+        seen = _Seen(whitening[part], np.einsum("dij,dj->di", whitening[part], deflection_mm[part]))
+        density = _log_density(prior, seen, forces, grid[None], influence[None])
+        found.append(_resolved(prior, forces, seen, np.broadcast_to(grid, density.shape), density, levels[part]))
     whole = np.concatenate(found)
     return whole[:, :-1], whole[:, -1]
 
 
-def _resolved(prior: Prior, reading: Floats, grids: Floats, density: Floats, levels: Floats) -> Floats:
+@dataclass(frozen=True)
+class _Seen:
+    """Samples in units of their uncertainty."""
+
+    whitening: Floats
+    """(draws, channels, channels)"""
+    sample: Floats
+    """(draws, channels)"""
+
+    def take(self, rows: Indices) -> "_Seen":
+        return _Seen(self.whitening[rows], self.sample[rows])
+
+
+def _log_density(prior: Prior, seen: _Seen, forces: Forces, grids: Floats, influence: Floats) -> Floats:
+    """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
+    shapes = np.matmul(influence, seen.whitening.transpose(0, 2, 1))
+    sample = np.broadcast_to(seen.sample[:, None, :], shapes.shape)
+    if prior.uncertainty is None:
+        return _fitted(forces, shapes, sample)
+    # The likeliest force at a position says how much the mounting adds to each channel's variance there.
+    square = np.einsum("dgs,dgs->dg", shapes, shapes)
+    force = np.einsum("dgs,dgs->dg", shapes, sample) / np.where(square > 0, square, 1.0)
+    force = np.clip(force, forces[0].low_n, forces[-1].high_n)
+    moved = np.matmul(prior.uncertainty(grids) ** 2, (seen.whitening**2).transpose(0, 2, 1))
+    wider = np.sqrt(1 + force[:, :, None] ** 2 * moved)
+    density: Floats = _fitted(forces, shapes / wider, sample / wider) - np.log(wider).sum(axis=2)
+    return density
+
+
+def _fitted(forces: Forces, shapes: Floats, sample: Floats) -> Floats:
+    """Return log densities (draws, grid) of shapes per newton and samples in their deviations, with their last axis."""
+    size = np.sqrt(np.einsum("dgs,dgs->dg", shapes, shapes))
+    unit = shapes / np.where(size > 0, size, 1.0)[:, :, None]
+    projection = np.einsum("dgs,dgs->dg", unit, sample)
+    # Compute the residual directly: with little noise a difference of squares would cancel.
+    residual = sample - projection[:, :, None] * unit
+    return log_likelihood(forces, size, projection, -np.einsum("dgs,dgs->dg", residual, residual) / 2)
+
+
+def _resolved(prior: Prior, forces: Forces, seen: _Seen, grids: Floats, density: Floats, levels: Floats) -> Floats:
     """Return quantiles and mean distance (draws, levels + 1) of log densities, on finer grids where needed."""
-    found = np.empty((len(reading), levels.shape[1] + 1))
-    todo = np.arange(len(reading))
+    found = np.empty((len(grids), levels.shape[1] + 1))
+    todo = np.arange(len(grids))
     for _ in range(ROUNDS):
         finer, narrow = _finer(grids, density)
         done = densities(grids[~narrow], density[~narrow])
@@ -69,13 +118,8 @@ def _resolved(prior: Prior, reading: Floats, grids: Floats, density: Floats, lev
         grids, todo = finer, todo[narrow]
         if not len(todo):
             return found
-        shapes = prior.influence_at(grids.ravel()).reshape(*grids.shape, -1) / prior.noise_mm
-        size = np.linalg.norm(shapes, axis=2)
-        direction = shapes / np.where(size > 0, size, 1.0)[:, :, None]
-        projection = np.einsum("dgs,ds->dg", direction, reading[todo])
-        # Compute the misfit directly: with little noise a difference of squares would cancel.
-        misfit = reading[todo, None, :] - projection[:, :, None] * direction
-        density = log_likelihood(prior.force_n, size, projection, -np.einsum("dgs,dgs->dg", misfit, misfit) / 2)
+        influence = prior.influence_at(grids.ravel()).reshape(*grids.shape, -1)
+        density = _log_density(prior, seen.take(todo), forces, grids, influence)
     last = densities(grids, density)
     found[todo] = np.column_stack([last.quantiles(levels[todo]), last.mean_distance()])
     return found
@@ -97,28 +141,36 @@ def _finer(grids: Floats, density: Floats) -> tuple[Floats, Bools]:
     return np.array(finer), narrow
 
 
-def log_likelihood(force_n: tuple[float, float], size: Floats, projection: Floats, fit: Floats) -> Floats:
+def log_likelihood(forces: Forces, size: Floats, projection: Floats, fit: Floats) -> Floats:
     """Return the log likelihood of readings at grid positions, in units of the noise; (draws, grid).
 
     Parameters
     ----------
-    force_n : the range of forces, with equal ends if the force is known
+    forces : the prior of the force
     size : (grid,) or (draws, grid), length of the vector of deflections per newton
     projection : (draws, grid), of the reading on the direction of that vector
-    fit : (draws, grid), minus half the squared misfit, or half the squared projection if that is accurate enough
+    fit : (draws, grid), minus half the squared residual, or half the squared projection if that is accurate enough
 
-    Terms that do not depend on the position are left out.
+    Terms that depend on neither the position nor the force are left out.
     """
-    low, high = force_n
-    middle = -((projection - (low + high) / 2 * size) ** 2) / 2
+    first, *others = (np.log(piece.share) + _log_mean(piece, size, projection) for piece in forces)
+    whole = reduce(np.logaddexp, others, first)
+    likelihood: Floats = fit + whole
+    return likelihood
+
+
+def _log_mean(piece: Piece, size: Floats, projection: Floats) -> Floats:
+    """Return the log of the mean over a piece of forces of exp(-(projection - force size)^2 / 2)."""
+    low, high = piece.low_n, piece.high_n
+    middle: Floats = -((projection - (low + high) / 2 * size) ** 2) / 2
     if low == high:
-        return fit + middle
+        return middle
     # Where the force hardly matters, as next to a support, use the midpoint rule.
     flat = size * (high - low) < 1e-4
     length = np.where(flat, 1.0, size)
     span = _log_normal_interval(low * length - projection, high * length - projection) - np.log(length)
-    likelihood: Floats = fit + np.where(flat, middle + np.log((high - low) / np.sqrt(2 * np.pi)), span)
-    return likelihood
+    mean: Floats = np.where(flat, middle, span + np.log(np.sqrt(2 * np.pi) / (high - low)))
+    return mean
 
 
 def _log_normal_interval(low: Floats, high: Floats) -> Floats:

@@ -9,11 +9,14 @@ from functools import cached_property, partial
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from beamtouch_models.arrays import Floats
-from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.physics.beam import influence_deviation, scene_influence
+from beamtouch_models.pricing.noise import floor_of
 from beamtouch_models.scene import Scene
+from beamtouch_models.whitening import whitening
 
 TABLE = 2001
 """Number of load positions in an influence table."""
@@ -28,16 +31,23 @@ class Prior:
     force_n: tuple[float, float]
     """Equal ends: the force is known."""
     noise_mm: float
-    """Standard deviation of a sample, per channel."""
+    """Standard deviation of a sample, per channel, without the floor."""
     channels: int
     influence_at: Callable[[Floats], Floats]
     """From load positions in mm (loads,) to the influence matrix (loads, channels) in mm/N."""
     stated: Callable[[Floats], Floats] = lambda deflection_mm: deflection_mm
     """From deflections (samples, channels) that are linear in the force to measured deflections."""
+    gain: ArrayLike = 0.0
+    """(channels,) or one number, standard deviation of the relative gain error that is left after calibration."""
+    zero_mm: ArrayLike = 0.0
+    """(channels,) or one number, standard deviation of the zero."""
+    uncertain_at: Callable[[Floats], Floats] | None = None
+    """From load positions (loads,) to the standard deviation of the influence (loads, channels) in mm/N that the
+    mounting of the sensors leaves, of either sign; None: their positions are exact."""
 
     @classmethod
     def of(cls, scene: Scene, sensor_mm: Floats, noise_mm: float) -> Self:
-        """Prior of a scene with sensors at `sensor_mm` (channels,) and `noise_mm` per sample."""
+        """Prior of a scene with sensors at `sensor_mm` (channels,), `noise_mm` per sample, and perfect sensors."""
         return cls(
             length_mm=scene.beam.length_mm,
             position_mm=scene.contact.position_mm,
@@ -46,6 +56,38 @@ class Prior:
             channels=len(sensor_mm),
             influence_at=partial(scene_influence, scene, sensor_mm),
         )
+
+    @classmethod
+    def real(cls, scene: Scene, sensor_mm: Floats, noise_mm: float) -> Self:
+        """Like `of`, with the errors of gain, zero and mounting of the scene's sensors."""
+        gain, zero_mm = floor_of(scene)
+        uncertain_at = partial(influence_deviation, scene, sensor_mm) if scene.sensors.mounting_tolerance_mm else None
+        return replace(cls.of(scene, sensor_mm, noise_mm), gain=gain, zero_mm=zero_mm, uncertain_at=uncertain_at)
+
+    def sampled(self, position_mm: Floats, force_n: Floats) -> tuple[Floats, Floats]:
+        """Return true deflections of contacts and the standard deviation of their samples, (contacts, channels) in mm.
+
+        Positions and forces are (contacts,).
+        """
+        clean = force_n[:, None] * self.influence_at(position_mm)
+        deviation = self.deviation_mm(clean)
+        if self.uncertain_at is not None:
+            deviation = np.hypot(deviation, force_n[:, None] * self.uncertain_at(position_mm))
+        return clean, deviation
+
+    def deviation_mm(self, deflection_mm: Floats) -> Floats:
+        """Return the standard deviation of measurements of deflections (samples, channels), in mm, floor included."""
+        square = (np.asarray(self.gain) * deflection_mm) ** 2 + np.square(self.zero_mm) + self.noise_mm**2
+        deviation: Floats = np.sqrt(square)
+        return deviation
+
+    def whitening(self, deflection_mm: Floats, valid: Bools | None = None) -> Floats:
+        """Return the whitening (samples, channels, channels) of samples with the prior's own noise, in 1/mm.
+
+        Parameters and errors are those of `whitening.whitening`.
+        """
+        covariance = np.eye(self.channels) * self.noise_mm**2
+        return whitening(deflection_mm.astype(np.float64), covariance, self.gain, self.zero_mm, valid)
 
     @property
     def force_is_known(self) -> bool:
@@ -58,6 +100,12 @@ class Prior:
         grid = np.linspace(*self.position_mm, TABLE)
         return CubicSpline(grid, self.influence_at(grid))
 
+    @cached_property
+    def uncertainty(self) -> CubicSpline | None:
+        """Interpolated deviation of the influence; None if the sensors' positions are exact."""
+        grid = np.linspace(*self.position_mm, TABLE)
+        return None if self.uncertain_at is None else CubicSpline(grid, self.uncertain_at(grid))
+
     def without(self, *missing: int) -> Self:
         """Return the prior of the surface without some channels."""
         kept = np.setdiff1d(np.arange(self.channels), missing)
@@ -68,5 +116,19 @@ class Prior:
             every[:, kept] = deflection_mm
             return whole(every)[:, kept]
 
-        influence = lambda load_mm: self.influence_at(load_mm)[:, kept]  # noqa: E731
-        return replace(self, channels=len(kept), influence_at=influence, stated=stated)
+        influence = partial(_columns, self.influence_at, kept)
+        uncertain = None if self.uncertain_at is None else partial(_columns, self.uncertain_at, kept)
+        gain, zero_mm = (np.broadcast_to(value, self.channels)[kept] for value in (self.gain, self.zero_mm))
+        return replace(
+            self,
+            channels=len(kept),
+            influence_at=influence,
+            stated=stated,
+            gain=gain,
+            zero_mm=zero_mm,
+            uncertain_at=uncertain,
+        )
+
+
+def _columns(matrix_at: Callable[[Floats], Floats], kept: Indices, load_mm: Floats) -> Floats:
+    return matrix_at(load_mm)[:, kept]

@@ -7,6 +7,7 @@ import numpy as np
 import onnx
 
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.building.drawing import drawn_of
 from beamtouch_models.building.held_limit import check_held
 from beamtouch_models.building.measured import measured
 from beamtouch_models.errors import SceneError
@@ -81,7 +82,7 @@ def build(
     progress("placing the sensors", 0.0)
     # Physics ends here: everything below knows only the effects that the scene requires.
     placement = fewest_sensors(physics.scene, physics.noise.sample_mm, count, seed)
-    prior = Prior.of(physics.scene, np.array(placement.positions_mm), physics.noise.sample_mm)
+    prior = Prior.real(physics.scene, np.array(placement.positions_mm), physics.noise.sample_mm)
     made = estimator_of(
         choices.estimator,
         prior,
@@ -92,7 +93,7 @@ def build(
     made = replace(made, graph=choices.finish(made.graph))
     progress("measuring the accuracy against the limit", 0.8)
     check_held(made, prior, seed + 4)
-    found = measured(made, prior, seed)
+    found = measured(made, prior, scene, physics.filter, seed)
     metadata = Metadata(
         name=name,
         estimator=made.name,
@@ -104,7 +105,10 @@ def build(
         noise=physics.noise,
         filter=physics.filter,
         sensor=sensor,
-        contact_threshold=found.contact_threshold,
+        floor=found.floor,
+        thresholds=found.thresholds,
+        smallest_force=found.smallest_force,
+        drawn=drawn_of(scene),
         seed=seed,
         accuracy=found.accuracy,
         golden=found.golden,

@@ -8,7 +8,7 @@ from beamtouch_models.modelfile import ModelFile
 def describe(model: ModelFile) -> dict[str, Any]:
     """Return all metadata of a model file, for JSON."""
     metadata = model.metadata
-    fields = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy"})
+    fields = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy", "drawn"})
     return {
         **fields,
         "model": model.identity,
@@ -17,5 +17,5 @@ def describe(model: ModelFile) -> dict[str, Any]:
         "noise_mm": metadata.noise.sample_mm,
         "outputs": list(model.outputs),
         "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
-        "golden_answers": len(metadata.golden.valid),
+        "golden_answers": len(metadata.golden.deflection_mm),
     }

@@ -1,50 +1,65 @@
-"""Measurements on a finished estimator for its metadata: accuracy, threshold of contact, golden answers."""
+"""Measurements on a finished estimator for its metadata: accuracy, thresholds, smallest force, golden answers."""
 
 from dataclasses import dataclass
 
 import numpy as np
-import onnx
-from onnx.utils import Extractor
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.rest import FALSE_ALARM_RATE, ODDS, contact_threshold
 from beamtouch_models.accuracy.statistics import mean_of, ratio_of
+from beamtouch_models.accuracy.touch import misfit_thresholds, rate_per_sample, smallest_force_n, touch_thresholds
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.export import to_bytes
-from beamtouch_models.metadata import Accuracy, Golden
+from beamtouch_models.metadata import Accuracy, FilterChoice, Floor, Golden, Seen, Thresholds
+from beamtouch_models.scene import Scene
 from beamtouch_models.session import Run, runner
+from beamtouch_models.whitening import whitening
 
 ACCURACY_DRAWS = 4_096
-GOLDEN_DRAWS = 8
+GOLDEN_DRAWS = 6
+SEEN_PLACES = 25
+"""Number of positions for which the smallest force is stated."""
 
 
 @dataclass(frozen=True)
 class Measured:
     """Fields of the metadata that are measured."""
 
-    contact_threshold: float
+    thresholds: Thresholds
+    smallest_force: Seen
+    floor: Floor
     accuracy: Accuracy
     golden: Golden
 
 
-def measured(estimator: Estimator, prior: Prior, seed: int) -> Measured:
+def measured(estimator: Estimator, prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> Measured:
     """Measure an estimator on simulated samples of its prior, using the three seeds after `seed`."""
     run = runner(to_bytes(estimator.graph))
+    thresholds = thresholds_of(prior, scene, chosen, seed + 1)
+    # At the very ends of a range that reaches to a support, no force is seen.
+    inside = np.linspace(*prior.position_mm, SEEN_PLACES + 2)[1:-1]
+    seen = np.minimum(smallest_force_n(prior, thresholds.touch[-1], inside), np.finfo(np.float32).max)
+    gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
     return Measured(
-        contact_threshold(prior, runner(to_bytes(_for_odds(estimator.graph))), seed + 1, FALSE_ALARM_RATE),
+        thresholds,
+        Seen(position_mm=inside.tolist(), force_n=seen.tolist()),
+        Floor(gain=gain, zero_mm=zero_mm),
         _accuracy(prior, run, seed + 2),
         _golden(prior, run, seed + 3),
     )
 
 
-def _for_odds(graph: onnx.ModelProto) -> onnx.ModelProto:
-    """Return the part of a graph that computes the log odds, which is more than twice as fast; all if it has none."""
-    if ODDS not in {output.name for output in graph.graph.output}:
-        return graph
-    part: onnx.ModelProto = Extractor(graph).extract_model([one.name for one in graph.graph.input], [ODDS])
-    return part
+def thresholds_of(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> Thresholds:
+    """Return the thresholds for the false contacts per day that a scene allows, behind a filter."""
+    per_day, rate_hz = scene.requirements.false_contacts_per_day, scene.sensors.rate_hz
+    rest, misfit = misfit_thresholds(prior.channels, rate_hz)
+    return Thresholds(
+        touch=touch_thresholds(prior, rate_per_sample(per_day, rate_hz, chosen.window), seed),
+        rest=rest,
+        misfit=misfit,
+        false_contacts_per_day=per_day,
+    )
 
 
 def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
@@ -54,8 +69,8 @@ def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
     if best is None:
         message = "without noise there is no accuracy limit"
         raise ValueError(message)
-    deflection = prior.stated(contacts.drawn.deflection_mm).astype(np.float32)
-    error = contacts.mean_error_mm(run(deflection, np.ones(deflection.shape, np.bool_))["position_mm"])
+    deflection = prior.stated(contacts.drawn.deflection_mm)
+    error = contacts.mean_error_mm(run(deflection, prior.whitening(deflection))["position_mm"])
     reached, least = (mean_of(values, weight).scaled(100 / prior.length_mm) for values in (error, best))
     return Accuracy(
         error_percent=reached.value,
@@ -67,14 +82,21 @@ def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
 
 
 def _golden(prior: Prior, run: Run, seed: int) -> Golden:
-    """Return the answers of the graph for a few contacts and a beam at rest."""
+    """Return the answers of the graph for a few contacts, one with a channel missing, one unsteady, and for rest."""
     drawn = limit.draw(prior, GOLDEN_DRAWS, seed)
-    linear = np.concatenate([drawn.deflection_mm, np.zeros((1, prior.channels))])
-    deflection = prior.stated(linear).astype(np.float32)
+    linear = np.concatenate([drawn.deflection_mm, drawn.deflection_mm[:2], np.zeros((1, prior.channels))])
+    deflection = prior.stated(linear)
+    covariance = np.tile(np.eye(prior.channels) * prior.noise_mm**2, (len(deflection), 1, 1))
+    # A load that has just come: its own deflection scatters.
+    covariance[GOLDEN_DRAWS] += np.outer(linear[GOLDEN_DRAWS], linear[GOLDEN_DRAWS]) / 4
     valid = np.ones(deflection.shape, np.bool_)
-    answers = run(deflection, valid)
+    if prior.channels > 1:
+        valid[GOLDEN_DRAWS + 1, 0], deflection[GOLDEN_DRAWS + 1, 0] = False, 0.0
+    weights = whitening(deflection, covariance, prior.gain, prior.zero_mm, valid).astype(np.float32)
+    deflection = deflection.astype(np.float32)
+    answers = run(deflection, weights)
     return Golden(
         deflection_mm=deflection.astype(float).tolist(),
-        valid=valid.tolist(),
+        whitening_per_mm=weights.astype(float).tolist(),
         answers={name: values.astype(float).tolist() for name, values in answers.items()},
     )

@@ -20,7 +20,9 @@ from beamtouch_models.estimators.onnx_graph import with_linear_input
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Calibration, Departures, Metadata
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.pricing.noise import floor_of
 from beamtouch_models.progress import Fraction, Progress
+from beamtouch_models.scene import parse_scene
 
 UNEXPLAINED = 0.1
 """Largest error of a fit, over the deflections that the scene predicts, and over the length.
@@ -100,7 +102,7 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     checked = checked_fit(model, loads, progress)
     found, before, after = checked.fit, checked.before_mm, checked.after_mm
     theory = found.theory
-    prior = _calibrated_prior(theory, found)
+    prior = _calibrated_prior(metadata, theory, found)
     made = _made(metadata, prior, found.departures, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
     progress("measuring the accuracy against the limit", 0.85)
     calibration = Calibration(
@@ -111,11 +113,14 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
         error_before_mm=float(before.mean()),
         error_after_mm=float(after.mean()),
     )
-    fields = measured(made, prior, metadata.seed)
+    scene = parse_scene(metadata.scene, metadata.name)
+    fields = measured(made, prior, scene, metadata.filter, metadata.seed)
     fresh = metadata.model_copy(
         update={
             "min_channels": made.min_channels,
-            "contact_threshold": fields.contact_threshold,
+            "thresholds": fields.thresholds,
+            "smallest_force": fields.smallest_force,
+            "floor": fields.floor,
             "accuracy": fields.accuracy,
             "golden": fields.golden,
             "calibration": calibration,
@@ -165,9 +170,11 @@ def _residual_mm(found: Fit) -> float:
     return float(np.hypot(found.residual_mm, found.prediction_mm))
 
 
-def _calibrated_prior(theory: Theory, found: Fit) -> Prior:
-    prior = theory.prior_with(found.departures)
-    return replace(prior, noise_mm=float(np.hypot(prior.noise_mm, _residual_mm(found))))
+def _calibrated_prior(metadata: Metadata, theory: Theory, found: Fit) -> Prior:
+    prior, floor = theory.prior_with(found.departures), metadata.floor
+    # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
+    zero_mm = np.hypot(floor_of(parse_scene(metadata.scene, metadata.name))[1], _residual_mm(found))
+    return replace(prior, gain=np.array(floor.gain), zero_mm=np.full(prior.channels, zero_mm))
 
 
 def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Fraction) -> Estimator:

@@ -47,7 +47,7 @@ def limit_mm(prior: Prior, loads: Loads, seed: int, draws: int = 400) -> float:
     """Return the mean error of the best estimate for samples of these loads."""
     rng = np.random.default_rng(seed)
     clean = loads.force_n[:, None] * prior.influence_at(loads.position_mm)
-    noise = rng.normal(scale=prior.noise_mm, size=(draws, *clean.shape))
+    noise = rng.normal(size=(draws, *clean.shape)) * prior.deviation_mm(clean)
     readings = (clean + noise).reshape(-1, prior.channels)
     off = limit.posterior_median_mm(prior, readings).reshape(draws, -1) - loads.position_mm
     return float(np.abs(off).mean())

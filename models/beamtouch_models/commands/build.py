@@ -1,9 +1,12 @@
 """`design-sensors build`: builds the model file of a scene, and optionally a daemon configuration and a report."""
 
 import argparse
+import json
 import re
 import sys
 from pathlib import Path
+
+import onnx
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models import modelfile
@@ -13,18 +16,19 @@ from beamtouch_models.building.report.facts import gather
 from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import inspect
 from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.errors import SceneError
-from beamtouch_models.scene import load_scene
+from beamtouch_models.errors import ModelFileError, SceneError
+from beamtouch_models.metadata import METADATA_PREFIX
+from beamtouch_models.pricing.noise import floor_of
+from beamtouch_models.scene import Scene, load_scene, parse_scene
 
 
 def run(options: argparse.Namespace) -> None:
     """Build, write the requested files, and print the metadata of the model."""
-    scene, text = load_scene(options.scene)
+    scene, text, name = _scene_of(options.scene)
     for path in (options.output, options.daemon_config, options.report):
         if path is not None and not path.parent.is_dir():
             message = f"{path.parent}: no such folder; create it first"
             raise SceneError(message)
-    name = surface_name(options.scene)
     with shown_progress() as progress:
         built = build(
             scene,
@@ -48,6 +52,7 @@ def run(options: argparse.Namespace) -> None:
             f"         beamtouch-daemon run {options.daemon_config}",
             file=sys.stderr,
         )
+    _say_floor(scene)
     for effect in built.physics.effects:
         if effect.verdict == "not modelled" and effect.having is not None:
             print(
@@ -55,6 +60,31 @@ def run(options: argparse.Namespace) -> None:
                 file=sys.stderr,
             )
     inspect.show(modelfile.load_bytes(built.content, str(options.output)), as_json=options.json)
+
+
+def _say_floor(scene: Scene) -> None:
+    """Say which errors the model takes the sensors to have where the scene does not state them."""
+    gain, zero_mm = floor_of(scene)
+    sensors = scene.sensors
+    taken = [] if sensors.gain_error_percent is not None else [f"sensors.gain_error_percent = {100 * gain:g}"]
+    taken += [] if sensors.zero_drift_mm is not None else [f"sensors.zero_drift_mm = {zero_mm:.2g}"]
+    if taken:
+        print(f"note:    the scene does not state {' and '.join(taken)}, which the model assumes", file=sys.stderr)
+
+
+def _scene_of(path: Path) -> tuple[Scene, str, str]:
+    """Return the scene of a scene file, or of a model file of any version, with its text and the surface's name."""
+    if path.suffix != ".onnx":
+        return *load_scene(path), surface_name(path)
+    try:
+        entries = {entry.key: entry.value for entry in onnx.load_from_string(modelfile.read(path)).metadata_props}
+        text, name = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name"))
+    except ModelFileError:
+        raise
+    except Exception:  # noqa: BLE001  # protobuf's errors have no common base but Exception
+        message = f"{path}: it is not a model file that holds its scene; give a scene (TOML)"
+        raise SceneError(message) from None
+    return parse_scene(text, f"the scene in {path}"), text, str(name)
 
 
 def surface_name(scene: Path) -> str:

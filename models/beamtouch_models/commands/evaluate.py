@@ -86,7 +86,7 @@ def _show(console: Console, model: modelfile.ModelFile, found: Evaluation) -> No
     ratios = [_text(None if errors is None else errors.ratio) for errors in (found.span, found.middle)]
     table.add_row("error over limit", ratios[0], "", ratios[1], "")
     console.print(table)
-    for label, text, remark in _lines(found):
+    for label, text, remark in _lines(found, model):
         console.print(f" {label:<18} {text}  {remark}".rstrip(), highlight=False)
 
 
@@ -99,7 +99,7 @@ _ROWS: tuple[tuple[str, Callable[[Errors], Measurement | float | None]], ...] = 
 )
 
 
-def _lines(found: Evaluation) -> list[tuple[str, str, str]]:
+def _lines(found: Evaluation, model: modelfile.ModelFile) -> list[tuple[str, str, str]]:
     """Return results other than position errors as label, value and remark, without those that the model lacks."""
     share = [
         ("position interval", found.position_coverage, "% of contacts lie inside; nominally 95 %", 100.0),
@@ -107,11 +107,15 @@ def _lines(found: Evaluation) -> list[tuple[str, str, str]]:
         ("force interval", found.force_coverage, "% of forces lie inside; nominally 95 %", 100.0),
         ("force error", found.force_error_n, "N, mean", 1.0),
         ("missed contacts", found.missed, "% of contacts", 100.0),
-        ("false contacts", found.false_alarms, "per million samples at rest", 1e6),
+        ("unexplained", found.unexplained, "% of contacts exceed the threshold of the misfit", 100.0),
+        ("false contacts", found.false_alarms, "samples a day at rest", 86_400 * model.metadata.sensor.rate_hz),
     ]
     lines = [
         (label, _text(value.scaled(factor)), remark) for label, value, remark, factor in share if value is not None
     ]
+    if found.smallest_force_n is not None:
+        least, most = found.smallest_force_n
+        lines.append(("smallest force", f"{least:.3g}..{most:.3g}", "N, seen in 95 % of samples along the range"))
     if found.cramer_rao_mean_mm is None:
         return [*lines, ("without noise", "", "the limit is 0, so there is no ratio")]
     return [*lines, ("Cramer-Rao", f"{found.cramer_rao_mean_mm:.4g}", "mm, mean |error| of an unbiased estimate")]

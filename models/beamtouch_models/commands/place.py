@@ -75,7 +75,7 @@ def _described(options: argparse.Namespace, scene: Scene, noise_mm: float, place
     if noise_mm > 0:
         # Use fresh draws: a layout looks better on the draws that it was chosen by.
         found = accuracy_limit(
-            Prior.of(scene, np.array(placement.positions_mm), noise_mm), LIMIT_DRAWS, options.seed + 1
+            Prior.real(scene, np.array(placement.positions_mm), noise_mm), LIMIT_DRAWS, options.seed + 1
         )
         percent, standard_error = found.percent, found.standard_error
     score = placement.log_eigenvalue_product

@@ -88,13 +88,13 @@ def with_linear_input(made: onnx.ModelProto, offset_mm: Floats, curve_per_mm: fl
 
 def model(graph: Graph, channels: int, outputs: Sequence[str]) -> onnx.ModelProto:
     """Return a graph with these outputs as an ONNX model without metadata; onnx raises if it is invalid."""
-    deflection, valid = INPUTS
+    deflection, whitening = INPUTS
     proto = helper.make_graph(
         graph.nodes,
         "beamtouch",
         [
             helper.make_tensor_value_info(deflection, TensorProto.FLOAT, ["batch", channels]),
-            helper.make_tensor_value_info(valid, TensorProto.BOOL, ["batch", channels]),
+            helper.make_tensor_value_info(whitening, TensorProto.FLOAT, ["batch", channels, channels]),
         ],
         [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch"]) for name in outputs],
         graph.constants,

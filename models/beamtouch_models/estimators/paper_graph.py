@@ -13,9 +13,9 @@ PATTERNS = 399
 
 
 def paper_graph(network: PaperNetwork) -> onnx.ModelProto:
-    """Return a network as an ONNX model; it ignores `valid`."""
+    """Return a network as an ONNX model; it ignores its whitening."""
     graph = Graph()
-    deflection, _valid = INPUTS
+    deflection, _whitening = INPUTS
     weights = 2 * network.hidden[:-1] / network.full_scale_mm[:, None]
     bias = network.hidden[-1] - network.hidden[:-1].sum(axis=0)
     units = graph.apply("Sigmoid", graph.apply("Gemm", deflection, graph.constant(weights), graph.constant(bias)))

@@ -27,6 +27,8 @@ ITERATIONS = 2000
 CALIBRATION_DRAWS = 20_000
 OUTPUTS = 7
 """Median of position, logarithms of the widths below and above it, log odds, and the same three for the force."""
+LEAST_FORCE = 1e-3
+"""Smallest force that the network learns, over the smallest of the scene."""
 ODDS_SCALE = 4.0
 """Error in the log odds, in nats, that weighs as much as a 100 % error in a width."""
 WEIGHTS = (1.0, 0.1, 0.1, 0.1, 1.0, 0.1, 0.1)
@@ -146,7 +148,8 @@ def _targets(prior: Prior, inputs: Inputs, taught: Lessons) -> Targets:
     half = (high - low) / 2
     position = (taught.position - (low + high) / 2) / half
     log_length = inputs.log_length(taught.deflection_mm, taught.valid)
-    force = np.log(taught.force) - log_length[:, None]
+    # A force that nothing holds has an interval from 0 on.
+    force = np.log(np.maximum(taught.force, LEAST_FORCE * prior.force_n[0])) - log_length[:, None]
     raw, spread = np.empty((len(position), OUTPUTS)), np.empty((len(position), 2))
     for first, values, column in ((0, position, 0), (4, force, 1)):
         median, below, above = values.T

@@ -13,7 +13,11 @@ from beamtouch_models.metadata import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
 
 
 def small_network_graph(network: Network, *, with_force: bool) -> onnx.ModelProto:
-    """Return the network as an ONNX model with the inputs and outputs of a model file, without metadata."""
+    """Return the network as an ONNX model, without metadata.
+
+    It takes from the whitening which channels are missing, and nothing else. So it gives neither an interval nor log
+    odds, which would hold for one noise only.
+    """
     graph = Graph()
     (first, *others), inputs = network.layers, network.inputs
     features, log_size = _features(graph, inputs.noise_mm)
@@ -21,30 +25,15 @@ def small_network_graph(network: Network, *, with_force: bool) -> onnx.ModelProt
     for weights, bias in (*others[:-1], _in_units(network, *others[-1])):
         value = graph.apply("Tanh", value)
         value = graph.apply("Gemm", value, graph.constant(weights), graph.constant(bias))
-    position, below, above, odds, force, less, more = (
-        graph.apply("Gather", value, graph.index(column), axis=1) for column in range(7)
-    )
-    graph.apply("Identity", odds, output="contact_log_odds")
+    position, force = (graph.apply("Gather", value, graph.index(column), axis=1) for column in (0, 4))
     low, high = (graph.constant(end) for end in network.position_mm)
-    ends = (
-        position,
-        graph.apply("Sub", position, graph.apply("Exp", below)),
-        graph.apply("Add", position, graph.apply("Exp", above)),
-    )
-    for name, end in zip(POSITION_OUTPUTS[:3], ends, strict=True):
-        graph.apply("Clip", end, low, high, output=name)
+    graph.apply("Clip", position, low, high, output=POSITION_OUTPUTS[0])
     if not with_force:
-        return model(graph, len(inputs.centre), POSITION_OUTPUTS)
+        return model(graph, len(inputs.centre), POSITION_OUTPUTS[:1])
     low, high = (graph.constant(end) for end in network.force_n)
     log_force = graph.apply("Add", force, graph.apply("Squeeze", log_size, graph.ints(1)))
-    ends = (
-        log_force,
-        graph.apply("Sub", log_force, graph.apply("Exp", less)),
-        graph.apply("Add", log_force, graph.apply("Exp", more)),
-    )
-    for name, end in zip(FORCE_OUTPUTS, ends, strict=True):
-        graph.apply("Clip", graph.apply("Exp", end), low, high, output=name)
-    return model(graph, len(inputs.centre), (*POSITION_OUTPUTS, *FORCE_OUTPUTS))
+    graph.apply("Clip", graph.apply("Exp", log_force), low, high, output=FORCE_OUTPUTS[0])
+    return model(graph, len(inputs.centre), (POSITION_OUTPUTS[0], FORCE_OUTPUTS[0]))
 
 
 def _features(graph: Graph, noise_mm: float) -> tuple[str, str]:
@@ -52,7 +41,9 @@ def _features(graph: Graph, noise_mm: float) -> tuple[str, str]:
 
     The size is the length of the deflection together with the noise, in mm: sqrt(|z|^2 + s^2).
     """
-    deflection, valid = INPUTS
+    deflection, whitening = INPUTS
+    weight = graph.apply("ReduceSumSquare", whitening, axes=[1], keepdims=0)
+    valid = graph.apply("Greater", weight, graph.constant(0.0))
     reading = graph.apply("Where", valid, deflection, graph.constant(0.0))
     square = graph.apply("ReduceSumSquare", reading, axes=[1], keepdims=1)
     square = graph.apply("Add", square, graph.constant(noise_mm**2))

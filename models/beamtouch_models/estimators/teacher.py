@@ -48,13 +48,14 @@ def lessons(prior: Prior, rng: np.random.Generator, size: int, *, contacts_only:
     kind = np.ones(size) if contacts_only else rng.random(size)
     touched = kind >= REST_SHARE + WEAK_SHARE
     part = np.where(touched, 1.0, np.where(kind < REST_SHARE, 0.0, rng.random(size)))
-    clean = (force * part)[:, None] * prior.table(position)
-    deflection = clean + rng.normal(scale=prior.noise_mm, size=clean.shape)
+    clean, deviation = prior.sampled(position, force * part)
+    deflection = clean + rng.normal(size=clean.shape) * deviation
     valid = np.ones(deflection.shape, np.bool_)
     if may_miss_one(prior) and not contacts_only:
         lacking = np.flatnonzero(rng.random(size) < MISSING_SHARE)
         valid[lacking, rng.integers(prior.channels, size=len(lacking))] = False
-    answers = runner(posterior_graph(prior, with_force=True).SerializeToString())(deflection.astype(np.float32), valid)
+    run = runner(posterior_graph(prior, with_force=True).SerializeToString())
+    answers = run(np.where(valid, deflection, 0.0), prior.whitening(deflection, valid))
     columns = {name: values.astype(np.float64) for name, values in answers.items()}
     return Lessons(
         deflection,

@@ -51,7 +51,7 @@ def fewest_sensors(scene: Scene, noise_mm: float, count: int | None, seed: int) 
         placement = place(scene, number, seed)
         if fewest == most or wanted_mm is None:
             return placement
-        reached = accuracy_limit(Prior.of(scene, np.array(placement.positions_mm), noise_mm), COUNT_DRAWS, seed)
+        reached = accuracy_limit(Prior.real(scene, np.array(placement.positions_mm), noise_mm), COUNT_DRAWS, seed)
         reached_mm = reached.percent / 100 * scene.beam.length_mm
         if reached_mm <= wanted_mm:
             return placement

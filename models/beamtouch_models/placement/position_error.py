@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.accuracy.densities import densities
+from beamtouch_models.accuracy.forces import forces_of
 from beamtouch_models.accuracy.limit import accuracy_limit, spread_contacts
 from beamtouch_models.accuracy.posterior import log_likelihood
 from beamtouch_models.accuracy.prior import Prior
@@ -54,7 +55,7 @@ class Surrogate:
         shapes = self.shapes[:, layout]
         size = np.linalg.norm(shapes, axis=1)
         projection = (self.clean[:, layout] + self.noise) @ (shapes / np.where(size > 0, size, 1.0)[:, None]).T
-        density = log_likelihood(self.force_n, size, projection, projection**2 / 2)
+        density = log_likelihood(forces_of(self.force_n, 0.0), size, projection, projection**2 / 2)
         return float(densities(np.broadcast_to(self.position_mm, density.shape), density).mean_distance().mean())
 
     def cramer_rao_mm(self, sums: Floats) -> Floats:
@@ -94,7 +95,7 @@ def surrogate_of(scene: Scene, rules: Candidates, count: int, noise_mm: float, s
     """Draw the contacts of a surrogate."""
     grid = np.linspace(*scene.contact.position_mm, GRID)
     drawn, force, noise = spread_contacts(
-        Prior.of(scene, np.zeros(count), noise_mm), DRAWS, np.random.default_rng(seed)
+        Prior.real(scene, np.zeros(count), noise_mm), DRAWS, np.random.default_rng(seed)
     )
     return Surrogate(
         scene.contact.force_range_n,
@@ -120,6 +121,6 @@ def decided(
         limits = []
         for number, layout in enumerate(distinct):
             progress(number / len(distinct))
-            limits.append(accuracy_limit(Prior.of(scene, rules.position_mm[layout], noise_mm), draws, seed).percent)
+            limits.append(accuracy_limit(Prior.real(scene, rules.position_mm[layout], noise_mm), draws, seed).percent)
         distinct = [distinct[index] for index in np.argsort(limits, kind="stable")[:3]]
     return distinct[0]

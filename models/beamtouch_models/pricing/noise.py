@@ -10,6 +10,11 @@ from beamtouch_models.scene import Scene
 SPIKE_SIGMAS = 6.0
 """Distance from the median of three, in standard deviations, of a spike; noise reaches it once in 1e8 readings."""
 
+GAIN_ERROR = 0.003
+"""Relative gain error that calibration leaves, if the scene does not state it."""
+ZERO_SHARE = 0.2
+"""Drift of the zero since the last tare over the noise of a reading, if the scene does not state it."""
+
 MAX_READINGS = 10_000
 """Longest filter of the daemon."""
 
@@ -35,6 +40,18 @@ def reading_noise_mm(scene: Scene) -> float:
     sensors = scene.sensors
     step = 0.0 if sensors.adc_bits is None else step_mm(sensors.range_mm, sensors.adc_bits)
     return math.hypot(sensor_noise_mm(scene), step / math.sqrt(12))
+
+
+def floor_of(scene: Scene) -> tuple[float, float]:
+    """Return the relative gain error and the drift of the zero in mm, as standard deviations per channel.
+
+    They stay when readings are averaged. A scene that states neither is taken to have a gain error of GAIN_ERROR and
+    a drift of ZERO_SHARE of the noise of a reading.
+    """
+    sensors = scene.sensors
+    gain = GAIN_ERROR if sensors.gain_error_percent is None else sensors.gain_error_percent / 100
+    zero_mm = ZERO_SHARE * reading_noise_mm(scene) if sensors.zero_drift_mm is None else sensors.zero_drift_mm
+    return gain, zero_mm
 
 
 def step_mm(range_mm: tuple[float, float], adc_bits: int) -> float:

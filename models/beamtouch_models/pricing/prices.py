@@ -12,19 +12,20 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import dynamics
-from beamtouch_models.physics.beam import load_positions_mm, scene_influence
-from beamtouch_models.pricing.noise import step_mm
+from beamtouch_models.physics.beam import influence_deviation, load_positions_mm, scene_influence
+from beamtouch_models.pricing.noise import floor_of, step_mm
 from beamtouch_models.pricing.removal import (
     changed,
     without_adc,
     without_foundation,
     without_shear,
     without_steps,
+    without_tolerance,
     without_width,
 )
 from beamtouch_models.scene import Scene
 
-Verdict = Literal["in", "out", "not stated", "not modelled"]
+Verdict = Literal["in", "out", "floor", "not stated", "not modelled"]
 
 NEGLIGIBLE = 0.1
 """Price, in units of the noise, below which effects are left out."""
@@ -40,7 +41,8 @@ class Effect:
     price: float | None
     """In units of the noise of a sample; None if the scene does not state the data for it."""
     verdict: Verdict
-    """"in" or "out" of the influence matrix; "not modelled": it matters, but the influence matrix cannot include it."""
+    """"in" or "out" of the influence matrix; "floor": part of the covariance of every sample; "not modelled": it
+    matters, but no part of the model can include it."""
     reason: str
     having: Scene | None = None
     lacking: Scene | None = None
@@ -173,6 +175,31 @@ def _dynamics(pricing: Pricing) -> Effect:
     return Effect("dynamics", price, "not modelled", reason)
 
 
+def _gain_error(pricing: Pricing) -> Effect:
+    gain, _ = floor_of(pricing.scene)
+    stated = "" if pricing.scene.sensors.gain_error_percent is not None else ", as the scene states none"
+    reason = f"{gain:.2%} of the deflection that calibration leaves{stated}; it never averages away"
+    return Effect("gain error", gain * pricing.in_noise(pricing.deflection_mm(pricing.scene)), "floor", reason)
+
+
+def _zero_drift(pricing: Pricing) -> Effect:
+    _, zero_mm = floor_of(pricing.scene)
+    stated = "" if pricing.scene.sensors.zero_drift_mm is not None else ", as the scene states none"
+    reason = f"{1000 * zero_mm:.3g} um since the last tare{stated}; it never averages away"
+    return Effect("zero drift", pricing.in_noise(np.array([zero_mm])), "floor", reason)
+
+
+def _mounting_tolerance(pricing: Pricing) -> Effect:
+    scene, tolerance_mm = pricing.scene, pricing.scene.sensors.mounting_tolerance_mm
+    if tolerance_mm == 0:
+        return Effect("mounting tolerance", 0.0, "out", "the scene states none")
+    moved = influence_deviation(scene, pricing.sensor_mm, load_positions_mm(scene))
+    price = pricing.in_noise(scene.contact.force_range_n[1] * moved)
+    reason = f"+- {tolerance_mm:g} mm along the beam; `calibrate` finds the true positions"
+    verdict: Verdict = "out" if price < NEGLIGIBLE else "floor"
+    return Effect("mounting tolerance", price, verdict, reason, leave_out=without_tolerance)
+
+
 def _sensor_curve(pricing: Pricing) -> Effect:
     low, high = pricing.scene.sensors.range_mm
     return Effect(
@@ -200,4 +227,7 @@ EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (
     _dynamics,
     _sensor_curve,
     _adc_steps,
+    _gain_error,
+    _zero_drift,
+    _mounting_tolerance,
 )

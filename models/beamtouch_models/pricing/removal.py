@@ -26,6 +26,11 @@ def without_foundation(scene: Scene) -> Scene:
     return changed(scene, "beam", foundation_n_mm2=None)
 
 
+def without_tolerance(scene: Scene) -> Scene:
+    """Return the scene with sensors at exactly known positions."""
+    return changed(scene, "sensors", mounting_tolerance_mm=0.0)
+
+
 def without_adc(scene: Scene) -> Scene:
     """Return the scene without the steps of its ADC."""
     return changed(scene, "sensors", adc_bits=None)

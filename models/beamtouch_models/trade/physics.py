@@ -39,20 +39,21 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
     noise_mm, physics = noise_of(scene, chosen).sample_mm, required(scene, chosen)
     count = scene.sensors.count_range[0]
     layout = np.array(fewest_sensors(physics.scene, noise_mm, count, seed).positions_mm)
-    whole = Prior.of(scene, layout, noise_mm)
+    whole = Prior.real(scene, layout, noise_mm)
     contacts = simulated_enough(whole, draws, seed + 1)
     best = contacts.deviation_mm
     if best is None:
         return []
-    reading = contacts.drawn.deflection_mm.astype(np.float32)
+    reading = contacts.drawn.deflection_mm
+    whitening = whole.whitening(reading)
     with_ms = _table_ms(whole)
     found = []
     for effect in physics.effects:
         if effect.leave_out is None or effect.price is None:
             continue
-        without = Prior.of(effect.leave_out(scene), layout, noise_mm)
+        without = Prior.real(effect.leave_out(scene), layout, noise_mm)
         run = runner(posterior_graph(without, with_force=False).SerializeToString())
-        error = contacts.mean_error_mm(run(reading, np.ones(reading.shape, np.bool_))["position_mm"])
+        error = contacts.mean_error_mm(run(reading, whitening)["position_mm"])
         ratio = ratio_of(error * contacts.weight, best * contacts.weight)
         found.append(LeftOut(effect.name, effect.price, effect.verdict, ratio, _table_ms(without), with_ms))
     return found

@@ -168,7 +168,7 @@ def measured_points(
 def _contacts(physics: Physics, count: int, draws: int, seed: int) -> tuple[Contacts, Prior]:
     noise_mm = physics.noise.sample_mm
     layout = np.array(fewest_sensors(physics.scene, noise_mm, count, seed).positions_mm)
-    prior = Prior.of(physics.scene, layout, noise_mm)
+    prior = Prior.real(physics.scene, layout, noise_mm)
     return simulated_enough(prior, draws, seed + 1), prior
 
 
@@ -176,10 +176,10 @@ def _made(scene: Scene, name: Name, chosen: FilterChoice, prior: Prior, contacts
     """Return an estimator as it is and with 8-bit weights; SceneError if an answer is not finite."""
     best, weight = contacts.deviation_mm, contacts.weight
     one = estimator_of(name, prior, with_force=scene.wants_force, seed=seed, progress=silent)
-    reading = contacts.drawn.deflection_mm.astype(np.float32)
+    reading = contacts.drawn.deflection_mm
     found = []
     for graph in (one.graph, quantised(one.graph)):
-        answers = runner(to_bytes(graph))(reading, np.ones(reading.shape, np.bool_))
+        answers = runner(to_bytes(graph))(reading, prior.whitening(reading))
         error = contacts.mean_error_mm(answers["position_mm"])
         if best is None or not np.isfinite(error).all():
             message = "some of its answers are not finite"
@@ -190,16 +190,16 @@ def _made(scene: Scene, name: Name, chosen: FilterChoice, prior: Prior, contacts
 
 
 def _timed(scene: Scene, made: Sequence[_Made], rounds: int, progress: Fraction) -> list[Point]:
-    readings = [(one.content, _reading(one.prior)) for one in made]
+    readings = [(one.content, *_sample(one.prior)) for one in made]
     times = inference_times(readings, progress, rounds)
     return [_point(scene, one, time) for one, time in zip(made, times, strict=True)]
 
 
-def _reading(prior: Prior) -> Floats32:
-    """Return the reading of a contact at a third of the range, with the middle force."""
+def _sample(prior: Prior) -> tuple[Floats32, Floats32]:
+    """Return the deflection of a contact at a third of the range, with the middle force, and its whitening."""
     low, high = prior.position_mm
-    clean: Floats = sum(prior.force_n) / 2 * prior.influence_at(np.array([low + (high - low) / 3]))[0]
-    return clean.astype(np.float32)
+    clean: Floats = sum(prior.force_n) / 2 * prior.influence_at(np.array([low + (high - low) / 3]))
+    return clean.astype(np.float32), prior.whitening(clean).astype(np.float32)
 
 
 def _point(scene: Scene, made: _Made, times: Times) -> Point:

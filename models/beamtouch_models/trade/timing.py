@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Floats32
+from beamtouch_models.metadata import INPUTS
 from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.session import open_session
 
@@ -26,12 +27,12 @@ class Times:
 
 
 def inference_times(
-    graphs: Sequence[tuple[bytes, Floats32]],
+    graphs: Sequence[tuple[bytes, Floats32, Floats32]],
     progress: Fraction = silent,
     rounds: int = ROUNDS,
 ) -> list[Times]:
-    """Time graphs, each with a reading (channels,) of a contact."""
-    runs = [_session(content, reading) for content, reading in graphs]
+    """Time graphs, each with the deflection (1, channels) of a contact and its whitening (1, channels, channels)."""
+    runs = [_session(*graph) for graph in graphs]
     single: list[list[int]] = [[] for _ in runs]
     many: list[list[int]] = [[] for _ in runs]
     for turn in range(rounds):
@@ -49,10 +50,12 @@ def inference_times(
     ]
 
 
-def _session(content: bytes, reading: Floats32) -> tuple[Callable[[], object], Callable[[], object]]:
+def _session(
+    content: bytes, reading: Floats32, whitening: Floats32
+) -> tuple[Callable[[], object], Callable[[], object]]:
     session = open_session(content)
     feeds = [
-        {"deflection_mm": np.tile(reading, (batch, 1)), "valid": np.ones((batch, len(reading)), np.bool_)}
+        dict(zip(INPUTS, (np.tile(reading, (batch, 1)), np.tile(whitening, (batch, 1, 1))), strict=True))
         for batch in (1, BATCH)
     ]
     return lambda: session.run(None, feeds[0]), lambda: session.run(None, feeds[1])

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.modelfile import Answers, ModelFile
+from beamtouch_models.modelfile import Answers, ModelFile, whitening
 from beamtouch_service.problems import Kind, Problem
 from beamtouch_service.samples import Quality, Sample
 
-Ask = Callable[[NDArray[np.float32], NDArray[np.bool_]], Answers]
-"""Takes deflections [mm] and valid, both (samples, channels); returns a value per output and sample."""
+Ask = Callable[[NDArray[np.float32], NDArray[np.float32]], Answers]
+"""Takes deflections [mm] (samples, channels) and their whitening [1/mm] (samples, channels, channels); returns a value
+per output and sample."""
 CHUNK = 256
 """Samples in one call of the model. More would cost memory and save no time."""
 _FLOAT32_MAX = float(np.finfo(np.float32).max)
@@ -48,7 +49,7 @@ def _chunk(model: ModelFile, surface: str, offered: list[str], samples: Sequence
     rows = [arrange(channels, sample) for sample in samples]
     values = np.array([values for values, bad in rows if len(bad) <= max_bad], np.float32)
     valid = np.array([[name not in bad for name, _ in channels] for _, bad in rows if len(bad) <= max_bad], np.bool_)
-    answered = iter(_by_sample(ask(values, valid)) if len(values) else [])
+    answered = iter(_by_sample(ask(values, whitening_of(model, values, valid))) if len(values) else [])
     return [
         Estimated(
             sample.sequence,
@@ -58,6 +59,14 @@ def _chunk(model: ModelFile, surface: str, offered: list[str], samples: Sequence
         )
         for sample, (_, bad) in zip(samples, rows, strict=True)
     ]
+
+
+def whitening_of(model: ModelFile, deflection_mm: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return the whitening of settled samples, with the noise that the model was made for and its floor."""
+    said = model.metadata
+    covariance_mm2 = np.eye(len(said.layout)) * said.noise.sample_mm**2
+    exact = deflection_mm.astype(np.float64)
+    return whitening(exact, covariance_mm2, said.floor.gain, said.floor.zero_mm, valid).astype(np.float32)
 
 
 def _by_sample(answers: Answers) -> list[dict[str, float]]:

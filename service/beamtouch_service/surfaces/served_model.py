@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.modelfile import Answers, ModelFile
+from beamtouch_models.modelfile import INPUTS, Answers, ModelFile
 from beamtouch_service.surfaces.touch import levels
 
 
@@ -15,21 +15,21 @@ class Inference:
         self._run = model.session.run_with_iobinding
         golden = model.metadata.golden
         self._deflection_mm = np.array(golden.deflection_mm[:1], np.float32)
-        self._valid = np.array(golden.valid[:1], np.bool_)
+        self._whitening = np.array(golden.whitening_per_mm[:1], np.float32)
         # The graph decides the shapes of its outputs, so take them from an answer.
-        answers = model.estimate(self._deflection_mm, self._valid)
+        answers = model.estimate(self._deflection_mm, self._whitening)
         self._answers = {name: np.ascontiguousarray(values) for name, values in answers.items()}
         self._binding = model.session.io_binding()
-        for name, array in (("deflection_mm", self._deflection_mm), ("valid", self._valid)):
+        for name, array in zip(INPUTS, (self._deflection_mm, self._whitening), strict=True):
             self._binding.bind_input(name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data)
         for name, array in self._answers.items():
             self._binding.bind_output(name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data)
 
-    def ask(self, deflection_mm: NDArray[np.float32], valid: NDArray[np.bool_]) -> Answers:
-        """Return the values per output for deflections [mm], (samples, channels). They hold until the next call."""
+    def ask(self, deflection_mm: NDArray[np.float32], whitening_per_mm: NDArray[np.float32]) -> Answers:
+        """Return the values per output for deflections [mm] and their whitening. They hold until the next call."""
         if len(deflection_mm) != 1:
-            return self._model.estimate(deflection_mm, valid)
-        self._deflection_mm[:], self._valid[:] = deflection_mm, valid
+            return self._model.estimate(deflection_mm, whitening_per_mm)
+        self._deflection_mm[:], self._whitening[:] = deflection_mm, whitening_per_mm
         self._run(self._binding)
         return self._answers
 

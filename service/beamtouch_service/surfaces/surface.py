@@ -195,9 +195,9 @@ class Surface:
             self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, batch.notes)
             return
 
-        def ask(deflection_mm: NDArray[np.float32], valid: NDArray[np.bool_]) -> Answers:
+        def ask(deflection_mm: NDArray[np.float32], whitening_per_mm: NDArray[np.float32]) -> Answers:
             begin_s = perf_counter()
-            answers = served.inference.ask(deflection_mm, valid)
+            answers = served.inference.ask(deflection_mm, whitening_per_mm)
             self.timings.inference_s.observe(perf_counter() - begin_s)
             return answers
 

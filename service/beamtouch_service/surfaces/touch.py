@@ -8,7 +8,7 @@ import numpy as np
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.problems import Kind, Problem
 from beamtouch_service.surfaces.contact import LOG_ODDS, Decision, State, UnusableEstimateError, decide
-from beamtouch_service.surfaces.estimates import Estimated
+from beamtouch_service.surfaces.estimates import Estimated, whitening_of
 
 LIFT_FRACTION = 1 / 8
 """The point between rest and the threshold of touch where a contact ends, as a fraction of the log odds.
@@ -25,23 +25,27 @@ of its samples, so a lift is seen in the first or second sample. Lower would cos
 class Levels:
     """The two thresholds of `contact_log_odds` [nats], and the length of the beam."""
 
-    touch: float
-    """A contact begins above it."""
-    lift: float
-    """A contact ends at or below it."""
+    touch: tuple[float, ...]
+    """A contact begins above it; by the number of valid channels, from one on."""
+    lift: tuple[float, ...]
+    """A contact ends at or below it; likewise."""
     length_mm: float
 
 
 def levels(model: ModelFile) -> Levels:
     """Return the thresholds of a model. The lift threshold follows from its answer to a beam at rest."""
     metadata = model.metadata
-    touch, channels = metadata.contact_threshold, len(metadata.layout)
+    channels = len(metadata.layout)
     rest = metadata.calibration.departures.offset_mm if metadata.calibration else [0.0] * channels
-    answer = model.estimate(np.array([rest], np.float32), np.ones((1, channels), np.bool_))
-    log_odds = float(answer[LOG_ODDS][0]) if LOG_ODDS in answer else touch
+    deflection_mm, valid = np.array([rest], np.float32), np.ones((1, channels), np.bool_)
+    answer = model.estimate(deflection_mm, whitening_of(model, deflection_mm, valid))
+    touch = tuple(metadata.thresholds.touch)
+    log_odds = float(answer[LOG_ODDS][0]) if LOG_ODDS in answer else touch[-1]
     # A model that does not tell rest from a touch gets one threshold.
-    usable = isfinite(log_odds) and log_odds < touch
-    return Levels(touch, log_odds + LIFT_FRACTION * (touch - log_odds) if usable else touch, metadata.length_mm)
+    lift = tuple(
+        log_odds + LIFT_FRACTION * (one - log_odds) if isfinite(log_odds) and log_odds < one else one for one in touch
+    )
+    return Levels(touch, lift, metadata.length_mm)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +92,9 @@ class Follower:
     def _decide(self, estimated: Estimated) -> Decision | Problem:
         if isinstance(estimated.answer, Problem):
             return estimated.answer
-        threshold = self._levels.lift if self._touching else self._levels.touch
+        by_channels = self._levels.lift if self._touching else self._levels.touch
         try:
-            return decide(estimated.answer, threshold, self._levels.length_mm)
+            return decide(estimated.answer, by_channels[-1 - len(estimated.bad)], self._levels.length_mm)
         except UnusableEstimateError as error:
             detail = (
                 f"For the newest sample, {error}. Check the characteristics and tare of the sensors, then the model."

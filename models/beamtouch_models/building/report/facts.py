@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.accuracy.contacts import simulated
+from beamtouch_models.accuracy.evaluation import estimates
 from beamtouch_models.accuracy.limit import MeanError, accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of
@@ -100,12 +101,11 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
 
 
 def _profile(scene: Scene, model: ModelFile, positions: Floats, seed: int) -> Profile:
-    prior = Prior.of(scene, positions, model.metadata.noise.sample_mm)
+    prior = Prior.real(scene, positions, model.metadata.noise.sample_mm)
     contacts = simulated(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
     best = contacts.least_error_mm()
     weight = np.broadcast_to(contacts.weight[:, None], contacts.likely_mm.shape)
-    deflection = contacts.drawn.deflection_mm.astype(np.float32)
-    answers = model.estimate(deflection, np.ones(deflection.shape, np.bool_))
+    answers = estimates(model, prior, contacts.drawn.deflection_mm)
     edges = np.linspace(*scene.contact.position_mm, PROFILE_BINS + 1)
     stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
 
@@ -135,7 +135,7 @@ def _layouts(scene: Scene, taken: Floats, noise_mm: float, seed: int) -> tuple[O
         named["the model's"] = taken
     found = []
     for name, positions in named.items():
-        prior = Prior.of(scene, positions, noise_mm)
+        prior = Prior.real(scene, positions, noise_mm)
         reached = accuracy_limit(prior, LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
         score = score_positions(scene, positions)
         found.append(OtherLayout(name, positions, score, reached, bool(np.allclose(taken, positions))))

@@ -7,6 +7,7 @@ from jinja2 import Environment, StrictUndefined
 from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
 from beamtouch_models.charts import STYLE, Chart, Series, draw
+from beamtouch_models.description import per_day
 from beamtouch_models.pricing.prices import NEGLIGIBLE
 
 MAX_CHARTED = 8
@@ -38,10 +39,12 @@ def page(facts: Facts) -> str:
             "components": _components(facts),
             "effects": _effects(facts),
             "noise": _noise(facts),
+            "floor": _floor(facts),
         },
         marked=next(index for index, layout in enumerate(facts.layouts) if layout.taken),
         widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
         negligible=NEGLIGIBLE,
+        touch=per_day(facts.model.metadata.thresholds.false_contacts_per_day),
     )
 
 
@@ -62,6 +65,11 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
             Series("stated", x, [95.0] * len(x), 0, "dashed"),
         ]
         charts.append(("held", Chart(says, at, "held, %", curves), stretches))
+    seen = facts.model.metadata.smallest_force
+    says = "Smallest force that is seen over the position of the contact"
+    charts.append(
+        ("seen", Chart(says, at, "force, N", [Series("", seen.position_mm, seen.force_n)], y_from_zero=True), "")
+    )
     scaled = facts.components.transformed * (facts.middle_force_n / facts.model.metadata.noise.sample_mm)
     says = "Components over the position of the contact, in units of the noise of a sample"
     curves = [
@@ -129,6 +137,12 @@ def _effects(facts: Facts) -> Rows:
         (effect.name, "-" if effect.price is None else f"{effect.price:.3g}", effect.verdict, effect.reason)
         for effect in facts.effects
     ]
+
+
+def _floor(facts: Facts) -> Rows:
+    floor, layout = facts.model.metadata.floor, facts.model.metadata.layout
+    each = zip(layout, floor.gain, floor.zero_mm, strict=True)
+    return [(channel.name, f"{100 * gain:.3g}", f"{1000 * zero:.3g}") for channel, gain, zero in each]
 
 
 def _noise(facts: Facts) -> Rows:

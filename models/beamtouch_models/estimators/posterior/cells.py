@@ -17,9 +17,7 @@ LOUDNESS = (60.0, 600.0)
 LEAST = (128, 192, 256)
 STEP, MOST = 64, 8192
 """The number of cells is a multiple of STEP and at most MOST, which a noise of 1e-4 % of the deflection needs."""
-PRECISE_FROM = 300.0
-"""Ratio of the largest deflection to the noise above which float32 has too few digits for the misfit."""
-RESOLVED_STEP = {True: 1.2, False: 3.0}
+RESOLVED_STEP = {True: 1.2, False: 2.4}
 """For known and open force: largest cell, in deviations of the posterior, for which sums need no tempering."""
 UNTEMPERED = 512
 """Largest number of cells in a graph without tempering."""
@@ -41,8 +39,10 @@ class Cells:
     """(cells,) half way in the change of the reading."""
     influence: Floats
     """(cells, channels) mm/N, at the middles of the cells."""
-    step: Floats
-    """(cells,) change of the reading across a cell: in deviations of the noise, or in radians if the force is open."""
+    change: Floats
+    """(cells, channels) mm/N, change of the influence across a cell."""
+    uncertain: Floats | None
+    """(cells, channels) mm/N, deviation of the influence at the middles; None if the sensors' positions are exact."""
 
 
 @dataclass(frozen=True)
@@ -52,64 +52,81 @@ class Design:
     cells: int
     temper: bool
     """Widen the likelihood to the cell where it is narrower than the cell."""
-    precise: bool
-    """Compute the misfit in double precision."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """The influence along the position range, and how far a contact of the largest force moves the reading there."""
+
+    position_mm: Floats
+    """(positions,)"""
+    influence: Floats
+    """(positions, channels) mm/N"""
+    moved: Floats
+    """(positions - 1,) change that the force does not explain, in deviations, floor included."""
+    size: Floats
+    """(positions,) size of the reading, in deviations."""
 
 
 def design_for(prior: Prior) -> Design:
-    """Choose cells so that the error stays within 1.05 of the limit (measured: docs/decisions/005).
+    """Choose cells so that the error stays at the limit (measured: docs/decisions/013).
 
-    The reading follows a curve as the contact moves. The length of this curve in deviations of the noise is the number
-    of distinguishable positions. Each gets a cell; beyond `RESOLVABLE` the cells grow.
+    The reading follows a curve as the contact moves. The length of this curve in its deviations is the number of
+    distinguishable positions. Each gets a cell; beyond `RESOLVABLE` the cells grow.
     """
-    known = prior.force_is_known
-    fine, influence = _fine(prior)
-    loudest = prior.force_n[1] * float(np.linalg.norm(influence, axis=1).max()) / prior.noise_mm
-    scale = 1.0 if known else loudest
-    told_apart = float(_spaced(prior, fine, influence, 256).step.sum()) * scale
+    known, path = prior.force_is_known, path_of(prior)
+    told_apart = float(path.moved.sum())
     resolvable, power = RESOLVABLE[known]
     wanted = min(told_apart, resolvable) * max(1.0, told_apart / resolvable) ** power
-    least = LEAST[int(np.searchsorted(LOUDNESS, loudest))]
+    least = LEAST[int(np.searchsorted(LOUDNESS, float(path.size.max())))]
     count = _in_steps(max(wanted, least))
-    precise = loudest > PRECISE_FROM
     for more in range(count, min(2 * count, UNTEMPERED) + 1, STEP):
-        # Without tempering the graph has a fifth fewer operations, which pays for twice the cells.
-        if float(_spaced(prior, fine, influence, more).step.max()) * scale <= RESOLVED_STEP[known]:
-            return Design(more, temper=False, precise=precise)
-    return Design(count, temper=True, precise=precise)
+        # Without tempering the graph has a third fewer operations, which pays for twice the cells.
+        if _largest_step(prior, path, more) <= RESOLVED_STEP[known]:
+            return Design(more, temper=False)
+    return Design(count, temper=True)
 
 
 def _in_steps(cells: float) -> int:
     return STEP * int(np.clip(np.ceil(cells / STEP), 2, MOST / STEP))
 
 
-def cells_of(prior: Prior, count: int) -> Cells:
-    """Return `count` cells for a prior."""
-    return _spaced(prior, *_fine(prior), count)
+def _largest_step(prior: Prior, path: Path, count: int) -> float:
+    """Return the largest cell in deviations of a contact of the largest force."""
+    edges = np.searchsorted(path.position_mm, cells_of(prior, count, path).edges_mm).clip(0, FINE - 1)
+    along = np.concatenate([[0.0], np.cumsum(path.moved)])
+    return float(np.diff(along[edges]).max())
 
 
-def _fine(prior: Prior) -> tuple[Floats, Floats]:
+def path_of(prior: Prior) -> Path:
+    """Return the path of a prior's reading."""
     fine = np.linspace(*prior.position_mm, FINE)
-    return fine, prior.table(fine)
+    influence = prior.table(fine)
+    force = prior.force_n[1]
+    deviation = prior.deviation_mm(force * influence)
+    if prior.uncertainty is not None:
+        deviation = np.hypot(deviation, force * prior.uncertainty(fine))
+    within = (deviation[1:] + deviation[:-1]) / 2
+    shape = force * (influence[1:] + influence[:-1]) / 2 / within
+    change = force * np.diff(influence, axis=0) / within
+    size = np.linalg.norm(force * influence / deviation, axis=1)
+    if not prior.force_is_known:
+        square = (shape**2).sum(axis=1) + (FLOOR * size.max()) ** 2
+        change -= shape * ((change * shape).sum(axis=1) / square)[:, None]
+    return Path(fine, influence, np.linalg.norm(change, axis=1), size)
 
 
-def _spaced(prior: Prior, fine_mm: Floats, influence: Floats, count: int) -> Cells:
-    """Space cells evenly in a metric that mixes the change of the reading, of position and of the log of its size."""
+def cells_of(prior: Prior, count: int, path: Path | None = None) -> Cells:
+    """Return `count` cells, spaced evenly in a metric of the change of reading, position and log of the size."""
+    path = path or path_of(prior)
     known = prior.force_is_known
-    floor = (FLOOR * np.abs(influence).max()) ** 2
-    size = np.sqrt((influence**2).sum(axis=1) + floor)
-    moved = np.linalg.norm(np.diff(influence if known else influence / size[:, None], axis=0), axis=1)
-    metric = moved**2 + (moved.sum() * POSITION_SHARE[known] / (len(fine_mm) - 1)) ** 2
+    metric = path.moved**2 + (path.moved.sum() * POSITION_SHARE[known] / (FINE - 1)) ** 2
     if not known:
-        metric += (SIZE_SHARE * np.diff(np.log(size))) ** 2
+        size = np.hypot(path.size, FLOOR * path.size.max())
+        metric += (SIZE_SHARE * path.size.max() * np.diff(np.log(size))) ** 2
     along = np.concatenate([[0.0], np.cumsum(np.sqrt(metric))])
     marks = np.linspace(0, along[-1], 2 * count + 1)
-    table = np.stack([np.interp(marks, along, column) for column in influence.T], axis=1)
-    edges, middles = table[::2], table[1::2]
-    if known:
-        step = np.linalg.norm(np.diff(edges, axis=0), axis=1) * prior.force_n[1] / prior.noise_mm
-    else:
-        direction = edges / np.sqrt((edges**2).sum(axis=1, keepdims=True) + floor)
-        step = np.linalg.norm(np.diff(direction, axis=0), axis=1)
-    places = np.interp(marks, along, fine_mm)
-    return Cells(places[::2], places[1::2], middles, step)
+    table = np.stack([np.interp(marks, along, column) for column in path.influence.T], axis=1)
+    places = np.interp(marks, along, path.position_mm)
+    uncertain = None if prior.uncertainty is None else prior.uncertainty(places[1::2])
+    return Cells(places[::2], places[1::2], table[1::2], np.diff(table[::2], axis=0), uncertain)

@@ -1,0 +1,143 @@
+"""Thresholds of touch: the log odds that a beam at rest exceeds at a stated rate, and the smallest force above them.
+
+At rest, the whitened sample y has unit variance in every direction, whatever the covariance. A contact at position x
+moves it along the unit vector u(x), so its log odds are log(mean over x of exp(max(u(x) . y, 0)^2 / 2)): they depend on
+the directions only. The probability that they exceed a threshold follows by importance sampling (Kahn & Marshall 1953,
+doi 10.1287/opre.1.5.263): y is drawn about c u(x), with x spread evenly and c as large as the rate demands.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.special import chdtri, ndtr, ndtri
+
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
+
+PLACES = 129
+"""Positions at which a contact is looked for; the odds change little between them."""
+DRAWS = 4096
+MAX_SETS = 40
+"""Up to this many sets of channels of one size are all simulated; of more, an even choice."""
+BETWEEN = np.log(2.0)
+"""Largest excess of a set's threshold over that of its size, in nats: a factor of two in the rate."""
+SECONDS_PER_DAY = 86_400
+MOST_OFTEN = 0.01
+"""Largest rate per sample; above it, log odds no longer tell a contact from rest."""
+UNEXPLAINED_PER_DAY = 1.0
+"""Samples per day of rest or of honest contacts whose misfit exceeds its threshold."""
+SURELY = 1.645
+"""Deviations of a sample that a force must exceed the threshold by, so that 95 % of the samples do."""
+LARGEST_SQUARE = 700.0
+"""Largest exponent of float64."""
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Whitened samples at rest, drawn where they look like a contact."""
+
+    sample: Floats
+    """(draws, channels)"""
+    weight: Floats
+    """(draws,), density at rest over that of the draws."""
+
+
+def rate_per_sample(per_day: float, rate_hz: float, window: int) -> float:
+    """Return the probability that a sample at rest is taken for a contact, for so many false contacts per day.
+
+    Means of overlapping windows exceed a threshold in clusters. A cluster is one contact. Its mean size follows from
+    the overshoot of a random walk (Siegmund, Sequential Analysis, 1985, sec. 8.4).
+    """
+    wanted = per_day / (SECONDS_PER_DAY * rate_hz)
+    rate = min(wanted, MOST_OFTEN)
+    for _ in range(4):
+        height = -float(ndtri(rate))
+        # Half of what the height times the change between two samples comes to, in deviations of the mean.
+        half = height / np.sqrt(2 * window)
+        density = np.exp(-(half**2) / 2) / np.sqrt(2 * np.pi)
+        overshoot = (ndtr(half) - 0.5) / half / (half * ndtr(half) + density)
+        separate = min(1.0, 2 * half**2 * float(overshoot))
+        rate = min(wanted / separate, MOST_OFTEN)
+    return rate
+
+
+def misfit_thresholds(channels: int, rate_hz: float) -> tuple[list[float], list[float | None]]:
+    """Return the chi-square quantiles of rest and of the best contact, by the number of valid channels."""
+    rate = min(UNEXPLAINED_PER_DAY / (SECONDS_PER_DAY * rate_hz), MOST_OFTEN)
+    every = range(1, channels + 1)
+    return [float(chdtri(n, rate)) for n in every], [float(chdtri(n - 2, rate)) if n > 2 else None for n in every]
+
+
+def touch_thresholds(prior: Prior, rate: float, seed: int) -> list[float]:
+    """Return the log odds that rest exceeds with probability `rate` per sample, by the number of valid channels.
+
+    Sets of the same size differ little. The threshold of a size lies where no set exceeds the rate twofold.
+    """
+    whole = _shapes(prior)
+    found = []
+    for size in range(1, prior.channels + 1):
+        sets = list(combinations(range(prior.channels), size))
+        chosen = sets[:: -(-len(sets) // MAX_SETS)]
+        each = [touch_threshold(directions(whole[:, kept]), rate, seed) for kept in chosen]
+        found.append(max((max(each) + min(each)) / 2, max(each) - BETWEEN))
+    return found
+
+
+def _shapes(prior: Prior) -> Floats:
+    """Return the influence over the errors of a sample at rest, (places, channels) per newton."""
+    places = np.linspace(*prior.position_mm, PLACES)
+    shapes: Floats = prior.table(places) / prior.deviation_mm(np.zeros((1, prior.channels)))
+    return shapes
+
+
+def directions(shapes: Floats) -> Floats:
+    """Return the unit vectors (places, channels) of shapes; zero where nothing moves."""
+    size = np.linalg.norm(shapes, axis=1, keepdims=True)
+    unit: Floats = np.divide(shapes, size, out=np.zeros_like(shapes), where=size > 0)
+    return unit
+
+
+def log_odds(unit: Floats, sample: Floats) -> Floats:
+    """Return the log odds (draws,) of whitened samples (draws, channels) for directions (places, channels)."""
+    square = np.maximum(sample @ unit.T, 0.0) ** 2 / 2
+    largest = square.max(axis=1, keepdims=True)
+    odds: Floats = largest[:, 0] + np.log(np.exp(square - largest).mean(axis=1))
+    return odds
+
+
+def rest_like_contact(unit: Floats, rate: float, draws: int, seed: int) -> Rest:
+    """Draw whitened samples at rest so that about half of them exceed what rest exceeds with probability `rate`."""
+    rng = np.random.default_rng([seed, unit.shape[1]])
+    shift = -float(ndtri(rate))
+    at = np.linspace(0, len(unit) - 1, draws).round().astype(np.intp)
+    sample = rng.normal(size=(draws, unit.shape[1])) + shift * unit[at]
+    drawn = np.exp(np.minimum(shift * (sample @ unit.T) - shift**2 / 2, LARGEST_SQUARE)).mean(axis=1)
+    return Rest(sample, 1 / drawn)
+
+
+def touch_threshold(unit: Floats, rate: float, seed: int) -> float:
+    """Return the log odds that rest exceeds with probability `rate`, for directions (places, channels)."""
+    rest = rest_like_contact(unit, rate, DRAWS, seed)
+    odds = log_odds(unit, rest.sample)
+    order = np.argsort(-odds)
+    exceeded = np.cumsum(rest.weight[order]) / DRAWS
+    return float(odds[order][min(int(np.searchsorted(exceeded, rate)), DRAWS - 1)])
+
+
+def smallest_force_n(prior: Prior, threshold: float, position_mm: Floats) -> Floats:
+    """Return the force at positions (positions,) of which 95 % of settled samples are a contact; all channels work.
+
+    It is infinite where no sensor moves.
+    """
+    unit = directions(_shapes(prior))
+    shape = prior.table(position_mm) / prior.deviation_mm(np.zeros((1, prior.channels)))
+    low, high = np.zeros(len(position_mm)), np.full(len(position_mm), 2 * np.sqrt(2 * threshold) + 8)
+    along = directions(shape)
+    for _ in range(30):
+        middle = (low + high) / 2
+        above = log_odds(unit, middle[:, None] * along) > threshold
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    with np.errstate(divide="ignore"):
+        force: Floats = (high + SURELY) / np.linalg.norm(shape, axis=1)
+    return force
