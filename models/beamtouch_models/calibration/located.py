@@ -30,15 +30,15 @@ def error_without(theory: Theory, loads: Loads, found: Fit, index: int) -> float
 def _error(prior: Prior, departures: Departures | None, loads: Loads, index: int) -> float:
     """Return the position error of a load, located from the mean of its samples.
 
-    The noise is that of the mean. With that of a single sample, a weak load would be drawn towards the middle of the
-    range, which can hide an error of the surface.
+    The noise is that of the mean, without the floor. With that of a single sample, a weak load would be drawn towards
+    the middle of the range, which can hide an error of the surface.
     """
     reading = loads.stated_mm[index]
     valid = np.isfinite(reading)
     if departures is not None:
         reading = reading - np.array(departures.offset_mm)
         reading = reading + departures.curve_per_mm * reading**2
-    exact = replace(prior, noise_mm=float(loads.deviation_mm[index][valid].mean()))
+    exact = replace(prior, noise_mm=float(loads.deviation_mm[index][valid].mean()), gain=0.0, zero_mm=0.0)
     seen = exact.without(*np.flatnonzero(~valid).tolist())
     return float(abs(limit.posterior_median_mm(seen, reading[valid][None])[0] - loads.position_mm[index]))
 
