@@ -5,6 +5,7 @@ service. It depends on pydantic only, so a gateway needs no web framework and no
 """
 
 import math
+import sys
 from enum import StrEnum
 from itertools import pairwise
 from typing import Annotated, Self
@@ -111,34 +112,23 @@ def triangle_rows(triangle: list[float]) -> list[list[float]]:
 def _flaw(rows: list[list[float]], deflection_mm: list[float | None]) -> str:
     """Return what keeps a lower triangle from being a covariance; empty if it is one.
 
-    Row by row, the triangle becomes its Cholesky factor. A channel that is left with a variance of less than rounding
-    can explain has none.
+    With the tolerated part of the largest variance added on its diagonal, it has a Cholesky factor if and only if no
+    eigenvalue is below minus that part.
     """
+    largest = max(row[-1] for row in rows) or sys.float_info.min
     factor: list[list[float]] = []
-    variances = [row[-1] for row in rows]
-    slack = ROUNDING * max(variances)
     for row, value in zip(rows, deflection_mm, strict=True):
-        variance = row[-1]
-        if variance < 0:
+        if row[-1] < 0:
             return "has a negative value on its diagonal"
         if value is None and any(row):
             return "must be 0 for a channel without a deflection"
         new: list[float] = []
-        left = variance
         for entry, done in zip(row, factor, strict=False):
-            pivot = done[-1]
-            rest = entry - sum(map(float.__mul__, new, done))
-            if pivot > 0:
-                new.append(rest / pivot)
-                left -= new[-1] * new[-1]
-            elif abs(rest) <= math.sqrt(slack) * math.sqrt(max(variance, slack)):
-                new.append(0.0)
-            else:
-                return "is not positive semi-definite"
-        if left < -slack:
+            new.append((entry / largest - sum(map(float.__mul__, new, done))) / done[-1])
+        left = row[-1] / largest + ROUNDING - sum(map(float.__mul__, new, new))
+        if not left > 0:  # nor is it a number where entries are too large for any covariance
             return "is not positive semi-definite"
-        new.append(math.sqrt(left) if left > slack else 0.0)
-        factor.append(new)
+        factor.append([*new, math.sqrt(left)])
     return ""
 
 
