@@ -1,12 +1,16 @@
 """Settings of the test run, and fixtures of several folders: models and simulated boards, built once per run."""
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 # Before numpy is imported, and for all processes that tests start: threads of two libraries in each of several test
 # processes wait for each other, spinning, on the same few cores.
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+
+# A shell may start what runs in the background with Ctrl-C ignored, and processes that tests interrupt would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import pytest
 from filelock import FileLock
