@@ -9,9 +9,6 @@ from pathlib import Path
 # processes wait for each other, spinning, on the same few cores.
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
-# A shell may start what runs in the background with Ctrl-C ignored, and processes that tests interrupt would inherit that.
-signal.signal(signal.SIGINT, signal.default_int_handler)
-
 import pytest
 from filelock import FileLock
 from playwright.sync_api import Browser
@@ -25,6 +22,9 @@ from example_scenes import SCENES
 from scheduling import Scheduling
 from simulated_board import Board, Boards, build_board, build_firmware
 from toolchain import made_once
+
+# A shell may start background work with Ctrl-C ignored. Processes that tests interrupt would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
