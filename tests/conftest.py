@@ -4,6 +4,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from zlib import crc32
 
 # Before numpy is imported, and for all processes that tests start: threads of two libraries in each of several test
 # processes wait for each other, spinning, on the same few cores.
@@ -28,8 +29,11 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put first what takes long, so that no process is left with it at the end while the others have nothing to do."""
-    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+    """Put first what takes long, so that no process is left with it at the end while the others have nothing to do.
+
+    The rest are mixed, always in the same way: neighbours are alike, and some folders only wait while others only compute.
+    """
+    items.sort(key=lambda item: (item.get_closest_marker("long") is None, crc32(item.nodeid.encode())))
 
 
 @pytest.hookimpl(optionalhook=True)
