@@ -31,7 +31,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put first what takes long, so that no process is left with it at the end while the others have nothing to do.
 
-    The rest are mixed, always in the same way: neighbours are alike, and some folders only wait while others only compute.
+    The rest are mixed, always in the same way: tests of some folders only wait, and those of others only compute.
     """
     items.sort(key=lambda item: (item.get_closest_marker("long") is None, crc32(item.nodeid.encode())))
 
