@@ -1,6 +1,7 @@
 """A real browser for tests of the page: Debian's Chromium, driven by Playwright."""
 
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -143,7 +144,8 @@ class Watched:
 @contextmanager
 def chromium() -> Iterator[Browser]:
     """Start a browser, and end it."""
-    path = require("chromium", "chromium")
+    # The same browser without the parts for a desktop, in half the processor time.
+    path = shutil.which("chromium-headless-shell") or require("chromium", "chromium-headless-shell")
     sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=[*sandbox, *_QUIET], timeout=TIMEOUT_MS)

@@ -1,8 +1,10 @@
 """Settings of the test run, and fixtures of several folders: models and simulated boards, built once per run."""
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from zlib import crc32
 
 # Before numpy is imported, and for all processes that tests start: threads of two libraries in each of several test
 # processes wait for each other, spinning, on the same few cores.
@@ -22,10 +24,16 @@ from scheduling import Scheduling
 from simulated_board import Board, Boards, build_board, build_firmware
 from toolchain import made_once
 
+# A shell may start background work with Ctrl-C ignored. Processes that tests interrupt would inherit that.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put first what takes long, so that no process is left with it at the end while the others have nothing to do."""
-    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+    """Put first what takes long, so that no process is left with it at the end while the others have nothing to do.
+
+    The rest are mixed, always in the same way: tests of some folders only wait, and those of others only compute.
+    """
+    items.sort(key=lambda item: (item.get_closest_marker("long") is None, crc32(item.nodeid.encode())))
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -163,7 +163,7 @@ def load_bytes(content: bytes, origin: str) -> ModelFile:
     return replace(model, session=trusted)
 
 
-def _open(make: Callable[[bytes], Any], content: bytes) -> Any:  # noqa: ANN401  # onnxruntime ships no types
+def _open(make: Callable[[bytes], ort.InferenceSession], content: bytes) -> ort.InferenceSession:
     try:
         return make(content)
     except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception

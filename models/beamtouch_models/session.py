@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from threading import Lock, Timer
-from typing import Any
 
 import numpy as np
 import onnxruntime as ort
@@ -33,7 +32,7 @@ _FUNCTIONS_FIELD = 25
 _lock = Lock()
 
 
-def open_session(content: bytes, options: ort.SessionOptions | None = None) -> Any:  # noqa: ANN401  # untyped library
+def open_session(content: bytes, options: ort.SessionOptions | None = None) -> ort.InferenceSession:
     """Return an onnxruntime session of an ONNX file's content, on the CPU, which has computed nothing yet."""
     providers = ["CPUExecutionProvider"]
     return ort.InferenceSession(
@@ -41,7 +40,7 @@ def open_session(content: bytes, options: ort.SessionOptions | None = None) -> A
     )
 
 
-def open_trial(content: bytes) -> Any:  # noqa: ANN401  # untyped library
+def open_trial(content: bytes) -> ort.InferenceSession:
     """Return a session with bounded memory, which it shares with all other trials."""
     # Models are loaded in threads, and onnxruntime refuses a second allocator.
     with _lock:

@@ -11,7 +11,7 @@ from contextlib import aclosing
 from dataclasses import dataclass, field
 from time import monotonic
 
-from beamtouch_daemon.sources import Buses
+from beamtouch_daemon.sources.configured import Buses
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_daemon.tasks import cancel
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import aclosing
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.sources import Buses, source_of
+from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.polled import PolledSource
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 

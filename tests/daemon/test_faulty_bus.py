@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from beamtouch_daemon.sources import Buses
+from beamtouch_daemon.sources.configured import Buses
 from beamtouch_daemon.sources.reading import Reading
 
 from . import configs

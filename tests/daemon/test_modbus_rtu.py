@@ -9,7 +9,7 @@ import pytest
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from beamtouch_daemon.sources import Buses
+from beamtouch_daemon.sources.configured import Buses
 from beamtouch_daemon.sources.polled import PolledSource
 from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
 from beamtouch_daemon.sources.registers import Block

@@ -14,7 +14,7 @@ from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.exits import complain
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
-from beamtouch_daemon.sources import Buses, source_of
+from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import SourceError, first_readings
 from beamtouch_service.samples import Quality
 

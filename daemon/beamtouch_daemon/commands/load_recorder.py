@@ -17,7 +17,7 @@ from beamtouch_daemon.config.settings import Loads, Surface
 from beamtouch_daemon.processing import tare
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken, counts_of
-from beamtouch_daemon.sources import source_of
+from beamtouch_daemon.sources.configured import source_of
 from beamtouch_daemon.sources.reading import Reading, Source
 from beamtouch_service.samples import Quality
 

@@ -16,7 +16,7 @@ from beamtouch_daemon.exits import complain
 from beamtouch_daemon.processing import stuck, tare
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
-from beamtouch_daemon.sources import source_of
+from beamtouch_daemon.sources.configured import source_of
 from beamtouch_daemon.sources.reading import SourceError, first_readings
 
 

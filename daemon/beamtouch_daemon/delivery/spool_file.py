@@ -122,8 +122,10 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
 
 def _prepare_for_reading(database: sqlite3.Connection) -> None:
     """Put views in memory before the tables of an older version, so that it reads like one of this version."""
-    checksum = "" if b"checksum" in _columns(database) else ", NULL AS checksum"
-    database.execute(f"CREATE TEMP VIEW batch AS SELECT *{checksum} FROM main.batch")  # noqa: S608  # one of two texts
+    if b"checksum" in _columns(database):
+        database.execute("CREATE TEMP VIEW batch AS SELECT * FROM main.batch")
+    else:
+        database.execute("CREATE TEMP VIEW batch AS SELECT *, NULL AS checksum FROM main.batch")
     database.execute(f"CREATE TEMP {_ASIDE}")
     database.execute(f"CREATE TEMP {_ENTRY}")
     if database.execute("SELECT name FROM main.sqlite_master WHERE name = 'aside'").fetchone():

@@ -11,7 +11,7 @@ from beamtouch_daemon.delivery.outbox import Outbox
 from beamtouch_daemon.faults import Backoff, Fault, Tally
 from beamtouch_daemon.processing import rate
 from beamtouch_daemon.processing.pipeline import Pipeline
-from beamtouch_daemon.sources import Buses, source_of
+from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_service.samples import Note
 

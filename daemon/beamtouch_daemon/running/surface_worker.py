@@ -14,7 +14,7 @@ from beamtouch_daemon.delivery.publisher import Publisher, Sender
 from beamtouch_daemon.delivery.spooler import Disk
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.running.acquisition import Acquisition
-from beamtouch_daemon.sources import Buses
+from beamtouch_daemon.sources.configured import Buses
 from beamtouch_daemon.tasks import cancel, keep_going
 
 DRAIN_S = 4.0

@@ -1,11 +1,9 @@
 """Scenes with a changed value, and scenes without a physical effect."""
 
-from typing import Any
-
 from beamtouch_models.scene import Scene
 
 
-def changed(scene: Scene, part: str, **values: Any) -> Scene:  # noqa: ANN401  # whatever a scene's field may be
+def changed(scene: Scene, part: str, **values: object) -> Scene:
     """Return a scene with other values in one of its parts; raises pydantic's ValidationError if they are invalid."""
     stated = scene.model_dump()
     return Scene.model_validate({**stated, part: {**stated[part], **values}})

@@ -1,13 +1,12 @@
 """The command `beamtouch-rig`: serves a virtual surface over a real line."""
 
 import argparse
-import asyncio
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
-from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code, whole_number
-from beamtouch_common.errors import InputError
+from beamtouch_common.commands import Parser, exit_code, whole_number
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
 
 PROGRAM = "beamtouch-rig"
@@ -20,34 +19,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     # Imported here, so that --help is quick and a missing extra is reported in one line.
-    from beamtouch_models import modelfile  # noqa: PLC0415
-    from beamtouch_models.rig.by_hand import ByHand  # noqa: PLC0415
-    from beamtouch_models.rig.firmware import ADC_BITS, Firmware  # noqa: PLC0415
-    from beamtouch_models.rig.imperfections import Imperfections, load_imperfections  # noqa: PLC0415
-    from beamtouch_models.rig.run import Device, run  # noqa: PLC0415
-    from beamtouch_models.rig.script import Script, default_script, load_script  # noqa: PLC0415
-    from beamtouch_models.rig.surface import VirtualSurface  # noqa: PLC0415
-    from beamtouch_models.scene import load_scene  # noqa: PLC0415
-
-    scene, _ = load_scene(options.scene)
-    model = modelfile.load(options.model)
-    length_mm = scene.beam.length_mm
-    if options.by_hand:
-        script: Script | ByHand = ByHand(length_mm)
-    else:
-        script = load_script(options.script, length_mm) if options.script else default_script(scene)
-    imperfect = load_imperfections(options.imperfections) if options.imperfections else Imperfections()
-    surface = VirtualSurface(scene, model.metadata, options.seed, imperfect)
-    firmware = Firmware(*options.firmware) if options.firmware else None
-    if firmware and options.serial is None:
-        message = "--firmware needs --serial"
-        raise InputError(message)
-    if firmware and surface.sensor.adc_bits != ADC_BITS:
-        message = f"the firmware's ADC has {ADC_BITS} bits; set sensors.adc_bits = {ADC_BITS} in the scene"
-        raise InputError(message)
-    device = Device(options.modbus_tcp, options.modbus_rtu, options.serial, firmware)
-    interrupted = asyncio.run(run(surface, script, device, options.truth))
-    return INTERRUPTED if interrupted else DONE
+    code: int = import_module("beamtouch_models.rig.command").run(options)
+    return code
 
 
 def _parser() -> Parser:

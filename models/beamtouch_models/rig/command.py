@@ -1,0 +1,39 @@
+"""The work of `beamtouch-rig`: from its arguments to a virtual surface on a line."""
+
+import argparse
+import asyncio
+
+from beamtouch_common.commands import DONE, INTERRUPTED
+from beamtouch_common.errors import InputError
+from beamtouch_models import modelfile
+from beamtouch_models.rig.by_hand import ByHand
+from beamtouch_models.rig.firmware import ADC_BITS, Firmware
+from beamtouch_models.rig.imperfections import Imperfections, load_imperfections
+from beamtouch_models.rig.run import Device
+from beamtouch_models.rig.run import run as serve
+from beamtouch_models.rig.script import Script, default_script, load_script
+from beamtouch_models.rig.surface import VirtualSurface
+from beamtouch_models.scene import load_scene
+
+
+def run(options: argparse.Namespace) -> int:
+    """Serve the surface until the command is stopped; returns the exit code, InputError for wrong input."""
+    scene, _ = load_scene(options.scene)
+    model = modelfile.load(options.model)
+    length_mm = scene.beam.length_mm
+    if options.by_hand:
+        script: Script | ByHand = ByHand(length_mm)
+    else:
+        script = load_script(options.script, length_mm) if options.script else default_script(scene)
+    imperfect = load_imperfections(options.imperfections) if options.imperfections else Imperfections()
+    surface = VirtualSurface(scene, model.metadata, options.seed, imperfect)
+    firmware = Firmware(*options.firmware) if options.firmware else None
+    if firmware and options.serial is None:
+        message = "--firmware needs --serial"
+        raise InputError(message)
+    if firmware and surface.sensor.adc_bits != ADC_BITS:
+        message = f"the firmware's ADC has {ADC_BITS} bits; set sensors.adc_bits = {ADC_BITS} in the scene"
+        raise InputError(message)
+    device = Device(options.modbus_tcp, options.modbus_rtu, options.serial, firmware)
+    interrupted = asyncio.run(serve(surface, script, device, options.truth))
+    return INTERRUPTED if interrupted else DONE
