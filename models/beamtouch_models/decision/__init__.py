@@ -1,0 +1,11 @@
+"""What the answers of a model mean: rest, one contact, or something that neither explains. Numpy only, and pure.
+
+`evidence` weighs samples under a model; a `Decider` takes the evidence of consecutive samples and keeps the state;
+`Suspects` names the channel without which everything is explained.
+"""
+
+from beamtouch_models.decision.decider import Decider, State, Verdict
+from beamtouch_models.decision.evidence import Evidence, Weighed, evidence
+from beamtouch_models.decision.suspects import Suspects
+
+__all__ = ["Decider", "Evidence", "State", "Suspects", "Verdict", "Weighed", "evidence"]

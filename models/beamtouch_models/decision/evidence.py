@@ -1,0 +1,128 @@
+"""Evidence for rest and for a contact in each sample: the answers of a model under the sample's covariance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.metadata import Metadata
+from beamtouch_models.session import Answers, Run
+from beamtouch_models.whitening import whitening
+
+MOVING = 1.5
+"""A sample moves if its variance, over all channels, is more than this many times that of its noise."""
+LOG_ODDS, MISFIT = "contact_log_odds", "misfit"
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Samples of a model, with what is known of their errors. Channels are in the order of the model."""
+
+    deflection_mm: Floats
+    """(samples, channels); 0 for a channel that is missing."""
+    covariance_mm2: Floats
+    """(samples, channels, channels), of these means as their sender states it."""
+    noise_mm2: Floats
+    """(samples, channels), variance of these means if their readings held nothing but noise."""
+    valid: Bools
+    """(samples, channels), False for a channel that is missing."""
+
+    def part(self, rows: Indices) -> "Weighed":
+        """Return some of the samples."""
+        return Weighed(self.deflection_mm[rows], self.covariance_mm2[rows], self.noise_mm2[rows], self.valid[rows])
+
+    def without(self, channel: int) -> "Weighed":
+        """Return the same samples as if a channel were missing."""
+        valid = self.valid.copy()
+        valid[:, channel] = False
+        return Weighed(np.where(valid, self.deflection_mm, 0.0), self.covariance_mm2, self.noise_mm2, valid)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What one sample says, under its covariance and the floor of the model."""
+
+    deflection_mm: Floats
+    """(channels,)"""
+    whitening_per_mm: Floats
+    """(channels, channels)"""
+    answer: dict[str, float]
+    """Output name -> value."""
+    channels: int
+    """How many channels took part."""
+    rest_misfit: float
+    """How badly rest explains the sample: the squared length of the whitened sample."""
+    moves: bool
+    """Whether the readings scatter more than their noise."""
+    still_log_odds: float
+    """Log odds of contact if the scatter were none: under the noise alone."""
+    still_misfit: float
+    """Misfit of rest under the noise alone."""
+
+    @property
+    def log_odds(self) -> float:
+        """Log odds of contact over rest [nats]."""
+        return self.answer[LOG_ODDS]
+
+    @property
+    def misfit(self) -> float:
+        """How badly the best contact explains the sample; 0 for a model that does not say."""
+        return self.answer.get(MISFIT, 0.0)
+
+    def shows(self, deflection_mm: Floats) -> float:
+        """Return the misfit that rest would have if this were the deflection, under the same covariance."""
+        whitened = self.whitening_per_mm @ deflection_mm
+        return float(whitened @ whitened)
+
+
+def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
+    """Return what each sample says.
+
+    Parameters
+    ----------
+    metadata : of the model, for its floor
+    run : runs the graph of the model
+    samples : in the order of the model's channels
+
+    Raises
+    ------
+    ValueError
+        A total covariance is not positive definite.
+    """
+    variance = np.where(samples.valid, np.einsum("nii->ni", samples.covariance_mm2), 0.0)
+    noise = np.where(samples.valid, samples.noise_mm2, 0.0)
+    moves = variance.sum(axis=1) > MOVING * noise.sum(axis=1)
+    weights, answers, rest = _weigh(metadata, run, samples, samples.covariance_mm2)
+    still_odds, still_rest = answers[LOG_ODDS].tolist(), list(rest)
+    if moves.any():
+        moving = np.flatnonzero(moves)
+        part = samples.part(moving)
+        _, again, again_rest = _weigh(metadata, run, part, part.noise_mm2[:, :, None] * np.eye(len(noise[0])))
+        for index, odds, misfit in zip(moving.tolist(), again[LOG_ODDS].tolist(), again_rest, strict=True):
+            still_odds[index], still_rest[index] = odds, misfit
+    columns = zip(*(column.tolist() for column in answers.values()), strict=True)
+    return [
+        Evidence(z, weight, dict(zip(answers, row, strict=True)), channels, *said)
+        for z, weight, row, channels, *said in zip(
+            samples.deflection_mm,
+            weights,
+            columns,
+            samples.valid.sum(axis=1).tolist(),
+            rest,
+            moves.tolist(),
+            still_odds,
+            still_rest,
+            strict=True,
+        )
+    ]
+
+
+def _weigh(
+    metadata: Metadata, run: Run, samples: Weighed, covariance_mm2: Floats
+) -> tuple[Floats, Answers, list[float]]:
+    """Return the whitening, the answers, and the misfit of rest, for samples of some covariance."""
+    floor = metadata.floor
+    weights = whitening(samples.deflection_mm, covariance_mm2, floor.gain, floor.zero_mm, samples.valid)
+    answers = run(samples.deflection_mm, weights)
+    whitened = (weights @ samples.deflection_mm[:, :, None])[:, :, 0]
+    return weights, answers, (whitened * whitened).sum(axis=1).tolist()
