@@ -12,7 +12,7 @@ from pydantic import (
     model_validator,
 )
 
-from beamtouch_daemon.config.modules import module_of
+from beamtouch_daemon.config.modules import Encoding, module_of
 from beamtouch_daemon.config.publish import Publish, read_certificates, read_token
 from beamtouch_daemon.config.signal import Channel, Filter, LowPass, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
@@ -50,6 +50,13 @@ def place_of(source: Source, channel: Channel) -> tuple[str, int, int]:
         register = module.register_of(channel.input)
     host, unit = getattr(source, "host", ""), getattr(source, "unit", 0)
     return channel.host or host, unit if channel.unit is None else channel.unit, register or 0
+
+
+def encoding_of(source: Source, channel: Channel) -> Encoding:
+    """Return the data type of the counts of a channel; those of a serial device are whole numbers or their means."""
+    module = None if isinstance(source, SerialLine) else source.module
+    known: Encoding = "u16" if module is None else module_of(module).type
+    return channel.type or known
 
 
 class Loads(Strict):
@@ -126,6 +133,11 @@ class Surface(Strict):
     def channel_names(self) -> list[str]:
         """The channel names in their order."""
         return [channel.name for channel in self.channels]
+
+    @property
+    def conversions(self) -> int:
+        """Number of conversions that the device averages in a reading, as far as the configuration states it."""
+        return self.source.oversampling if isinstance(self.source, SerialLine) else 1
 
 
 class Config(Strict):
