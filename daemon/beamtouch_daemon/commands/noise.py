@@ -33,6 +33,8 @@ MARGIN = 1.2
 MAX_SECONDS = 3600.0
 MAX_READINGS = 2_000_000
 """Limit of the readings of a surface, for memory."""
+PATIENCE = 2.0
+"""Lost readings are waited for, up to this many times the asked duration."""
 PROGRESS_S = 10.0
 
 
@@ -97,7 +99,7 @@ async def _measure(config: Config, seconds: dict[str, float]) -> list[Measured |
     async def one(name: str) -> Measured | Refused:
         surface = config.surfaces[name]
         try:
-            recording = await _record(source_of(surface, name, buses), name, seconds[name], surface.rate_hz)
+            recording = await _record(source_of(surface, name, buses), name, seconds[name], surface)
             return await asyncio.to_thread(_measured, name, surface, recording, rest[name])
         except (SourceError, NotMeasuredError) as error:
             return Refused(name, str(error))
@@ -112,19 +114,21 @@ def _measured(name: str, surface: Surface, recording: Recording, rest_mm: dict[s
     )
 
 
-async def _record(source: Source, name: str, seconds: float, rate_hz: float) -> Recording:
+async def _record(source: Source, name: str, seconds: float, surface: Surface) -> Recording:
     """Return the readings of the next seconds; SourceError if the source fails."""
+    needed, taken = readings_needed(surface), 0
     print(f"{name}: recording {seconds:.3g} s at rest; keep everything off the beam", file=sys.stderr)
     parts: list[FloatArray] = []
     lost, first_s, passed_s, said_s = 0, math.nan, 0.0, PROGRESS_S
     async with aclosing(source.readings()) as stream:
         async for readings in stream:
             if not parts:
-                first_s = readings[0].monotonic_s - 1 / rate_hz
+                first_s = readings[0].monotonic_s - 1 / surface.rate_hz
             parts.append(counts_of(readings))
             lost += sum(reading.lost for reading in readings)
             passed_s = readings[-1].monotonic_s - first_s
-            if passed_s >= seconds:
+            taken += len(readings)
+            if passed_s >= (seconds if taken >= needed else PATIENCE * seconds):
                 break
             if passed_s >= said_s:
                 print(f"{name}: {passed_s:.0f} of {seconds:.0f} s", file=sys.stderr)

@@ -8,9 +8,6 @@ from beamtouch_daemon.config.signal import Adaptive, LowPass, MovingAverage
 from beamtouch_daemon.processing.noise_keys import Keys
 from beamtouch_daemon.processing.rest_noise import ChannelNoise
 
-COLOURED = 1.1
-"""Effective noise over that of a reading from which the text explains the difference."""
-
 
 @dataclass(frozen=True)
 class Measured:
@@ -118,7 +115,7 @@ def _paste(found: Measured) -> list[str]:
 
 def _remarks(found: Measured) -> list[str]:
     hidden = [one.channel for one in found.channels if one.is_rounded]
-    alike = [one for one in found.channels if one.effective_noise_mm > COLOURED * one.noise_mm and not one.is_rounded]
+    alike = [one for one in found.channels if one.is_coloured]
     said = []
     if hidden:
         said.append(

@@ -48,13 +48,13 @@ def keys_of(found: Sequence[ChannelNoise], surface: Surface) -> Keys:
     """
     step = max(one.step_mm for one in found)
     rounding = step / math.sqrt(12)
-    loud = [one.effective_noise_mm for one in found if not one.is_rounded]
+    loud = [one.effective_noise_mm for one in found if not one.is_rounded or one.is_coloured]
     noise = max(loud) if loud else math.hypot(HIDDEN * step, rounding) / math.sqrt(surface.conversions)
     drift = max(ZERO_SHARE * noise, *(one.drift_mm for one in found))
     bits = _bits(surface, step) if rounding > STEPS_MATTER * noise else None
     sensor = math.sqrt(max(noise**2 - rounding**2, 0.0)) if loud else HIDDEN * step
     if any(one.is_rounded for one in found) and (loud or bits is None):
-        # One noise for all channels cannot say that it averages out the rounding of some. The tare is rounded too.
+        # A scene takes noise so loud to average the rounding out, which it does not here. The tare is rounded too.
         drift = math.hypot(drift, math.sqrt(2) * rounding)
     return Keys(
         daemon_noise_mm=rounded_up(noise),

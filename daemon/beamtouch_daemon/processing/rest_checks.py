@@ -72,9 +72,11 @@ def at_rest(counts: FloatArray, surface: Surface, last_mm: Mapping[str, float]) 
         raise NotMeasuredError(message)
     gaps = characteristic.gap(counts)
     rest = dict(zip(surface.channel_names, gaps.mean(axis=0).tolist(), strict=True))
-    reason = ", ".join(tare.contradictions(rest, last_mm, surface)) or _motion(gaps, surface)
-    if reason:
-        message = f"{reason}; take everything off the beam, leave it alone and try again"
+    if found := tare.contradictions(rest, last_mm, surface):
+        message = f"{', '.join(found)}; take everything off the beam, or tare it again if its sensors were moved"
+        raise NotMeasuredError(message)
+    if moved := _motion(gaps, surface):
+        message = f"{moved}; take everything off the beam, leave it alone and try again"
         raise NotMeasuredError(message)
     return counts
 

@@ -23,7 +23,9 @@ MIN_BLOCKS, MAX_BLOCKS = 5, 30
 BLOCK_MEANS = 20
 """Number of independent readings, and of independent filtered values, that a block should hold."""
 WINDOW = 5.0
-"""Correlations are summed over so many correlation times (Sokal, Monte Carlo Methods in Statistical Mechanics, 1997)."""
+"""Correlations are summed over so many correlation times (Sokal, Monte Carlo methods, 1997, sec. 3)."""
+COLOURED = 1.2
+"""Effective noise over that of a reading from which noise is not white. A short recording may give white noise 1.1."""
 ROUNDED = 0.3
 """Largest variance of readings whose noise is hidden by the ADC's steps, in squared steps.
 
@@ -51,6 +53,11 @@ class ChannelNoise:
     """Step of the readings, or of the conversions in them if these hide the noise; 0 for fractional numbers."""
     is_rounded: bool
     """Whether the ADC's steps hide the noise: then no mean of readings comes closer than its rounding."""
+
+    @property
+    def is_coloured(self) -> bool:
+        """Whether filtered values scatter clearly more than those of white readings."""
+        return self.effective_noise_mm > COLOURED * self.noise_mm
 
 
 def averaged(surface: Surface) -> float:
