@@ -78,7 +78,8 @@ class Surface(Strict):
     noise_mm: Positive | None = None
     """Standard deviation of one reading; default: estimated from the readings.
 
-    `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is stuck.
+    If successive readings are alike, that of white readings whose filtered values would scatter as much: `noise`
+    measures it. `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is stuck.
     Samples state their covariance only if it is given.
     """
     slowest_period_ms: Annotated[FiniteFloat | None, Field(gt=0, le=60_000)] = None
