@@ -33,8 +33,8 @@ MARGIN = 1.2
 MAX_SECONDS = 3600.0
 MAX_READINGS = 2_000_000
 """Limit of the readings of a surface, for memory."""
-PATIENCE = 2.0
-"""Lost readings are waited for, up to this many times the asked duration."""
+PATIENCE_S = 60.0
+"""Limit on recording for longer than asked when readings are lost; as long again as asked, if that is longer."""
 PROGRESS_S = 10.0
 
 
@@ -128,7 +128,7 @@ async def _record(source: Source, name: str, seconds: float, surface: Surface) -
             lost += sum(reading.lost for reading in readings)
             passed_s = readings[-1].monotonic_s - first_s
             taken += len(readings)
-            if passed_s >= (seconds if taken >= needed else PATIENCE * seconds):
+            if passed_s >= seconds + (0.0 if taken >= needed else max(PATIENCE_S, seconds)):
                 break
             if passed_s >= said_s:
                 print(f"{name}: {passed_s:.0f} of {seconds:.0f} s", file=sys.stderr)

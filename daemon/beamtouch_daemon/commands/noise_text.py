@@ -1,5 +1,6 @@
 """The answer of `noise`: a table for people with the lines to paste, and the same as JSON."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -94,12 +95,13 @@ def lines(answers: Sequence[Measured]) -> list[str]:
 
 def _paste(found: Measured) -> list[str]:
     keys = found.keys
+    taken = f"{found.readings} readings in {found.seconds:.3g} s" + (f", {found.lost} lost" if found.lost else "")
     return [
         "",
-        f"{found.surface}: {found.readings} readings in {found.seconds:.3g} s; effective noise for {found.filter}",
+        f"{found.surface}: {taken}; effective noise for {found.filter}",
         *_remarks(found),
         "",
-        f"[surfaces.{found.surface}]        # in the daemon's configuration",
+        f"[surfaces.{json.dumps(found.surface)}]        # in the daemon's configuration",
         f"noise_mm = {keys.daemon_noise_mm!r}",
         *(
             f"stuck_after_ms = {time!r}        # under the channel {channel}: noise_mm would call it stuck"

@@ -79,8 +79,8 @@ class Surface(Strict):
     """Standard deviation of one reading; default: estimated from the readings.
 
     If successive readings are alike, that of white readings whose filtered values would scatter as much: `noise`
-    measures it. `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is stuck.
-    Samples state their covariance only if it is given.
+    measures it. `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is
+    stuck. Samples state their covariance only if it is given.
     """
     slowest_period_ms: Annotated[FiniteFloat | None, Field(gt=0, le=60_000)] = None
     """Period of the slowest motion of the beam; readings that scatter within it show that the beam moves.

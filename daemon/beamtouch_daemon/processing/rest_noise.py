@@ -92,13 +92,7 @@ def measured(counts: FloatArray, surface: Surface) -> list[ChannelNoise]:
     # The mean of a block takes its own noise out of the block.
     of_block = summed / length
     variance = own + of_block
-    filtered = Chain(stages(surface.filter, surface.rate_hz), len(surface.channels)).apply(residual)
-    relative = filtered.relative_variance
-    settled = int(np.flatnonzero(relative[:, 0] <= 1.01 * np.nanmin(relative[:, 0]))[0])
-    values = filtered.mean_mm.copy()
-    values[:settled] = np.nan
-    scatter = np.nanvar(_blocks(values, number), axis=1).mean(axis=0) + of_block
-    effective = np.maximum(variance, scatter / relative[settled:].mean(axis=0))
+    effective = np.maximum(variance, _effective_mm2(residual, number, of_block, surface))
     fast = np.mean(np.diff(residual, axis=0) ** 2, axis=0) / 2
     drift = _drift_mm(_blocks(gaps, number).mean(axis=1), of_block)
     made = []
@@ -119,6 +113,30 @@ def measured(counts: FloatArray, surface: Surface) -> list[ChannelNoise]:
             )
         )
     return made
+
+
+def _effective_mm2(residual: FloatArray, number: int, of_block: FloatArray, surface: Surface) -> FloatArray:
+    """Return the variance of white readings whose filtered values scatter as much, shape (channels,).
+
+    Parameters
+    ----------
+    residual
+        Gaps without their trend [mm], shape (readings, channels).
+    number
+        Number of blocks in it.
+    of_block
+        Variance of the mean of a block [mm^2], shape (channels,).
+    surface
+        The configuration.
+    """
+    filtered = Chain(stages(surface.filter, surface.rate_hz), len(surface.channels)).apply(residual)
+    relative = filtered.relative_variance
+    settled = int(np.flatnonzero(relative[:, 0] <= 1.01 * np.nanmin(relative[:, 0]))[0])
+    values = filtered.mean_mm.copy()
+    values[:settled] = np.nan
+    scatter = np.nanvar(_blocks(values, number), axis=1).mean(axis=0) + of_block
+    effective: FloatArray = scatter / relative[settled:].mean(axis=0)
+    return effective
 
 
 def without_line(values: FloatArray) -> FloatArray:
