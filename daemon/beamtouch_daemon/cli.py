@@ -46,6 +46,7 @@ def _parser() -> Parser:
         help="accept rest gaps that contradict the last tare or the configuration, for example after moving sensors",
     )
     _add_record(add("record", "record known loads for design-sensors calibrate"))
+    _add_noise(add("noise", "measure the noise of the readings, with nothing on the beam"))
     return parser
 
 
@@ -78,3 +79,20 @@ def _add_record(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--seconds", type=float, default=2.0, metavar="S", help="how long to record each load (default: 2)"
     )
+
+
+def _add_noise(command: argparse.ArgumentParser) -> None:
+    command.description = (
+        "Measure the noise of the readings, with nothing on the beam: their standard deviation, how long they stay "
+        "alike, and the drift. Prints the lines for the configuration and for the scene; the effective noise in them "
+        "is that of the configured filter."
+    )
+    command.add_argument("--surface", metavar="NAME", help="measure this surface only (default: all)")
+    command.add_argument(
+        "--seconds",
+        type=float,
+        metavar="S",
+        help="how long to record (default: 60, or longer if the filter averages longer); as drift grows with time, "
+        "record as long as passes between two tares if it matters",
+    )
+    command.add_argument("--json", action="store_true", help="print one JSON object on standard output")

@@ -49,7 +49,7 @@ class Sensors(Strict):
     )
     """Number of sensors; "auto" or a range takes the smallest that meets requirements.position_error_mm."""
     noise_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    """Standard deviation of a reading."""
+    """Standard deviation of a reading, without the ADC's steps if `adc_bits` states them."""
     noise_percent_of_max: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Standard deviation of a reading in percent of the largest deflection in the scene."""
     gain_error_percent: Annotated[float, Field(ge=0, le=100)] | None = None
@@ -64,7 +64,7 @@ class Sensors(Strict):
     standoff_mm: PositiveFinite | None = None
     """Gap at rest; by default the travel of the beam is centred in the range."""
     adc_bits: Annotated[int, Field(ge=6, le=16)] | None = None
-    """Bits of the ADC; by default its steps are not modelled."""
+    """Bits of the ADC; by default its steps are not modelled. Rounding that the noise does not average out stays."""
     min_distance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     keep_out_mm: list[tuple[Finite, Finite]] = Field(default_factory=list)
     """Stretches of the beam without sensors; a sensor may stand at their ends."""

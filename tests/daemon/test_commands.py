@@ -160,7 +160,7 @@ async def test_tare_refuses_a_surface_that_moves_and_writes_nothing_for_it(tmp_p
 
 async def test_a_port_that_does_not_exist_is_wrong_input_for_every_command(tmp_path: Path) -> None:
     config = configs.write(tmp_path, configs.surface(source=configs.serial("/dev/ttyNO")))
-    for outcome in await commands(*[(name, config) for name in ("run", "check", "tare")]):
+    for outcome in await commands(*[(name, config) for name in ("run", "check", "tare", "noise")]):
         assert outcome.code == 2
         assert outcome.complaint() == (
             "surfaces.bench.source.port: /dev/ttyNO does not exist; plug the device in or correct the path"
@@ -215,7 +215,7 @@ async def test_a_missing_extra_is_named_with_what_to_install(tmp_path: Path) -> 
 async def test_help_needs_no_extra() -> None:
     outcome = await command("--help", code=f"import sys; sys.modules.update(dict.fromkeys({EXTRA}))")
     assert (outcome.code, outcome.err) == (0, "")
-    assert all(name in outcome.out for name in ("run", "check", "tare"))
+    assert all(name in outcome.out for name in ("run", "check", "tare", "noise"))
 
 
 @pytest.mark.parametrize(
@@ -240,7 +240,7 @@ async def test_the_version_is_that_of_the_distribution() -> None:
     assert (outcome.code, outcome.out, outcome.err) == (0, f"beamtouch-daemon {version('beamtouch')}\n", "")
 
 
-@pytest.mark.parametrize("name", ["check", "tare", "record"])
+@pytest.mark.parametrize("name", ["check", "tare", "record", "noise"])
 async def test_ctrl_c_ends_a_command_with_130_and_no_traceback(tmp_path: Path, name: str) -> None:
     asked = asyncio.Event()
 

@@ -14,6 +14,7 @@ import pytest
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.processing.characteristic import Characteristic
+from beamtouch_daemon.processing.filters import steps_mm
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.filters import FloatArray
@@ -172,3 +173,26 @@ def test_a_spooled_batch_keeps_its_covariance_and_rows_of_the_older_format_are_d
     assert oldest.samples == older.samples
     assert (second.samples, second.noise_mm, second.characteristic) == (stated, [0.2, 0.2], "4f2c91d0aa17")
     assert Batch.model_validate_json(second.model_dump_json()) == second
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.1, 0.2])
+def test_counts_that_flicker_between_two_values_are_not_motion(noise: float) -> None:
+    rng = np.random.default_rng(7)
+    stated = math.hypot(noise, 1 / math.sqrt(12)) / COUNTS_PER_MM
+    surface = surface_of(noise_mm=stated, filter={"kind": "moving-average", "window": 20})
+    moving, all_of = 0, 0
+    for gap in rng.uniform(size=(20, 4)):
+        counts = np.rint(20_000 + gap + noise * rng.standard_normal((400, 4)))
+        readings = [Reading(index / RATE_HZ, tuple(row)) for index, row in enumerate(counts.tolist())]
+        settled = [one.sample for one in Pipeline(surface).process(readings, 0.0)][50:]
+        moving, all_of = moving + sum(one.covariance_mm2 is not None for one in settled), all_of + len(settled)
+    assert moving <= 0.01 * all_of
+
+
+def test_only_whole_numbers_have_steps() -> None:
+    channels = [channel.model_dump(by_alias=True) for channel in surface_of().channels]
+    channels[1]["type"] = "f32"
+    assert steps_mm(surface_of()).tolist() == pytest.approx([1 / COUNTS_PER_MM] * 4)
+    assert steps_mm(Surface.model_validate(surface_of().model_dump(by_alias=True) | {"channels": channels}))[1] == 0
+    line = surface_of(source={"kind": "serial", "port": "/dev/null", "oversampling": 16})
+    assert steps_mm(line).tolist() == pytest.approx([0.25 / COUNTS_PER_MM] * 4)

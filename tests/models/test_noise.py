@@ -1,7 +1,13 @@
+import math
+
+import numpy as np
 import pytest
 
 from beamtouch_models.errors import SceneError
-from beamtouch_models.pricing.noise import choose_filter, noise_of, reading_noise_mm
+from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.pricing.effects import effects_of, required
+from beamtouch_models.pricing.noise import choose_filter, floor_of, noise_of, reading_noise_mm, rounding_mm, step_mm
+from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.scene import Requirements, Scene
 from example_scenes import paper_scene
 
@@ -37,3 +43,59 @@ def test_the_filter_takes_the_latency_and_no_more() -> None:
 def test_a_latency_shorter_than_one_reading_is_refused() -> None:
     with pytest.raises(SceneError, match="shorter than one reading"):
         choose_filter(with_latency(paper_scene(rate_hz=100), 9.0))
+
+
+STEP_MM = step_mm((1.0, 4.0), 8)
+
+
+def coarse(noise_in_steps: float, **sensors: object) -> Scene:
+    """The paper's scene with an ADC of 8 bits and a noise in steps of it."""
+    return paper_scene(noise_percent_of_max=None, noise_mm=noise_in_steps * STEP_MM, adc_bits=8, **sensors)
+
+
+def steps_of(scene: Scene, window: int = 20) -> Effect:
+    (found,) = (one for one in effects_of(scene, filter_of(window)) if one.name == "ADC steps")
+    return found
+
+
+def filter_of(window: int) -> FilterChoice:
+    return FilterChoice(kind="moving-average", window=window)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.2, 0.3, 0.4])
+def test_the_rounding_that_stays_is_that_of_simulated_means(noise: float) -> None:
+    # Means of a thousand rounded readings, at rest and under a load, with gaps anywhere between two counts.
+    rng = np.random.default_rng(6)
+    gaps = rng.uniform(size=(2, 2000))
+    means = np.array([np.rint(gap + noise * rng.standard_normal((1000, 2000))).mean(axis=0) - gap for gap in gaps])
+    averaged_out = 2 * (noise**2 + 1 / 12) / 1000
+    variance = np.var(means[0] - means[1])
+    assert rounding_mm(coarse(noise)) ** 2 == pytest.approx(
+        variance * STEP_MM**2, abs=1.1 * averaged_out * STEP_MM**2, rel=0.1
+    )
+
+
+def test_without_noise_a_tared_deflection_has_the_rounding_of_two_readings() -> None:
+    assert rounding_mm(coarse(0.0)) == pytest.approx(STEP_MM / math.sqrt(6), rel=1e-3)
+    assert rounding_mm(coarse(1e-9)) == pytest.approx(STEP_MM / math.sqrt(6), rel=1e-3)
+    assert rounding_mm(paper_scene()) == 0.0
+
+
+def test_the_floor_holds_drift_and_rounding() -> None:
+    _, zero_mm = floor_of(coarse(0.0, zero_drift_mm=0.01))
+    assert zero_mm == pytest.approx(math.hypot(0.01, STEP_MM / math.sqrt(6)), rel=1e-3)
+    _, zero_mm = floor_of(coarse(0.6, zero_drift_mm=0.01))
+    assert zero_mm == pytest.approx(0.01, rel=1e-6)
+
+
+def test_rounding_that_stays_is_priced_and_never_left_out() -> None:
+    hidden, dithered = steps_of(coarse(0.1), 1000), steps_of(coarse(0.6), 1000)
+    noise_mm = noise_of(coarse(0.1), filter_of(1000)).sample_mm
+    assert hidden.price == pytest.approx(math.hypot(rounding_mm(coarse(0.1)), STEP_MM / math.sqrt(12_000)) / noise_mm)
+    assert "stay in every mean" in hidden.reason
+    assert dithered.price is not None
+    assert dithered.price < 0.5
+    assert "stay in every mean" not in dithered.reason
+    fine = coarse(4.0)
+    assert steps_of(fine).verdict == "out"
+    assert floor_of(required(fine, filter_of(20)).scene)[1] == pytest.approx(0.2 * 4 * STEP_MM, rel=1e-2)

@@ -12,7 +12,7 @@ from pydantic import (
     model_validator,
 )
 
-from beamtouch_daemon.config.modules import module_of
+from beamtouch_daemon.config.modules import Encoding, module_of
 from beamtouch_daemon.config.publish import Publish, read_certificates, read_token
 from beamtouch_daemon.config.signal import Channel, Filter, LowPass, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
@@ -52,6 +52,13 @@ def place_of(source: Source, channel: Channel) -> tuple[str, int, int]:
     return channel.host or host, unit if channel.unit is None else channel.unit, register or 0
 
 
+def encoding_of(source: Source, channel: Channel) -> Encoding:
+    """Return the data type of the counts of a channel; those of a serial device are whole numbers or their means."""
+    module = None if isinstance(source, SerialLine) else source.module
+    known: Encoding = "u16" if module is None else module_of(module).type
+    return channel.type or known
+
+
 class Loads(Strict):
     """The loads that the model covers; `record` refuses others."""
 
@@ -71,8 +78,9 @@ class Surface(Strict):
     noise_mm: Positive | None = None
     """Standard deviation of one reading; default: estimated from the readings.
 
-    `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is stuck.
-    Samples state their covariance only if it is given.
+    If successive readings are alike, that of white readings whose filtered values would scatter as much: `noise`
+    measures it. `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is
+    stuck. Samples state their covariance only if it is given.
     """
     slowest_period_ms: Annotated[FiniteFloat | None, Field(gt=0, le=60_000)] = None
     """Period of the slowest motion of the beam; readings that scatter within it show that the beam moves.
@@ -126,6 +134,11 @@ class Surface(Strict):
     def channel_names(self) -> list[str]:
         """The channel names in their order."""
         return [channel.name for channel in self.channels]
+
+    @property
+    def conversions(self) -> int:
+        """Number of conversions that the device averages in a reading, as far as the configuration states it."""
+        return self.source.oversampling if isinstance(self.source, SerialLine) else 1
 
 
 class Config(Strict):

@@ -2,10 +2,13 @@
 
 import math
 
-from beamtouch_daemon.config.settings import Surface
+import numpy as np
+
+from beamtouch_daemon.config.settings import Surface, encoding_of
 from beamtouch_daemon.config.signal import Adaptive, Filter, LowPass, MovingAverage
+from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models import filters
-from beamtouch_models.filters import Chain, Stage
+from beamtouch_models.filters import Chain, FloatArray, Stage
 
 MIN_FILL = 0.75
 """Part of the averaging window that good readings must fill before a channel has a value.
@@ -16,13 +19,23 @@ could make a beam at rest look touched.
 
 
 def chain_of(surface: Surface) -> Chain:
-    """Return the configured filters of a surface, with its noise and the period of its slowest motion."""
+    """Return the configured filters of a surface, with its noise, its steps and the period of its slowest motion."""
     return Chain(
         stages(surface.filter, surface.rate_hz),
         len(surface.channels),
         surface.noise_mm,
         (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3,
+        steps_mm(surface),
     )
+
+
+def steps_mm(surface: Surface) -> FloatArray:
+    """Return the steps of the readings [mm], shape (channels,); 0 for a channel whose counts are fractional numbers.
+
+    A mean of n conversions scatters like a reading with steps that are sqrt(n) times smaller.
+    """
+    steps = Characteristic.of(surface.channels).steepest / math.sqrt(surface.conversions)
+    return np.where([encoding_of(surface.source, channel) == "f32" for channel in surface.channels], 0.0, steps)
 
 
 def stages(settings: Filter, rate_hz: float) -> tuple[Stage, ...]:

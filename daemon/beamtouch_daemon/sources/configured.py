@@ -2,9 +2,7 @@
 
 from collections.abc import Sequence
 
-from beamtouch_daemon.config.modules import Encoding, module_of
-from beamtouch_daemon.config.settings import Surface, place_of
-from beamtouch_daemon.config.signal import Channel
+from beamtouch_daemon.config.settings import Surface, encoding_of, place_of
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
 from beamtouch_daemon.sources.links import RtuLink, TcpLink
 from beamtouch_daemon.sources.part import Link, Part
@@ -37,7 +35,7 @@ def source_of(surface: Surface, name: str = "", buses: Buses | None = None) -> S
     together: dict[tuple[str, int], dict[int, Value]] = {}
     for index, channel in enumerate(surface.channels):
         host, unit, register = place_of(settings, channel)
-        value = Value(register, _encoding(settings, channel), settings.byte_order)
+        value = Value(register, encoding_of(settings, channel), settings.byte_order)
         together.setdefault((host, unit), {})[index] = value
     known = {} if buses is None else buses
     parts = []
@@ -45,11 +43,6 @@ def source_of(surface: Surface, name: str = "", buses: Buses | None = None) -> S
         blocks = blocks_of(list(values.values()), settings.max_request_registers, settings.bridge_registers)
         parts.append(Part(_link(settings, host, unit, blocks, known), blocks, values))
     return PolledSource(name, parts, len(surface.channels), surface.rate_hz)
-
-
-def _encoding(settings: ModbusTcp | ModbusRtu, channel: Channel) -> Encoding:
-    known: Encoding = "u16" if settings.module is None else module_of(settings.module).type
-    return channel.type or known
 
 
 def _link(settings: ModbusTcp | ModbusRtu, host: str, unit: int, blocks: Sequence[Block], buses: Buses) -> Link:

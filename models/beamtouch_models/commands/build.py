@@ -18,7 +18,7 @@ from beamtouch_models.commands import inspect
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.metadata import METADATA_PREFIX
-from beamtouch_models.pricing.noise import floor_of
+from beamtouch_models.pricing.noise import floor_of, zero_drift_mm
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 
 
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> None:
 
 def _say_floor(scene: Scene) -> None:
     """Say which errors the model takes the sensors to have where the scene does not state them."""
-    gain, zero_mm = floor_of(scene)
+    gain, zero_mm = floor_of(scene)[0], zero_drift_mm(scene)
     sensors = scene.sensors
     taken = [] if sensors.gain_error_percent is not None else [f"sensors.gain_error_percent = {100 * gain:g}"]
     taken += [] if sensors.zero_drift_mm is not None else [f"sensors.zero_drift_mm = {zero_mm:.2g}"]

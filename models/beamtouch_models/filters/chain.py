@@ -111,6 +111,9 @@ class Chain:
         Standard deviation of a reading, of all channels or of each; None if it is not known.
     slowest_period
         Period of the slowest motion of the beam, in readings; 0 if it is not known.
+    step_mm
+        Step of the ADC, of all channels or of each; 0 if it is not known. Readings that take two neighbouring values
+        deviate by up to half a step, however small the noise is, and that is no motion.
     """
 
     def __init__(
@@ -119,13 +122,17 @@ class Chain:
         channels: int,
         noise_mm: float | FloatArray | None = None,
         slowest_period: float = 0.0,
+        step_mm: float | FloatArray = 0.0,
     ) -> None:
         self._stages = chosen
         self._channels = channels
         self._noise_mm = None if noise_mm is None else np.broadcast_to(np.asarray(noise_mm, np.float64), (channels,))
         averaging = next((stage for stage in chosen if stage.span > 1), Stage(0, _unchanged))
         self._restarts = averaging.restarts
-        self._scatter = Scatter(averaging.span, slowest_period, self._noise_mm) if self._noise_mm is not None else None
+        self._scatter: Scatter | None = None
+        if self._noise_mm is not None:
+            usual_mm = np.maximum(self._noise_mm, np.asarray(step_mm) / 2)
+            self._scatter = Scatter(averaging.span, slowest_period, usual_mm)
         longest = max([1, *(stage.memory for stage in chosen), self._scatter.memory if self._scatter else 0])
         self._block = max(1, BLOCK_VALUES // (longest * channels))
         self.restart()

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice, Noise
 from beamtouch_models.physics.beam import max_deflection_mm
@@ -14,6 +16,11 @@ GAIN_ERROR = 0.003
 """Relative gain error that calibration leaves, if the scene does not state it."""
 ZERO_SHARE = 0.2
 """Drift of the zero since the last tare over the noise of a reading, if the scene does not state it."""
+
+HARMONICS = 1000
+"""Harmonics of the rounding error; those beyond it hold 0.03 % of its standard deviation."""
+MAX_EXPONENT = 700.0
+"""exp(-700) is still a float64."""
 
 MAX_READINGS = 10_000
 """Longest filter of the daemon."""
@@ -37,21 +44,46 @@ def reading_noise_mm(scene: Scene) -> float:
 
     A step of width q adds q / sqrt(12); Widrow & Kollar, Quantization Noise, 2008, sec. 1.2.
     """
+    return math.hypot(sensor_noise_mm(scene), adc_step_mm(scene) / math.sqrt(12))
+
+
+def adc_step_mm(scene: Scene) -> float:
+    """Return the gap per count in mm; 0 if the scene does not state the ADC."""
     sensors = scene.sensors
-    step = 0.0 if sensors.adc_bits is None else step_mm(sensors.range_mm, sensors.adc_bits)
-    return math.hypot(sensor_noise_mm(scene), step / math.sqrt(12))
+    return 0.0 if sensors.adc_bits is None else step_mm(sensors.range_mm, sensors.adc_bits)
+
+
+def rounding_mm(scene: Scene) -> float:
+    """Standard deviation in mm of the error that rounding to counts leaves in the mean of any number of readings.
+
+    The mean of rounded readings deviates from the gap by a periodic function of it, with the harmonics
+    q / (pi k) exp(-2 (pi k s / q)^2) for a step of q and noise of s (Widrow & Kollar, 2008, ch. 4). Without noise it is
+    q / sqrt(12); at s = q / 2 it is gone. It counts twice, as the rest gap, which `tare` measures, is rounded too.
+    """
+    step = adc_step_mm(scene)
+    if step == 0:
+        return 0.0
+    order = np.arange(1, HARMONICS + 1)
+    decay = np.exp(-np.minimum(2 * (np.pi * order * sensor_noise_mm(scene) / step) ** 2, MAX_EXPONENT))
+    single = step * math.sqrt(float(np.sum((decay / (np.pi * order)) ** 2)) / 2)
+    return math.sqrt(2) * single
+
+
+def zero_drift_mm(scene: Scene) -> float:
+    """Standard deviation of a zero since the last tare, in mm; ZERO_SHARE of a reading's noise if it is not stated."""
+    stated = scene.sensors.zero_drift_mm
+    return ZERO_SHARE * reading_noise_mm(scene) if stated is None else stated
 
 
 def floor_of(scene: Scene) -> tuple[float, float]:
-    """Return the relative gain error and the drift of the zero in mm, as standard deviations per channel.
+    """Return the relative gain error and the error of the zero in mm, as standard deviations per channel.
 
-    They stay when readings are averaged. A scene that states neither is taken to have a gain error of GAIN_ERROR and
-    a drift of ZERO_SHARE of the noise of a reading.
+    They stay when readings are averaged. The gain error is GAIN_ERROR if the scene does not state it. The error of the
+    zero is its drift, with the rounding of the ADC that the noise does not average out.
     """
-    sensors = scene.sensors
-    gain = GAIN_ERROR if sensors.gain_error_percent is None else sensors.gain_error_percent / 100
-    zero_mm = ZERO_SHARE * reading_noise_mm(scene) if sensors.zero_drift_mm is None else sensors.zero_drift_mm
-    return gain, zero_mm
+    percent = scene.sensors.gain_error_percent
+    gain = GAIN_ERROR if percent is None else percent / 100
+    return gain, math.hypot(zero_drift_mm(scene), rounding_mm(scene))
 
 
 def step_mm(range_mm: tuple[float, float], adc_bits: int) -> float:

@@ -13,7 +13,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import dynamics
 from beamtouch_models.physics.beam import influence_deviation, load_positions_mm, scene_influence
-from beamtouch_models.pricing.noise import floor_of, step_mm
+from beamtouch_models.pricing.noise import adc_step_mm, floor_of, rounding_mm, zero_drift_mm
 from beamtouch_models.pricing.removal import (
     changed,
     without_adc,
@@ -183,7 +183,7 @@ def _gain_error(pricing: Pricing) -> Effect:
 
 
 def _zero_drift(pricing: Pricing) -> Effect:
-    _, zero_mm = floor_of(pricing.scene)
+    zero_mm = zero_drift_mm(pricing.scene)
     stated = "" if pricing.scene.sensors.zero_drift_mm is not None else ", as the scene states none"
     reason = f"{1000 * zero_mm:.3g} um since the last tare{stated}; it never averages away"
     return Effect("zero drift", pricing.in_noise(np.array([zero_mm])), "floor", reason)
@@ -208,13 +208,17 @@ def _sensor_curve(pricing: Pricing) -> Effect:
 
 
 def _adc_steps(pricing: Pricing) -> Effect:
-    sensors = pricing.scene.sensors
-    if sensors.adc_bits is None:
+    scene = pricing.scene
+    if scene.sensors.adc_bits is None:
         return Effect("ADC steps", None, "not stated", "give sensors.adc_bits")
-    step = step_mm(sensors.range_mm, sensors.adc_bits)
-    # A standard deviation, like the noise that it is compared to; rounding errors of readings count as independent.
-    price = step / math.sqrt(12 * pricing.filter.window) / pricing.noise_mm
-    return Effect("ADC steps", price, _verdict(price), f"{1000 * step:.3g} um per count", leave_out=without_adc)
+    # Standard deviations, like the noise that they are compared to. The rounding errors of readings are independent
+    # only as far as noise moves the readings over the steps.
+    step, stays_mm = adc_step_mm(scene), rounding_mm(scene)
+    price = math.hypot(step / math.sqrt(12 * pricing.filter.window), stays_mm) / pricing.noise_mm
+    reason = f"{1000 * step:.3g} um per count"
+    if stays_mm >= NEGLIGIBLE * pricing.noise_mm:
+        reason += f"; the noise is too small to average it out, so {1000 * stays_mm:.3g} um stay in every mean"
+    return Effect("ADC steps", price, _verdict(price), reason, leave_out=without_adc)
 
 
 EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (

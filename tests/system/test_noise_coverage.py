@@ -1,0 +1,157 @@
+"""What `noise` prints, put into the scene and the daemon's configuration, gives intervals that hold the truth."""
+
+import tomllib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing.characteristic import Characteristic
+from beamtouch_daemon.processing.noise_keys import Keys, keys_of
+from beamtouch_daemon.processing.pipeline import Pipeline
+from beamtouch_daemon.processing.rest_checks import at_rest
+from beamtouch_daemon.processing.rest_noise import measured
+from beamtouch_daemon.sources.reading import Reading
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
+from beamtouch_models.building.build import sensor_of
+from beamtouch_models.export import to_bytes
+from beamtouch_models.metadata import Sensor
+from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.placement import place
+from beamtouch_models.pricing.effects import required
+from beamtouch_models.pricing.noise import choose_filter
+from beamtouch_models.rig.surface import counts_of_gap
+from beamtouch_models.scene import Scene, parse_scene
+from beamtouch_models.session import Run, runner
+from beamtouch_models.whitening import whitening
+from example_scenes import SCENES
+from posterior_cases import graph_of
+
+CHANNELS, TOUCHES, SETTLED, RECORDED = 4, 600, 40, 12_000
+
+
+def scene_with(**sensors: object) -> Scene:
+    """The bench scene with other sensors, none of whose errors but the noise matters."""
+    stated: dict[str, Any] = tomllib.loads((SCENES / "bench.toml").read_text())
+    for key in ("noise_percent_of_max", "gain_error_percent", "zero_drift_mm"):
+        del stated["sensors"][key]
+    stated["sensors"] |= {"gain_error_percent": 0.0} | sensors
+    return parse_scene(tomli_w.dumps(stated), "scene")
+
+
+@dataclass
+class Line:
+    """Sensors with noise of a standard deviation and a correlation between successive readings, and their ADC."""
+
+    sensor: Sensor
+    noise_mm: float
+    alike: float
+    seed: int
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng(self.seed)
+
+    def counts(self, deflection_mm: Floats, readings: int, offset_mm: Floats | float = 0.0) -> Floats:
+        """Counts (readings, channels) under a deflection (channels,)."""
+        shape = (readings, len(deflection_mm))
+        noise, fresh = np.empty(shape), self._rng.standard_normal(shape)
+        noise[0] = fresh[0]
+        for index in range(1, readings):
+            noise[index] = self.alike * noise[index - 1] + np.sqrt(1 - self.alike**2) * fresh[index]
+        gap = self.sensor.standoff_mm + offset_mm - deflection_mm + self.noise_mm * noise
+        return counts_of_gap(self.sensor, gap).astype(np.float64)
+
+
+def surface_of(scene: Scene, sensor: Sensor, keys: Keys | None = None) -> Surface:
+    """The daemon's surface, with what `noise` printed."""
+    stuck = keys.stuck_after_ms if keys else {}
+    stated = {"noise_mm": keys.daemon_noise_mm, "slowest_period_ms": 98.0} if keys else {}
+    values = {
+        "rate_hz": scene.sensors.rate_hz,
+        "source": {"kind": "modbus-tcp", "host": "127.0.0.1"},
+        "filter": {"kind": "moving-average", "window": choose_filter(scene).window},
+        "channels": [
+            {
+                "name": f"s{index + 1}",
+                "register": index,
+                "gain_mm_per_count": sensor.gain_mm_per_count,
+                "offset_mm": sensor.offset_mm,
+                "rest_gap_mm": sensor.standoff_mm,
+                "range_mm": list(sensor.range_mm),
+                "adc_bits": sensor.adc_bits,
+                "stuck_after_ms": stuck.get(f"s{index + 1}"),
+            }
+            for index in range(CHANNELS)
+        ],
+    }
+    return Surface.model_validate(values | stated)
+
+
+@dataclass
+class Model:
+    """A model of the bench scene without the rest of a build."""
+
+    scene: Scene
+    layout: Floats
+
+    def __post_init__(self) -> None:
+        chosen = choose_filter(self.scene)
+        physics = required(self.scene, chosen)
+        self.window = chosen.window
+        self.prior = Prior.real(physics.scene, self.layout, physics.noise.sample_mm)
+        self.run: Run = runner(to_bytes(graph_of(self.prior)))
+
+
+def held(model: Model, line: Line, surface: Surface) -> tuple[float, float]:
+    """Share of touches whose interval holds the truth, and share of settled samples that are said to move."""
+    rng = np.random.default_rng(1)
+    low, high = model.scene.contact.force_range_n
+    characteristic = Characteristic.of(surface.channels)
+    inside, moving = 0, 0
+    for _ in range(TOUCHES):
+        at_mm, force = rng.uniform(20, 380), rng.uniform(low, high)
+        offset = rng.uniform(-0.05, 0.05, CHANNELS)  # gaps have any place between two counts
+        tared = characteristic.gap(line.counts(np.zeros(CHANNELS), 200, offset)).mean(axis=0).tolist()
+        counts = line.counts(force * scene_influence(model.scene, model.layout, at_mm)[0], SETTLED, offset)
+        readings = [Reading(index / surface.rate_hz, tuple(row)) for index, row in enumerate(counts.tolist())]
+        rest = dict(zip(surface.channel_names, tared, strict=True))
+        sample = Pipeline(surface, rest).process(readings, 0.0)[-1].sample
+        mean = np.array([sample.deflection_mm], dtype=np.float64)
+        assert sample.readings is not None
+        assert surface.noise_mm is not None
+        covariance = np.eye(CHANNELS) * surface.noise_mm**2 / sample.readings
+        if sample.covariance_mm2 is not None:
+            moving += 1
+            covariance[np.tril_indices(CHANNELS)] = sample.covariance_mm2
+            covariance = np.tril(covariance) + np.tril(covariance, -1).T
+        answer = model.run(mean, whitening(mean, covariance, model.prior.gain, model.prior.zero_mm))
+        inside += bool(answer["position_low_mm"][0] <= at_mm <= answer["position_high_mm"][0])
+    return inside / TOUCHES, moving / TOUCHES
+
+
+@pytest.fixture(scope="module")
+def layout() -> Floats:
+    return np.array(place(scene_with(noise_mm=0.0045), CHANNELS, 0).positions_mm)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("steps", "noise_mm", "alike"),
+    [(16, 0.0045, 0.0), (16, 0.0045, 0.8), (16, 0.0045, 0.95), (8, 0.0002, 0.0), (8, 0.002, 0.0), (9, 0.003, 0.9)],
+    ids=["white", "coloured", "slow", "coarse ADC", "less coarse", "coloured and coarse"],
+)
+def test_measured_noise_gives_intervals_that_hold(steps: int, noise_mm: float, alike: float, layout: Floats) -> None:
+    real = scene_with(noise_mm=noise_mm, adc_bits=steps)
+    line = Line(sensor_of(real), noise_mm, alike, 3)
+    unmeasured = surface_of(real, line.sensor)
+    recording = line.counts(np.zeros(CHANNELS), RECORDED, np.random.default_rng(5).uniform(-0.05, 0.05, CHANNELS))
+    keys = keys_of(measured(at_rest(recording, unmeasured, {}), unmeasured), unmeasured)
+    bits = {} if keys.adc_bits is None else {"adc_bits": keys.adc_bits}
+    printed = scene_with(noise_mm=keys.scene_noise_mm, zero_drift_mm=keys.zero_drift_mm, **bits)
+    share, moving = held(Model(printed, layout), line, surface_of(real, line.sensor, keys))
+    assert share >= 0.93
+    assert moving <= 0.02  # a note; half of a percent is usual
