@@ -1,7 +1,7 @@
 """A small network that finds where on the beam to look, from the direction of the deflection vector.
 
-The direction depends on the position only; if the force is known, the deflection itself says more. The network answers
-in nodes of a table of the influence, which are spaced evenly in the change of the reading. It learns from simulated
+The direction depends on the position only, whatever the force. The network answers in nodes of a table of the
+influence, which are spaced evenly in the change of the reading. It learns from simulated
 contacts, with and without missing channels, by a second-order method (L-BFGS; Liu & Nocedal 1989,
 doi 10.1007/BF01589116). Its answer needs to be near only: `small_network_graph` takes one step from there, and then
 computes the posterior around it.
@@ -56,14 +56,11 @@ class Network:
     table: Table
     largest_mm: float
     """Largest deflection of the scene at a sensor."""
-    force_is_known: bool
     layers: Layers
 
     def features(self, deflection_mm: Floats) -> Floats:
         """Return the inputs of the first layer for deflections (samples, channels), 0 where a channel is missing."""
         scaled = deflection_mm / self.largest_mm
-        if self.force_is_known:
-            return scaled
         features: Floats = scaled / np.sqrt((scaled**2).sum(axis=1, keepdims=True) + FAINT)
         return features
 
@@ -106,7 +103,7 @@ def train(
     rng = np.random.default_rng(seed)
     table = table_of(prior)
     largest = prior.force_n[1] * float(np.abs(table.influence).max())
-    blank = Network(table, largest, prior.force_is_known, ())
+    blank = Network(table, largest, ())
     deflection, target = _examples(prior, table, fewest, rng, examples)
     features = blank.features(deflection)
     sizes = (prior.channels, *hidden, 1)
@@ -123,7 +120,7 @@ def train(
     with threadpool_limits(1, user_api="blas"):
         options = {"maxiter": iterations, "maxfun": 2 * iterations, "maxcor": 30, "ftol": 1e-9, "gtol": 1e-8}
         found = minimize(loss, start, jac=True, method="L-BFGS-B", options=options)
-    return Network(table, largest, prior.force_is_known, layers_of(found.x, sizes))
+    return Network(table, largest, layers_of(found.x, sizes))
 
 
 def _examples(prior: Prior, table: Table, fewest: int, rng: np.random.Generator, size: int) -> tuple[Floats, Floats]:

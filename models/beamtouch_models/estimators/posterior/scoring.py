@@ -17,8 +17,10 @@ WIDEST = 1e4
 
 @dataclass(frozen=True)
 class Whitened:
-    """Names of the sample in its deviations, over the root of 2, and of what makes it so."""
+    """Names of the sample, and of the sample and its whitening over the root of 2."""
 
+    reading: str
+    """z, bounded, (batch, channels)"""
     sample: str
     """y, (batch, channels, 1)"""
     whitening: str
@@ -49,7 +51,8 @@ def whitened(graph: Graph, largest_mm: float) -> Whitened:
     bound = WIDEST * largest_mm
     whitening = graph.apply("Mul", given, graph.constant(0.5**0.5))
     reading = graph.apply("Clip", deflection, graph.constant(-bound), graph.constant(bound))
-    return Whitened(graph.apply("MatMul", whitening, graph.apply("Unsqueeze", reading, graph.ints(2))), whitening)
+    sample = graph.apply("MatMul", whitening, graph.apply("Unsqueeze", reading, graph.ints(2)))
+    return Whitened(reading, sample, whitening)
 
 
 def scored(graph: Graph, seen: Whitened, largest_n: float, influence: str, uncertain: str | None) -> Scored:
