@@ -71,20 +71,21 @@ def _node(graph: Graph, network: Network, reading: str) -> str:
 
 
 def _window(graph: Graph, prior: Prior, seen: Whitened, node: str, steps: int, table: tuple[str, str]) -> str:
-    """Return the ends of the window after the Gauss-Newton steps from the node, in nodes, (batch, 2)."""
+    """Return the ends of the window after the Gauss-Newton steps from the node, in nodes, (batch, 2, 1)."""
     least, most = graph.constant(0.0), graph.constant(float(steps))
     middle, step, half = _step(graph, prior, seen, node, table)
     if steps > FINE:
-        node = graph.cast(graph.apply("Clip", middle, least, graph.constant(steps - 0.5)), np.int64)
+        node = graph.apply("Clip", graph.apply("Squeeze", middle, graph.ints(2)), least, graph.constant(steps - 0.5))
+        node = graph.cast(node, np.int64)
         middle, step, half = _step(graph, prior, seen, node, table)
     doubted = graph.apply("Mul", graph.apply("Abs", step), graph.constant(DOUBTED))
-    half = graph.apply("Mul", graph.apply("Add", half, doubted), graph.constant([-1.0, 1.0]))
+    half = graph.apply("Mul", graph.apply("Add", half, doubted), graph.constant([[-1.0], [1.0]]))
     middle = graph.apply("Clip", middle, least, most)
     return graph.apply("Clip", graph.apply("Add", middle, half), least, most)
 
 
 def _step(graph: Graph, prior: Prior, seen: Whitened, node: str, table: tuple[str, str]) -> tuple[str, str, str]:
-    """Return the end and the length of a Gauss-Newton step, and WITHIN deviations of the end; (batch, 1), in nodes."""
+    """Return the end and the length of a Gauss-Newton step, and WITHIN deviations of it; (batch, 1, 1), in nodes."""
     axes, columns = graph.ints(1, 2), (graph.ints(1), graph.ints(1 + prior.channels), graph.ints(2))
     at = [graph.apply("Slice", graph.apply("Gather", one, node, axis=0), *columns) for one in table]
     both = graph.apply("Transpose", graph.apply("Concat", *at, axis=1), perm=[0, 2, 1])
@@ -103,8 +104,8 @@ def _step(graph: Graph, prior: Prior, seen: Whitened, node: str, table: tuple[st
     step = graph.apply("Div", along(turned, seen.sample), square)
     # In the units of `seen` a deviation is the root of a half.
     half = graph.apply("Div", graph.constant(WITHIN * 0.5**0.5), graph.apply("Sqrt", square))
-    step, half = (graph.apply("Squeeze", value, graph.ints(1)) for value in (step, half))
-    return graph.apply("Add", graph.cast(node, np.float32), step), step, half
+    start = graph.apply("Unsqueeze", graph.cast(node, np.float32), graph.ints(2))
+    return graph.apply("Add", start, step), step, half
 
 
 def _cells(graph: Graph, prior: Prior, window: str, steps: int, table: tuple[str, str]) -> tuple[str, str, str | None]:
@@ -113,10 +114,12 @@ def _cells(graph: Graph, prior: Prior, window: str, steps: int, table: tuple[str
     The third is the square of the influence's deviation, if the sensors' positions are not exact.
     """
     marks, offset = _marks(steps, CELLS[prior.force_is_known])
-    node = graph.apply("Gemm", window, graph.constant(marks), graph.constant(offset))
+    # As a second factor, the constant would lose its digits when `trade` quantises weights.
+    node = graph.apply("MatMul", graph.constant(marks), window)
+    node = graph.apply("Add", node, graph.constant(offset[:, None]))
     below = graph.apply("Clip", graph.apply("Floor", node), graph.constant(0.0), graph.constant(steps - 1.0))
-    part = graph.apply("Unsqueeze", graph.apply("Sub", node, below), graph.ints(2))
-    whole = graph.cast(below, np.int64)
+    part = graph.apply("Sub", node, below)
+    whole = graph.apply("Squeeze", graph.cast(below, np.int64), graph.ints(2))
     value, change = (graph.apply("Gather", one, whole, axis=0) for one in table)
     value = graph.apply("Add", value, graph.apply("Mul", change, part))
     value = graph.apply("Transpose", value, perm=[0, 2, 1])
@@ -132,11 +135,11 @@ def _cells(graph: Graph, prior: Prior, window: str, steps: int, table: tuple[str
 
 
 def _marks(steps: int, cells: int) -> tuple[Floats, Floats]:
-    """Return edges and middles of the cells in turn as a linear function of the window's ends: (2, marks), (marks,)."""
+    """Return edges and middles of the cells in turn as a linear function of the window's ends: (marks, 2), (marks,)."""
     # Towards the ends of the range the cells are narrower: next to a support, contacts at either end look alike.
     first = (np.arange(2 * OUTER) / (2 * OUTER)) ** 2
     last = 1 - (1 - np.arange(2 * OUTER) / (2 * OUTER)) ** 2
     within, none, nothing = np.arange(2 * cells) / (2 * cells), np.zeros(2 * OUTER), np.zeros(2 * cells)
     low = np.concatenate([first, 1 - within, none, [0.0]])
     high = np.concatenate([none, within, 1 - last, [0.0]])
-    return np.stack([low, high]), np.concatenate([none, nothing, last * steps, [steps]])
+    return np.stack([low, high], axis=1), np.concatenate([none, nothing, last * steps, [steps]])

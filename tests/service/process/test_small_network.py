@@ -46,7 +46,8 @@ def test_a_small_network_is_built_evaluated_checked_and_served(
     service = start_service("--model", path, "--write-token-file", token_file, "--stale-ms", "60000")
 
     def contact(sequence: int, row: list[float | None]) -> dict[str, float | str | None]:
-        batch = make_batch(row, sequence=sequence, channels=model.channels)
+        quality = ["good" if value is not None else "missing" for value in row]
+        batch = make_batch(row, sequence=sequence, channels=model.channels, quality=quality)
         response = service.post(batch)
         assert response.status_code == 200, response.text
         answer: dict[str, float | str | None] = service.get("/contact").json()
