@@ -1,4 +1,4 @@
-"""Priors of the shipped scenes for tests of the posterior, and running its graph."""
+"""Priors of the shipped scenes for tests of the posterior, and running graphs on contacts and at rest."""
 
 import dataclasses
 from functools import lru_cache
@@ -9,7 +9,9 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
+from beamtouch_models.accuracy.forces import HIGHEST
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.touch import directions, rest_like_contact
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes
@@ -17,8 +19,12 @@ from beamtouch_models.metadata import INPUTS
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.placement import place
 from beamtouch_models.scene import load_scene
-from beamtouch_models.session import runner, session_options
+from beamtouch_models.session import Run, runner, session_options
+from beamtouch_models.whitening import whitening
 from example_scenes import SCENES
+
+TINY = np.nextafter(np.float32(0), np.float32(1))
+"""The smallest subnormal of float32."""
 
 
 @lru_cache
@@ -90,3 +96,49 @@ def double_answers(graph: onnx.ModelProto, prior: Prior, deflection_mm: Floats) 
     inputs = deflection_mm, prior.whitening(deflection_mm)
     rounded = [values.astype(np.float32).astype(np.float64) for values in inputs]
     return dict(zip(names, session.run(None, dict(zip(INPUTS, rounded, strict=True))), strict=True))
+
+
+def exceeding(
+    run: Run, prior: Prior, covariance: Floats, kept: tuple[int, ...], rate: float, threshold: float
+) -> float:
+    """The rate at which rest exceeds a threshold, through the graph, by importance sampling, over what was asked."""
+    channels, draws = prior.channels, 2048
+    valid = np.zeros((draws, channels), np.bool_)
+    valid[:, kept] = True
+    weights = whitening(np.zeros((draws, channels)), covariance, 0.0, prior.zero_mm, valid)
+    part = weights[0][np.ix_(kept, kept)]
+    shapes = prior.table(np.linspace(*prior.position_mm, 201))[:, kept] @ part.T
+    rest = rest_like_contact(directions(shapes), rate, draws, 5)
+    reading = np.zeros((draws, channels))
+    reading[:, kept] = np.linalg.solve(part, rest.sample.T).T
+    odds = run(reading, weights)["contact_log_odds"]
+    return float(np.where(odds > threshold, rest.weight, 0.0).mean() / rate)
+
+
+def nonsense(prior: Prior) -> Floats:
+    """Readings that no contact explains, and some that one just might."""
+    largest = prior.force_n[1] * float(np.abs(prior.table(np.linspace(*prior.position_mm, 101))).max())
+    channels = prior.channels
+    rng = np.random.default_rng(0)
+    rows = [np.full(channels, size) for size in (0.0, TINY, -TINY, 1e-30, largest, -largest)]
+    rows += [np.full(channels, sign * size) for size in (100 * largest, 1e6, 1e30, np.inf) for sign in (1, -1)]
+    rows += [largest * np.eye(channels)[0], -largest * np.eye(channels)[-1]]
+    rows += list(rng.normal(size=(50, channels)) * largest) + list(rng.normal(size=(50, channels)) * prior.noise_mm)
+    return np.array(rows)
+
+
+def check_sane(prior: Prior, answers: dict[str, Floats]) -> None:
+    """Every answer is a number, intervals hold their middle and lie in the range."""
+    low, high = prior.position_mm
+    slack = 1e-5 * prior.length_mm
+    for name, values in answers.items():
+        assert np.isfinite(values).all(), name
+    assert (low - slack <= answers["position_low_mm"]).all()
+    assert (answers["position_low_mm"] <= answers["position_mm"] + slack).all()
+    assert (answers["position_mm"] <= answers["position_high_mm"] + slack).all()
+    assert (answers["position_high_mm"] <= high + slack).all()
+    if "force_n" in answers:
+        ends = np.stack([answers[f"force{part}_n"] for part in ("_low", "", "_high")])
+        assert (np.diff(ends, axis=0) >= 0).all()
+        assert ends.min() >= 0
+        assert ends.max() <= HIGHEST * prior.force_n[1] * (1 + 1e-6)

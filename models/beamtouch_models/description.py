@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from beamtouch_models.metadata import Metadata
+from beamtouch_models.metadata import POSITION_OUTPUTS, Metadata
 
 
 def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
@@ -18,6 +18,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     best = f"{accuracy.limit_percent:.3f} % +- {accuracy.limit_standard_error:.3f}"
     spread = accuracy.ratio_standard_error
     ratio = f"{accuracy.ratio:.3f}" + ("" if spread is None else f" +- {spread:.3f}")
+    lacks = ", ".join(lacking(outputs))
     rows = [
         ("model", f"{identity} ({metadata.estimator}, seed {metadata.seed})"),
         ("beam", f"{metadata.length_mm:g} mm, largest deflection {metadata.max_deflection_mm:.4g} mm"),
@@ -34,10 +35,16 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
         ("error", f"{error} of the length, on average"),
         ("limit", f"{best}; error over limit {ratio}"),
         ("outputs", ", ".join(outputs)),
+        *([("lacks", f"{lacks}: `design-sensors evaluate` can use it, the service cannot")] if lacks else []),
         ("golden", f"{len(metadata.golden.deflection_mm)} answers reproduced"),
         *_calibration(metadata),
     ]
     return "\n".join(f"{label:<8} {text}" for label, text in rows)
+
+
+def lacking(outputs: Sequence[str]) -> list[str]:
+    """Return the outputs of position, interval, log odds of contact and misfit that a graph does not have."""
+    return [name for name in POSITION_OUTPUTS if name not in outputs]
 
 
 def _several(values: list[float], factor: float, unit: str) -> str:

@@ -85,6 +85,11 @@ class ModelFile:
         """Channel names in input order."""
         return [channel.name for channel in self.metadata.layout]
 
+    @property
+    def lacks(self) -> list[str]:
+        """Outputs that are missing: interval, log odds of contact, misfit."""
+        return description.lacking(self.outputs)
+
     def summary(self) -> str:
         """Return the metadata as text, each number with its unit and reference."""
         return description.summary(self.metadata, self.identity, self.outputs)

@@ -7,14 +7,11 @@ import pytest
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.touch import (
-    directions,
     misfit_thresholds,
     rate_per_sample,
-    rest_like_contact,
     smallest_force_n,
     touch_thresholds,
 )
-from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measured import measured, thresholds_of
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.export import to_bytes
@@ -22,10 +19,9 @@ from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import load_scene
-from beamtouch_models.session import Run, runner
-from beamtouch_models.whitening import whitening
+from beamtouch_models.session import runner
 from example_scenes import SCENES
-from posterior_cases import answers_of, graph_of, prior_of
+from posterior_cases import answers_of, exceeding, graph_of, prior_of
 
 
 @pytest.mark.parametrize("sensors", [2, 5])
@@ -44,23 +40,6 @@ def test_the_threshold_of_a_single_channel_is_the_normal_tail() -> None:
     prior = prior_of("cantilever", 1, 2.0, known=True)
     (threshold,) = touch_thresholds(prior, 1e-6, 1)
     assert threshold == pytest.approx(4.7534**2 / 2, abs=0.15)
-
-
-def exceeding(
-    run: Run, prior: Prior, covariance: Floats, kept: tuple[int, ...], rate: float, threshold: float
-) -> float:
-    """The rate at which rest exceeds a threshold, through the graph, by importance sampling, over what was asked."""
-    channels, draws = prior.channels, 2048
-    valid = np.zeros((draws, channels), np.bool_)
-    valid[:, kept] = True
-    weights = whitening(np.zeros((draws, channels)), covariance, 0.0, prior.zero_mm, valid)
-    part = weights[0][np.ix_(kept, kept)]
-    shapes = prior.table(np.linspace(*prior.position_mm, 201))[:, kept] @ part.T
-    rest = rest_like_contact(directions(shapes), rate, draws, 5)
-    reading = np.zeros((draws, channels))
-    reading[:, kept] = np.linalg.solve(part, rest.sample.T).T
-    odds = run(reading, weights)["contact_log_odds"]
-    return float(np.where(odds > threshold, rest.weight, 0.0).mean() / rate)
 
 
 @pytest.mark.long

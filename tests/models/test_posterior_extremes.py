@@ -7,9 +7,6 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.forces import HIGHEST
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import sensor_of
 from beamtouch_models.building.held_limit import check_held
 from beamtouch_models.errors import NotGoodEnoughError
@@ -19,39 +16,7 @@ from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
-from posterior_cases import answers_of, double_answers, graph_of, prior_of
-
-TINY = np.nextafter(np.float32(0), np.float32(1))
-"""The smallest subnormal of float32."""
-
-
-def nonsense(prior: Prior) -> Floats:
-    """Readings that no contact explains, and some that one just might."""
-    largest = prior.force_n[1] * float(np.abs(prior.table(np.linspace(*prior.position_mm, 101))).max())
-    channels = prior.channels
-    rng = np.random.default_rng(0)
-    rows = [np.full(channels, size) for size in (0.0, TINY, -TINY, 1e-30, largest, -largest)]
-    rows += [np.full(channels, sign * size) for size in (100 * largest, 1e6, 1e30, np.inf) for sign in (1, -1)]
-    rows += [largest * np.eye(channels)[0], -largest * np.eye(channels)[-1]]
-    rows += list(rng.normal(size=(50, channels)) * largest) + list(rng.normal(size=(50, channels)) * prior.noise_mm)
-    return np.array(rows)
-
-
-def check_sane(prior: Prior, answers: dict[str, Floats]) -> None:
-    """Every answer is a number, intervals hold their middle and lie in the range."""
-    low, high = prior.position_mm
-    slack = 1e-5 * prior.length_mm
-    for name, values in answers.items():
-        assert np.isfinite(values).all(), name
-    assert (low - slack <= answers["position_low_mm"]).all()
-    assert (answers["position_low_mm"] <= answers["position_mm"] + slack).all()
-    assert (answers["position_mm"] <= answers["position_high_mm"] + slack).all()
-    assert (answers["position_high_mm"] <= high + slack).all()
-    if "force_n" in answers:
-        ends = np.stack([answers[f"force{part}_n"] for part in ("_low", "", "_high")])
-        assert (np.diff(ends, axis=0) >= 0).all()
-        assert ends.min() >= 0
-        assert ends.max() <= HIGHEST * prior.force_n[1] * (1 + 1e-6)
+from posterior_cases import answers_of, check_sane, double_answers, graph_of, nonsense, prior_of
 
 
 @pytest.mark.parametrize("known", [True, False])

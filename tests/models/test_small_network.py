@@ -1,102 +1,208 @@
-"""The small network: its gradient, its graph, and its accuracy after training."""
+"""The small network: its training, and that its graph answers as the posterior does, whatever the covariance."""
 
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
+import onnx
 import pytest
+from numpy.typing import NDArray
+from onnx import TensorProto, helper
+from scipy.special import chdtri
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.estimators.small_network import (
-    OUTPUTS,
-    Network,
-    Targets,
-    _layers,
-    loss_and_gradient,
-    train,
-)
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.touch import rate_per_sample, touch_thresholds
+from beamtouch_models.arrays import Floats
+from beamtouch_models.estimators.small_network import Network, layers_of, loss_and_gradient, table_of, train
 from beamtouch_models.estimators.small_network_graph import small_network_graph
-from beamtouch_models.estimators.teacher import lessons
 from beamtouch_models.export import to_bytes
-from posterior_cases import answers_of, prior_of
+from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
+from beamtouch_models.session import runner
+from beamtouch_models.trade.quantised import quantised
+from beamtouch_models.whitening import whitening
+from posterior_cases import answers_of, check_sane, exceeding, graph_of, nonsense, prior_of, with_floor
 
-PRIOR = prior_of("bench", 3, 1.0, known=False)
+PRIOR = with_floor(prior_of("bench", 4, 0.2, known=False))
+CONTACTS = 2000
+
+
+def trained(prior: Prior) -> Network:
+    """Trained for a second."""
+    return train(prior, 1, lambda _done: None, fewest=2, examples=4000, iterations=300)
 
 
 @pytest.fixture(scope="module")
 def network() -> Network:
-    """Trained for a few seconds."""
-    return train(PRIOR, 1, lambda _done: None, hidden=(12, 12), examples=5000, iterations=400)
+    return trained(PRIOR)
+
+
+@pytest.fixture(scope="module")
+def graph(network: Network) -> onnx.ModelProto:
+    return small_network_graph(PRIOR, network, with_force=True)
+
+
+def share_held(answers: Mapping[str, NDArray[np.floating]], quantity: str, unit: str, truth: Floats) -> float:
+    low, high = (answers[f"{quantity}_{end}_{unit}"] for end in ("low", "high"))
+    return float(((low <= truth) & (truth <= high)).mean())
 
 
 def test_the_gradient_agrees_with_differences_of_the_loss() -> None:
     rng = np.random.default_rng(0)
-    sizes = (5, 4, 3, OUTPUTS)
+    sizes = (5, 4, 3, 1)
     count = sum((fan_in + 1) * fan_out for fan_in, fan_out in pairwise(sizes))
     flat = rng.normal(size=count)
-    target = Targets(rng.normal(size=(30, OUTPUTS)), rng.uniform(0.01, 1, (30, 2)), rng.uniform(size=(30, OUTPUTS)))
-    features = rng.normal(size=(30, 5))
-    gradient = loss_and_gradient(_layers(flat, sizes), features, target)[1]
+    features, target = rng.normal(size=(30, 5)), rng.normal(size=30)
+    gradient = loss_and_gradient(layers_of(flat, sizes), features, target)[1]
     for index in range(0, count, 3):
         step = np.zeros(count)
         step[index] = 1e-6
-        above, below = (loss_and_gradient(_layers(flat + s * step, sizes), features, target)[0] for s in (1, -1))
+        above, below = (loss_and_gradient(layers_of(flat + s * step, sizes), features, target)[0] for s in (1, -1))
         assert (above - below) / 2e-6 == pytest.approx(gradient[index], rel=1e-5, abs=1e-7)
 
 
-def test_the_teacher_is_the_posterior() -> None:
-    taught = lessons(PRIOR, np.random.default_rng(2), 400, contacts_only=True)
-    assert taught.touched.all()
-    assert taught.valid.all()
-    best = limit.posterior_median_mm(PRIOR, taught.deflection_mm)
-    width = taught.position[:, 2] - taught.position[:, 1]
-    # Next to an end of the range the interval, which does not lean on the range of the force, moves the median.
-    assert (np.abs(taught.position[:, 0] - best) < 0.1 * width).mean() > 0.98
-    mixed = lessons(PRIOR, np.random.default_rng(2), 400)
-    assert 0 < (~mixed.touched).sum() < 200
-    assert 0 < (~mixed.valid).sum(axis=1).max() < 2
-
-
 def test_the_same_seed_gives_the_same_file() -> None:
-    first, second = (train(PRIOR, 3, lambda _done: None, hidden=(6,), examples=500, iterations=10) for _ in range(2))
-    files = [to_bytes(small_network_graph(one, with_force=True)) for one in (first, second)]
-    assert files[0] == files[1]
+    made = (train(PRIOR, 3, lambda _done: None, fewest=2, hidden=(6,), examples=500, iterations=10) for _ in range(2))
+    first, second = (to_bytes(small_network_graph(PRIOR, one, with_force=True)) for one in made)
+    assert first == second
 
 
-def test_the_graph_computes_what_the_network_computes(network: Network) -> None:
-    taught = lessons(PRIOR, np.random.default_rng(5), 300)
-    answers = answers_of(small_network_graph(network, with_force=True), PRIOR, taught.deflection_mm, taught.valid)
-    inputs = network.inputs
-    raw = network.raw(inputs.features(taught.deflection_mm, taught.valid))
-    centre, half = network.position_scale
-    position = centre + half * raw[:, 0]
-    assert answers["position_mm"] == pytest.approx(np.clip(position, *PRIOR.position_mm), abs=2e-2)
-    log_force = raw[:, 4] + inputs.log_length(taught.deflection_mm, taught.valid)
-    assert answers["force_n"] == pytest.approx(np.clip(np.exp(log_force), *PRIOR.force_n), rel=1e-3)
-    # It does not look at its covariance, so it has no interval to give.
-    assert set(answers) == {"position_mm", "force_n"}
+def test_straight_lines_between_the_nodes_are_exact_within_the_noise() -> None:
+    table, force = table_of(PRIOR), PRIOR.force_n[1]
+    between = (table.position_mm[1:] + table.position_mm[:-1]) / 2
+    node = np.searchsorted(table.position_mm, between)
+    straight = (table.influence[node - 1] + table.influence[node]) / 2
+    exact = force * PRIOR.table(between)
+    off = np.linalg.norm((force * straight - exact) / PRIOR.deviation_mm(exact), axis=1)
+    assert off.max() < 0.1
 
 
-def test_the_value_of_a_missing_channel_has_no_effect(network: Network) -> None:
-    graph = small_network_graph(network, with_force=False)
-    deflection = limit.draw(PRIOR, 50, 5).deflection_mm
-    valid = np.ones(deflection.shape, np.bool_)
-    valid[:, 1] = False
-    before = answers_of(graph, PRIOR, deflection, valid)
-    for rubbish in (np.nan, np.inf, -1e30, 0.0):
-        deflection[:, 1] = rubbish
-        after = answers_of(graph, PRIOR, deflection, valid)
-        assert all(np.array_equal(before[name], after[name]) for name in before)
+def test_the_network_names_a_place_near_the_contact_and_the_graph_computes_it(
+    network: Network, graph: onnx.ModelProto
+) -> None:
+    drawn = limit.draw(PRIOR, 500, 5)
+    steps = len(network.table.position_mm) - 1
+    node = network.node(drawn.deflection_mm)
+    true = np.interp(drawn.position_mm, network.table.position_mm, np.arange(steps + 1))
+    assert np.median(np.abs(node - true)) < 0.03 * steps
+    shown = onnx.ModelProto()
+    shown.CopyFrom(graph)
+    # Its output is what is rounded to the first integers.
+    (cast, *_) = (one for one in shown.graph.node if one.op_type == "Cast")
+    del shown.graph.output[:]
+    shown.graph.output.append(helper.make_tensor_value_info(cast.output[0], TensorProto.INT64, ["batch", 1]))
+    found = runner(to_bytes(shown))(drawn.deflection_mm, PRIOR.whitening(drawn.deflection_mm))[cast.output[0]]
+    assert np.abs(found[:, 0] + 0.5 - np.clip(node, 0, steps - 0.5)).max() < 0.6
 
 
-@pytest.mark.parametrize("missing", [None, 0])
-def test_the_error_is_near_the_limit(network: Network, missing: int | None) -> None:
-    drawn = limit.draw(PRIOR, 4000, 6)
-    valid = np.ones(drawn.deflection_mm.shape, np.bool_)
-    prior, reading = PRIOR, drawn.deflection_mm
-    if missing is not None:
-        valid[:, missing] = False
-        prior, reading = PRIOR.without(missing), np.delete(reading, missing, axis=1)
-    answers = answers_of(small_network_graph(network, with_force=True), PRIOR, drawn.deflection_mm, valid)
-    best = np.abs(limit.posterior_median_mm(prior, reading) - drawn.position_mm).mean()
-    # The bound after a few seconds of training; a build trains five times as long.
-    assert np.abs(answers["position_mm"] - drawn.position_mm).mean() < 1.35 * best
+def covariances() -> dict[str, Floats]:
+    """The covariance of a settled sample, and of others."""
+    white = np.eye(4) * PRIOR.noise_mm**2
+    mode = np.sin(np.pi * np.array([0.17, 0.39, 0.61, 0.83]))
+    noisy = white * np.array([1, 1, 400, 1])
+    return {
+        "settled": white,
+        "few readings": 25 * white,
+        "noisy channel": noisy,
+        "rings": white + np.outer(mode, mode) * 0.05**2,
+    }
+
+
+@pytest.mark.parametrize("missing", [None, 0, 2])
+@pytest.mark.parametrize("kind", covariances())
+def test_it_answers_as_the_posterior_under_any_covariance_and_mask(
+    graph: onnx.ModelProto, kind: str, missing: int | None
+) -> None:
+    covariance = covariances()[kind]
+    drawn = limit.draw(PRIOR, CONTACTS, 7)
+    rng = np.random.default_rng(8)
+    excess = covariance - np.eye(4) * PRIOR.noise_mm**2
+    reading = drawn.deflection_mm + rng.multivariate_normal(np.zeros(4), excess, CONTACTS)
+    valid = np.arange(4) != (-1 if missing is None else missing)
+    reading = np.where(valid, reading, 0.0)
+    weights = whitening(reading, covariance, PRIOR.gain, PRIOR.zero_mm, np.tile(valid, (CONTACTS, 1)))
+    found, exact = (runner(to_bytes(one))(reading, weights) for one in (graph, graph_of(PRIOR)))
+    assert list(found) == [*POSITION_OUTPUTS, *FORCE_OUTPUTS]
+    assert share_held(found, "position", "mm", drawn.position_mm) >= 0.93
+    assert share_held(found, "force", "n", drawn.force_n) >= 0.93
+    width = exact["position_high_mm"] - exact["position_low_mm"]
+    for name in POSITION_OUTPUTS[:3]:
+        assert np.quantile(np.abs(found[name] - exact[name]) / width, 0.98) < 0.1, name
+    broad = exact["force_high_n"] - exact["force_low_n"]
+    for name in FORCE_OUTPUTS:
+        assert np.quantile(np.abs(found[name] - exact[name]) / broad, 0.98) < 0.1, name
+    assert np.quantile(np.abs(found["misfit"] - exact["misfit"]), 0.98) < 0.3
+    odds = np.abs(found["contact_log_odds"] - exact["contact_log_odds"]) / (1 + np.abs(exact["contact_log_odds"]))
+    assert np.quantile(odds, 0.98) < 0.02
+    error, least = (np.abs(one["position_mm"] - drawn.position_mm).mean() for one in (found, exact))
+    assert error < 1.02 * least
+
+
+def test_the_misfit_of_a_contact_is_chi_square_and_that_of_a_fault_is_not(graph: onnx.ModelProto) -> None:
+    drawn = limit.draw(PRIOR, 2 * CONTACTS, 6)
+    inside = (drawn.position_mm > 20) & (drawn.position_mm < 380)
+    for missing, freedom in ((None, 2), (1, 1)):
+        valid = np.tile(np.arange(4) != (-1 if missing is None else missing), (2 * CONTACTS, 1))
+        misfit = answers_of(graph, PRIOR, drawn.deflection_mm, valid)["misfit"][inside]
+        for share in (0.5, 0.1, 0.01):
+            slack = 0.12 * share + 4 * (share / inside.sum()) ** 0.5
+            assert (misfit > chdtri(freedom, share)).mean() == pytest.approx(share, abs=slack)
+    wedged = drawn.deflection_mm.copy()
+    wedged[:, 1] += 30 * PRIOR.deviation_mm(wedged)[:, 1]
+    assert (answers_of(graph, PRIOR, wedged)["misfit"] > chdtri(2, 1e-6)).mean() > 0.5
+
+
+@pytest.mark.parametrize("kept", [(0, 1, 2, 3), (1, 2, 3), (0, 1, 3), (0, 3), (1, 2), (2,)], ids=str)
+def test_false_contacts_at_rest_are_as_many_as_were_asked_for(graph: onnx.ModelProto, kept: tuple[int, ...]) -> None:
+    rate = rate_per_sample(1 / 30, 200.0, 4)
+    threshold = touch_thresholds(PRIOR, rate, 1)[len(kept) - 1]
+    run = runner(to_bytes(graph))
+    for covariance in covariances().values():
+        assert 0.5 < exceeding(run, PRIOR, covariance, kept, rate, threshold) < 2
+
+
+def test_with_weights_of_8_bits_the_network_is_still_near_enough(graph: onnx.ModelProto) -> None:
+    drawn = limit.draw(PRIOR, CONTACTS, 9)
+    short, whole = (answers_of(one, PRIOR, drawn.deflection_mm) for one in (quantised(graph), graph))
+    errors = [np.abs(one["position_mm"] - drawn.position_mm).mean() for one in (short, whole)]
+    assert errors[0] < 1.02 * errors[1]
+    held = [share_held(one, "position", "mm", drawn.position_mm) for one in (short, whole)]
+    assert held[0] > held[1] - 0.03
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_load_beyond_the_range_is_placed_where_it_is(known: bool) -> None:
+    prior = with_floor(prior_of("bench", 4, 0.2, known=known))
+    graph = small_network_graph(prior, trained(prior), with_force=True)
+    position = np.linspace(40, 360, 1000)
+    force = np.full(len(position), 3 * prior.force_n[1])
+    clean, deviation = prior.sampled(position, force)
+    answers = answers_of(graph, prior, clean + np.random.default_rng(1).normal(size=clean.shape) * deviation)
+    assert share_held(answers, "position", "mm", position) >= 0.93
+    assert share_held(answers, "force", "n", force) >= 0.85
+    assert np.quantile(answers["misfit"], 0.9) == pytest.approx(chdtri(2, 0.1), rel=0.2)
+
+
+def test_it_holds_where_perfect_sensors_have_hardly_any_noise() -> None:
+    prior = prior_of("two-spans", 5, 3e-3, known=False)
+    graph = small_network_graph(prior, trained(prior), with_force=True)
+    drawn = limit.draw(prior, 1000, 4)
+    answers = answers_of(graph, prior, drawn.deflection_mm)
+    best = limit.posterior_median_mm(prior, drawn.deflection_mm)
+    error, least = (np.abs(place - drawn.position_mm).mean() for place in (answers["position_mm"], best))
+    assert error < 1.05 * least
+    assert share_held(answers, "position", "mm", drawn.position_mm) >= 0.93
+    assert share_held(answers, "force", "n", drawn.force_n) >= 0.93
+    assert np.quantile(answers["misfit"], 0.9) == pytest.approx(chdtri(3, 0.1), rel=0.2)
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("noise_percent", [100.0, 1.0, 1e-4])
+def test_nonsense_gets_a_sane_answer(noise_percent: float, known: bool) -> None:
+    prior = prior_of("bench", 2, noise_percent, known=known)
+    untaught = train(prior, 1, lambda _done: None, fewest=2, examples=200, iterations=5)
+    graph, readings = small_network_graph(prior, untaught, with_force=True), nonsense(prior)
+    for kept in ([0, 1], [0], []):
+        valid = np.zeros(readings.shape, np.bool_)
+        valid[:, kept] = True
+        check_sane(prior, answers_of(graph, prior, readings, valid))

@@ -16,6 +16,7 @@ def describe(model: ModelFile) -> dict[str, Any]:
         "channels": model.channels,
         "noise_mm": metadata.noise.sample_mm,
         "outputs": list(model.outputs),
+        "lacks": model.lacks,
         "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
         "golden_answers": len(metadata.golden.deflection_mm),
     }

@@ -15,7 +15,8 @@ def quantised(graph: onnx.ModelProto) -> onnx.ModelProto:
     try:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "quantised.onnx"
-            quantize_dynamic(graph, path, weight_type=QuantType.QInt8)
+            # Not the tables of `Gather`: they are physics, not weights.
+            quantize_dynamic(graph, path, weight_type=QuantType.QInt8, op_types_to_quantize=["MatMul", "Gemm"])
             made: onnx.ModelProto = onnx.load(path)
     finally:
         logging.disable(before)

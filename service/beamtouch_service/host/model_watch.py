@@ -41,7 +41,10 @@ def parse(content: bytes, origin: str) -> ModelFile:
     model = modelfile.load_bytes(content, origin)
     if LOG_ODDS not in model.outputs:
         # Without it, the service would state a position although nothing touches the beam.
-        message = f"{origin}: it has no output {LOG_ODDS}, so it cannot tell contact from clear; build a new model"
+        message = (
+            f"{origin}: it has no output {LOG_ODDS}, so it cannot tell contact from clear; build a model with another "
+            f"estimator ({model.metadata.estimator} lacks {', '.join(model.lacks)})"
+        )
         raise ModelFileError(message)
     try:
         answer_s = _answer_s(Inference(model), model)

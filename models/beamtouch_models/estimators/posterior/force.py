@@ -1,10 +1,13 @@
 """The force in the posterior graph: the mass of its prior that a cell explains, and the force that is stated."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from beamtouch_models.accuracy.forces import HIGHEST, Piece, forces_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph
+from beamtouch_models.estimators.posterior.scoring import Scored
 from beamtouch_models.metadata import FORCE_OUTPUTS
 
 NORMAL = 1.959964
@@ -65,39 +68,39 @@ def _weighted(graph: Graph, ends: str, weights: Floats) -> str:
     return graph.apply("MatMul", graph.constant(weights[None] @ differences), ends)
 
 
-def state_force(
-    graph: Graph,
-    force_n: tuple[float, float],
-    precision: str,
-    root: str,
-    force: str,
-    posterior: str,
-    contraction: str | None,
-) -> None:
+@dataclass(frozen=True)
+class Posteriors:
+    """Names of the posteriors over the cells, (batch, 1, N)."""
+
+    median: str
+    ends: str
+    """That of the interval."""
+    contraction: str | None
+    """Contraction of the interval, (batch, 1, 1), if the posterior is tempered."""
+
+
+def state_force(graph: Graph, force_n: tuple[float, float], scored: Scored, root: str, posteriors: Posteriors) -> None:
     """Add the force, from the posterior of the median, and its interval, from that of the ends.
 
     A best force that is hardly beyond the range is moved to its end, which is then the likeliest force.
     """
     low, high = force_n
-    known = low == high
+    known, force, contraction = low == high, scored.force, posteriors.contraction
     moved = graph.apply("Clip", force, graph.constant(low), graph.constant(high))
     beyond = graph.apply("Mul", graph.apply("Sub", force, moved), root)
     far = graph.apply("Greater", graph.apply("Abs", beyond), graph.constant(BEYOND))
     moved = graph.apply("Where", far, force, moved)
     axis = graph.ints(2)
-    median, ends = (posterior, posterior) if known else (_row(graph, posterior, 0), _row(graph, posterior, 1))
-    middle = graph.apply("ReduceSum", graph.apply("Mul", median, moved), axis, keepdims=1)
+    middle = graph.apply("ReduceSum", graph.apply("Mul", posteriors.median, moved), axis, keepdims=1)
     # Where a known force explains the sample, the cells hold it, and there is no deviation within them.
-    seen = moved if known else force
-    mean = graph.apply("ReduceSum", graph.apply("Mul", ends, seen), axis, keepdims=1)
-    off = graph.apply("Sub", seen, mean)
+    stated = moved if known else force
+    mean = graph.apply("ReduceSum", graph.apply("Mul", posteriors.ends, stated), axis, keepdims=1)
+    off = graph.apply("Sub", stated, mean)
     square = graph.apply("Mul", off, off)
-    square = (
-        graph.apply("Mul", square, contraction if known else _row(graph, contraction, 1)) if contraction else square
-    )
+    square = graph.apply("Mul", square, contraction) if contraction else square
     if not known:
-        square = graph.apply("Add", square, graph.apply("Div", graph.constant(0.5), precision))
-    variance = graph.apply("ReduceSum", graph.apply("Mul", ends, square), axis, keepdims=1)
+        square = graph.apply("Add", square, graph.apply("Div", graph.constant(0.5), scored.precision))
+    variance = graph.apply("ReduceSum", graph.apply("Mul", posteriors.ends, square), axis, keepdims=1)
     both = np.array([-NORMAL, NORMAL]) * (WIDER if contraction else 1.0)
     interval = graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both))
     interval = graph.apply("Add", mean, interval)

@@ -27,174 +27,38 @@ it is chi-square distributed, with two degrees of freedom less than there are ch
 Where cells are wider than the posterior, `tempering` widens the likelihood and contracts the quantiles again.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import onnx
-from numpy.typing import DTypeLike
 
-from beamtouch_models.accuracy.forces import HIGHEST
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph, model
-from beamtouch_models.estimators.posterior.cells import Cells, Design, cells_of, design_for
-from beamtouch_models.estimators.posterior.force import log_mass, state_force
-from beamtouch_models.estimators.posterior.tempering import Tempered, tempered
-from beamtouch_models.metadata import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
+from beamtouch_models.estimators.posterior.answers import SMALLEST_MASS, Grid, state_answers
+from beamtouch_models.estimators.posterior.cells import Design, cells_of, design_for
+from beamtouch_models.estimators.posterior.scoring import Scored, scored, whitened
+from beamtouch_models.estimators.posterior.tempering import tempered
 
-QUANTILES = (0.5, 0.025, 0.975, 0.05, 0.95)
-"""Of the first posterior, the median; of the second, the ends of the interval and those that keep the median in it."""
-LEAST_PRECISION = np.pi / HIGHEST**2
-"""Added to a, over the square of the largest force: then 1 / sqrt(a) is the mass of an even prior up to HIGHEST, even
-in a cell that says nothing of the force."""
 EXACT_SUMS = 512
 """Number of cells above which a sum of widths in float32 loses a digit of the interval."""
-WIDEST = 1e4
-"""Samples are clipped to this multiple of the largest deflection, so that nothing overflows."""
-SMALLEST_MASS = 1e-26
-"""Keeps the place within an empty cell finite, and avoids subnormal numbers, which are slow."""
-
-
-@dataclass(frozen=True)
-class Scored:
-    """Names of results, (batch, 1, N) unless stated otherwise."""
-
-    sample: str
-    """y, (batch, channels, 1)"""
-    shape: str
-    """H, (batch, channels, N)"""
-    precision: str
-    """a"""
-    force: str
-    """f"""
-    misfit: str
-    """R, half the misfit"""
-    widened: str | None
-    """Log of the factor by which the mounting of the sensors widens the errors; None if it does not."""
 
 
 def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = None) -> onnx.ModelProto:
     """Return the ONNX graph of a prior, without metadata; `design` replaces the default for the prior."""
     design = design or design_for(prior)
-    graph, cells = Graph(), cells_of(prior, design.cells)
-    scored = _scored(graph, prior, cells)
+    graph, cells, largest_n = Graph(), cells_of(prior, design.cells), prior.force_n[1]
+    uncertain = None if cells.uncertain is None else graph.constant(cells.uncertain.T**2)
+    seen = whitened(graph, largest_n * float(np.abs(cells.influence).max()))
+    found = scored(graph, seen, largest_n, graph.constant(cells.influence.T), uncertain)
     widened = None
     if design.temper:
-        widened = tempered(graph, prior, cells, scored.sample, scored.shape, scored.precision)
-    root = graph.apply("Sqrt", scored.precision)
-    mass = log_mass(graph, prior.force_n, root, scored.force, widened.widening if widened else None)
+        widened = tempered(graph, prior, cells, found.sample, found.shape, found.precision)
     width = np.diff(cells.edges_mm)
-    share = graph.constant(np.log(np.maximum(width / width.sum(), np.finfo(np.float32).tiny)))
-    weighted = graph.apply("Sub", share, scored.misfit)
-    if scored.widened is not None:
-        mass = graph.apply("Sub", mass, scored.widened)
-    _log_odds(graph, scored, weighted)
-    if widened is not None:
-        weighted = graph.apply("Sub", share, graph.apply("Div", scored.misfit, widened.widening))
-    posterior = _posteriors(graph, prior, weighted, mass, scored)
-    contraction = None if widened is None else widened.contraction(posterior)
-    _state_position(graph, prior, cells, posterior, widened, contraction)
-    _state_misfit(graph, scored, prior.channels, design.cells)
-    outputs = list(POSITION_OUTPUTS)
-    if with_force:
-        state_force(graph, prior.force_n, scored.precision, root, scored.force, posterior, contraction)
-        outputs += FORCE_OUTPUTS
+    share = np.log(np.maximum(width / width.sum(), np.finfo(np.float32).tiny))
+    kind = np.float64 if design.cells > EXACT_SUMS else np.float32
+    grid = Grid(graph.constant(width), graph.constant(share), float(cells.edges_mm[0]), kind)
+    outputs = state_answers(graph, prior, found, grid, widened, with_force=with_force)
+    _state_misfit(graph, found, prior.channels, design.cells)
     return model(graph, prior.channels, outputs)
-
-
-def _posteriors(graph: Graph, prior: Prior, weighted: str, mass: str, scored: Scored) -> str:
-    """Return the posteriors of the median and of the interval, (batch, 2, N); a single one if the force is known."""
-    score = graph.apply("Add", weighted, mass)
-    if not prior.force_is_known:
-        ends = graph.apply("Mul", graph.apply("Log", scored.precision), graph.constant(-0.5))
-        ends = graph.apply("Add", weighted, ends)
-        if scored.widened is not None:
-            ends = graph.apply("Sub", ends, scored.widened)
-        score = graph.apply("Concat", score, ends, axis=1)
-    every = graph.apply("Softmax", score, axis=2)
-    return graph.apply("Max", every, graph.constant(SMALLEST_MASS))
-
-
-def _scored(graph: Graph, prior: Prior, cells: Cells) -> Scored:
-    """Return the misfit of the best force of each cell."""
-    deflection, given = INPUTS
-    influence, largest = cells.influence.T, prior.force_n[1]
-    bound = WIDEST * largest * float(np.abs(influence).max())
-    whitening = graph.apply("Mul", given, graph.constant(0.5**0.5))
-    reading = graph.apply("Clip", deflection, graph.constant(-bound), graph.constant(bound))
-    sample = graph.apply("MatMul", whitening, graph.apply("Unsqueeze", reading, graph.ints(2)))
-    shape = graph.apply("MatMul", whitening, graph.constant(influence))
-    if cells.uncertain is None:
-        return Scored(sample, shape, *_fitted(graph, sample, shape, largest), None)
-    # The likeliest force says how much the mounting of the sensors adds to the variance of each channel.
-    _, force, _ = _fitted(graph, sample, shape, largest)
-    weight = graph.apply("Mul", given, given)
-    moved = graph.apply("MatMul", weight, graph.constant(cells.uncertain.T**2))
-    moved = graph.apply("Mul", moved, graph.apply("Mul", force, force))
-    wider = graph.apply("Sqrt", graph.apply("Add", moved, graph.constant(1.0)))
-    shape = graph.apply("Div", shape, wider)
-    found = _fitted(graph, graph.apply("Div", sample, wider), shape, largest)
-    density = graph.apply("ReduceSum", graph.apply("Log", wider), graph.ints(1), keepdims=1)
-    return Scored(sample, shape, *found, density)
-
-
-def _fitted(graph: Graph, sample: str, shape: str, largest_n: float) -> tuple[str, str, str]:
-    """Return precision, best force and half the misfit of each cell."""
-    along = graph.apply("ReduceSum", graph.apply("Mul", shape, sample), graph.ints(1), keepdims=1)
-    precision = graph.apply("ReduceSumSquare", shape, axes=[1], keepdims=1)
-    precision = graph.apply("Add", precision, graph.constant(LEAST_PRECISION / largest_n**2))
-    force = graph.apply("Div", along, precision)
-    force = graph.apply("Clip", force, graph.constant(0.0), graph.constant(HIGHEST * largest_n))
-    residual = graph.apply("Sub", sample, graph.apply("Mul", force, shape))
-    return precision, force, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
-
-
-def _log_odds(graph: Graph, scored: Scored, weighted: str) -> None:
-    """Add the log odds of contact; `weighted` is log s_i - R_i."""
-    touched = graph.apply("ReduceLogSumExp", weighted, axes=[1, 2], keepdims=0)
-    rest = graph.apply("ReduceSumSquare", scored.sample, axes=[1, 2], keepdims=0)
-    graph.apply("Add", touched, rest, output="contact_log_odds")
-
-
-def _state_position(
-    graph: Graph, prior: Prior, cells: Cells, posterior: str, widened: Tempered | None, contraction: str | None
-) -> None:
-    """Add median and interval from the posteriors over the cells, contracted about their medians if tempered."""
-    many = len(cells.middles_mm) > EXACT_SUMS
-    kind = np.float64 if many else np.float32
-    before = graph.apply("CumSum", posterior, graph.index(2), exclusive=1)
-    known = prior.force_is_known
-    rows, levels = graph.ints(*([0] * 3 if known else [0, 1, 1, 1, 1])), QUANTILES[:3] if known else QUANTILES
-    if not known:
-        posterior, before = (graph.apply("Gather", one, rows, axis=1) for one in (posterior, before))
-    place = _quantile(graph, cells, posterior, before, levels, kind)
-    if widened is not None and contraction is not None:
-        median = _quantile(graph, cells, posterior, before, (0.5,) * len(levels), kind)
-        centre = widened.centre(posterior, median, cells) if many else median
-        part = graph.apply("Sqrt", graph.apply("Squeeze", contraction, graph.ints(2)))
-        part = graph.apply("Gather", part, rows, axis=1)
-        part = graph.cast(part, kind) if many else part
-        place = graph.apply("Add", centre, graph.apply("Mul", graph.apply("Sub", place, median), part))
-    place = graph.cast(place, np.float32) if many else place
-    names = (POSITION_OUTPUTS[0] if known else None, *POSITION_OUTPUTS[1:3], None, None)[: len(levels)]
-    found = [graph.apply("Gather", place, graph.index(i), axis=1, output=name) for i, name in enumerate(names)]
-    if not known:
-        middle = graph.apply("Max", found[0], found[3])
-        graph.apply("Min", middle, found[4], output=POSITION_OUTPUTS[0])
-
-
-def _quantile(
-    graph: Graph, cells: Cells, posterior: str, before: str, levels: tuple[float, ...], kind: DTypeLike
-) -> str:
-    """Return a quantile of each posterior, (batch, 5)."""
-    part = graph.apply("Sub", graph.constant(np.array(levels).reshape(1, -1, 1)), before)
-    part = graph.apply("Clip", graph.apply("Div", part, posterior), graph.constant(0.0), graph.constant(1.0))
-    along = graph.apply("Mul", part, graph.constant(np.diff(cells.edges_mm)))
-    # A matrix-vector product of the built-in kernels would be three times slower.
-    place = graph.apply(
-        "ReduceSum", graph.cast(along, kind) if kind == np.float64 else along, graph.ints(2), keepdims=0
-    )
-    return graph.apply("Add", place, graph.constant(cells.edges_mm[0], kind)) if cells.edges_mm[0] else place
 
 
 def _state_misfit(graph: Graph, scored: Scored, channels: int, cells: int) -> None:

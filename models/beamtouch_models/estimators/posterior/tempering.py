@@ -31,6 +31,7 @@ class Tempered:
     """The widening of each cell's likelihood."""
 
     graph: Graph
+    cells: Cells
     widening: str
     """t, (batch, 1, N)"""
     centre_error: float
@@ -42,7 +43,7 @@ class Tempered:
         rho2 = graph.apply("ReduceSum", graph.apply("Div", posterior, self.widening), graph.ints(2), keepdims=1)
         return graph.apply("Add", rho2, graph.constant(self.centre_error**2))
 
-    def centre(self, posterior: str, median: str, cells: Cells) -> str:
+    def centre(self, posterior: str, median: str) -> str:
         """Return the mean where a posterior is as narrow as its tempering allows, the median elsewhere; both double.
 
         A median that is linear within its cell is off by up to a hundredth of the cell, which is more than a narrow
@@ -55,10 +56,10 @@ class Tempered:
 
         shares = graph.cast(posterior, np.float64)
         shares = graph.apply("Div", shares, graph.apply("ReduceSum", shares, axis, keepdims=1))
-        middle = graph.constant(cells.middles_mm, np.float64)
+        middle = graph.constant(self.cells.middles_mm, np.float64)
         mean = mean_of(middle)
         off = graph.apply("Sub", middle, mean)
-        cell = mean_of(graph.constant((NARROW * np.diff(cells.edges_mm)) ** 2, np.float64))
+        cell = mean_of(graph.constant((NARROW * np.diff(self.cells.edges_mm)) ** 2, np.float64))
         narrow = graph.apply("Less", mean_of(graph.apply("Mul", off, off)), cell)
         narrow, mean = (graph.apply("Squeeze", value, axis) for value in (narrow, mean))
         return graph.apply("Where", narrow, mean, median)
@@ -84,4 +85,4 @@ def tempered(graph: Graph, prior: Prior, cells: Cells, sample: str, shape: str, 
     error = CENTRE_ERROR[known]
     unit = graph.constant(1 / (1 - error**2))
     widening = graph.apply("Add", graph.apply("Mul", step2, unit), unit)
-    return Tempered(graph, widening, error)
+    return Tempered(graph, cells, widening, error)

@@ -1,0 +1,93 @@
+"""The misfit of the best force of each cell, and the log odds of contact; see `graph` for the symbols."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamtouch_models.accuracy.forces import HIGHEST
+from beamtouch_models.estimators.onnx_graph import Graph
+from beamtouch_models.metadata import INPUTS
+
+LEAST_PRECISION = np.pi / HIGHEST**2
+"""Added to a, over the square of the largest force: then 1 / sqrt(a) is the mass of an even prior up to HIGHEST, even
+in a cell that says nothing of the force."""
+WIDEST = 1e4
+"""Samples are clipped to this multiple of the largest deflection, so that nothing overflows."""
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """Names of the sample, and of the sample and its whitening over the root of 2."""
+
+    reading: str
+    """z, bounded, (batch, channels)"""
+    sample: str
+    """y, (batch, channels, 1)"""
+    whitening: str
+    """(batch, channels, channels), over the root of 2"""
+
+
+@dataclass(frozen=True)
+class Scored:
+    """Names of results, (batch, 1, N) unless stated otherwise."""
+
+    sample: str
+    """y, (batch, channels, 1)"""
+    shape: str
+    """H, (batch, channels, N)"""
+    precision: str
+    """a"""
+    force: str
+    """f"""
+    misfit: str
+    """R, half the misfit"""
+    widened: str | None
+    """Log of the factor by which the mounting of the sensors widens the errors; None if it does not."""
+
+
+def whitened(graph: Graph, largest_mm: float) -> Whitened:
+    """Whiten the sample; `largest_mm` is the largest deflection of the scene."""
+    deflection, given = INPUTS
+    bound = WIDEST * largest_mm
+    whitening = graph.apply("Mul", given, graph.constant(0.5**0.5))
+    reading = graph.apply("Clip", deflection, graph.constant(-bound), graph.constant(bound))
+    sample = graph.apply("MatMul", whitening, graph.apply("Unsqueeze", reading, graph.ints(2)))
+    return Whitened(reading, sample, whitening)
+
+
+def scored(graph: Graph, seen: Whitened, largest_n: float, influence: str, uncertain: str | None) -> Scored:
+    """Return the misfit of the best force of each cell.
+
+    `influence` is (channels, N) or (batch, channels, N) in mm/N, and `uncertain` the square of its deviation.
+    """
+    sample, shape = seen.sample, graph.apply("MatMul", seen.whitening, influence)
+    if uncertain is None:
+        return Scored(sample, shape, *_fitted(graph, sample, shape, largest_n), None)
+    # The likeliest force says how much the mounting of the sensors adds to the variance of each channel.
+    _, force, _ = _fitted(graph, sample, shape, largest_n)
+    given = INPUTS[1]
+    moved = graph.apply("MatMul", graph.apply("Mul", given, given), uncertain)
+    moved = graph.apply("Mul", moved, graph.apply("Mul", force, force))
+    wider = graph.apply("Sqrt", graph.apply("Add", moved, graph.constant(1.0)))
+    shape = graph.apply("Div", shape, wider)
+    found = _fitted(graph, graph.apply("Div", sample, wider), shape, largest_n)
+    density = graph.apply("ReduceSum", graph.apply("Log", wider), graph.ints(1), keepdims=1)
+    return Scored(sample, shape, *found, density)
+
+
+def _fitted(graph: Graph, sample: str, shape: str, largest_n: float) -> tuple[str, str, str]:
+    """Return precision, best force and half the misfit of each cell."""
+    along = graph.apply("ReduceSum", graph.apply("Mul", shape, sample), graph.ints(1), keepdims=1)
+    precision = graph.apply("ReduceSumSquare", shape, axes=[1], keepdims=1)
+    precision = graph.apply("Add", precision, graph.constant(LEAST_PRECISION / largest_n**2))
+    force = graph.apply("Div", along, precision)
+    force = graph.apply("Clip", force, graph.constant(0.0), graph.constant(HIGHEST * largest_n))
+    residual = graph.apply("Sub", sample, graph.apply("Mul", force, shape))
+    return precision, force, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
+
+
+def state_log_odds(graph: Graph, scored: Scored, weighted: str) -> None:
+    """Add the log odds of contact; `weighted` is log s_i - R_i."""
+    touched = graph.apply("ReduceLogSumExp", weighted, axes=[1, 2], keepdims=0)
+    rest = graph.apply("ReduceSumSquare", scored.sample, axes=[1, 2], keepdims=0)
+    graph.apply("Add", touched, rest, output="contact_log_odds")
