@@ -1,18 +1,9 @@
 """The configured filters: a chain of those in `beamtouch_models.filters`."""
 
-import math
-
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import Adaptive, Filter, LowPass, MovingAverage
 from beamtouch_models import filters
 from beamtouch_models.filters import Chain, Stage
-
-MIN_FILL = 0.75
-"""Part of the averaging window that good readings must fill before a channel has a value.
-
-The noise of that first value is at most 1.15 times that of a full window. A single reading would be noisier still, and
-could make a beam at rest look touched.
-"""
 
 
 def chain_of(surface: Surface) -> Chain:
@@ -29,7 +20,7 @@ def stages(settings: Filter, rate_hz: float) -> tuple[Stage, ...]:
     """Return the configured filters, in the order in which they apply."""
     chosen = [] if settings.spike_mm is None else [filters.spike_stage(settings.spike_mm)]
     if isinstance(settings, MovingAverage):
-        chosen.append(filters.moving_average_stage(settings.window, math.ceil(MIN_FILL * settings.window)))
+        chosen.append(filters.moving_average_stage(settings.window, filters.filled(settings.window)))
     elif isinstance(settings, LowPass):
         chosen.append(filters.low_pass_stage(filters.smoothing(settings.cutoff_hz, rate_hz)))
     elif isinstance(settings, Adaptive):
