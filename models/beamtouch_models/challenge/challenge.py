@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import bdtrc
 
 from beamtouch_models.accuracy.model_prior import prior_of_model
@@ -18,7 +19,7 @@ from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, scored
 from beamtouch_models.challenge.surface import Surface
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Progress, silent
-from beamtouch_models.session import CHUNK, Answers
+from beamtouch_models.session import CHUNK, Answers, Run
 
 MISLEADING = 0.005
 """Largest share of samples of honest contacts that may mislead."""
@@ -48,23 +49,30 @@ def challenge(model: ModelFile, *, draws: int, seed: int, progress: Progress = s
     found: list[Row] = []
     for number, case in enumerate(cases):
         rng = np.random.default_rng([seed, number])
-        play = case.make(surface, draws, rng)
-        progress(play.rows[0][0], number / len(cases))
-        found += _rows(model, surface, prior, case, play, rng)
+        progress(f"case {number + 1} of {len(cases)}", number / len(cases))
+        found += rows_of(model, surface, prior, case, draws, rng)
     return sorted(found, key=lambda row: not row.honest)
 
 
-def _rows(
-    model: ModelFile, surface: Surface, prior: Prior | None, case: Case, play: Play, rng: np.random.Generator
+def rows_of(
+    model: ModelFile, surface: Surface, prior: Prior | None, case: Case, draws: int, rng: np.random.Generator
 ) -> list[Row]:
-    """Play a case and score its rows; rows of the same name are one."""
+    """Play a case and score its rows; readings with the same name are one row.
+
+    Parameters
+    ----------
+    model, surface : the model and the surface that it was made for
+    prior : of the model, for the exact posterior; None: that is left out
+    case, draws, rng : the case, how often it is drawn, and the random numbers
+    """
+    play = case.make(surface, draws, rng)
     readings = surface.readings(play.deflection_mm, play.errors, rng)
-    said = judge(surface, lambda *inputs: _run(model, *inputs), readings)
+    said = judge(surface, run_of(model), readings)
     found = []
     for name in dict.fromkeys(name for name, _ in play.rows):
         at = [reading for other, reading in play.rows if other == name]
         part, truth = said.at(at), play.truth_mm[:, at].ravel()
-        exact = exact_intervals_mm(prior, part) if prior is not None and play.settled else None
+        exact = exact_intervals_mm(prior, part) if prior and case.honest and play.settled else None
         row = scored(name, part, truth, honest=case.honest, quiet=play.quiet, exact_mm=exact)
         if not case.honest and play.fault_mm is not None:
             row = replace(row, power=_power(surface, play, play.fault_mm, part.valid))
@@ -72,12 +80,16 @@ def _rows(
     return found
 
 
-def _run(model: ModelFile, deflection_mm: Floats, whitening_per_mm: Floats) -> Answers:
-    """Answer many samples, in chunks that fit the cache."""
-    sample, whitening = deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32)
-    chunks = [slice(start, start + CHUNK) for start in range(0, len(sample), CHUNK)]
-    answers = [model.estimate(sample[chunk], whitening[chunk]) for chunk in chunks]
-    return {name: np.concatenate([one[name] for one in answers]) for name in model.outputs}
+def run_of(model: ModelFile) -> Run:
+    """Return a function that answers many samples, in chunks that fit the cache."""
+
+    def run(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
+        sample, whitening = deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32)
+        chunks = [slice(start, start + CHUNK) for start in range(0, len(sample), CHUNK)]
+        answers = [model.estimate(sample[chunk], whitening[chunk]) for chunk in chunks]
+        return {name: np.concatenate([one[name] for one in answers]) for name in model.outputs}
+
+    return run
 
 
 def _power(surface: Surface, play: Play, fault_mm: Floats, valid: Bools) -> float:

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.challenge.play import Case, Play, drawn, settled
+from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
 from beamtouch_models.challenge.surface import SensorErrors, Surface
 from beamtouch_models.physics.beam import influence
 
@@ -32,19 +32,16 @@ SPREAD = (0.1, 0.25, 0.5)
 
 def error_cases(surface: Surface) -> list[Case]:
     """Return contacts with errors of all sensors; honest where they are within what the model states."""
-    floor, noise_mm = surface.metadata.floor, surface.metadata.noise.reading_mm
-    found = [
-        Case(percent / 100 <= min(floor.gain) + 1e-9, partial(gains_off, percent=percent)) for percent in GAINS_PERCENT
-    ]
-    found += [
-        Case(noises * noise_mm <= min(floor.zero_mm) + 1e-9, partial(zeros_off, noises=noises)) for noises in ZEROS
-    ]
+    gain, zero_mm = float(surface.gain.min()), float(surface.zero_mm.min())
+    noise_mm = surface.metadata.noise.reading_mm
+    found = [Case(percent / 100 <= gain + 1e-9, partial(gains_off, percent=percent)) for percent in GAINS_PERCENT]
+    found += [Case(noises * noise_mm <= zero_mm + 1e-9, partial(zeros_off, noises=noises)) for noises in ZEROS]
     return [*found, Case(surface.scene.sensors.mounting_tolerance_mm >= OFF_MM, places_off)]
 
 
 def fault_cases() -> list[Case]:
     """Return faults of single sensors, and loads that are not one contact."""
-    makes = [
+    makes: list[Make] = [
         stuck,
         partial(wedged, touched=False),
         partial(wedged, touched=True),
@@ -64,8 +61,8 @@ def fault_cases() -> list[Case]:
 def gains_off(surface: Surface, draws: int, rng: np.random.Generator, *, percent: float) -> Play:
     """Return contacts measured with gains that are off by some percent, as a standard deviation."""
     position, force = drawn(surface, draws, rng)
-    honest, exact = surface.honest(draws, rng), _exact(surface, draws)
-    off = replace(exact, gain=1 + percent / 100 * rng.normal(size=exact.gain.shape))
+    honest, perfect = surface.honest(draws, rng), surface.perfect(draws)
+    off = replace(perfect, gain=1 + percent / 100 * rng.normal(size=perfect.gain.shape))
     return settled(
         surface, f"gains {percent:g} % off", surface.under(position, force), replace(honest, gain=off.gain),
         truth_mm=position, faulty=off, as_assumed=True,
@@ -75,8 +72,9 @@ def gains_off(surface: Surface, draws: int, rng: np.random.Generator, *, percent
 def zeros_off(surface: Surface, draws: int, rng: np.random.Generator, *, noises: float) -> Play:
     """Return contacts measured with zeros that are off by some noises of a reading, as a standard deviation."""
     position, force = drawn(surface, draws, rng)
-    honest, exact = surface.honest(draws, rng), _exact(surface, draws)
-    off = replace(exact, zero_mm=noises * surface.metadata.noise.reading_mm * rng.normal(size=exact.gain.shape))
+    honest, perfect = surface.honest(draws, rng), surface.perfect(draws)
+    noise_mm = surface.metadata.noise.reading_mm
+    off = replace(perfect, zero_mm=noises * noise_mm * rng.normal(size=perfect.gain.shape))
     return settled(
         surface, f"zeros {noises:g} noises off", surface.under(position, force), replace(honest, zero_mm=off.zero_mm),
         truth_mm=position, faulty=off, as_assumed=True,
@@ -93,7 +91,7 @@ def places_off(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
         clean[index] = load_n * influence(surface.beam, sensor_mm, load_mm, surface.scene.contact.width_mm)[0]
     return settled(
         surface, f"positions {OFF_MM:g} mm off", clean, surface.honest(draws, rng), truth_mm=position,
-        faulty=_exact(surface, draws),
+        faulty=surface.perfect(draws),
     )  # fmt: skip
 
 
@@ -101,21 +99,21 @@ def stuck(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
     """Return contacts while one sensor shows rest, with its noise."""
     position, force = drawn(surface, draws, rng)
     clean = np.where(_one(surface, draws, rng), 0.0, surface.under(position, force))
-    return _fault(surface, "one channel stuck at rest", clean, rng, _exact(surface, draws))
+    return _fault(surface, "one channel stuck at rest", clean, rng)
 
 
 def wedged(surface: Surface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
     """Return a sensor that shows a deflection of its own, with or without a contact."""
     added = _one(surface, draws, rng) * WEDGE * surface.metadata.max_deflection_mm
     name = f"one channel wedged, {'contact' if touched else 'no contact'}"
-    return _fault(surface, name, added + _clean(surface, draws, rng, touched=touched), rng, _exact(surface, draws))
+    return _fault(surface, name, added + _clean(surface, draws, rng, touched=touched), rng)
 
 
 def drifted(surface: Surface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
     """Return a sensor whose zero has drifted, in either direction, with or without a contact."""
     either = rng.choice([-1.0, 1.0], size=(draws, 1))
     off = replace(
-        _exact(surface, draws),
+        surface.perfect(draws),
         zero_mm=_one(surface, draws, rng) * either * DRIFT * surface.metadata.noise.reading_mm,
     )
     name = f"one channel drifted, {'contact' if touched else 'no contact'}"
@@ -125,7 +123,7 @@ def drifted(surface: Surface, draws: int, rng: np.random.Generator, *, touched: 
 def noisy(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
     """Return contacts while one channel is many times as noisy as stated."""
     louder = np.where(_one(surface, draws, rng), NOISY, 1.0)
-    off = replace(_exact(surface, draws), noise=louder)
+    off = replace(surface.perfect(draws), noise=louder)
     play = _fault(surface, f"one channel {NOISY:g} times as noisy", _clean(surface, draws, rng, touched=True), rng, off)
     return replace(play, noisy=louder)
 
@@ -135,7 +133,7 @@ def pulled(surface: Surface, draws: int, rng: np.random.Generator, *, times: flo
     position, _ = drawn(surface, draws, rng)
     force = np.full(draws, -times * surface.metadata.ranges.force_n[0])
     name = f"pull of {times:g} times the smallest force"
-    return _fault(surface, name, surface.under(position, force), rng, _exact(surface, draws))
+    return _fault(surface, name, surface.under(position, force), rng)
 
 
 def two_contacts(surface: Surface, draws: int, rng: np.random.Generator, *, apart: float, ratio: float) -> Play:
@@ -149,7 +147,7 @@ def two_contacts(surface: Surface, draws: int, rng: np.random.Generator, *, apar
     shares = force / (1 + ratio), force * ratio / (1 + ratio)
     clean = surface.under(first, shares[0]) + surface.under(second, shares[1])
     name = f"two contacts {apart:g} of the range apart" + (f", 1:{ratio:g}" if ratio != 1 else "")
-    return _fault(surface, name, clean, rng, _exact(surface, draws))
+    return _fault(surface, name, clean, rng)
 
 
 def two_at_the_quarters(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
@@ -158,7 +156,7 @@ def two_at_the_quarters(surface: Surface, draws: int, rng: np.random.Generator) 
     force = np.full(draws, AT_THE_QUARTERS * surface.metadata.ranges.force_n[1])
     places = (np.full(draws, low + part * (high - low)) for part in (0.25, 0.75))
     clean: Floats = np.sum([surface.under(place, force) for place in places], axis=0)
-    return _fault(surface, "two contacts at the quarters", clean, rng, _exact(surface, draws))
+    return _fault(surface, "two contacts at the quarters", clean, rng)
 
 
 def distributed(surface: Surface, draws: int, rng: np.random.Generator, *, part: float) -> Play:
@@ -169,12 +167,15 @@ def distributed(surface: Surface, draws: int, rng: np.random.Generator, *, part:
     _, force = drawn(surface, draws, rng)
     clean = influence(surface.beam, surface.sensor_mm, middle, width_mm) * force[:, None]
     name = f"load spread over {100 * part:g} % of the beam"
-    return _fault(surface, name, clean, rng, _exact(surface, draws))
+    return _fault(surface, name, clean, rng)
 
 
-def _fault(surface: Surface, name: str, deflection_mm: Floats, rng: np.random.Generator, fault: SensorErrors) -> Play:
+def _fault(
+    surface: Surface, name: str, deflection_mm: Floats, rng: np.random.Generator, fault: SensorErrors | None = None
+) -> Play:
     """Return a play of a fault, on sensors that have their honest errors as well."""
-    honest = surface.honest(len(deflection_mm), rng)
+    draws = len(deflection_mm)
+    honest, fault = surface.honest(draws, rng), fault or surface.perfect(draws)
     errors = replace(fault, gain=fault.gain * honest.gain, zero_mm=fault.zero_mm + honest.zero_mm)
     return settled(surface, name, deflection_mm, errors, faulty=fault)
 
@@ -187,9 +188,3 @@ def _clean(surface: Surface, draws: int, rng: np.random.Generator, *, touched: b
 def _one(surface: Surface, draws: int, rng: np.random.Generator) -> Floats:
     """Return 1 for one channel of each draw, and 0 for the others."""
     return np.eye(surface.channels)[rng.integers(surface.channels, size=draws)]
-
-
-def _exact(surface: Surface, draws: int) -> SensorErrors:
-    """Return sensors without errors."""
-    shape = (draws, surface.channels)
-    return SensorErrors(np.ones(shape), np.zeros(shape), np.ones(shape), np.zeros(shape, np.bool_))

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +26,18 @@ class Said(IntEnum):
     UNEXPLAINED = 3
 
 
-Row = tuple[int, bool, bool, float, float, float]
-SILENT: Row = (Said.NOTHING, False, False, math.nan, math.nan, math.nan)
+class Sample(NamedTuple):
+    """The first fields of `Judged`, for one sample."""
+
+    said: int = Said.NOTHING
+    unsteady: bool = False
+    other_note: bool = False
+    position_mm: float = math.nan
+    low_mm: float = math.nan
+    high_mm: float = math.nan
+
+
+SILENT = Sample()
 _SAID = {State.CLEAR: Said.CLEAR, State.CONTACT: Said.CONTACT, State.UNEXPLAINED: Said.UNEXPLAINED}
 
 
@@ -34,7 +45,7 @@ _SAID = {State.CLEAR: Said.CLEAR, State.CONTACT: Said.CONTACT, State.UNEXPLAINED
 class Judged:
     """What is said of samples, (draws, samples)."""
 
-    said: NDArray[np.int8]
+    said: NDArray[np.int_]
     """Values of `Said`."""
     unsteady: Bools
     other_note: Bools
@@ -80,25 +91,26 @@ def judge(surface: Surface, run: Run, readings_mm: Floats) -> Judged:
         np.nan_to_num(np.concatenate([one.relative_variance for one in filtered])) * noise_mm**2,
         np.concatenate(valid),
     )
-    rows: list[Row] = [SILENT] * len(samples.valid)
+    rows: list[Sample] = [SILENT] * len(samples.valid)
     enough = np.flatnonzero(samples.valid.sum(axis=1) >= metadata.min_channels)
     length = readings_mm.shape[1]
     before, decider = -1, Decider(metadata.thresholds)
-    for index, one in zip(enough.tolist(), evidence(metadata, run, samples.part(enough)), strict=True):
+    found = evidence(metadata, run, samples.part(enough)) if len(enough) else []
+    for index, one in zip(enough.tolist(), found, strict=True):
         if index // length != before:
             before, decider = index // length, Decider(metadata.thresholds)
         rows[index] = _row(metadata, one, decider.step(one))
-    columns = [np.array(column).reshape(valid.shape[:2]) for column in zip(*rows, strict=True)]
-    said, unsteady, other, *places = columns
-    return Judged(said.astype(np.int8), unsteady, other, *places, mean, valid)
+    columns = (np.array(column).reshape(valid.shape[:2]) for column in zip(*rows, strict=True))
+    by_name = dict(zip(Sample._fields, columns, strict=True))
+    return Judged(**by_name, mean_mm=mean, valid=valid)
 
 
-def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> Row:
-    """Return the fields of `Judged` up to the interval, for one sample."""
+def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> Sample:
+    """Return what is said of one sample."""
     if verdict.state is not State.CONTACT:
-        return _SAID[verdict.state], verdict.unsteady, False, math.nan, math.nan, math.nan
+        return SILENT._replace(said=_SAID[verdict.state], unsteady=verdict.unsteady)
     answer = found.answer
     unchecked = metadata.thresholds.misfit[found.channels - 1] is None
     overload = answer.get("force_low_n", 0.0) > metadata.ranges.force_n[1]
-    place = (answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm"))
-    return Said.CONTACT, verdict.unsteady, unchecked or overload, *place
+    place = [answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm")]
+    return Sample(Said.CONTACT, verdict.unsteady, unchecked or overload, *place)

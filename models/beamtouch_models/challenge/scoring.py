@@ -34,6 +34,8 @@ class Row:
     """The same, of contacts whose only note is `unsteady`."""
     unsteady: int
     """Number of these."""
+    held_noted: float | None
+    """The same, of contacts with another note: the force is beyond the range, or too few channels for a misfit."""
     unexplained: float
     noted: float
     """Share of contacts with a note."""
@@ -47,7 +49,7 @@ class Row:
     interval_mm: float | None
     """Median length of the intervals, with and without a note."""
     width: float | None
-    """Median interval of contacts without a note over that of the exact posterior under the true covariance."""
+    """Median interval of contacts that are not `unsteady`, over that of the exact posterior under the true errors."""
     noticed: float | None = None
     """Share of a fault's samples that are unexplained or noted; None for honest contacts."""
     power: float | None = None
@@ -73,7 +75,8 @@ def scored(
     inside = (said.low_mm <= truth_mm) & (truth_mm <= said.high_mm)  # False for NaN
     unexplained = float((said.said == Said.UNEXPLAINED).mean())
     error = np.abs(said.position_mm - truth_mm)[contact & single]
-    length = (said.high_mm - said.low_mm)[plain]
+    length = said.high_mm - said.low_mm
+    steady = contact & ~said.unsteady
     noticed = None if honest else unexplained + float(noted.mean())
     return Row(
         name=name,
@@ -85,13 +88,14 @@ def scored(
         plain=int(plain.sum()),
         held_unsteady=_share(inside, unsteady & single),
         unsteady=int(unsteady.sum()),
+        held_noted=_share(inside, said.other_note & contact & single),
         unexplained=unexplained,
         noted=float(noted.mean()),
         clear=float((said.said == Said.CLEAR).mean()),
         silent=float((said.said == Said.NOTHING).mean()),
         misleading=float((plain & _misleads(said, truth_mm)).mean()),
-        interval_mm=float(np.median((said.high_mm - said.low_mm)[contact])) if contact.any() else None,
-        width=None if exact_mm is None or not len(length) else float(np.median(length / exact_mm[plain])),
+        interval_mm=float(np.median(length[contact])) if contact.any() else None,
+        width=None if exact_mm is None or not steady.any() else float(np.median((length / exact_mm)[steady])),
         noticed=noticed,
     )
 

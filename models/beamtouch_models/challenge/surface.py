@@ -1,6 +1,6 @@
 """The simulated surface: the beam of a model's scene as calibrated, its sensors with their errors, and an ADC."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Self
 
@@ -14,6 +14,7 @@ from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.physics.dynamics import slowest_period_ms
 from beamtouch_models.physics.modes import Modes
+from beamtouch_models.pricing.noise import floor_of
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.structure import Beam, changed_beam
 
@@ -52,6 +53,10 @@ class Surface:
     """Standard deviation of a reading, without the steps of the ADC."""
     slowest_period: float
     """In readings; 0 if it is not known."""
+    gain: Floats
+    """(channels,) standard deviation of the relative gain error."""
+    zero_mm: Floats
+    """(channels,) standard deviation of the zero."""
     departures: Departures | None
     influence: CubicSpline
     """From load positions (...) to deflections per newton (..., channels) in mm/N."""
@@ -71,9 +76,11 @@ class Surface:
         """
         scene = parse_scene(metadata.scene, f"the scene in {metadata.name}")
         sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
-        beam, departures = scene.beam, None
+        beam, departures, (gain, zero_mm) = scene.beam, None, floor_of(scene)
+        gains, zeros_mm = np.full(len(sensor_mm), gain), np.full(len(sensor_mm), zero_mm)
         if metadata.calibration is not None:
-            departures = metadata.calibration.departures
+            departures, floor = metadata.calibration.departures, metadata.floor
+            gains, zeros_mm = np.array(floor.gain), np.array(floor.zero_mm)
             beam = changed_beam(beam, departures.rigidity, departures.fixity)
             sensor_mm = np.clip(sensor_mm + np.array(departures.position_offset_mm), 0.0, beam.length_mm)
         loads = np.linspace(*scene.contact.position_mm, TABLE)
@@ -87,6 +94,8 @@ class Surface:
             sensor_mm=sensor_mm,
             noise_mm=float(np.sqrt(max(0.0, metadata.noise.reading_mm**2 - step_mm**2 / 12))),
             slowest_period=(period_ms or 0.0) * metadata.sensor.rate_hz / 1e3,
+            gain=gains,
+            zero_mm=zeros_mm,
             departures=departures,
             influence=CubicSpline(loads, influence(beam, sensor_mm, loads, scene.contact.width_mm)),
             modes=modes,
@@ -108,15 +117,16 @@ class Surface:
         deflection: Floats = self.influence(position_mm) * force_n[..., None]
         return deflection
 
+    def perfect(self, draws: int) -> SensorErrors:
+        """Return sensors without errors."""
+        shape = (draws, self.channels)
+        return SensorErrors(np.ones(shape), np.zeros(shape), np.ones(shape), np.zeros(shape, np.bool_))
+
     def honest(self, draws: int, rng: np.random.Generator) -> SensorErrors:
-        """Return errors as large as the floor of the model states."""
-        shape, floor = (draws, self.channels), self.metadata.floor
-        return SensorErrors(
-            gain=1 + rng.normal(size=shape) * np.array(floor.gain),
-            zero_mm=rng.normal(size=shape) * np.array(floor.zero_mm),
-            noise=np.ones(shape),
-            missing=np.zeros(shape, np.bool_),
-        )
+        """Return errors as large as the scene states, or as the calibration left."""
+        shape = (draws, self.channels)
+        gain, zero_mm = 1 + rng.normal(size=shape) * self.gain, rng.normal(size=shape) * self.zero_mm
+        return replace(self.perfect(draws), gain=gain, zero_mm=zero_mm)
 
     def measured(self, deflection_mm: Floats, errors: SensorErrors) -> Floats:
         """Return what sensors without noise measure of true deflections; both (draws, readings, channels)."""

@@ -79,6 +79,7 @@ _SAID: tuple[Column, ...] = (
 _HONEST: tuple[Column, ...] = (
     *_FIRST,
     ("unsteady", lambda row: _percent(row.held_unsteady)),
+    ("other", lambda row: _percent(row.held_noted)),
     *_SAID,
     ("interval mm", lambda row: _number(row.interval_mm)),
     ("over exact", lambda row: _number(row.width)),
@@ -91,8 +92,8 @@ _FAULTS: tuple[Column, ...] = (
 )
 _LEGEND = """\
 All shares are in percent, and of all samples unless another number is named.
-held: intervals that hold the truth, of contacts without a note; unsteady: the same, of those with the note `unsteady`
+held: intervals that hold the truth, of contacts without a note; unsteady, other: of those with this note, or another
 silent: no answer, as too few channels are within their range
-interval: the median, with or without a note; over exact: of those without a note, over that of the exact posterior
+interval: the median, with or without a note; over exact: without `unsteady`, the median over the exact posterior's
 misleading: a contact without a note that is not there, or is further off than twice the half-interval
 noticed: unexplained, or a contact with a note; power: of the test that knows what happened, at the same false rate"""
