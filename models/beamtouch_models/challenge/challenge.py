@@ -72,7 +72,11 @@ def rows_of(
     for name in dict.fromkeys(name for name, _ in play.rows):
         at = [reading for other, reading in play.rows if other == name]
         part, truth = said.at(at), play.truth_mm[:, at].ravel()
-        exact = exact_intervals_mm(prior, part) if prior and case.honest and play.settled else None
+        exact = (
+            exact_intervals_mm(prior, part, any_force=play.any_force)
+            if prior and case.honest and play.settled
+            else None
+        )
         row = scored(name, part, truth, honest=case.honest, quiet=play.quiet, exact_mm=exact)
         if not case.honest and play.fault_mm is not None:
             row = replace(row, power=_power(surface, play, play.fault_mm, part.valid))

@@ -88,14 +88,16 @@ def rings(
 
 
 def lifts(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
-    """Return forces that end at once, so that the beam rings and nothing touches it."""
+    """Return forces that end at once: the beam rings, and nothing touches it once the filter has had its time."""
     position, force = drawn(surface, draws, rng)
     before, readings, seconds = _since(surface, draws, rng)
-    there = seconds < 0
+    still = surface.under(position, force)[:, None] * (seconds < 0)[:, :, None]
     ringing = _swings(surface, position, force, weighs=False).ringing_mm(seconds, DAMPING_RATIO)
+    # The scene allows the filter its time.
+    told = seconds < surface.metadata.filter.settling_ms * 1e-3
     return Play(
-        deflection_mm=surface.under(position, force)[:, None] * there[:, :, None] - ringing,
-        truth_mm=np.where(there, position[:, None], np.nan),
+        deflection_mm=still - ringing,
+        truth_mm=np.where(told, position[:, None], np.nan),
         errors=surface.honest(draws, rng),
         rows=tuple(
             (f"after a lift, {ms} ms", before + reading) for ms, reading in zip(SINCE_MS, readings, strict=True)
@@ -160,7 +162,8 @@ def pressed(surface: Surface, draws: int, rng: np.random.Generator, *, times: fl
     position, _ = drawn(surface, draws, rng)
     clean = surface.under(position, np.full(draws, times * force_n))
     name = f"force {times:g} times the {'smallest' if times < 1 else 'largest'}"
-    return settled(surface, name, clean, surface.honest(draws, rng), truth_mm=position, as_assumed=True)
+    play = settled(surface, name, clean, surface.honest(draws, rng), truth_mm=position, as_assumed=True)
+    return replace(play, any_force=True)
 
 
 def without(surface: Surface, draws: int, rng: np.random.Generator, *, missing: int) -> Play:

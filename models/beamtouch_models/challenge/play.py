@@ -22,6 +22,8 @@ class Play:
     """Each row of the result: its name, and the reading that it judges."""
     settled: bool = False
     """Whether the readings that are judged hold nothing but the noise that the model assumes."""
+    any_force: bool = False
+    """Whether the force may be anything, so that the exact posterior does not know the range of forces either."""
     quiet: bool = False
     """Whether the contacts that are judged have settled and are within the ranges of the model."""
     fault_mm: Floats | None = None

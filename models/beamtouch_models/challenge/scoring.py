@@ -1,11 +1,11 @@
 """What is said of samples, scored against the truth."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beamtouch_models.accuracy.forces import TAIL
+from beamtouch_models.accuracy.forces import HIGHEST, TAIL
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Bools, Floats
@@ -112,8 +112,14 @@ def _share(happened: Bools, among: Bools) -> float | None:
     return float(happened[among].mean()) if among.any() else None
 
 
-def exact_intervals_mm(prior: Prior, said: Judged) -> Floats:
-    """Return the lengths (samples,) of the exact intervals of settled samples; NaN where too few channels work."""
+def exact_intervals_mm(prior: Prior, said: Judged, *, any_force: bool = False) -> Floats:
+    """Return the lengths (samples,) of the exact intervals of settled samples; NaN where too few channels work.
+
+    Without a known range, the prior of the force is even, up to the largest force that an estimator considers.
+    """
+    tail = 0.0 if any_force else TAIL
+    if any_force:
+        prior = replace(prior, force_n=(0.0, HIGHEST * prior.force_n[1]))
     found = np.full(len(said.said), math.nan)
     answered = np.flatnonzero(said.said != Said.NOTHING)
     if not len(answered):
@@ -121,6 +127,6 @@ def exact_intervals_mm(prior: Prior, said: Judged) -> Floats:
     samples, valid = said.mean_mm[answered], said.valid[answered]
     levels = np.tile([LOW, HIGH], (len(samples), 1))
     whitening = prior.whitening(samples, valid)
-    quantiles = posterior_quantiles(prior, samples, levels, whitening_per_mm=whitening, tail=TAIL)[0]
+    quantiles = posterior_quantiles(prior, samples, levels, whitening_per_mm=whitening, tail=tail)[0]
     found[answered] = quantiles[:, 1] - quantiles[:, 0]
     return found
