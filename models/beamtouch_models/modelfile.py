@@ -17,7 +17,17 @@ import onnxruntime as ort
 
 from beamtouch_models import description, session
 from beamtouch_models.arrays import Floats32
-from beamtouch_models.decision import Decider, Evidence, State, Suspects, Verdict, Weighed, evidence
+from beamtouch_models.decision import (
+    LOG_ODDS,
+    MISFIT,
+    Decider,
+    Evidence,
+    State,
+    Suspects,
+    Verdict,
+    Weighed,
+    evidence,
+)
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.metadata import (
     FORCE_OUTPUTS,
@@ -45,7 +55,7 @@ from beamtouch_models.session import Answers, session_options
 from beamtouch_models.whitening import whitening
 
 __all__ = [
-    "FORCE_OUTPUTS", "INPUTS", "METADATA_PREFIX", "POSITION_OUTPUTS", "SCHEMA_VERSION",
+    "FORCE_OUTPUTS", "INPUTS", "LOG_ODDS", "METADATA_PREFIX", "MISFIT", "POSITION_OUTPUTS", "SCHEMA_VERSION",
     "Accuracy", "Answers", "Calibration", "Channel", "Decider", "Departures", "Drawn", "Evidence", "FilterChoice",
     "Floor", "Golden", "Metadata", "ModelFile", "ModelFileError", "Noise", "Ranges", "Seen", "Sensor", "State",
     "Suspects", "Thresholds", "Verdict", "Weighed", "evidence", "load", "load_bytes", "read", "session_options",

@@ -24,10 +24,12 @@ from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models import modelfile
 from beamtouch_models.building.build import build
 from beamtouch_models.building.daemon_config import daemon_config
+from beamtouch_models.modelfile import State
 from beamtouch_models.rig.script import Load
 from beamtouch_models.rig.surface import VirtualSurface
 from beamtouch_models.scene import load_scene
-from beamtouch_service.surfaces.estimates import whitening_of
+from beamtouch_service.samples import Batch
+from beamtouch_service.surfaces.surface import Surface as Served
 from daemon.devices import pymodbus_server
 from daemon.process import started
 from example_scenes import SCENES
@@ -116,15 +118,14 @@ def wait_for(port: int, state: str) -> float:
 
 def readings_needed(settings: Surface, beam: VirtualSurface, model: modelfile.ModelFile) -> int:
     """Return after how many readings of a load its filtered samples are a contact to the model."""
-    pipeline, period_s = Pipeline(settings), 1 / settings.rate_hz
+    pipeline, period_s, surface = Pipeline(settings), 1 / settings.rate_hz, Served("bench", model)
     pipeline.process([Reading(n * period_s, tuple(beam.counts(REST, 0.0))) for n in range(20)], 0.0)
     for count in range(1, 50):
         counts = tuple(beam.counts(LOAD, 0.0))
         (taken,) = pipeline.process([Reading((19 + count) * period_s, counts)], 0.0)
-        values = np.array([taken.sample.deflection_mm], np.float32)
-        weights = whitening_of(model, values, np.ones(values.shape, np.bool_))
-        odds = float(model.estimate(values, weights)["contact_log_odds"][0])
-        if odds > model.metadata.thresholds.touch[-1]:
+        batch = Batch(boot_id="boot-0001", channels=model.channels, newest_age_ms=0.0, samples=[taken.sample])
+        surface.receive(batch, count * period_s)
+        if surface.contact(count * period_s).state is State.CONTACT:
             return count
     message = "the load is no contact"
     raise AssertionError(message)

@@ -14,7 +14,7 @@ Rows = list[list[float]]
 
 
 def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
-    """position = 100 + 100 * (0 d1 + 1 d2 + 2 d3 ...), odds = 100 * (sum - 0.1), force = 10 * sum; intervals +-1.
+    """position = 100 + 100 * (0 d1 + 1 d2 + 2 d3 ...), odds = 100 * sum (touch: 10), force = 10 * sum; intervals +-1.
 
     A channel that is not valid counts as zero. Where the sum is exactly 2, the position is a division by zero.
     """
@@ -25,7 +25,6 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
         "two": np.float32(2),
         "ten": np.float32(10),
         "hundred": np.float32(100),
-        "rest": np.float32(0.1),
         "axis": np.array([1], np.int64),
         "weights": weights,
     }
@@ -33,7 +32,7 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
         "position_mm": helper.make_node("Div", ["raised", "unity"], ["position_mm"]),
         "position_low_mm": helper.make_node("Sub", ["position_mm", "one"], ["position_low_mm"]),
         "position_high_mm": helper.make_node("Add", ["position_mm", "one"], ["position_high_mm"]),
-        "contact_log_odds": helper.make_node("Mul", ["above", "hundred"], ["contact_log_odds"]),
+        "contact_log_odds": helper.make_node("Mul", ["total", "hundred"], ["contact_log_odds"]),
         "misfit": helper.make_node("Mul", ["total", "zero"], ["misfit"]),
         "force_n": helper.make_node("Mul", ["total", "ten"], ["force_n"]),
         "force_low_n": helper.make_node("Sub", ["force_n", "one"], ["force_low_n"]),
@@ -49,7 +48,6 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
         helper.make_node("Add", ["shift", "hundred"], ["raised"]),
         helper.make_node("Sub", ["total", "two"], ["to_two"]),
         helper.make_node("Div", ["to_two", "to_two"], ["unity"]),
-        helper.make_node("Sub", ["total", "rest"], ["above"]),
         *[figures[name] for name in outputs],
     ]
     graph = helper.make_graph(
@@ -100,7 +98,7 @@ def _content(name: str, channels: int, min_channels: int, outputs: tuple[str, ..
         ),
         floor=modelfile.Floor(gain=[0.003] * channels, zero_mm=[0.002] * channels),
         thresholds=modelfile.Thresholds(
-            touch=[0.0] * channels,
+            touch=[10.0] * channels,
             rest=[30.0] * channels,
             misfit=[None, None, *[30.0] * channels][:channels],
             false_contacts_per_day=1 / 30,

@@ -42,7 +42,7 @@ def test_the_examples_of_a_contact_are_contacts(description: dict[str, Any]) -> 
     examples = description["paths"]["/contact"]["get"]["responses"]["200"]["content"]["application/json"]["examples"]
 
     states = {name: Contact.model_validate(example["value"]).state.value for name, example in examples.items()}
-    assert states == {"contact": "contact", "clear": "clear", "degraded": "contact"}
+    assert states == {"contact": "contact", "clear": "clear", "unexplained": "unexplained", "degraded": "contact"}
 
 
 def test_the_example_of_a_batch_is_a_batch(description: dict[str, Any]) -> None:

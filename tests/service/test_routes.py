@@ -35,6 +35,8 @@ def test_the_contact_is_the_one_of_the_design(bench: Bench, make_batch: MakeBatc
         "age_ms": 12.3,
         "sampled_at": "2026-11-20T23:40:46.123Z",
         "sequence": 4711,
+        "readings": None,
+        "misfit": 0.0,
         "quality": "good",
         "degraded_channels": [],
         "notes": [],

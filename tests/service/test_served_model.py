@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from beamtouch_models import modelfile
-from beamtouch_service.surfaces.estimates import whitening_of
 from beamtouch_service.surfaces.served_model import Inference
+from settled import settled_whitening
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,7 +27,7 @@ def test_one_sample_after_the_other_is_answered_as_if_alone(bench_model: Path) -
     for number in range(50):
         shape = (1 + number % 3, len(model.channels))
         deflection_mm = random.uniform(-0.1, 1, shape).astype(np.float32)
-        weights = whitening_of(model, deflection_mm, random.random(shape) < 0.8)
+        weights = settled_whitening(model, deflection_mm, random.random(shape) < 0.8)
         assert as_lists(inference.ask(deflection_mm, weights)) == as_lists(model.estimate(deflection_mm, weights))
 
 

@@ -10,7 +10,6 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_service.problems import Kind
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.surfaces.touch import LIFT_FRACTION, levels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,14 +57,6 @@ def recorded(surface: Surface) -> Recorded:
     recorded = Recorded()
     surface.witness = recorded
     return recorded
-
-
-def test_the_threshold_of_lifting_lies_between_rest_and_touch(build_model: BuildModel) -> None:
-    found = levels(modelfile.load(build_model()))
-
-    # The tiny model says 100 (sum - 0.1): -10 at rest, 0 at its threshold.
-    assert found.touch == (0, 0, 0)
-    assert found.lift == pytest.approx((-10 + LIFT_FRACTION * 10,) * 3)
 
 
 def test_a_load_at_the_threshold_gives_one_contact(

@@ -43,7 +43,7 @@ class Evidence:
     """What one sample says, under its covariance and the floor of the model."""
 
     deflection_mm: Floats
-    """(channels,)"""
+    """(channels,), from where the beam rests."""
     whitening_per_mm: Floats
     """(channels, channels)"""
     answer: dict[str, float]
@@ -70,7 +70,7 @@ class Evidence:
         return self.answer.get(MISFIT, 0.0)
 
     def shows(self, deflection_mm: Floats) -> float:
-        """Return the misfit that rest would have if this were the deflection, under the same covariance."""
+        """Return the misfit that rest would have with this deflection (channels,), under the same covariance."""
         whitened = self.whitening_per_mm @ deflection_mm
         return float(whitened @ whitened)
 
@@ -92,37 +92,43 @@ def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
     variance = np.where(samples.valid, np.einsum("nii->ni", samples.covariance_mm2), 0.0)
     noise = np.where(samples.valid, samples.noise_mm2, 0.0)
     moves = variance.sum(axis=1) > MOVING * noise.sum(axis=1)
-    weights, answers, rest = _weigh(metadata, run, samples, samples.covariance_mm2)
+    from_rest = np.where(samples.valid, samples.deflection_mm - _rest_mm(metadata), 0.0)
+    weights, answers = _weigh(metadata, run, samples, samples.covariance_mm2)
+    rest = _misfit_of_rest(weights, from_rest)
     still_odds, still_rest = answers[LOG_ODDS].tolist(), list(rest)
     if moves.any():
         moving = np.flatnonzero(moves)
         part = samples.part(moving)
-        _, again, again_rest = _weigh(metadata, run, part, part.noise_mm2[:, :, None] * np.eye(len(noise[0])))
-        for index, odds, misfit in zip(moving.tolist(), again[LOG_ODDS].tolist(), again_rest, strict=True):
+        weights_if_still, again = _weigh(metadata, run, part, part.noise_mm2[:, :, None] * np.eye(len(noise[0])))
+        misfits = _misfit_of_rest(weights_if_still, from_rest[moving])
+        for index, odds, misfit in zip(moving.tolist(), again[LOG_ODDS].tolist(), misfits, strict=True):
             still_odds[index], still_rest[index] = odds, misfit
     columns = zip(*(column.tolist() for column in answers.values()), strict=True)
+    channels = samples.valid.sum(axis=1).tolist()
     return [
-        Evidence(z, weight, dict(zip(answers, row, strict=True)), channels, *said)
-        for z, weight, row, channels, *said in zip(
-            samples.deflection_mm,
-            weights,
-            columns,
-            samples.valid.sum(axis=1).tolist(),
-            rest,
-            moves.tolist(),
-            still_odds,
-            still_rest,
-            strict=True,
+        Evidence(z, weight, dict(zip(answers, row, strict=True)), *said)
+        for z, weight, row, *said in zip(
+            from_rest, weights, columns, channels, rest, moves.tolist(), still_odds, still_rest, strict=True
         )
     ]
 
 
-def _weigh(
-    metadata: Metadata, run: Run, samples: Weighed, covariance_mm2: Floats
-) -> tuple[Floats, Answers, list[float]]:
-    """Return the whitening, the answers, and the misfit of rest, for samples of some covariance."""
+def _rest_mm(metadata: Metadata) -> Floats:
+    """Return the deflections (channels,) that a calibration found at rest."""
+    calibration = metadata.calibration
+    return np.array(calibration.departures.offset_mm if calibration else [0.0] * len(metadata.layout))
+
+
+def _weigh(metadata: Metadata, run: Run, samples: Weighed, covariance_mm2: Floats) -> tuple[Floats, Answers]:
+    """Return the whitening and the answers for samples of this covariance."""
     floor = metadata.floor
     weights = whitening(samples.deflection_mm, covariance_mm2, floor.gain, floor.zero_mm, samples.valid)
-    answers = run(samples.deflection_mm, weights)
-    whitened = (weights @ samples.deflection_mm[:, :, None])[:, :, 0]
-    return weights, answers, (whitened * whitened).sum(axis=1).tolist()
+    # The answers may lie in memory that the next run uses again.
+    answers = {name: values.copy() for name, values in run(samples.deflection_mm, weights).items()}
+    return weights, answers
+
+
+def _misfit_of_rest(whitening_per_mm: Floats, from_rest_mm: Floats) -> list[float]:
+    whitened = (whitening_per_mm @ from_rest_mm[:, :, None])[:, :, 0]
+    misfits: list[float] = (whitened * whitened).sum(axis=1).tolist()
+    return misfits

@@ -6,9 +6,9 @@ from time import monotonic
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, disable_created_metrics
 
+from beamtouch_models.modelfile import State
 from beamtouch_service.limits import Seldom
 from beamtouch_service.problems import Kind
-from beamtouch_service.surfaces.contact import State
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.timings import Timings
 

@@ -16,6 +16,8 @@ CONTACT = {
     "age_ms": 12.3,
     "sampled_at": "2026-11-20T23:40:46.123Z",
     "sequence": 4711,
+    "readings": 40,
+    "misfit": 1.8,
     "quality": "good",
     "degraded_channels": [],
     "notes": [],
@@ -23,6 +25,7 @@ CONTACT = {
 }
 _FIGURES = [name for name in CONTACT if name.startswith(("position_", "force_"))]
 CLEAR = CONTACT | dict.fromkeys(_FIGURES) | {"state": "clear"}
+UNEXPLAINED = CLEAR | {"state": "unexplained", "misfit": 412.7, "notes": ["check-s3"]}
 DEGRADED = CONTACT | {"quality": "degraded", "degraded_channels": ["s3"]}
 
 STATE = {
@@ -47,6 +50,7 @@ BATCH = {
             "acquired_unix_us": 1795218046123000,
             "deflection_mm": [0.112, 0.243, None],
             "quality": ["good", "good", "missing"],
+            "readings": 40,
         }
     ],
 }

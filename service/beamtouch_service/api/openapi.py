@@ -113,7 +113,12 @@ def _add_refusals(operation: dict[str, Any], *, needs_read_token: bool) -> None:
 
 def _add_contact_examples(description: dict[str, Any]) -> None:
     # Not at the routes: the framework drops every null from examples there, and a clear contact has many.
-    contacts = {"contact": examples.CONTACT, "clear": examples.CLEAR, "degraded": examples.DEGRADED}
+    contacts = {
+        "contact": examples.CONTACT,
+        "clear": examples.CLEAR,
+        "unexplained": examples.UNEXPLAINED,
+        "degraded": examples.DEGRADED,
+    }
     for path, operations in description["paths"].items():
         if path.endswith("/contact"):
             content = operations["get"]["responses"]["200"]["content"]["application/json"]

@@ -4,12 +4,12 @@ from collections import OrderedDict
 from collections.abc import Iterable
 from itertools import pairwise
 
+from beamtouch_models.modelfile import State
 from beamtouch_service.events.segmenter import Command, Edge, Segmenter, segment_late_run
 from beamtouch_service.events.segments import End
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.samples import Batch, Sample
-from beamtouch_service.surfaces.contact import State
-from beamtouch_service.surfaces.estimates import estimate
+from beamtouch_service.surfaces.estimates import estimate, runner
 from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.touch import Follower
 
@@ -35,13 +35,13 @@ class LateSamples:
         self, surface: str, stale_ms: float, served: ServedModel, batch: Batch, samples: list[Sample]
     ) -> list[Command | Edge]:
         """Return the commands for the late samples of a batch, in order; a contact outlasts gaps up to `stale_ms`."""
-        estimates = estimate(served.file, surface, batch.channels, samples)
+        estimates = estimate(served.file, surface, batch, samples)
         gaps = [i + 1 for i, (one, other) in enumerate(pairwise(estimates)) if other.sequence != one.sequence + 1]
         commands: list[Command | Edge] = []
         for begin, end in pairwise([0, *gaps, len(estimates)]):
             run = estimates[begin:end]
             before = self._state(surface, batch.boot_id, run[0].sequence - 1)
-            follower = Follower(served.levels, surface, stale_ms, touching=before is State.CONTACT)
+            follower = Follower(served.file, runner(served.file), surface, stale_ms, state=before or State.CLEAR)
             after = self._edges.get((surface, batch.boot_id, run[-1].sequence + 1))
             # Only new samples open an event.
             segmenter = Segmenter(surface, served.file.identity, batch.boot_id, before, End.UNSEEN)

@@ -4,8 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from beamtouch_models.modelfile import State
 from beamtouch_service.events.segments import Begin, End, GrowingSegment, Segment
-from beamtouch_service.surfaces.contact import Decision, State
+from beamtouch_service.surfaces.contact import Decision
 from beamtouch_service.surfaces.touch import Seen
 
 FLUSH_US = 1_000_000
@@ -72,7 +73,7 @@ class Segmenter:
         commands = self.end_run() if first_of_run else []
         if seen.state is State.CLEAR:
             commands += self._clear(sample.sequence, sample.acquired_unix_us, first_of_run=first_of_run)
-        elif seen.state is State.CONTACT or (seen.touching and self._in_contact):
+        elif seen.state is State.CONTACT or (seen.held is not State.CLEAR and self._in_contact):
             commands += self._contact(seen)
         else:
             commands += self.interrupt()
@@ -116,7 +117,7 @@ class Segmenter:
 
     def _contact(self, seen: Seen) -> list[Command | Edge]:
         sequence, acquired_us = seen.estimated.sequence, seen.estimated.acquired_unix_us
-        figures = seen.outcome.figures if isinstance(seen.outcome, Decision) else None
+        figures = seen.outcome.figures if seen.state is State.CONTACT and isinstance(seen.outcome, Decision) else None
         is_new, degraded = not self._in_contact, bool(seen.estimated.bad) or figures is None
         if self._pending is None:
             begin = Begin.TOUCH if is_new and self._was_clear else Begin.UNSEEN

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from beamtouch_models import modelfile
-from beamtouch_models.modelfile import ModelFile, ModelFileError
-from beamtouch_service.surfaces.contact import LOG_ODDS
+from beamtouch_models.modelfile import LOG_ODDS, ModelFile, ModelFileError
 from beamtouch_service.surfaces.same_beam import difference
 from beamtouch_service.surfaces.served_model import Inference
 from beamtouch_service.surfaces.surface import Surface

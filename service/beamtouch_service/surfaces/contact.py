@@ -1,25 +1,18 @@
 """The contact, and its decision from the answer of the model. Pure: no clock, no state, no I/O."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from math import isfinite
 
 from pydantic import BaseModel
 
+from beamtouch_models.modelfile import LOG_ODDS, MISFIT, Evidence, State
+
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DECIMALS = 4
 """0.1 um and 0.1 mN: finer than any sensor, coarse enough to hide the tail of a float32."""
-
-LOG_ODDS = "contact_log_odds"
-
-
-class State(StrEnum):
-    """Whether something touches the surface."""
-
-    CONTACT = "contact"
-    CLEAR = "clear"
 
 
 class ContactQuality(StrEnum):
@@ -50,13 +43,14 @@ class Contact(BaseModel):
 
     surface: str
     state: State
+    """`unexplained`: neither rest nor a single contact explains the sample."""
     position_mm: float | None
-    """From the left end of the beam; null when clear."""
+    """From the left end of the beam; null unless the state is `contact`."""
     position_low_mm: float | None
     """Lower end of the 95 % interval."""
     position_high_mm: float | None
     force_n: float | None
-    """Null when clear, or if the model does not estimate force."""
+    """Null without a contact, or if the model does not estimate force."""
     force_low_n: float | None
     force_high_n: float | None
     age_ms: float
@@ -65,46 +59,63 @@ class Contact(BaseModel):
     """Time of the sample by the sender's clock (RFC 3339). It never decides freshness."""
     sequence: int
     """The sample's number since the sender started."""
+    readings: int | None
+    """How many readings are in the sample; null if its sender does not say."""
+    misfit: float
+    """How badly rest or the best single contact explains the sample, whichever does it better."""
     quality: ContactQuality
     degraded_channels: list[str]
     """Channels that took no part; empty if the quality is good."""
     notes: list[str]
-    """Limits of the answer. `rate`: the device does not keep its rate."""
+    """Limits of the answer.
+
+    `overload`: the force is beyond the range of the scene. `unsteady`: the readings still move. `unchecked`: too few
+    channels to tell a single contact from anything else. `rate`: the device does not keep its rate. `noise`: the sender
+    states another noise than the model was made for. `check-NAME`, only with `unexplained`: channel NAME contradicts
+    the others.
+    """
     model: str
     """Name and fingerprint of the model that gave the answer."""
 
 
+class Doubt(StrEnum):
+    """Notes of the service on an answer."""
+
+    OVERLOAD = "overload"
+    UNSTEADY = "unsteady"
+    UNCHECKED = "unchecked"
+    NOISE = "noise"
+
+
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """State and figures that follow from an answer of the model."""
+    """State and figures of one sample."""
 
     state: State
-    figures: Figures
+    figures: Figures = _NO_FIGURES
+    misfit: float = 0.0
+    notes: list[str] = field(default_factory=list)
+    """Values of `Doubt`, or `check-NAME`."""
 
 
 class UnusableEstimateError(ValueError):
     """The answer of the model must not be served as a contact."""
 
 
-def decide(estimate: Mapping[str, float], threshold: float, length_mm: float) -> Decision:
-    """Decide on the state and the figures.
+def figures_of(answer: Mapping[str, float], length_mm: float) -> Figures:
+    """Return the figures of a contact.
 
     Parameters
     ----------
-    estimate : output name -> value, as the model file names and defines its outputs
-    threshold : contact is stated when `contact_log_odds` exceeds it [nats]
+    answer : output name -> value, as the model file names and defines its outputs
     length_mm : length of the beam [mm]
 
     Raises
     ------
     UnusableEstimateError
-        A figure that would be served is not finite, or the position lies off the beam.
+        A figure is not finite, or the position lies off the beam.
     """
-    log_odds = estimate[LOG_ODDS]
-    _require_finite(LOG_ODDS, log_odds)
-    if log_odds <= threshold:
-        return Decision(State.CLEAR, _NO_FIGURES)
-    served = {name: estimate[name] for name in _FIGURES if name in estimate}
+    served = {name: answer[name] for name in _FIGURES if name in answer}
     # A sum of finite 32-bit values is finite, so one test covers all.
     if not isfinite(sum(served.values())):
         for name, value in served.items():
@@ -114,7 +125,13 @@ def decide(estimate: Mapping[str, float], threshold: float, length_mm: float) ->
     if served.get("position_high_mm", position) < 0 or served.get("position_low_mm", position) > length_mm:
         message = f"position_mm is {position:.6g}, off a beam of {length_mm:.6g} mm"
         raise UnusableEstimateError(message)
-    return Decision(State.CONTACT, Figures(**{name: round(value, _DECIMALS) for name, value in served.items()}))
+    return Figures(**{name: round(value, _DECIMALS) for name, value in served.items()})
+
+
+def require_usable(evidence: Evidence) -> None:
+    """Raise UnusableEstimateError if nothing can be decided on the evidence."""
+    for name in (LOG_ODDS, MISFIT):
+        _require_finite(name, evidence.answer.get(name, 0.0))
 
 
 def _require_finite(name: str, value: float) -> None:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from beamtouch_service.samples import Note, Sample
+from beamtouch_service.samples import Sample
 from beamtouch_service.surfaces.touch import Seen
 
 
@@ -15,8 +15,8 @@ class Newest:
     """The names of the values in the sample."""
     sample: Sample
     acquired_s: float
-    notes: list[Note]
-    """Notes of its sender on the surface."""
+    notes: list[str]
+    """On its sender: what it notes itself, and whether its noise contradicts the model."""
     seen: Seen | None = None
     """None without a model."""
     model: str = ""

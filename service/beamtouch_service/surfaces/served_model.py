@@ -1,10 +1,9 @@
-"""A model in use: its file, its thresholds, and inference in fixed memory."""
+"""A model in use: its file, and inference in fixed memory."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.modelfile import INPUTS, Answers, ModelFile
-from beamtouch_service.surfaces.touch import levels
 
 
 class Inference:
@@ -25,10 +24,10 @@ class Inference:
         for name, array in self._answers.items():
             self._binding.bind_output(name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data)
 
-    def ask(self, deflection_mm: NDArray[np.float32], whitening_per_mm: NDArray[np.float32]) -> Answers:
+    def ask(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
         """Return the values per output for deflections [mm] and their whitening. They hold until the next call."""
         if len(deflection_mm) != 1:
-            return self._model.estimate(deflection_mm, whitening_per_mm)
+            return self._model.estimate(deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32))
         self._deflection_mm[:], self._whitening[:] = deflection_mm, whitening_per_mm
         self._run(self._binding)
         return self._answers
@@ -39,6 +38,4 @@ class ServedModel:
 
     def __init__(self, file: ModelFile) -> None:
         self.file = file
-        self.levels = levels(file)
-        """Thresholds of touch and lift."""
         self.inference = Inference(file)

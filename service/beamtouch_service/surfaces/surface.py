@@ -13,7 +13,7 @@ from beamtouch_service.limits import STALE_MS
 from beamtouch_service.problems import Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.surfaces import refusals
-from beamtouch_service.surfaces.contact import Contact, ContactQuality, Decision, rfc3339
+from beamtouch_service.surfaces.contact import Contact, ContactQuality, Decision, Doubt, rfc3339
 from beamtouch_service.surfaces.estimates import estimate
 from beamtouch_service.surfaces.intake import Intake
 from beamtouch_service.surfaces.newest import Newest
@@ -21,6 +21,7 @@ from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
 from beamtouch_service.surfaces.touch import Follower, Seen
+from beamtouch_service.surfaces.weighing import noise_contradicts
 
 if TYPE_CHECKING:
     import numpy as np
@@ -115,13 +116,15 @@ class Surface:
         return Contact(
             surface=self.name,
             state=decision.state,
+            readings=seen.estimated.readings,
+            misfit=round(decision.misfit, 2),
             **asdict(decision.figures),
             age_ms=newest.age_ms(now_s),
             sampled_at=rfc3339(newest.sample.acquired_unix_us),
             sequence=newest.sample.sequence,
             quality=ContactQuality.DEGRADED if degraded else ContactQuality.GOOD,
             degraded_channels=degraded,
-            notes=[note.value for note in newest.notes],
+            notes=[*newest.notes, *decision.notes],
             model=newest.model,
         )
 
@@ -192,10 +195,10 @@ class Surface:
     def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> None:
         served = self._served
         if served is None:
-            self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, batch.notes)
+            self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, list(batch.notes))
             return
 
-        def ask(deflection_mm: NDArray[np.float32], whitening_per_mm: NDArray[np.float32]) -> Answers:
+        def ask(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
             begin_s = perf_counter()
             answers = served.inference.ask(deflection_mm, whitening_per_mm)
             self.timings.inference_s.observe(perf_counter() - begin_s)
@@ -203,9 +206,10 @@ class Surface:
 
         model, boot_id = served.file, batch.boot_id
         if self._follower is None or self._follower[0] != boot_id:
-            self._follower = boot_id, Follower(served.levels, self.name, self.stale_ms)
+            self._follower = boot_id, Follower(served.file, served.inference.ask, self.name, self.stale_ms)
         follower = self._follower[1]
-        seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch.channels, fresh, ask)]
-        self.newest = Newest(boot_id, batch.channels, fresh[-1], acquired_s, batch.notes, seen[-1], model.identity)
+        seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch, fresh, ask)]
+        notes: list[str] = [*batch.notes, *([Doubt.NOISE] if noise_contradicts(model, batch) else [])]
+        self.newest = Newest(boot_id, batch.channels, fresh[-1], acquired_s, notes, seen[-1], model.identity)
         if self.witness:
             self.witness.fresh(self, model, boot_id, seen)

@@ -1,0 +1,167 @@
+"""The state of a surface from consecutive samples: touch, lift, ringing, and what no single contact explains."""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from beamtouch_models.accuracy.model_prior import prior_of_model
+from beamtouch_models.arrays import Floats
+from beamtouch_models.modelfile import Answers, Decider, ModelFile, State, Suspects, Weighed, evidence
+
+CLEAR, CONTACT, UNEXPLAINED = "clear", "contact", "unexplained"
+
+
+class World:
+    """Deflections of the bench, and what a decider makes of samples of them."""
+
+    def __init__(self, model: ModelFile) -> None:
+        self.model, self.metadata = model, model.metadata
+        self.table = prior_of_model(model.metadata).table
+        self.rng = np.random.default_rng(1)
+        self.channels = len(model.channels)
+        self.decider = Decider(model.metadata.thresholds)
+
+    def run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
+        return self.model.estimate(deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32))
+
+    def load(self, *loads: tuple[float, float]) -> Floats:
+        """Deflection (channels,) under loads of (position_mm, force_n)."""
+        found: Floats = sum(
+            (force_n * self.table(np.array([at_mm]))[0] for at_mm, force_n in loads), np.zeros(self.channels)
+        )
+        return found
+
+    def sample(self, deflection_mm: Floats, scatter_mm: Iterable[Floats] = (), valid: Iterable[bool] = ()) -> Weighed:
+        """One settled sample with noise; `scatter_mm`: the vectors along which its readings scatter."""
+        noise_mm2 = np.full((1, self.channels), self.metadata.noise.sample_mm**2)
+        covariance_mm2 = np.diag(noise_mm2[0]) + sum((np.outer(one, one) for one in scatter_mm), np.zeros(()))
+        working = np.array([list(valid) or [True] * self.channels])
+        noisy = deflection_mm + self.rng.normal(scale=self.metadata.noise.sample_mm, size=self.channels)
+        return Weighed(np.where(working, noisy, 0.0), covariance_mm2[None], noise_mm2, working)
+
+    def step(self, deflection_mm: Floats, *scatter_mm: Floats) -> str:
+        """Decide on a sample; an unsteady one has a mark."""
+        (said,) = evidence(self.metadata, self.run, self.sample(deflection_mm, scatter_mm))
+        verdict = self.decider.step(said)
+        return verdict.state.value + "*" * verdict.unsteady
+
+
+@pytest.fixture
+def world(bench: ModelFile) -> World:
+    return World(bench)
+
+
+def test_a_still_load_is_a_contact_until_it_is_gone(world: World) -> None:
+    load = world.load((100, 8))
+    assert [world.step(one) for one in (0 * load, load, load, 0 * load)] == [CLEAR, CONTACT, CONTACT, CLEAR]
+
+
+def test_a_touch_is_seen_at_its_first_reading_and_is_unsteady(world: World) -> None:
+    load = world.load((100, 8))
+    world.step(0 * load)
+    # A window that mixes rest and load scatters along the deflection of the load, as far as it goes.
+    assert [world.step(part * load, load) for part in (0.05, 0.3, 0.6)] == [CONTACT + "*"] * 3
+    assert world.step(load) == CONTACT
+
+
+def test_a_large_covariance_ends_no_contact(world: World) -> None:
+    load = world.load((100, 8))
+    world.step(load)
+    assert [world.step(part * load, load) for part in (0.2, -0.3, 0.0)] == [CONTACT + "*"] * 3
+
+
+def test_a_lift_shows_as_soon_as_the_sample_could_show_the_load(world: World) -> None:
+    load = world.load((100, 8))
+    world.step(load)
+    assert world.step(0 * load, 0.02 * load) == CLEAR + "*"
+
+
+def test_a_beam_that_rings_after_a_lift_is_not_touched_by_that(world: World) -> None:
+    load = world.load((100, 8))
+    world.step(load)
+    swings = [world.step(part * load, 0.05 * load) for part in (0.0, 0.08, -0.08, 0.05, -0.05)]
+    assert swings == [CLEAR + "*"] * 5
+    # Once it has lain still, it is touched by the same deflection.
+    assert [world.step(0 * load), world.step(0.05 * load)] == [CLEAR, CONTACT]
+
+
+def test_a_beam_that_rings_can_be_touched(world: World) -> None:
+    load = world.load((100, 8))
+    world.step(load)
+    world.step(0 * load, 0.02 * load)
+    assert world.step(load, 0.02 * load) == CONTACT + "*"
+
+
+@pytest.mark.parametrize(
+    "act",
+    [
+        lambda world: world.load((100, 8), (300, 8)),
+        lambda world: world.load((200, -0.5)),
+        lambda world: 0.5 * np.eye(world.channels)[2],
+        lambda world: world.load((100, 8)) * (np.arange(world.channels) != 1),
+    ],
+    ids=["two contacts", "a pull", "a wedge under s3", "s2 is stuck"],
+)
+def test_what_is_no_single_contact_is_unexplained_after_three_samples(
+    world: World, act: Callable[[World], Floats]
+) -> None:
+    deflection = act(world)
+    world.step(0 * deflection)
+    states = [world.step(deflection) for _ in range(10)]
+    assert states == [CLEAR + "*"] * 2 + [UNEXPLAINED] * 8
+    assert [world.step(0 * deflection) for _ in range(4)] == [UNEXPLAINED] * 2 + [CLEAR] * 2
+
+
+def test_a_contact_that_becomes_two_is_doubted_at_once_and_comes_back(world: World) -> None:
+    one, two = world.load((100, 8)), world.load((100, 8), (300, 8))
+    world.step(one)
+    assert [world.step(two) for _ in range(4)] == [CONTACT + "*"] * 2 + [UNEXPLAINED] * 2
+    assert [world.step(one) for _ in range(3)] == [UNEXPLAINED] * 2 + [CONTACT]
+
+
+def test_a_large_covariance_explains_nothing_away(world: World) -> None:
+    two = world.load((100, 8), (300, 8))
+    for _ in range(3):
+        world.step(two)
+    swings = [np.diag(two)[:, index] for index in range(world.channels)]
+    assert [world.step(two, *swings) for _ in range(5)] == [UNEXPLAINED + "*"] * 5
+
+
+def test_a_single_odd_sample_changes_no_state(world: World) -> None:
+    wedge = 0.5 * np.eye(world.channels)[2]
+    assert [world.step(wedge), world.step(0 * wedge), world.step(wedge)] == [CLEAR + "*", CLEAR, CLEAR + "*"]
+
+
+def test_honest_contacts_and_rest_stay_explained(world: World) -> None:
+    low, high = world.metadata.ranges.force_n
+    for _ in range(300):
+        load = world.load((world.rng.uniform(5, 395), world.rng.uniform(low, high)))
+        assert [world.step(load) for _ in range(2)] == [CONTACT] * 2
+        # At rest, most samples lie below the threshold of a lift, not all.
+        assert CLEAR in [world.step(0 * load) for _ in range(12)]
+
+
+def test_the_channel_that_contradicts_the_others_is_named_after_many_samples(world: World) -> None:
+    suspects = Suspects(world.metadata, world.run)
+    wedge = 0.5 * np.eye(world.channels)[2]
+    named = [suspects.step(world.sample(wedge)) for _ in range(60)]
+    assert named[:30] == [None] * 30
+    assert named[-1] == world.model.channels[2]
+    suspects.clear()
+    assert suspects.step(world.sample(wedge)) is None
+
+
+def test_two_contacts_are_not_taken_for_a_broken_channel(world: World) -> None:
+    for far in (250, 300, 350):
+        suspects = Suspects(world.metadata, world.run)
+        two = world.load((100, 8), (far, 8))
+        assert [suspects.step(world.sample(two)) for _ in range(60)] == [None] * 60
+
+
+def test_with_too_few_channels_nothing_is_unexplained(world: World) -> None:
+    two = world.load((100, 8), (300, 8))
+    valid = [True, False, False, True, *[False] * (world.channels - 4)]
+    (said,) = evidence(world.metadata, world.run, world.sample(two, valid=valid))
+    assert [world.decider.step(said).state for _ in range(5)] == [State.CONTACT] * 5
