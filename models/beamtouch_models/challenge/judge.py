@@ -12,7 +12,7 @@ from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.challenge.surface import Surface
 from beamtouch_models.filters import Chain, Stage, filled, moving_average_stage, spike_stage
 from beamtouch_models.metadata import FilterChoice, Metadata
-from beamtouch_models.modelfile import Decider, Evidence, State, Verdict, Weighed, evidence
+from beamtouch_models.modelfile import Decider, Evidence, State, Verdict, Weighed, evidence, is_overload, is_unchecked
 from beamtouch_models.session import Run
 
 
@@ -110,7 +110,6 @@ def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> Sample:
     if verdict.state is not State.CONTACT:
         return SILENT._replace(said=_SAID[verdict.state], unsteady=verdict.unsteady)
     answer = found.answer
-    unchecked = metadata.thresholds.misfit[found.channels - 1] is None
-    overload = answer.get("force_low_n", 0.0) > metadata.ranges.force_n[1]
+    other = is_overload(metadata, found) or is_unchecked(metadata, found)
     place = [answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm")]
-    return Sample(Said.CONTACT, verdict.unsteady, unchecked or overload, *place)
+    return Sample(Said.CONTACT, verdict.unsteady, other, *place)

@@ -40,7 +40,7 @@ def distances(surface: Surface, fault_mm: Floats, valid: Bools) -> Floats:
     `valid` (draws, channels) says which channels take part.
     """
     whiten = _whitening(surface, fault_mm, valid)
-    moved = np.einsum("dij,dj->di", whiten, np.where(valid, fault_mm, 0.0))
+    moved = np.einsum("dij,dj->di", whiten, np.where(valid, surface.linear_mm(fault_mm), 0.0))
     grid = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
     found = np.empty(len(fault_mm))
     for start in range(0, len(found), CHUNK):
@@ -62,14 +62,14 @@ def power_of_noise(surface: Surface, clean_mm: Floats, noise: Floats, alpha: flo
     """Return the mean power for channels whose noise is some times that of the model; both (draws, channels)."""
     whiten = _whitening(surface, clean_mm, np.ones(clean_mm.shape, np.bool_))
     grid = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
-    moved = np.einsum("dij,dj->di", whiten, clean_mm)
+    moved = np.einsum("dij,dj->di", whiten, surface.linear_mm(clean_mm))
     near = np.concatenate(
         [
             np.argmin(_away(surface, np.broadcast_to(grid, (len(rows), PLACES)), whiten[at], rows), axis=1)
             for at, rows in ((slice(i, i + CHUNK), moved[i : i + CHUNK]) for i in range(0, len(moved), CHUNK))
         ]
     )
-    along = np.stack([surface.influence(grid[near]), surface.influence(grid[near], 1)], axis=2)
+    along = np.stack([surface.expected(grid[near]), surface.expected(grid[near], 1)], axis=2)
     basis = np.linalg.qr(np.einsum("dij,djk->dik", whiten, along))[0]
     louder = np.argmax(noise, axis=1)
     row = np.arange(len(louder))
@@ -88,7 +88,7 @@ def _whitening(surface: Surface, deflection_mm: Floats, valid: Bools) -> Floats:
 
 def _away(surface: Surface, places_mm: Floats, whiten: Floats, moved: Floats) -> Floats:
     """Return the distances (draws, places) of whitened samples (draws, channels) from contacts at places."""
-    shapes = surface.influence(places_mm) @ whiten.transpose(0, 2, 1)
+    shapes = surface.expected(places_mm) @ whiten.transpose(0, 2, 1)
     size = np.einsum("dpc,dpc->dp", shapes, shapes)
     along = np.einsum("dpc,dc->dp", shapes, moved)
     force = np.maximum(along, 0.0) / np.where(size > 0, size, 1.0)

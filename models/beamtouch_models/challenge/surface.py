@@ -112,6 +112,23 @@ class Surface:
         """Number of readings after which nothing before them is in a sample or in the state of the surface."""
         return 2 * self.metadata.filter.window + int(np.ceil(self.slowest_period)) + SPARE
 
+    def expected(self, position_mm: Floats, order: int = 0) -> Floats:
+        """Return what the model expects of one newton at positions (...), (..., channels) in mm, or its derivative.
+
+        Offsets and the curvature of a calibration are left out.
+        """
+        gain = np.ones(self.channels) if self.departures is None else np.array(self.departures.gain)
+        shape: Floats = self.influence(position_mm, order) * gain
+        return shape
+
+    def linear_mm(self, measured_mm: Floats) -> Floats:
+        """Return measured deflections (..., channels) without the offsets and the curvature of a calibration."""
+        if self.departures is None:
+            return measured_mm
+        from_rest = measured_mm - np.array(self.departures.offset_mm)
+        linear: Floats = from_rest + self.departures.curve_per_mm * from_rest**2
+        return linear
+
     def under(self, position_mm: Floats, force_n: Floats) -> Floats:
         """Return deflections at rest, (..., channels) in mm, of contacts of the same shape (...)."""
         deflection: Floats = self.influence(position_mm) * force_n[..., None]
