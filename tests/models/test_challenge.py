@@ -18,7 +18,7 @@ from beamtouch_models.challenge.challenge import misses, rows_of, run_of
 from beamtouch_models.challenge.judge import Judged, Said, Sample, judge
 from beamtouch_models.challenge.play import Case, drawn
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
-from beamtouch_models.challenge.scoring import Row, scored
+from beamtouch_models.challenge.scoring import Row, ghosts, scored
 from beamtouch_models.challenge.surface import Surface
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.whitening import whitening
@@ -68,6 +68,23 @@ def test_scores_of_samples_by_hand() -> None:
     assert nowhere.noticed == pytest.approx(0.4)
 
 
+def test_a_contact_that_begins_twice_is_a_ghost() -> None:
+    nothing, clear, contact, unexplained = Said.NOTHING, Said.CLEAR, Said.CONTACT, Said.UNEXPLAINED
+    once = [
+        [nothing, clear, contact, contact, contact, clear, clear],
+        [nothing, clear, contact, unexplained, contact, nothing, contact],
+        [contact, contact, clear, clear, clear, clear, clear],
+        [clear] * 7,
+    ]
+    assert ghosts(np.array(once)) == 0
+    twice = [
+        [nothing, clear, contact, clear, contact, contact, contact],
+        [contact, clear, unexplained, unexplained, contact, clear, clear],
+    ]
+    assert ghosts(np.array(twice)) == 1
+    assert ghosts(np.array(once + twice)) == pytest.approx(1 / 3)
+
+
 def test_a_goal_is_missed_only_by_more_than_chance() -> None:
     good = Row("row", True, True, 400, 1.0, 0.95, 400, 0.95, 400, None, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0)
     assert misses(good) == []
@@ -76,6 +93,7 @@ def test_a_goal_is_missed_only_by_more_than_chance() -> None:
     assert misses(replace(good, held_unsteady=0.85)) == ["held 85% when unsteady"]
     assert misses(replace(good, misleading=0.02)) == ["misleading 2.0%"]
     assert misses(replace(good, noted=0.04)) == ["noted 4.0%"]
+    assert misses(replace(good, ghosts=0.04)) == ["ghosts 4.0%"]
     assert misses(replace(good, quiet=False, noted=0.04)) == []
     assert misses(replace(good, width=1.2)) == ["interval 1.20 of the exact one"]
     fault = replace(good, honest=False, noticed=0.8, power=1.0)

@@ -15,7 +15,7 @@ from beamtouch_models.challenge.honest import honest_cases
 from beamtouch_models.challenge.judge import judge
 from beamtouch_models.challenge.play import Case, Play
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
-from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, scored
+from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, ghosts, scored
 from beamtouch_models.challenge.surface import Surface
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Progress, silent
@@ -23,6 +23,8 @@ from beamtouch_models.session import CHUNK, Answers, Run
 
 MISLEADING = 0.005
 """Largest share of samples of honest contacts that may mislead."""
+GHOSTS = 0.005
+"""Largest share of courses of events in which a contact may begin more than once."""
 HELD, HELD_UNSTEADY = 0.93, 0.90
 """Least share of intervals that hold the truth, without a note and with `unsteady`."""
 NOTICED, LIKELY = 0.9, 0.5
@@ -78,6 +80,7 @@ def rows_of(
             else None
         )
         row = scored(name, part, truth, honest=case.honest, quiet=play.quiet, exact_mm=exact)
+        row = replace(row, ghosts=ghosts(said.said))
         if not case.honest and play.fault_mm is not None:
             row = replace(row, power=_power(surface, play, play.fault_mm, part.valid))
         found.append(row)
@@ -110,6 +113,8 @@ def misses(row: Row) -> list[str]:
     if row.honest:
         if _exceeds(row.misleading, row.samples, MISLEADING):
             found.append(f"misleading {row.misleading:.1%}")
+        if _exceeds(row.ghosts, row.samples, GHOSTS):
+            found.append(f"ghosts {row.ghosts:.1%}")
         for share, number, goal, when in (
             (row.held, row.plain, HELD, ""),
             (row.held_unsteady, row.unsteady, HELD_UNSTEADY, " when unsteady"),

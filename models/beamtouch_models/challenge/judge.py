@@ -6,9 +6,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.surface import Surface
 from beamtouch_models.filters import Chain, Stage, filled, moving_average_stage, spike_stage
 from beamtouch_models.metadata import FilterChoice, Metadata
@@ -45,7 +44,7 @@ _SAID = {State.CLEAR: Said.CLEAR, State.CONTACT: Said.CONTACT, State.UNEXPLAINED
 class Judged:
     """What is said of samples, (draws, samples)."""
 
-    said: NDArray[np.int_]
+    said: Indices
     """Values of `Said`."""
     unsteady: Bools
     other_note: Bools

@@ -8,7 +8,7 @@ import numpy as np
 from beamtouch_models.accuracy.forces import HIGHEST, TAIL
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.judge import Judged, Said
 
 LOW, HIGH = 0.025, 0.975
@@ -50,6 +50,8 @@ class Row:
     """Median length of the intervals, with and without a note."""
     width: float | None
     """Median interval of contacts that are not `unsteady`, over that of the exact posterior under the true errors."""
+    ghosts: float = 0.0
+    """Share of all draws in which a contact begins more than once."""
     noticed: float | None = None
     """Share of a fault's samples that are unexplained or noted; None for honest contacts."""
     power: float | None = None
@@ -98,6 +100,18 @@ def scored(
         width=None if exact_mm is None or not steady.any() else float(np.median((length / exact_mm)[steady])),
         noticed=noticed,
     )
+
+
+def ghosts(said: Indices) -> float:
+    """Return the share of draws, (draws, readings) of `Said`, in which a contact begins more than once.
+
+    A stretch that is unexplained, or without an answer, does not end a contact.
+    """
+    decided = (said == Said.CLEAR) | (said == Said.CONTACT)
+    last = np.maximum.accumulate(np.where(decided, np.arange(said.shape[1]), 0), axis=1)
+    contact = np.take_along_axis(said, last, axis=1) == Said.CONTACT
+    begins = contact[:, 1:] & ~contact[:, :-1]
+    return float((contact[:, 0] + begins.sum(axis=1) > 1).mean())
 
 
 def _misleads(said: Judged, truth_mm: Floats) -> Bools:

@@ -81,6 +81,7 @@ _HONEST: tuple[Column, ...] = (
     ("unsteady", lambda row: _percent(row.held_unsteady)),
     ("other", lambda row: _percent(row.held_noted)),
     *_SAID,
+    ("ghosts", lambda row: _percent(row.ghosts)),
     ("interval mm", lambda row: _number(row.interval_mm)),
     ("over exact", lambda row: _number(row.width)),
 )
@@ -93,7 +94,7 @@ _FAULTS: tuple[Column, ...] = (
 _LEGEND = """\
 All shares are in percent, and of all samples unless another number is named.
 held: intervals that hold the truth, of contacts without a note; unsteady, other: of those with this note, or another
-silent: no answer, as too few channels are within their range
-interval: the median, with or without a note; over exact: without `unsteady`, the median over the exact posterior's
+silent: no answer, as too few channels are within their range; ghosts: contacts that begin again, of the draws
 misleading: a contact without a note that is not there, or is further off than twice the half-interval
+interval: the median, with or without a note; over exact: without `unsteady`, over that of the exact posterior
 noticed: unexplained, or a contact with a note; power: of the test that knows what happened, at the same false rate"""
