@@ -14,6 +14,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2, norm
 
+from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.challenge import faults, honest
 from beamtouch_models.challenge.challenge import misses, rows_of, run_of
 from beamtouch_models.challenge.judge import Judged, Said, Sample, judge
@@ -21,6 +22,7 @@ from beamtouch_models.challenge.play import Case, drawn
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
 from beamtouch_models.challenge.scoring import Row, ghosts, scored
 from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.metadata import Calibration, Departures
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.whitening import whitening
 from in_process import Command
@@ -247,6 +249,27 @@ def test_the_power_for_a_noisy_channel_is_that_of_its_direction(surface: Surface
         left = left - basis @ (basis.T @ left)
         seen.append(np.abs(error @ left / np.linalg.norm(left)) > norm.isf(alpha / 2))
     assert np.mean(seen) == pytest.approx(power, abs=0.02)
+
+
+def test_a_calibrated_surface_measures_what_its_model_expects(bench: ModelFile) -> None:
+    departures = Departures(
+        position_offset_mm=[1.0, -2.0, 0.5, 0.0], gain=[1.02, 0.97, 1.0, 1.01], offset_mm=[0.1, 0.0, -0.05, 0.02],
+        curve_per_mm=0.02, rigidity=1.1,
+    )  # fmt: skip
+    calibration = Calibration(
+        departures=departures, fitted=["gain"], loads=9, residual_mm=0.0, error_before_mm=9.0, error_after_mm=1.0
+    )
+    metadata = bench.metadata.model_copy(update={"calibration": calibration})
+    calibrated = Surface.of(metadata)
+    moved_mm = calibrated.sensor_mm - Surface.of(bench.metadata).sensor_mm
+    np.testing.assert_allclose(moved_mm, [1.0, -2.0, 0.5, 0.0])
+    prior = prior_of_model(metadata)
+    position, force = drawn(calibrated, 20, np.random.default_rng(10))
+    clean = calibrated.under(position, force)
+    measured = calibrated.measured(clean[:, None], calibrated.perfect(20))[:, 0]
+    np.testing.assert_allclose(measured, prior.stated(force[:, None] * prior.influence_at(position)), rtol=1e-5)
+    assert distances(calibrated, measured, np.ones(measured.shape, np.bool_)).max() < 0.05
+    assert distances(calibrated, clean, np.ones(measured.shape, np.bool_)).min() > 1
 
 
 def test_wedges_are_noticed_and_near_contacts_cannot_be(bench: ModelFile) -> None:

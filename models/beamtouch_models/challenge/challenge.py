@@ -80,11 +80,10 @@ def rows_of(
             else None
         )
         row = scored(name, part, truth, honest=case.honest, quiet=play.quiet, exact_mm=exact)
-        row = replace(row, ghosts=ghosts(said.said))
         if not case.honest and play.fault_mm is not None:
             row = replace(row, power=_power(surface, play, play.fault_mm, part.valid))
         found.append(row)
-    return found
+    return [*found[:-1], replace(found[-1], ghosts=ghosts(said.said))]
 
 
 def run_of(model: ModelFile) -> Run:
@@ -113,7 +112,7 @@ def misses(row: Row) -> list[str]:
     if row.honest:
         if _exceeds(row.misleading, row.samples, MISLEADING):
             found.append(f"misleading {row.misleading:.1%}")
-        if _exceeds(row.ghosts, row.samples, GHOSTS):
+        if row.ghosts is not None and _exceeds(row.ghosts, row.samples, GHOSTS):
             found.append(f"ghosts {row.ghosts:.1%}")
         for share, number, goal, when in (
             (row.held, row.plain, HELD, ""),
