@@ -70,14 +70,24 @@ def exit_code(
             raise
         return complain(program, f"{name} is not installed; run: pip install 'beamtouch[{extra}]'", WRONG_INPUT)
     except Exception as error:
-        if isinstance(error, OSError) and (_is_output_lost() or isinstance(error, BrokenPipeError)):
-            return complain(program, f"not all was printed to standard output: {error.strerror}", FAILED)
-        if isinstance(error, FailedError):
-            return complain(program, str(error), FAILED)
-        if isinstance(error, input_errors):
-            return complain(program, _text(error), WRONG_INPUT)
-        raise
+        expected = _complain_of(error, program, input_errors)
+        if expected is None:
+            raise
+        return expected
     return code
+
+
+def _complain_of(error: Exception, program: str, input_errors: tuple[type[Exception], ...]) -> int | None:
+    """Report an expected error in one line and return its exit code; None for any other."""
+    if _is_interrupted(error):
+        return complain(program, "interrupted", INTERRUPTED)
+    if isinstance(error, OSError) and (_is_output_lost() or isinstance(error, BrokenPipeError)):
+        return complain(program, f"not all was printed to standard output: {error.strerror}", FAILED)
+    if isinstance(error, FailedError):
+        return complain(program, str(error), FAILED)
+    if isinstance(error, input_errors):
+        return complain(program, _text(error), WRONG_INPUT)
+    return None
 
 
 def complain(program: str, text: str, code: int) -> int:
@@ -94,6 +104,13 @@ def announce(line: str) -> None:
         print(line, flush=True)
     except OSError:
         _is_output_lost()
+
+
+def _is_interrupted(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C caused an error: an interrupted import of compiled code fails with an ImportError."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _is_output_lost() -> bool:

@@ -14,6 +14,8 @@ ESTIMATORS = ("posterior", "small-network", "paper-network")
 """The names in `estimators.estimator`, which takes too long to import for --help."""
 MAX_DRAWS = 1_000_000
 """Bounds memory: each contact takes about 2 kB."""
+MAX_PLAYS = 10_000
+"""Bounds memory: each course of events takes about 100 kB."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -34,6 +36,7 @@ def _parser() -> Parser:
     for name, add_arguments, text in (
         ("build", _add_build, "place the sensors, make the estimator and write the model file"),
         ("calibrate", _add_calibrate, "fit a model to a real beam, using recorded loads"),
+        ("challenge", _add_challenge, "put a model through touches, ringing, motion, sensor errors and faults"),
         ("evaluate", _add_evaluate, "measure a model and compare it with the accuracy limit"),
         ("explain", _add_explain, "print how much each physical effect matters in a scene"),
         ("inspect", _add_inspect, "print the metadata of a model file"),
@@ -88,6 +91,19 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     ):
         parser.add_argument(name, type=float, default=1.0, metavar=metavar, help=text)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
+    _add_json(parser)
+
+
+def _add_challenge(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
+    parser.add_argument(
+        "--draws",
+        type=whole_number(10, MAX_PLAYS),
+        default=400,
+        metavar="N",
+        help="number of simulated courses of events per case (default: 400)",
+    )
+    _add_seed(parser)
     _add_json(parser)
 
 

@@ -27,6 +27,8 @@ from beamtouch_models.decision import (
     Verdict,
     Weighed,
     evidence,
+    is_overload,
+    is_unchecked,
 )
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.metadata import (
@@ -58,8 +60,8 @@ __all__ = [
     "FORCE_OUTPUTS", "INPUTS", "LOG_ODDS", "METADATA_PREFIX", "MISFIT", "POSITION_OUTPUTS", "SCHEMA_VERSION",
     "Accuracy", "Answers", "Calibration", "Channel", "Decider", "Departures", "Drawn", "Evidence", "FilterChoice",
     "Floor", "Golden", "Metadata", "ModelFile", "ModelFileError", "Noise", "Ranges", "Seen", "Sensor", "State",
-    "Suspects", "Thresholds", "Verdict", "Weighed", "evidence", "load", "load_bytes", "read", "session_options",
-    "whitening",
+    "Suspects", "Thresholds", "Verdict", "Weighed", "evidence", "is_overload", "is_unchecked", "load",
+    "load_bytes", "read", "session_options", "whitening",
 ]  # fmt: skip
 
 GOLDEN_TOLERANCE = 1e-3

@@ -91,6 +91,7 @@ def test_every_command_that_takes_a_pipe_is_interrupted_below() -> None:
             "run",
         ),  # reads its configuration in a loop that is not interrupted in the middle of a turn
         ("beamtouch-service", "check"),  # these read a model file, which must be a regular file
+        ("design-sensors", "challenge"),
         ("design-sensors", "evaluate"),
         ("design-sensors", "inspect"),
         ("design-sensors", "reproduce"),  # reads no file
@@ -115,6 +116,18 @@ def test_ctrl_c_is_130_and_one_line(command: tuple[str, ...], tmp_path: Path, be
             process.kill()
     assert (process.returncode, output, errors.count("\n")) == (130, "", 1)
     assert errors.startswith(f"{program}: interrupted")
+
+
+def test_ctrl_c_in_the_import_of_compiled_code_is_130(capsys: pytest.CaptureFixture[str]) -> None:
+    def work() -> int:
+        try:
+            raise KeyboardInterrupt  # in the initialisation of an extension module
+        except KeyboardInterrupt as stop:
+            message = "initialization failed"
+            raise ImportError(message) from stop
+
+    assert exit_code("press", "design", work) == 130
+    assert capsys.readouterr() == ("", "press: interrupted\n")
 
 
 def opened_by_its_reader(pipe: Path, process: subprocess.Popen[str]) -> int:

@@ -10,13 +10,6 @@ from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models import filters
 from beamtouch_models.filters import Chain, FloatArray, Stage
 
-MIN_FILL = 0.75
-"""Part of the averaging window that good readings must fill before a channel has a value.
-
-The noise of that first value is at most 1.15 times that of a full window. A single reading would be noisier still, and
-could make a beam at rest look touched.
-"""
-
 
 def chain_of(surface: Surface) -> Chain:
     """Return the configured filters of a surface, with its noise, its steps and the period of its slowest motion."""
@@ -42,7 +35,7 @@ def stages(settings: Filter, rate_hz: float) -> tuple[Stage, ...]:
     """Return the configured filters, in the order in which they apply."""
     chosen = [] if settings.spike_mm is None else [filters.spike_stage(settings.spike_mm)]
     if isinstance(settings, MovingAverage):
-        chosen.append(filters.moving_average_stage(settings.window, math.ceil(MIN_FILL * settings.window)))
+        chosen.append(filters.moving_average_stage(settings.window, filters.filled(settings.window)))
     elif isinstance(settings, LowPass):
         chosen.append(filters.low_pass_stage(filters.smoothing(settings.cutoff_hz, rate_hz)))
     elif isinstance(settings, Adaptive):

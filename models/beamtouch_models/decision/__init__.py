@@ -5,7 +5,20 @@
 """
 
 from beamtouch_models.decision.decider import Decider, State, Verdict
+from beamtouch_models.decision.doubts import is_overload, is_unchecked
 from beamtouch_models.decision.evidence import LOG_ODDS, MISFIT, Evidence, Weighed, evidence
 from beamtouch_models.decision.suspects import Suspects
 
-__all__ = ["LOG_ODDS", "MISFIT", "Decider", "Evidence", "State", "Suspects", "Verdict", "Weighed", "evidence"]
+__all__ = [
+    "LOG_ODDS",
+    "MISFIT",
+    "Decider",
+    "Evidence",
+    "State",
+    "Suspects",
+    "Verdict",
+    "Weighed",
+    "evidence",
+    "is_overload",
+    "is_unchecked",
+]

@@ -14,6 +14,12 @@ from beamtouch_models.filters.scatter import Scatter
 
 BLOCK_VALUES = 500_000
 """Longer inputs are filtered in parts, so that the windows of a part fit in memory."""
+MIN_FILL = 0.75
+"""Part of the averaging window that good readings must fill before a channel has a value.
+
+The noise of that first value is at most 1.15 times that of a full window. A single reading would be noisier still, and
+could make a beam at rest look touched.
+"""
 LOW_PASS_SPAN = 8
 """A low-pass spans this many times 1 / a readings: exp(-8) of a step remains after them, a sixth of the noise of a
 reading if the step was 500 times that noise."""
@@ -41,6 +47,11 @@ def spike_stage(limit_mm: float) -> Stage:
 def moving_average_stage(window: int, needed: int = 1) -> Stage:
     """Return `moving_average` as a stage."""
     return Stage(window - 1, partial(means.moving_average, window=window, needed=needed), window)
+
+
+def filled(window: int) -> int:
+    """Return how many good readings a window needs for a value."""
+    return math.ceil(MIN_FILL * window)
 
 
 def low_pass_stage(factor: float) -> Stage:

@@ -76,10 +76,10 @@ def slowest_period_ms(scene: Scene) -> float | None:
 
 def sag_mm(beam: Beam) -> float | None:
     """Return the largest deflection under the beam's own weight, in mm; None if its mass is not stated."""
-    mass = _line_mass(beam)
-    if mass is None:
+    points = point_masses(beam)
+    if points is None:
         return None
-    place, point_mass = _points(beam, mass)
+    place, point_mass = points
     return float(np.abs(GRAVITY * point_mass @ influence(beam, place, place)).max())
 
 
@@ -93,6 +93,12 @@ def _line_mass(beam: Beam) -> Floats | None:
         message = "beam: its mass cannot be computed; check density, width and thickness"
         raise SceneError(message)
     return mass
+
+
+def point_masses(beam: Beam) -> tuple[Floats, Floats] | None:
+    """Return the beam's mass as points: places in mm and masses in kg, (points,) each; None if it is not stated."""
+    mass = _line_mass(beam)
+    return None if mass is None else _points(beam, mass)
 
 
 def _points(beam: Beam, line_mass: Floats) -> tuple[Floats, Floats]:

@@ -4,13 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.modelfile import Decider, Evidence, ModelFile, State, Suspects, Verdict
+from beamtouch_models.modelfile import Decider, Evidence, ModelFile, State, Suspects, Verdict, is_overload, is_unchecked
 from beamtouch_service.problems import Kind, Problem
 from beamtouch_service.surfaces.contact import Decision, Doubt, UnusableEstimateError, figures_of, require_usable
 from beamtouch_service.surfaces.estimates import Ask, Estimated
-
-SURELY = 2.0
-"""An overload is said where the force is beyond the range by more than this many half-widths of its interval."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +82,5 @@ class Follower:
 
     def _doubts(self, evidence: Evidence) -> list[str]:
         """Return what is doubtful about a contact."""
-        found: list[str] = []
-        force_n, low_n = (evidence.answer.get(name) for name in ("force_n", "force_low_n"))
-        if force_n is not None and low_n is not None:
-            beyond = force_n - SURELY * (force_n - low_n) > self._metadata.ranges.force_n[1]
-            found += [Doubt.OVERLOAD] if beyond else []
-        if self._metadata.thresholds.misfit[evidence.channels - 1] is None:
-            found.append(Doubt.UNCHECKED)
-        return found
+        found: list[str] = [Doubt.OVERLOAD] if is_overload(self._metadata, evidence) else []
+        return [*found, Doubt.UNCHECKED] if is_unchecked(self._metadata, evidence) else found

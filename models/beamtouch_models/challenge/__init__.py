@@ -1,0 +1,1 @@
+"""Trial of a model in a simulated world of honest contacts, transients, errors and faults. Pure."""

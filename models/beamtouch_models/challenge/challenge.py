@@ -1,0 +1,137 @@
+"""The challenge: all rows of a model, and which of them miss the goals."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtrc
+
+from beamtouch_models.accuracy.model_prior import prior_of_model
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.touch import MOST_OFTEN, SECONDS_PER_DAY, UNEXPLAINED_PER_DAY
+from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.challenge.faults import error_cases, fault_cases
+from beamtouch_models.challenge.honest import honest_cases
+from beamtouch_models.challenge.judge import judge
+from beamtouch_models.challenge.play import Case, Play
+from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
+from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, ghosts, scored
+from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.progress import Progress, silent
+from beamtouch_models.session import CHUNK, Answers, Run
+
+MISLEADING = 0.005
+"""Largest share of samples of honest contacts that may mislead."""
+GHOSTS = 0.005
+"""Largest share of courses of events in which a contact may begin more than once."""
+HELD, HELD_UNSTEADY = 0.93, 0.90
+"""Least share of intervals that hold the truth, without a note and with `unsteady`."""
+NOTICED, LIKELY = 0.9, 0.5
+"""Least share of the power that is to be noticed, where the power is above LIKELY."""
+NOTED = 0.01
+"""Largest share of settled contacts within the ranges that may carry a note."""
+CHANCE = 0.01
+"""Probability that a row which just meets a goal is said to miss it."""
+WIDTH = 1.1
+"""Largest median interval over that of the exact posterior."""
+
+
+def challenge(model: ModelFile, *, draws: int, seed: int, progress: Progress = silent) -> list[Row]:
+    """Put a model through all cases; the same seed gives the same rows.
+
+    Raises
+    ------
+    SceneError
+        The scene in the model cannot be computed.
+    """
+    surface = Surface.of(model.metadata)
+    cases = [*honest_cases(surface), *error_cases(surface), *fault_cases()]
+    prior = None if model.metadata.calibration else prior_of_model(model.metadata)
+    found: list[Row] = []
+    for number, case in enumerate(cases):
+        rng = np.random.default_rng([seed, number])
+        progress(f"case {number + 1} of {len(cases)}", number / len(cases))
+        found += rows_of(model, surface, prior, case, draws, rng)
+    return sorted(found, key=lambda row: not row.honest)
+
+
+def rows_of(
+    model: ModelFile, surface: Surface, prior: Prior | None, case: Case, draws: int, rng: np.random.Generator
+) -> list[Row]:
+    """Play a case and score its rows; readings with the same name are one row.
+
+    Parameters
+    ----------
+    model, surface : the model and the surface that it was made for
+    prior : of the model, for the exact posterior; None: that is left out
+    case, draws, rng : the case, how often it is drawn, and the random numbers
+    """
+    play = case.make(surface, draws, rng)
+    readings = surface.readings(play.deflection_mm, play.errors, rng)
+    said = judge(surface, run_of(model), readings)
+    found = []
+    for name in dict.fromkeys(name for name, _ in play.rows):
+        at = [reading for other, reading in play.rows if other == name]
+        part, truth = said.at(at), play.truth_mm[:, at].ravel()
+        exact = (
+            exact_intervals_mm(prior, part, any_force=play.any_force)
+            if prior and case.honest and play.settled
+            else None
+        )
+        row = scored(name, part, truth, honest=case.honest, quiet=play.quiet, exact_mm=exact)
+        if not case.honest and play.fault_mm is not None:
+            row = replace(row, power=_power(surface, play, play.fault_mm, part.valid))
+        found.append(row)
+    return [*found[:-1], replace(found[-1], ghosts=ghosts(said.said))]
+
+
+def run_of(model: ModelFile) -> Run:
+    """Return a function that answers many samples, in chunks that fit the cache."""
+
+    def run(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
+        sample, whitening = deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32)
+        chunks = [slice(start, start + CHUNK) for start in range(0, len(sample), CHUNK)]
+        answers = [model.estimate(sample[chunk], whitening[chunk]) for chunk in chunks]
+        return {name: np.concatenate([one[name] for one in answers]) for name in model.outputs}
+
+    return run
+
+
+def _power(surface: Surface, play: Play, fault_mm: Floats, valid: Bools) -> float:
+    """Return the power of the test that knows what happened, at the rate of false `unexplained` samples."""
+    alpha = min(UNEXPLAINED_PER_DAY / (SECONDS_PER_DAY * surface.metadata.sensor.rate_hz), MOST_OFTEN)
+    if play.noisy is not None:
+        return power_of_noise(surface, fault_mm, play.noisy, alpha)
+    return power_of_shift(distances(surface, fault_mm, valid), alpha)
+
+
+def misses(row: Row) -> list[str]:
+    """Return the goals that a row misses by more than chance explains, each in a few words."""
+    found = []
+    if row.honest:
+        if _exceeds(row.misleading, row.samples, MISLEADING):
+            found.append(f"misleading {row.misleading:.1%}")
+        if row.ghosts is not None and _exceeds(row.ghosts, row.samples, GHOSTS):
+            found.append(f"ghosts {row.ghosts:.1%}")
+        for share, number, goal, when in (
+            (row.held, row.plain, HELD, ""),
+            (row.held_unsteady, row.unsteady, HELD_UNSTEADY, " when unsteady"),
+        ):
+            if share is not None and _exceeds(1 - share, number, 1 - goal):
+                found.append(f"held {share:.0%}{when}")
+        if row.width is not None and row.width > WIDTH:
+            found.append(f"interval {row.width:.2f} of the exact one")
+        if row.quiet and _exceeds(row.noted, row.samples, NOTED):
+            found.append(f"noted {row.noted:.1%}")
+        return found
+    power, noticed = row.power or 0.0, row.noticed or 0.0
+    if power > LIKELY and _exceeds(1 - noticed, row.samples, 1 - NOTICED * power):
+        found.append(f"noticed {noticed:.0%} of {power:.0%}")
+    return found
+
+
+def _exceeds(share: float, number: int, goal: float) -> bool:
+    """Return whether a share is above its goal by more than chance explains."""
+    count = round(share * number)
+    return count > 0 and bool(bdtrc(count - 1, number, goal) < CHANCE)

@@ -1,0 +1,190 @@
+"""Faults and other worlds: sensors beyond their stated errors, and what acts on the beam without being one contact."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
+from beamtouch_models.challenge.surface import SensorErrors, Surface
+from beamtouch_models.physics.beam import influence
+
+GAINS_PERCENT = (0.3, 1.0, 3.0)
+ZEROS = (0.2, 1.0, 3.0, 10.0)
+"""Zeros over the noise of a reading."""
+OFF_MM = 1.0
+WEDGE = 0.22
+"""Deflection that a wedge shows, over the largest; 0.5 mm on the bench."""
+DRIFT = 10.0
+"""Drift of one zero over the noise of a reading; 0.045 mm on the bench."""
+NOISY = 10.0
+PULLS = (0.25, 1.0)
+"""Force of a pull over the smallest force; 0.5 N and 2 N on the bench."""
+APART = 0.5
+"""Distance of two contacts over the range of contacts; near ones are a tenth of it apart."""
+AT_THE_QUARTERS = 0.4
+"""Force of two contacts over the largest force; 8 N on the bench."""
+UNEQUAL = 4.0
+SPREAD = (0.1, 0.25, 0.5)
+"""Length of a distributed load over that of the beam."""
+
+
+def error_cases(surface: Surface) -> list[Case]:
+    """Return contacts with errors of all sensors; honest where they are within what the model states."""
+    gain, zero_mm = float(surface.gain.min()), float(surface.zero_mm.min())
+    noise_mm = surface.metadata.noise.reading_mm
+    found = [Case(percent / 100 <= gain + 1e-9, partial(gains_off, percent=percent)) for percent in GAINS_PERCENT]
+    found += [Case(noises * noise_mm <= zero_mm + 1e-9, partial(zeros_off, noises=noises)) for noises in ZEROS]
+    return [*found, Case(surface.scene.sensors.mounting_tolerance_mm >= OFF_MM, places_off)]
+
+
+def fault_cases() -> list[Case]:
+    """Return faults of single sensors, and loads that are not one contact."""
+    makes: list[Make] = [
+        stuck,
+        partial(wedged, touched=False),
+        partial(wedged, touched=True),
+        noisy,
+        partial(drifted, touched=False),
+        partial(drifted, touched=True),
+        *(partial(pulled, times=times) for times in PULLS),
+        two_at_the_quarters,
+        partial(two_contacts, apart=APART, ratio=1.0),
+        partial(two_contacts, apart=APART, ratio=UNEQUAL),
+        partial(two_contacts, apart=APART / 10, ratio=1.0),
+        *(partial(distributed, part=part) for part in SPREAD),
+    ]
+    return [Case(False, make) for make in makes]
+
+
+def gains_off(surface: Surface, draws: int, rng: np.random.Generator, *, percent: float) -> Play:
+    """Return contacts measured with gains that are off by some percent, as a standard deviation."""
+    position, force = drawn(surface, draws, rng)
+    honest, perfect = surface.honest(draws, rng), surface.perfect(draws)
+    off = replace(perfect, gain=1 + percent / 100 * rng.normal(size=perfect.gain.shape))
+    return settled(
+        surface, f"gains {percent:g} % off", surface.under(position, force), replace(honest, gain=off.gain),
+        truth_mm=position, faulty=off, as_assumed=True,
+    )  # fmt: skip
+
+
+def zeros_off(surface: Surface, draws: int, rng: np.random.Generator, *, noises: float) -> Play:
+    """Return contacts measured with zeros that are off by some noises of a reading, as a standard deviation."""
+    position, force = drawn(surface, draws, rng)
+    honest, perfect = surface.honest(draws, rng), surface.perfect(draws)
+    noise_mm = surface.metadata.noise.reading_mm
+    off = replace(perfect, zero_mm=noises * noise_mm * rng.normal(size=perfect.gain.shape))
+    return settled(
+        surface, f"zeros {noises:g} noises off", surface.under(position, force), replace(honest, zero_mm=off.zero_mm),
+        truth_mm=position, faulty=off, as_assumed=True,
+    )  # fmt: skip
+
+
+def places_off(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
+    """Return contacts on sensors that are mounted beside their positions."""
+    position, force = drawn(surface, draws, rng)
+    clean = np.empty((draws, surface.channels))
+    for index, (load_mm, load_n) in enumerate(zip(position, force, strict=True)):
+        true_mm = surface.sensor_mm + OFF_MM * rng.normal(size=surface.channels)
+        sensor_mm = np.clip(true_mm, 0.0, surface.beam.length_mm)
+        clean[index] = load_n * influence(surface.beam, sensor_mm, load_mm, surface.scene.contact.width_mm)[0]
+    return settled(
+        surface, f"positions {OFF_MM:g} mm off", clean, surface.honest(draws, rng), truth_mm=position,
+        faulty=surface.perfect(draws),
+    )  # fmt: skip
+
+
+def stuck(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
+    """Return contacts while one sensor shows rest, with its noise."""
+    position, force = drawn(surface, draws, rng)
+    clean = np.where(_one(surface, draws, rng), 0.0, surface.under(position, force))
+    return _fault(surface, "one channel stuck at rest", clean, rng)
+
+
+def wedged(surface: Surface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
+    """Return a sensor that shows a deflection of its own, with or without a contact."""
+    added = _one(surface, draws, rng) * WEDGE * surface.metadata.max_deflection_mm
+    name = f"one channel wedged, {'contact' if touched else 'no contact'}"
+    return _fault(surface, name, added + _clean(surface, draws, rng, touched=touched), rng)
+
+
+def drifted(surface: Surface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
+    """Return a sensor whose zero has drifted, in either direction, with or without a contact."""
+    either = rng.choice([-1.0, 1.0], size=(draws, 1))
+    off = replace(
+        surface.perfect(draws),
+        zero_mm=_one(surface, draws, rng) * either * DRIFT * surface.metadata.noise.reading_mm,
+    )
+    name = f"one channel drifted, {'contact' if touched else 'no contact'}"
+    return _fault(surface, name, _clean(surface, draws, rng, touched=touched), rng, off)
+
+
+def noisy(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
+    """Return contacts while one channel is many times as noisy as stated."""
+    louder = np.where(_one(surface, draws, rng), NOISY, 1.0)
+    off = replace(surface.perfect(draws), noise=louder)
+    play = _fault(surface, f"one channel {NOISY:g} times as noisy", _clean(surface, draws, rng, touched=True), rng, off)
+    return replace(play, noisy=louder)
+
+
+def pulled(surface: Surface, draws: int, rng: np.random.Generator, *, times: float) -> Play:
+    """Return forces away from the sensors."""
+    position, _ = drawn(surface, draws, rng)
+    force = np.full(draws, -times * surface.metadata.ranges.force_n[0])
+    name = f"pull of {times:g} times the smallest force"
+    return _fault(surface, name, surface.under(position, force), rng)
+
+
+def two_contacts(surface: Surface, draws: int, rng: np.random.Generator, *, apart: float, ratio: float) -> Play:
+    """Return two contacts at once, some part of the range apart, the second with `ratio` times the force."""
+    low, high = surface.metadata.ranges.position_mm
+    _, force = drawn(surface, draws, rng)
+    first = rng.uniform(low, high - apart * (high - low), size=draws)
+    second = first + apart * (high - low)
+    swapped = rng.random(draws) < 0.5
+    first, second = np.where(swapped, second, first), np.where(swapped, first, second)
+    shares = force / (1 + ratio), force * ratio / (1 + ratio)
+    clean = surface.under(first, shares[0]) + surface.under(second, shares[1])
+    name = f"two contacts {apart:g} of the range apart" + (f", 1:{ratio:g}" if ratio != 1 else "")
+    return _fault(surface, name, clean, rng)
+
+
+def two_at_the_quarters(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
+    """Return two equal contacts, each a quarter of the range from an end."""
+    low, high = surface.metadata.ranges.position_mm
+    force = np.full(draws, AT_THE_QUARTERS * surface.metadata.ranges.force_n[1])
+    places = (np.full(draws, low + part * (high - low)) for part in (0.25, 0.75))
+    clean: Floats = np.sum([surface.under(place, force) for place in places], axis=0)
+    return _fault(surface, "two contacts at the quarters", clean, rng)
+
+
+def distributed(surface: Surface, draws: int, rng: np.random.Generator, *, part: float) -> Play:
+    """Return loads that press evenly on a part of the beam."""
+    width_mm = part * surface.beam.length_mm
+    low, high = surface.metadata.ranges.position_mm
+    middle = rng.uniform(min(low + width_mm / 2, (low + high) / 2), max(high - width_mm / 2, (low + high) / 2), draws)
+    _, force = drawn(surface, draws, rng)
+    clean = influence(surface.beam, surface.sensor_mm, middle, width_mm) * force[:, None]
+    name = f"load spread over {100 * part:g} % of the beam"
+    return _fault(surface, name, clean, rng)
+
+
+def _fault(
+    surface: Surface, name: str, deflection_mm: Floats, rng: np.random.Generator, fault: SensorErrors | None = None
+) -> Play:
+    """Return a play of a fault, on sensors that have their honest errors as well."""
+    draws = len(deflection_mm)
+    honest, fault = surface.honest(draws, rng), fault or surface.perfect(draws)
+    errors = replace(fault, gain=fault.gain * honest.gain, zero_mm=fault.zero_mm + honest.zero_mm)
+    return settled(surface, name, deflection_mm, errors, faulty=fault)
+
+
+def _clean(surface: Surface, draws: int, rng: np.random.Generator, *, touched: bool) -> Floats:
+    position, force = drawn(surface, draws, rng)
+    return surface.under(position, force) * touched
+
+
+def _one(surface: Surface, draws: int, rng: np.random.Generator) -> Floats:
+    """Return 1 for one channel of each draw, and 0 for the others."""
+    return np.eye(surface.channels)[rng.integers(surface.channels, size=draws)]

@@ -1,0 +1,115 @@
+"""A model behind the daemon's filters: from readings to what it says of every sample."""
+
+import math
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.filters import Chain, Stage, filled, moving_average_stage, spike_stage
+from beamtouch_models.metadata import FilterChoice, Metadata
+from beamtouch_models.modelfile import Decider, Evidence, State, Verdict, Weighed, evidence, is_overload, is_unchecked
+from beamtouch_models.session import Run
+
+
+class Said(IntEnum):
+    """What is said of a sample."""
+
+    NOTHING = 0
+    """Too few channels work: the service gives no answer."""
+    CLEAR = 1
+    CONTACT = 2
+    UNEXPLAINED = 3
+
+
+class Sample(NamedTuple):
+    """The first fields of `Judged`, for one sample."""
+
+    said: int = Said.NOTHING
+    unsteady: bool = False
+    other_note: bool = False
+    position_mm: float = math.nan
+    low_mm: float = math.nan
+    high_mm: float = math.nan
+
+
+SILENT = Sample()
+_SAID = {State.CLEAR: Said.CLEAR, State.CONTACT: Said.CONTACT, State.UNEXPLAINED: Said.UNEXPLAINED}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What is said of samples, (draws, samples)."""
+
+    said: Indices
+    """Values of `Said`."""
+    unsteady: Bools
+    other_note: Bools
+    """Whether there is a note other than `unsteady`."""
+    position_mm: Floats
+    low_mm: Floats
+    high_mm: Floats
+    """NaN where nothing is said."""
+    mean_mm: Floats
+    """(draws, samples, channels); 0 for a channel that takes no part."""
+    valid: Bools
+    """(draws, samples, channels), which channels take part."""
+
+    def at(self, readings: list[int]) -> "Judged":
+        """Return what is said at some readings of each draw, as one axis of samples."""
+        parts = (getattr(self, field.name)[:, readings] for field in fields(self))
+        return Judged(*(part.reshape(-1, *part.shape[2:]) for part in parts))
+
+
+def stages(chosen: FilterChoice) -> tuple[Stage, ...]:
+    """Return the filters of the daemon for the choice of a model."""
+    spike = () if chosen.spike_mm is None else (spike_stage(chosen.spike_mm),)
+    if chosen.kind == "none":
+        return spike
+    return (*spike, moving_average_stage(chosen.window, filled(chosen.window)))
+
+
+def judge(surface: Surface, run: Run, readings_mm: Floats) -> Judged:
+    """Return what the model of a surface says of each reading (draws, readings, channels); draws begin anew."""
+    metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
+    step_mm = metadata.sensor.gain_mm_per_count
+    chain = Chain(stages(metadata.filter), surface.channels, noise_mm, surface.slowest_period, step_mm)
+    filtered = []
+    for readings in readings_mm:
+        chain.restart()
+        filtered.append(chain.apply(readings))
+    mean = np.array([one.mean_mm for one in filtered])
+    # A channel whose newest reading is not good takes no part, whatever its filter still holds.
+    valid = ~(np.isnan(mean) | np.isnan(readings_mm))
+    mean = np.where(valid, mean, 0.0)
+    samples = Weighed(
+        np.concatenate(mean),
+        np.concatenate([one.covariance_mm2 for one in filtered]),
+        np.nan_to_num(np.concatenate([one.relative_variance for one in filtered])) * noise_mm**2,
+        np.concatenate(valid),
+    )
+    rows: list[Sample] = [SILENT] * len(samples.valid)
+    enough = np.flatnonzero(samples.valid.sum(axis=1) >= metadata.min_channels)
+    length = readings_mm.shape[1]
+    before, decider = -1, Decider(metadata.thresholds)
+    found = evidence(metadata, run, samples.part(enough)) if len(enough) else []
+    for index, one in zip(enough.tolist(), found, strict=True):
+        if index // length != before:
+            before, decider = index // length, Decider(metadata.thresholds)
+        rows[index] = _row(metadata, one, decider.step(one))
+    columns = (np.array(column).reshape(valid.shape[:2]) for column in zip(*rows, strict=True))
+    by_name = dict(zip(Sample._fields, columns, strict=True))
+    return Judged(**by_name, mean_mm=mean, valid=valid)
+
+
+def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> Sample:
+    """Return what is said of one sample."""
+    if verdict.state is not State.CONTACT:
+        return SILENT._replace(said=_SAID[verdict.state], unsteady=verdict.unsteady)
+    answer = found.answer
+    other = is_overload(metadata, found) or is_unchecked(metadata, found)
+    place = [answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm")]
+    return Sample(Said.CONTACT, verdict.unsteady, other, *place)

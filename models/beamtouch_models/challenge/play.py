@@ -1,0 +1,84 @@
+"""One course of events for many draws: what the sensors go through, and where the contact is."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.challenge.surface import SensorErrors, Surface
+
+
+@dataclass(frozen=True)
+class Play:
+    """A course of events, for many draws at once."""
+
+    deflection_mm: Floats
+    """(draws, readings, channels), true deflection at the sensors."""
+    truth_mm: Floats
+    """(draws, readings), where the contact is; NaN where there is no single contact."""
+    errors: SensorErrors
+    rows: tuple[tuple[str, int], ...]
+    """Each row of the result: its name, and the reading that it judges."""
+    settled: bool = False
+    """Whether the readings that are judged hold nothing but the noise that the model assumes."""
+    any_force: bool = False
+    """Whether the force may be anything, so that the exact posterior does not know the range of forces either."""
+    quiet: bool = False
+    """Whether the contacts that are judged have settled and are within the ranges of the model."""
+    fault_mm: Floats | None = None
+    """(draws, channels), what sensors without noise and without honest errors measure of a fault."""
+    noisy: Floats | None = None
+    """(draws, channels), noise of each channel over that of the model, if that is the fault."""
+
+
+Make = Callable[[Surface, int, np.random.Generator], Play]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A course of events and its rows."""
+
+    honest: bool
+    """Whether it is one contact, measured as honestly as the scene states."""
+    make: Make
+
+
+def drawn(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Return positions and forces (draws,) from the ranges of the model."""
+    ranges = surface.metadata.ranges
+    return rng.uniform(*ranges.position_mm, size=draws), rng.uniform(*ranges.force_n, size=draws)
+
+
+def settled(
+    surface: Surface,
+    name: str,
+    deflection_mm: Floats,
+    errors: SensorErrors,
+    *,
+    truth_mm: Floats | None = None,
+    faulty: SensorErrors | None = None,
+    as_assumed: bool = False,
+) -> Play:
+    """Return a play in which deflections (draws, channels) stay as they are, and the last reading is judged.
+
+    Parameters
+    ----------
+    surface, name : the surface, and the name of the row
+    deflection_mm : (draws, channels)
+    errors : of the sensors
+    truth_mm : (draws,), where the contact is; None: there is no single contact
+    faulty : the part of the errors that is the fault, if this is one
+    as_assumed : whether a reading has the noise that the model assumes
+    """
+    length = surface.look_back
+    still = np.repeat(deflection_mm[:, None], length, axis=1)
+    nowhere = np.full(len(deflection_mm), np.nan)
+    return Play(
+        deflection_mm=still,
+        truth_mm=np.repeat((nowhere if truth_mm is None else truth_mm)[:, None], length, axis=1),
+        errors=errors,
+        rows=((name, length - 1),),
+        settled=as_assumed,
+        fault_mm=None if faulty is None else surface.measured(deflection_mm[:, None], faulty)[:, 0],
+    )

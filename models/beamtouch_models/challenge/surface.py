@@ -1,0 +1,177 @@
+"""The simulated surface: the beam of a model's scene as calibrated, its sensors with their errors, and an ADC."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Self
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
+
+from beamtouch_models.accuracy.model_prior import stated_by
+from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.metadata import Departures, Metadata
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.physics.dynamics import slowest_period_ms
+from beamtouch_models.physics.modes import Modes
+from beamtouch_models.pricing.noise import floor_of
+from beamtouch_models.scene import Scene, parse_scene
+from beamtouch_models.structure import Beam, changed_beam
+
+TABLE = 1001
+"""Number of load positions in the tables of deflections and modes."""
+SPARE = 8
+"""Readings after everything that a filter looks back on, so that the state has followed them."""
+
+
+@dataclass(frozen=True)
+class SensorErrors:
+    """Errors of the sensors in each draw; fields have shape (draws, channels) or broadcast to it."""
+
+    gain: Floats
+    """Measured over true deflection."""
+    zero_mm: Floats
+    noise: Floats
+    """Noise over that of the model."""
+    missing: Bools
+    correlation: float = 0.0
+    """Of the noise of consecutive readings."""
+    step_mm: float | None = None
+    """Step of the ADC, instead of the model's."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A beam at rest under loads, and its sensors."""
+
+    metadata: Metadata
+    scene: Scene
+    beam: Beam
+    sensor_mm: Floats
+    """(channels,) true positions."""
+    noise_mm: float
+    """Standard deviation of a reading, without the steps of the ADC."""
+    slowest_period: float
+    """In readings; 0 if it is not known."""
+    gain: Floats
+    """(channels,) standard deviation of the relative gain error."""
+    zero_mm: Floats
+    """(channels,) standard deviation of the zero."""
+    departures: Departures | None
+    influence: CubicSpline
+    """From load positions (...) to deflections per newton (..., channels) in mm/N."""
+    modes: Modes | None
+    """None if the scene does not state the beam's mass."""
+    mode_shapes: CubicSpline | None
+    """From load positions (...) to the shapes of the modes under the load (..., modes)."""
+
+    @classmethod
+    def of(cls, metadata: Metadata) -> Self:
+        """Return the surface that a model was made for, with all effects that its scene states.
+
+        Raises
+        ------
+        SceneError
+            The scene in the model cannot be computed.
+        """
+        scene = parse_scene(metadata.scene, f"the scene in {metadata.name}")
+        sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
+        beam, departures, (gain, zero_mm) = scene.beam, None, floor_of(scene)
+        gains, zeros_mm = np.full(len(sensor_mm), gain), np.full(len(sensor_mm), zero_mm)
+        if metadata.calibration is not None:
+            departures, floor = metadata.calibration.departures, metadata.floor
+            gains, zeros_mm = np.array(floor.gain), np.array(floor.zero_mm)
+            beam = changed_beam(beam, departures.rigidity, departures.fixity)
+            sensor_mm = np.clip(sensor_mm + np.array(departures.position_offset_mm), 0.0, beam.length_mm)
+        loads = np.linspace(*scene.contact.position_mm, TABLE)
+        period_ms = slowest_period_ms(scene)
+        step_mm = metadata.sensor.gain_mm_per_count
+        modes = Modes.of(beam, scene.contact.width_mm)
+        return cls(
+            metadata=metadata,
+            scene=scene,
+            beam=beam,
+            sensor_mm=sensor_mm,
+            noise_mm=float(np.sqrt(max(0.0, metadata.noise.reading_mm**2 - step_mm**2 / 12))),
+            slowest_period=(period_ms or 0.0) * metadata.sensor.rate_hz / 1e3,
+            gain=gains,
+            zero_mm=zeros_mm,
+            departures=departures,
+            influence=CubicSpline(loads, influence(beam, sensor_mm, loads, scene.contact.width_mm)),
+            modes=modes,
+            mode_shapes=None if modes is None else CubicSpline(loads, modes.under(loads)),
+        )
+
+    @property
+    def channels(self) -> int:
+        """Number of channels."""
+        return len(self.sensor_mm)
+
+    @property
+    def look_back(self) -> int:
+        """Number of readings after which nothing before them is in a sample or in the state of the surface."""
+        return 2 * self.metadata.filter.window + int(np.ceil(self.slowest_period)) + SPARE
+
+    def expected(self, position_mm: Floats, order: int = 0) -> Floats:
+        """Return what the model expects of one newton at positions (...), (..., channels) in mm, or its derivative.
+
+        Offsets and the curvature of a calibration are left out.
+        """
+        gain = np.ones(self.channels) if self.departures is None else np.array(self.departures.gain)
+        shape: Floats = self.influence(position_mm, order) * gain
+        return shape
+
+    def linear_mm(self, measured_mm: Floats) -> Floats:
+        """Return measured deflections (..., channels) without the offsets and the curvature of a calibration."""
+        if self.departures is None:
+            return measured_mm
+        from_rest = measured_mm - np.array(self.departures.offset_mm)
+        linear: Floats = from_rest + self.departures.curve_per_mm * from_rest**2
+        return linear
+
+    def under(self, position_mm: Floats, force_n: Floats) -> Floats:
+        """Return deflections at rest, (..., channels) in mm, of contacts of the same shape (...)."""
+        deflection: Floats = self.influence(position_mm) * force_n[..., None]
+        return deflection
+
+    def perfect(self, draws: int) -> SensorErrors:
+        """Return sensors without errors."""
+        shape = (draws, self.channels)
+        return SensorErrors(np.ones(shape), np.zeros(shape), np.ones(shape), np.zeros(shape, np.bool_))
+
+    def honest(self, draws: int, rng: np.random.Generator) -> SensorErrors:
+        """Return errors as large as the scene states, or as the calibration left."""
+        shape = (draws, self.channels)
+        gain, zero_mm = 1 + rng.normal(size=shape) * self.gain, rng.normal(size=shape) * self.zero_mm
+        return replace(self.perfect(draws), gain=gain, zero_mm=zero_mm)
+
+    def measured(self, deflection_mm: Floats, errors: SensorErrors) -> Floats:
+        """Return what sensors without noise measure of true deflections; both (draws, readings, channels)."""
+        stated = self._stated(deflection_mm)
+        measured: Floats = stated * errors.gain[:, None] + errors.zero_mm[:, None]
+        return measured
+
+    def readings(self, deflection_mm: Floats, errors: SensorErrors, rng: np.random.Generator) -> Floats:
+        """Return readings of true deflections, (draws, readings, channels), as the daemon takes them.
+
+        NaN marks a reading that is missing or beyond the sensor's range.
+        """
+        sensor = self.metadata.sensor
+        white = rng.normal(size=deflection_mm.shape)
+        if errors.correlation:
+            # Begin in the steady state, so that the variance is the same at every reading.
+            white[:, 1:] *= np.sqrt(1 - errors.correlation**2)
+            white = lfilter([1.0], [1.0, -errors.correlation], white, axis=1)
+        noisy = self.measured(deflection_mm, errors) + self.noise_mm * errors.noise[:, None] * white
+        step_mm = errors.step_mm or sensor.gain_mm_per_count
+        gap = sensor.standoff_mm - noisy
+        gap = sensor.offset_mm + np.rint((gap - sensor.offset_mm) / step_mm) * step_mm
+        low, high = sensor.range_mm
+        good = (gap >= low) & (gap <= high) & ~errors.missing[:, None]
+        return np.where(good, sensor.standoff_mm - gap, np.nan)
+
+    def _stated(self, deflection_mm: Floats) -> Floats:
+        if self.departures is None:
+            return deflection_mm
+        linear = deflection_mm * np.array(self.departures.gain)
+        return partial(stated_by, self.departures)(linear)

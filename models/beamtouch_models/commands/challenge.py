@@ -1,0 +1,100 @@
+"""`design-sensors challenge`: puts a model through a world of contacts, transients, errors and faults."""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from beamtouch_common.errors import InputError
+from beamtouch_models import modelfile
+from beamtouch_models.challenge.challenge import challenge, misses
+from beamtouch_models.challenge.scoring import Row
+from beamtouch_models.commands.progress import shown_progress
+
+WIDTH_WITHOUT_TERMINAL = 150
+NEEDED = ("position_low_mm", "position_high_mm", "contact_log_odds")
+"""Outputs without which a model cannot say what it does not know."""
+
+Column = tuple[str, Callable[[Row], str]]
+
+
+def run(options: argparse.Namespace) -> None:
+    """Challenge the model and print the rows of both groups."""
+    model = modelfile.load(options.model)
+    lacking = [name for name in NEEDED if name not in model.outputs]
+    if lacking:
+        message = f"{options.model}: its graph does not give {', '.join(lacking)}; build it with another --estimator"
+        raise InputError(message)
+    with shown_progress() as progress:
+        rows = challenge(model, draws=options.draws, seed=options.seed, progress=progress)
+    if options.json:
+        told = [asdict(row) | {"misses": misses(row)} for row in rows]
+        print(json.dumps({"model": model.identity, "draws": options.draws, "seed": options.seed, "rows": told}))
+        return
+    console = Console(width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL, highlight=False)
+    title = f"{model.identity}, {options.draws} draws"
+    console.print(_table(f"{title}: one contact, honestly measured", rows, _HONEST, honest=True))
+    console.print(_table(f"{title}: faults and other worlds", rows, _FAULTS, honest=False))
+    console.print(_LEGEND)
+    missed = [f"{row.name} ({', '.join(misses(row))})" for row in rows if misses(row)]
+    console.print(f"Rows that miss the goals: {'; '.join(missed) or 'none'}.")
+
+
+def _table(title: str, rows: Sequence[Row], columns: Sequence[Column], *, honest: bool) -> Table:
+    table = Table(title=title, box=SIMPLE_HEAD, title_justify="left")
+    table.add_column("case", no_wrap=True)
+    for heading, _ in columns:
+        table.add_column(heading, justify="right")
+    for row in rows:
+        if row.honest is honest:
+            table.add_row(row.name, *(cell(row) for _, cell in columns), style="bold" if misses(row) else None)
+    return table
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100 * share:.3g}"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
+_FIRST: tuple[Column, ...] = (
+    ("samples", lambda row: str(row.samples)),
+    ("error mm", lambda row: _number(row.error_mm)),
+    ("held", lambda row: _percent(row.held)),
+)
+_SAID: tuple[Column, ...] = (
+    ("unexplained", lambda row: _percent(row.unexplained)),
+    ("noted", lambda row: _percent(row.noted)),
+    ("clear", lambda row: _percent(row.clear)),
+    ("silent", lambda row: _percent(row.silent)),
+    ("misleading", lambda row: _percent(row.misleading)),
+)
+_HONEST: tuple[Column, ...] = (
+    *_FIRST,
+    ("unsteady", lambda row: _percent(row.held_unsteady)),
+    ("other", lambda row: _percent(row.held_noted)),
+    *_SAID,
+    ("ghosts", lambda row: _percent(row.ghosts)),
+    ("interval mm", lambda row: _number(row.interval_mm)),
+    ("over exact", lambda row: _number(row.width)),
+)
+_FAULTS: tuple[Column, ...] = (
+    *_FIRST,
+    *_SAID,
+    ("noticed", lambda row: _percent(row.noticed)),
+    ("power", lambda row: _percent(row.power)),
+)
+_LEGEND = """\
+All shares are in percent, and of all samples unless another number is named.
+held: intervals that hold the truth, of contacts without a note; unsteady, other: of those with this note, or another
+silent: no answer, as too few channels are within their range; ghosts: contacts that begin again, of the draws
+misleading: a contact without a note that is not there, or is further off than twice the half-interval
+interval: the median, with or without a note; over exact: without `unsteady`, over that of the exact posterior
+noticed: unexplained, or a contact with a note; power: of the test that knows what happened, at the same false rate"""

@@ -1,0 +1,20 @@
+"""What is doubtful about a contact, from its evidence. Pure."""
+
+from beamtouch_models.decision.evidence import Evidence
+from beamtouch_models.metadata import Metadata
+
+SURELY = 2.0
+"""The force is said to be beyond the range if it is so by more than this many half-widths of its interval."""
+
+
+def is_overload(metadata: Metadata, evidence: Evidence) -> bool:
+    """Return whether the force of a contact is beyond the range of the scene; False for a model that states none."""
+    force_n, low_n = (evidence.answer.get(name) for name in ("force_n", "force_low_n"))
+    if force_n is None or low_n is None:
+        return False
+    return force_n - SURELY * (force_n - low_n) > metadata.ranges.force_n[1]
+
+
+def is_unchecked(metadata: Metadata, evidence: Evidence) -> bool:
+    """Return whether so few channels took part that any sample could be a contact."""
+    return metadata.thresholds.misfit[evidence.channels - 1] is None

@@ -1,0 +1,110 @@
+"""Modes of beams, ringing and motion, against closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.physics.dynamics import first_frequency_hz
+from beamtouch_models.physics.modes import MODES, Modes, beyond_rest, swings
+from beamtouch_models.scene import load_scene
+from beamtouch_models.structure import Beam
+from example_scenes import SCENES
+
+BENCH = load_scene(SCENES / "bench.toml")[0].beam
+SENSORS = np.array([68.0, 156.0, 244.0, 332.0])
+LOADS = np.array([40.0, 130.0, 371.0])
+
+
+def modes_of(beam: Beam, width_mm: float = 0.0) -> Modes:
+    found = Modes.of(beam, width_mm)
+    assert found is not None
+    return found
+
+
+def test_a_simply_supported_beam_has_the_textbook_frequencies() -> None:
+    frequency = 1 / (2 * math.pi * np.sqrt(modes_of(BENCH).square_s2))
+    first = first_frequency_hz(BENCH)
+    assert first is not None
+    np.testing.assert_allclose(frequency[:8], first * np.arange(1, 9) ** 2, rtol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["bench", "cantilever", "foundation", "stepped", "two-spans", "wide-contact"])
+def test_the_modes_of_any_beam_add_up_to_its_deflection_at_rest(name: str) -> None:
+    scene = load_scene(SCENES / f"{name}.toml")[0]
+    width_mm, length = scene.contact.width_mm, scene.beam.length_mm
+    sensors, loads = np.array([0.3, 0.62, 0.9]) * length, np.array([0.22, 0.45, 0.8]) * length
+    modes = modes_of(scene.beam, width_mm)
+    found = swings(modes.at(sensors), modes.under(loads), modes.square_s2, np.full(3, 7.0), np.full(3, 0.3))
+    exact = 7.0 * influence(scene.beam, sensors, loads, width_mm)
+    np.testing.assert_allclose(found.share_mm.sum(axis=2), exact, atol=3e-4 * np.abs(exact).max())
+
+
+def test_a_weight_much_heavier_than_the_beam_swings_on_it_as_on_a_spring() -> None:
+    modes, weight = modes_of(BENCH), np.array([1000.0])
+    found = swings(modes.at(SENSORS), modes.under(LOADS[:1]), modes.square_s2, np.ones(1), weight)
+    spring_n_per_m = 1e3 / influence(BENCH, LOADS[:1], LOADS[:1])[0, 0]
+    assert found.omega.min() == pytest.approx(math.sqrt(spring_n_per_m / 1000.0), rel=2e-3)
+
+
+def test_a_beam_without_a_stated_mass_has_no_modes() -> None:
+    assert Modes.of(Beam(length_mm=400, flexural_rigidity_n_mm2=1e7), 0.0) is None
+
+
+def series_mm(seconds: float, load_mm: float, zeta: float) -> np.ndarray:
+    """Deflection after a sudden force of 1 N: the sines of a simply supported beam, each an oscillator."""
+    first = first_frequency_hz(BENCH)
+    assert first is not None
+    length, total = BENCH.length_mm, np.zeros(len(SENSORS))
+    for k in range(1, MODES + 1):
+        omega = 2 * math.pi * first * k * k
+        damped = omega * math.sqrt(1 - zeta**2)
+        still = 2 * length**3 / (math.pi**4 * k**4 * BENCH.rigidity_n_mm2)
+        still *= math.sin(k * math.pi * load_mm / length)
+        moved = 1 - math.exp(-zeta * omega * seconds) * (
+            math.cos(damped * seconds) + zeta * omega / damped * math.sin(damped * seconds)
+        )
+        total += still * moved * np.sin(k * math.pi * SENSORS / length)
+    return total
+
+
+@pytest.mark.parametrize("zeta", [0.01, 0.3])
+def test_a_sudden_force_rings_as_the_series_of_the_textbook(zeta: float) -> None:
+    modes = modes_of(BENCH)
+    found = swings(modes.at(SENSORS), modes.under(LOADS), modes.square_s2, np.ones(3), np.zeros(3))
+    seconds = np.array([-0.01, 0.0, 0.0021, 0.0113, 0.05])
+    moved = influence(BENCH, SENSORS, LOADS)[:, None] * (seconds >= 0)[:, None]
+    moved = moved + found.ringing_mm(np.tile(seconds, (3, 1)), zeta)
+    assert not moved[:, 0].any()
+    for row, load_mm in zip(moved, LOADS, strict=True):
+        exact = [series_mm(at, load_mm, zeta) for at in seconds[1:]]
+        np.testing.assert_allclose(row[1:], exact, atol=3e-3 * np.abs(exact).max())
+
+
+def test_a_force_that_grows_rings_as_the_mean_of_sudden_ones() -> None:
+    modes = modes_of(BENCH)
+    found = swings(modes.at(SENSORS), modes.under(LOADS[:1]), modes.square_s2, np.ones(1), np.zeros(1))
+    for since in (0.01, 0.03, 0.041):
+        grown = found.ringing_mm(np.array([[since]]), 0.01, 0.03)[0, 0]
+
+        def sudden(at: float) -> float:
+            return float(found.ringing_mm(np.array([[at]]), 0.01)[0, 0, 1])
+
+        mean = quad(sudden, max(since - 0.03, 0.0), since, limit=400)[0] / 0.03
+        assert grown[1] == pytest.approx(mean, rel=1e-4)
+
+
+def test_a_mode_under_a_force_that_crosses_the_beam_moves_as_fryba_found() -> None:
+    """Fryba, Vibration of Solids and Structures under Moving Loads, 1999, ch. 1: without damping, from rest."""
+    omega, pace, step_s = np.array([276.0, 1105.0]), np.array([31.0, 62.0]), 1e-4
+    seconds = np.arange(2000) * step_s
+    target = np.sin(pace * seconds[:, None])[None]
+    exact = (
+        omega**2
+        / (omega**2 - pace**2)
+        * (np.sin(pace * seconds[:, None]) - pace / omega * np.sin(omega * seconds[:, None]))
+    )
+    found = target + beyond_rest(target, step_s, omega, 1e-9)
+    np.testing.assert_allclose(found[0], exact, atol=1e-4)
