@@ -15,14 +15,14 @@ from 0 to 10 times the largest force (`accuracy.forces`). A force beyond the ran
 
 *Interval.* If the force is open, the interval comes from a second posterior, with an even prior of the force from 0 to
 10 times the largest: it holds the truth also just outside the range, where the first prior pulls the position towards
-a place that a force within the range explains. The median keeps the first prior, but stays between
-the 5 % and 95 % quantiles of the second.
+a place that a force within the range explains. Both priors weight the same normal distribution functions. The median
+keeps the first prior, but stays `INSIDE` the interval. Each quantile has a row of its own.
 
 *Log odds.* log(sum_i s_i exp(-R_i)) + |y|^2, without the prior of the force: at rest their distribution depends
 only on the directions of the influence, not on the size of the covariance.
 
-*Misfit.* The smallest 2 R over the position: a parabola through the best cell and its neighbours. For a single contact
-it is chi-square distributed, with two degrees of freedom less than there are channels.
+*Misfit.* The smallest 2 R over the position: a parabola through the best three cells, which are neighbours. For a
+single contact it is chi-square distributed, with two degrees of freedom less than there are channels.
 
 Where cells are wider than the posterior, `tempering` widens the likelihood and contracts the quantiles again.
 """
@@ -38,15 +38,17 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph, model
 from beamtouch_models.estimators.posterior.cells import Cells, Design, cells_of, design_for
-from beamtouch_models.estimators.posterior.force import log_mass, state_force
+from beamtouch_models.estimators.posterior.force import mass_of, state_force, state_known_force
 from beamtouch_models.estimators.posterior.tempering import Tempered, tempered
 from beamtouch_models.metadata import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
 
-QUANTILES = (0.5, 0.025, 0.975, 0.05, 0.95)
-"""Of the first posterior, the median; of the second, the ends of the interval and those that keep the median in it."""
+QUANTILES = (0.5, 0.025, 0.975)
+"""The median, and the ends of the interval."""
+INSIDE = 0.08
+"""Smallest distance of the median from the ends of the interval, in widths: that of the 5 % quantile of a normal
+distribution from its 2.5 % quantile."""
 LEAST_PRECISION = np.pi / HIGHEST**2
-"""Added to a, over the square of the largest force: then 1 / sqrt(a) is the mass of an even prior up to HIGHEST, even
-in a cell that says nothing of the force."""
+"""Added to a, over the square of the largest force: a cell that says nothing of the force has a best force, too."""
 EXACT_SUMS = 512
 """Number of cells above which a sum of widths in float32 loses a digit of the interval."""
 WIDEST = 1e4
@@ -82,37 +84,30 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
     if design.temper:
         widened = tempered(graph, prior, cells, scored.sample, scored.shape, scored.precision)
     root = graph.apply("Sqrt", scored.precision)
-    mass = log_mass(graph, prior.force_n, root, scored.force, widened.widening if widened else None)
+    mass = mass_of(graph, prior.force_n, root, scored.force, widened.widening if widened else None)
     width = np.diff(cells.edges_mm)
     share = graph.constant(np.log(np.maximum(width / width.sum(), np.finfo(np.float32).tiny)))
     weighted = graph.apply("Sub", share, scored.misfit)
-    if scored.widened is not None:
-        mass = graph.apply("Sub", mass, scored.widened)
     _log_odds(graph, scored, weighted)
     if widened is not None:
         weighted = graph.apply("Sub", share, graph.apply("Div", scored.misfit, widened.widening))
-    posterior = _posteriors(graph, prior, weighted, mass, scored)
+    if scored.widened is not None:
+        weighted = graph.apply("Sub", weighted, scored.widened)
+    # A logarithm of the mass would take longer.
+    posterior = graph.apply("Mul", graph.apply("Softmax", weighted, axis=2), mass)
+    posterior = graph.apply("LpNormalization", posterior, axis=2, p=1)
+    posterior = graph.apply("Max", posterior, graph.constant(SMALLEST_MASS))
     contraction = None if widened is None else widened.contraction(posterior)
     _state_position(graph, prior, cells, posterior, widened, contraction)
-    _state_misfit(graph, scored, prior.channels, design.cells)
+    _state_misfit(graph, scored, prior.channels)
     outputs = list(POSITION_OUTPUTS)
     if with_force:
-        state_force(graph, prior.force_n, scored.precision, root, scored.force, posterior, contraction)
+        if prior.force_is_known:
+            state_known_force(graph, prior.force_n, root, scored.force, posterior, contraction)
+        else:
+            state_force(graph, prior.force_n, scored.precision, scored.force, posterior, contraction)
         outputs += FORCE_OUTPUTS
     return model(graph, prior.channels, outputs)
-
-
-def _posteriors(graph: Graph, prior: Prior, weighted: str, mass: str, scored: Scored) -> str:
-    """Return the posteriors of the median and of the interval, (batch, 2, N); a single one if the force is known."""
-    score = graph.apply("Add", weighted, mass)
-    if not prior.force_is_known:
-        ends = graph.apply("Mul", graph.apply("Log", scored.precision), graph.constant(-0.5))
-        ends = graph.apply("Add", weighted, ends)
-        if scored.widened is not None:
-            ends = graph.apply("Sub", ends, scored.widened)
-        score = graph.apply("Concat", score, ends, axis=1)
-    every = graph.apply("Softmax", score, axis=2)
-    return graph.apply("Max", every, graph.constant(SMALLEST_MASS))
 
 
 def _scored(graph: Graph, prior: Prior, cells: Cells) -> Scored:
@@ -133,14 +128,17 @@ def _scored(graph: Graph, prior: Prior, cells: Cells) -> Scored:
     moved = graph.apply("Mul", moved, graph.apply("Mul", force, force))
     wider = graph.apply("Sqrt", graph.apply("Add", moved, graph.constant(1.0)))
     shape = graph.apply("Div", shape, wider)
-    found = _fitted(graph, graph.apply("Div", sample, wider), shape, largest)
+    found = _fitted(graph, graph.apply("Div", sample, wider), shape, largest, own=True)
     density = graph.apply("ReduceSum", graph.apply("Log", wider), graph.ints(1), keepdims=1)
     return Scored(sample, shape, *found, density)
 
 
-def _fitted(graph: Graph, sample: str, shape: str, largest_n: float) -> tuple[str, str, str]:
-    """Return precision, best force and half the misfit of each cell."""
-    along = graph.apply("ReduceSum", graph.apply("Mul", shape, sample), graph.ints(1), keepdims=1)
+def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: bool = False) -> tuple[str, str, str]:
+    """Return precision, best force and half the misfit of each cell; `own`: each cell has its own sample."""
+    if own:
+        along = graph.apply("ReduceSum", graph.apply("Mul", shape, sample), graph.ints(1), keepdims=1)
+    else:
+        along = graph.apply("MatMul", graph.apply("Transpose", sample, perm=[0, 2, 1]), shape)
     precision = graph.apply("ReduceSumSquare", shape, axes=[1], keepdims=1)
     precision = graph.apply("Add", precision, graph.constant(LEAST_PRECISION / largest_n**2))
     force = graph.apply("Div", along, precision)
@@ -163,58 +161,48 @@ def _state_position(
     many = len(cells.middles_mm) > EXACT_SUMS
     kind = np.float64 if many else np.float32
     before = graph.apply("CumSum", posterior, graph.index(2), exclusive=1)
-    known = prior.force_is_known
-    rows, levels = graph.ints(*([0] * 3 if known else [0, 1, 1, 1, 1])), QUANTILES[:3] if known else QUANTILES
-    if not known:
-        posterior, before = (graph.apply("Gather", one, rows, axis=1) for one in (posterior, before))
-    place = _quantile(graph, cells, posterior, before, levels, kind)
+    place = _quantile(graph, cells, posterior, before, QUANTILES, kind)
     if widened is not None and contraction is not None:
-        median = _quantile(graph, cells, posterior, before, (0.5,) * len(levels), kind)
+        median = _quantile(graph, cells, posterior, before, (0.5,) * len(QUANTILES), kind)
         centre = widened.centre(posterior, median, cells) if many else median
         part = graph.apply("Sqrt", graph.apply("Squeeze", contraction, graph.ints(2)))
-        part = graph.apply("Gather", part, rows, axis=1)
         part = graph.cast(part, kind) if many else part
         place = graph.apply("Add", centre, graph.apply("Mul", graph.apply("Sub", place, median), part))
+    # The quantiles, and the range of the median, from the left end of the beam.
+    mixed: Floats = np.array([[1.0, 0, 0, 0, 0], [0, 1, 0, 1 - INSIDE, INSIDE], [0, 0, 1, INSIDE, 1 - INSIDE]])
+    place = graph.apply("Gemm", place, graph.constant(mixed, kind), graph.constant(np.full(5, cells.edges_mm[0]), kind))
     place = graph.cast(place, np.float32) if many else place
-    names = (POSITION_OUTPUTS[0] if known else None, *POSITION_OUTPUTS[1:3], None, None)[: len(levels)]
-    found = [graph.apply("Gather", place, graph.index(i), axis=1, output=name) for i, name in enumerate(names)]
-    if not known:
-        middle = graph.apply("Max", found[0], found[3])
-        graph.apply("Min", middle, found[4], output=POSITION_OUTPUTS[0])
+    middle, low, high, least, most = graph.split(place, 5, 1)
+    if not prior.force_is_known:
+        middle = graph.apply("Min", graph.apply("Max", middle, least), most)
+    for name, value in zip(POSITION_OUTPUTS[:3], (middle, low, high), strict=True):
+        graph.apply("Squeeze", value, graph.ints(1), output=name)
 
 
 def _quantile(
     graph: Graph, cells: Cells, posterior: str, before: str, levels: tuple[float, ...], kind: DTypeLike
 ) -> str:
-    """Return a quantile of each posterior, (batch, 5)."""
+    """Return a quantile of each posterior, (batch, 3), from the left end of the range."""
     part = graph.apply("Sub", graph.constant(np.array(levels).reshape(1, -1, 1)), before)
     part = graph.apply("Clip", graph.apply("Div", part, posterior), graph.constant(0.0), graph.constant(1.0))
     along = graph.apply("Mul", part, graph.constant(np.diff(cells.edges_mm)))
     # A matrix-vector product of the built-in kernels would be three times slower.
-    place = graph.apply(
-        "ReduceSum", graph.cast(along, kind) if kind == np.float64 else along, graph.ints(2), keepdims=0
-    )
-    return graph.apply("Add", place, graph.constant(cells.edges_mm[0], kind)) if cells.edges_mm[0] else place
+    return graph.apply("ReduceSum", graph.cast(along, kind) if kind == np.float64 else along, graph.ints(2), keepdims=0)
 
 
-def _state_misfit(graph: Graph, scored: Scored, channels: int, cells: int) -> None:
+def _state_misfit(graph: Graph, scored: Scored, channels: int) -> None:
     """Add the smallest misfit over the position, from a parabola through the best cell and its neighbours.
 
     Two channels or fewer fit any contact, so that there is nothing to misfit.
     """
-    axes = graph.ints(1, 2)
     if channels <= 2:
-        least = graph.apply("ReduceSum", scored.misfit, axes, keepdims=0)
-        graph.apply("Mul", least, graph.constant(0.0), output="misfit")
+        graph.apply("Mul", "contact_log_odds", graph.constant(0.0), output="misfit")
         return
-    best = graph.apply("Add", graph.apply("ArgMin", scored.misfit, axis=2, keepdims=1), graph.ints(-1, 0, 1))
-    # Beyond the ends of the range the end itself is repeated: its parabola is lowest at the edge of the cell.
-    best = graph.apply("Clip", best, graph.index(0), graph.index(cells - 1))
-    three = graph.apply("GatherElements", scored.misfit, best, axis=2)
+    three = graph.top(scored.misfit, 3, 2, largest=False)
     # Value, slope and curvature, scaled so that the parabola is lowest at value - slope^2 / curvature.
-    parabola: Floats = np.array([[0.0, -0.5, 1.0], [2.0, 0.0, -2.0], [0.0, 0.5, 1.0]])
+    parabola: Floats = np.array([[2.0, 0.0, -2.0], [0.0, -0.5, 1.0], [0.0, 0.5, 1.0]])
     value, slope, curvature = graph.split(graph.apply("MatMul", three, graph.constant(parabola)), 3, 2)
     curvature = graph.apply("Max", curvature, graph.constant(SMALLEST_MASS))
     drop = graph.apply("Div", graph.apply("Mul", slope, slope), curvature)
-    lowest = graph.apply("Max", graph.apply("Sub", value, drop), graph.constant(0.0))
-    graph.apply("Squeeze", lowest, axes, output="misfit")
+    # Rounding may put the bottom below 0.
+    graph.apply("ReduceL1", graph.apply("Sub", value, drop), axes=[1, 2], keepdims=0, output="misfit")
