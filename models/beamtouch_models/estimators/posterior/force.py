@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from beamtouch_models.accuracy.forces import HIGHEST, forces_of
+from beamtouch_models.accuracy.forces import HIGHEST, Forces, cautious_forces, forces_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.metadata import FORCE_OUTPUTS
@@ -26,15 +26,20 @@ def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, w
     It has a row for the prior of the median and one for each end of the interval if the force is open, one for all
     if it is known. `widening` is that of the likelihood, if it is tempered.
     """
-    ends, densities = _pieces(force_n)
+    known = force_n[0] == force_n[1]
+    cautious = (
+        [piece for piece in forces_of(force_n) if piece.low_n < piece.high_n] if known else cautious_forces(force_n)
+    )
+    ends = np.array([*(piece.low_n for piece in cautious), cautious[-1].high_n])
     offset = graph.apply("Mul", graph.apply("Sub", graph.constant(ends[:, None]), force), root)
     error = graph.apply("Erf", offset)
-    if force_n[0] == force_n[1]:
-        tails = graph.apply("Div", _weighted(graph, error, densities[None] * np.sqrt(np.pi) / 2), root)
+    stated = _densities(forces_of(force_n), ends)
+    if known:
+        tails = graph.apply("Div", _weighted(graph, error, stated[None] * np.sqrt(np.pi) / 2), root)
         return graph.apply("Add", tails, _known(graph, force_n, offset, widening))
     # Between the ends of a piece, the difference of erf is at most 2; the masses are 1 within the range.
-    even = np.full(len(densities), 0.5)
-    total = _weighted(graph, error, np.stack([0.5 * densities / densities[1], even, even]))
+    rows = np.stack([stated, *[_densities(cautious, ends)] * 2])
+    total = _weighted(graph, error, 0.5 * rows / rows[:, 2:3])
     if widening is not None:
         # Next to an end of the range a wide cell may lie beyond it, although the narrow posterior does not.
         total = graph.apply("Pow", total, graph.apply("Reciprocal", widening))
@@ -50,11 +55,12 @@ def _known(graph: Graph, force_n: tuple[float, float], offset: str, widening: st
     return graph.apply("MatMul", share, graph.apply("Exp", graph.apply("Neg", square)))
 
 
-def _pieces(force_n: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Return the ends of the even pieces of the prior and their densities."""
-    pieces = [piece for piece in forces_of(force_n) if piece.low_n < piece.high_n]
-    ends = np.array([*(piece.low_n for piece in pieces), pieces[-1].high_n])
-    return ends, np.array([piece.share for piece in pieces]) / np.diff(ends)
+def _densities(forces: Forces, ends: Floats) -> Floats:
+    """Return the density of a prior between neighbouring ends, which hold all ends of its pieces."""
+    middle = (ends[1:] + ends[:-1]) / 2
+    pieces = [piece for piece in forces if piece.low_n < piece.high_n]
+    inside = [(piece.low_n < middle) & (middle < piece.high_n) for piece in pieces]
+    return np.select(inside, [piece.share / (piece.high_n - piece.low_n) for piece in pieces])
 
 
 def _weighted(graph: Graph, ends: str, weights: Floats) -> str:
@@ -89,8 +95,10 @@ def state_force(
     both = np.array([0.0, -NORMAL, NORMAL])[:, None] * (WIDER if contraction else 1.0)
     value = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both)))
     value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(HIGHEST * force_n[1]))
-    middle, least, most = graph.split(value, 3, 1)
-    _state(graph, middle, least, most)
+    first = graph.apply("Gather", value, graph.index(0), axis=1)
+    graph.apply("Squeeze", first, graph.ints(1), output=FORCE_OUTPUTS[0])
+    graph.apply("ReduceMin", value, axes=[1, 2], keepdims=0, output=FORCE_OUTPUTS[1])
+    graph.apply("ReduceMax", value, axes=[1, 2], keepdims=0, output=FORCE_OUTPUTS[2])
 
 
 def state_known_force(

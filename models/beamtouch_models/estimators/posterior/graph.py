@@ -72,7 +72,7 @@ class Scored:
     misfit: str
     """R, half the misfit"""
     widened: str | None
-    """Log of the factor by which the mounting of the sensors widens the errors; None if it does not."""
+    """Factor by which the mounting of the sensors widens the errors; None if it does not."""
 
 
 def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = None) -> onnx.ModelProto:
@@ -85,21 +85,23 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
         widened = tempered(graph, prior, cells, scored.sample, scored.shape, scored.precision)
     root = graph.apply("Sqrt", scored.precision)
     mass = mass_of(graph, prior.force_n, root, scored.force, widened.widening if widened else None)
+    least = _state_misfit(graph, scored, prior.channels)
     width = np.diff(cells.edges_mm)
-    share = graph.constant(np.log(np.maximum(width / width.sum(), np.finfo(np.float32).tiny)))
-    weighted = graph.apply("Sub", share, scored.misfit)
-    _log_odds(graph, scored, weighted)
+    share = graph.constant(np.maximum(width / width.sum(), np.finfo(np.float32).tiny))
+    # Sums of exponentials and their logarithm take less time than the operations that do both.
+    exponent = graph.apply("Sub", least, scored.misfit)
+    likely = graph.apply("Mul", graph.apply("Exp", exponent), share)
+    _state_log_odds(graph, scored, likely, least)
     if widened is not None:
-        weighted = graph.apply("Sub", share, graph.apply("Div", scored.misfit, widened.widening))
+        exponent = graph.apply("Div", exponent, widened.widening)
+        likely = graph.apply("Mul", graph.apply("Exp", exponent), share)
     if scored.widened is not None:
-        weighted = graph.apply("Sub", weighted, scored.widened)
-    # A logarithm of the mass would take longer.
-    posterior = graph.apply("Mul", graph.apply("Softmax", weighted, axis=2), mass)
+        likely = graph.apply("Div", likely, scored.widened)
+    posterior = graph.apply("Mul", likely, mass)
     posterior = graph.apply("LpNormalization", posterior, axis=2, p=1)
     posterior = graph.apply("Max", posterior, graph.constant(SMALLEST_MASS))
     contraction = None if widened is None else widened.contraction(posterior)
-    _state_position(graph, prior, cells, posterior, widened, contraction)
-    _state_misfit(graph, scored, prior.channels)
+    _state_position(graph, cells, posterior, widened, contraction)
     outputs = list(POSITION_OUTPUTS)
     if with_force:
         if prior.force_is_known:
@@ -129,8 +131,7 @@ def _scored(graph: Graph, prior: Prior, cells: Cells) -> Scored:
     wider = graph.apply("Sqrt", graph.apply("Add", moved, graph.constant(1.0)))
     shape = graph.apply("Div", shape, wider)
     found = _fitted(graph, graph.apply("Div", sample, wider), shape, largest, own=True)
-    density = graph.apply("ReduceSum", graph.apply("Log", wider), graph.ints(1), keepdims=1)
-    return Scored(sample, shape, *found, density)
+    return Scored(sample, shape, *found, graph.apply("ReduceProd", wider, axes=[1], keepdims=1))
 
 
 def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: bool = False) -> tuple[str, str, str]:
@@ -147,15 +148,17 @@ def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: boo
     return precision, force, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
 
 
-def _log_odds(graph: Graph, scored: Scored, weighted: str) -> None:
-    """Add the log odds of contact; `weighted` is log s_i - R_i."""
-    touched = graph.apply("ReduceLogSumExp", weighted, axes=[1, 2], keepdims=0)
-    rest = graph.apply("ReduceSumSquare", scored.sample, axes=[1, 2], keepdims=0)
-    graph.apply("Add", touched, rest, output="contact_log_odds")
+def _state_log_odds(graph: Graph, scored: Scored, likely: str, least: str) -> None:
+    """Add the log odds of contact; `likely` is s_i exp(least R - R_i)."""
+    axes = graph.ints(1, 2)
+    touched = graph.apply("Log", graph.apply("ReduceSum", likely, axes, keepdims=1))
+    rest = graph.apply("ReduceSumSquare", scored.sample, axes=[1, 2], keepdims=1)
+    odds = graph.apply("Add", touched, graph.apply("Sub", rest, least))
+    graph.apply("Squeeze", odds, axes, output="contact_log_odds")
 
 
 def _state_position(
-    graph: Graph, prior: Prior, cells: Cells, posterior: str, widened: Tempered | None, contraction: str | None
+    graph: Graph, cells: Cells, posterior: str, widened: Tempered | None, contraction: str | None
 ) -> None:
     """Add median and interval from the posteriors over the cells, contracted about their medians if tempered."""
     many = len(cells.middles_mm) > EXACT_SUMS
@@ -168,15 +171,11 @@ def _state_position(
         part = graph.apply("Sqrt", graph.apply("Squeeze", contraction, graph.ints(2)))
         part = graph.cast(part, kind) if many else part
         place = graph.apply("Add", centre, graph.apply("Mul", graph.apply("Sub", place, median), part))
-    # The quantiles, and the range of the median, from the left end of the beam.
-    mixed: Floats = np.array([[1.0, 0, 0, 0, 0], [0, 1, 0, 1 - INSIDE, INSIDE], [0, 0, 1, INSIDE, 1 - INSIDE]])
-    place = graph.apply("Gemm", place, graph.constant(mixed, kind), graph.constant(np.full(5, cells.edges_mm[0]), kind))
     place = graph.cast(place, np.float32) if many else place
-    middle, low, high, least, most = graph.split(place, 5, 1)
-    if not prior.force_is_known:
-        middle = graph.apply("Min", graph.apply("Max", middle, least), most)
-    for name, value in zip(POSITION_OUTPUTS[:3], (middle, low, high), strict=True):
-        graph.apply("Squeeze", value, graph.ints(1), output=name)
+    place = graph.apply("Add", place, graph.constant(cells.edges_mm[0])) if cells.edges_mm[0] else place
+    graph.apply("Gather", place, graph.index(0), axis=1, output=POSITION_OUTPUTS[0])
+    graph.apply("ReduceMin", place, axes=[1], keepdims=0, output=POSITION_OUTPUTS[1])
+    graph.apply("ReduceMax", place, axes=[1], keepdims=0, output=POSITION_OUTPUTS[2])
 
 
 def _quantile(
@@ -190,19 +189,21 @@ def _quantile(
     return graph.apply("ReduceSum", graph.cast(along, kind) if kind == np.float64 else along, graph.ints(2), keepdims=0)
 
 
-def _state_misfit(graph: Graph, scored: Scored, channels: int) -> None:
+def _state_misfit(graph: Graph, scored: Scored, channels: int) -> str:
     """Add the smallest misfit over the position, from a parabola through the best cell and its neighbours.
 
-    Two channels or fewer fit any contact, so that there is nothing to misfit.
+    Two channels or fewer fit any contact, so that there is nothing to misfit. Returns the least R of a cell.
     """
     if channels <= 2:
-        graph.apply("Mul", "contact_log_odds", graph.constant(0.0), output="misfit")
-        return
+        least = graph.apply("ReduceMin", scored.misfit, axes=[1, 2], keepdims=1)
+        graph.apply("Mul", graph.apply("Squeeze", least, graph.ints(1, 2)), graph.constant(0.0), output="misfit")
+        return least
     three = graph.top(scored.misfit, 3, 2, largest=False)
-    # Value, slope and curvature, scaled so that the parabola is lowest at value - slope^2 / curvature.
-    parabola: Floats = np.array([[2.0, 0.0, -2.0], [0.0, -0.5, 1.0], [0.0, 0.5, 1.0]])
-    value, slope, curvature = graph.split(graph.apply("MatMul", three, graph.constant(parabola)), 3, 2)
+    # R, misfit, slope and curvature, scaled so that the parabola is lowest at misfit - slope^2 / curvature.
+    parabola: Floats = np.array([[1.0, 2.0, 0.0, -2.0], [0.0, 0.0, -0.5, 1.0], [0.0, 0.0, 0.5, 1.0]])
+    least, value, slope, curvature = graph.split(graph.apply("MatMul", three, graph.constant(parabola)), 4, 2)
     curvature = graph.apply("Max", curvature, graph.constant(SMALLEST_MASS))
     drop = graph.apply("Div", graph.apply("Mul", slope, slope), curvature)
     # Rounding may put the bottom below 0.
     graph.apply("ReduceL1", graph.apply("Sub", value, drop), axes=[1, 2], keepdims=0, output="misfit")
+    return least
