@@ -27,10 +27,8 @@ def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, w
     if it is known. `widening` is that of the likelihood, if it is tempered.
     """
     known = force_n[0] == force_n[1]
-    cautious = (
-        [piece for piece in forces_of(force_n) if piece.low_n < piece.high_n] if known else cautious_forces(force_n)
-    )
-    ends = np.array([*(piece.low_n for piece in cautious), cautious[-1].high_n])
+    cautious = forces_of(force_n) if known else cautious_forces(force_n)
+    ends = np.unique([end for piece in cautious for end in (piece.low_n, piece.high_n)])
     offset = graph.apply("Mul", graph.apply("Sub", graph.constant(ends[:, None]), force), root)
     error = graph.apply("Erf", offset)
     stated = _densities(forces_of(force_n), ends)
@@ -60,7 +58,8 @@ def _densities(forces: Forces, ends: Floats) -> Floats:
     middle = (ends[1:] + ends[:-1]) / 2
     pieces = [piece for piece in forces if piece.low_n < piece.high_n]
     inside = [(piece.low_n < middle) & (middle < piece.high_n) for piece in pieces]
-    return np.select(inside, [piece.share / (piece.high_n - piece.low_n) for piece in pieces])
+    found: Floats = np.select(inside, [piece.share / (piece.high_n - piece.low_n) for piece in pieces])
+    return found
 
 
 def _weighted(graph: Graph, ends: str, weights: Floats) -> str:

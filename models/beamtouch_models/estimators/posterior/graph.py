@@ -7,16 +7,16 @@ position range have width w_i, share s_i of the range, and influence g_i at thei
     f_i = clip(H_i . y / a_i, 0, F)                                           best force of a cell
     R_i = |y - f_i H_i|^2                                                     half misfit, no difference of squares
     m_i = mean of exp(-a_i (f - f_i)^2) over the prior of the force           a sum of normal distribution functions
-    p   = softmax(log(s_i m_i) - R_i)          C_i = p_1 + .. + p_(i-1)       posterior over the cells
+    p_i ~ s_i m_i exp(-R_i)                    C_i = p_1 + .. + p_(i-1)       posterior over the cells
     x_q = x_0 + sum_i w_i clip((q - C_i) / p_i, 0, 1)                         quantiles, linear within a cell
 
 *Force.* Its prior is even over the range of the scene, or a single known force, with a hundredth of the mass in tails
 from 0 to 10 times the largest force (`accuracy.forces`). A force beyond the range gets its true place.
 
-*Interval.* If the force is open, the interval comes from a second posterior, with an even prior of the force from 0 to
-10 times the largest: it holds the truth also just outside the range, where the first prior pulls the position towards
-a place that a force within the range explains. Both priors weight the same normal distribution functions. The median
-keeps the first prior, but stays `INSIDE` the interval. Each quantile has a row of its own.
+*Interval.* If the force is open, the interval comes from a second posterior, with a prior of the force that leans on
+neither end of the range (`accuracy.forces`): it holds the truth also just outside the range, where the first prior
+pulls the position towards a place that a force within the range explains. Both weight the same normal distribution
+functions. Each quantile has a row of its own, and the interval reaches to the median, which keeps the first prior.
 
 *Log odds.* log(sum_i s_i exp(-R_i)) + |y|^2, without the prior of the force: at rest their distribution depends
 only on the directions of the influence, not on the size of the covariance.
@@ -44,9 +44,6 @@ from beamtouch_models.metadata import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
 
 QUANTILES = (0.5, 0.025, 0.975)
 """The median, and the ends of the interval."""
-INSIDE = 0.08
-"""Smallest distance of the median from the ends of the interval, in widths: that of the 5 % quantile of a normal
-distribution from its 2.5 % quantile."""
 LEAST_PRECISION = np.pi / HIGHEST**2
 """Added to a, over the square of the largest force: a cell that says nothing of the force has a best force, too."""
 EXACT_SUMS = 512
