@@ -108,7 +108,9 @@ def exceeding(
     weights = whitening(np.zeros((draws, channels)), covariance, 0.0, prior.zero_mm, valid)
     part = weights[0][np.ix_(kept, kept)]
     shapes = prior.table(np.linspace(*prior.position_mm, 201))[:, kept] @ part.T
-    rest = rest_like_contact(directions(shapes), rate, draws, 5)
+    # What is not noise is the zero.
+    noise = np.sqrt(np.diag(part @ covariance[np.ix_(kept, kept)] @ part.T))
+    rest = rest_like_contact(directions(shapes), noise, rate, draws, 5)
     reading = np.zeros((draws, channels))
     reading[:, kept] = np.linalg.solve(part, rest.sample.T).T
     odds = run(reading, weights)["contact_log_odds"]

@@ -1,17 +1,10 @@
 """What is measured of an estimator: the thresholds of touch, the accuracy, the golden answers."""
 
-from itertools import combinations
-
 import numpy as np
 import pytest
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.touch import (
-    misfit_thresholds,
-    rate_per_sample,
-    smallest_force_n,
-    touch_thresholds,
-)
+from beamtouch_models.accuracy.touch import rate_per_sample, smallest_force_n, touch_thresholds
 from beamtouch_models.building.measured import measured, thresholds_of
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.export import to_bytes
@@ -42,27 +35,22 @@ def test_the_threshold_of_a_single_channel_is_the_normal_tail() -> None:
     assert threshold == pytest.approx(4.7534**2 / 2, abs=0.15)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", sorted(path.stem for path in SCENES.glob("*.toml")))
-def test_every_mask_and_covariance_holds_the_false_contacts_that_were_asked_for(name: str) -> None:
+@pytest.mark.parametrize("name", ["bench", "short-deep", "two-spans"])
+def test_any_covariance_holds_the_false_contacts_that_were_asked_for(name: str) -> None:
     scene, _ = load_scene(SCENES / f"{name}.toml")
     chosen = choose_filter(scene)
     noise_mm = noise_of(scene, chosen).sample_mm
     layout = np.array(fewest_sensors(scene, noise_mm, None, 0).positions_mm)
     prior = Prior.real(scene, layout, noise_mm)
     rate = rate_per_sample(1 / 30, scene.sensors.rate_hz, chosen.window)
-    thresholds = touch_thresholds(prior, rate, 1)
+    threshold = touch_thresholds(prior, rate, 1)[-1]
     run = runner(to_bytes(graph_of(prior)))
-    white = np.eye(prior.channels) * noise_mm**2
-    for size in range(1, prior.channels + 1):
-        for kept in combinations(range(prior.channels), size):
-            assert 0.5 < exceeding(run, prior, white, kept, rate, thresholds[size - 1]) < 2, kept
-    every = tuple(range(prior.channels))
+    every, white = tuple(range(prior.channels)), np.eye(prior.channels) * noise_mm**2
     # Fewer readings in the mean, one noisy channel, and the first mode of a beam that still rings a little.
     noisy = white * np.array([1, *[25] * (prior.channels - 1)])
     mode = np.sin(np.pi * layout / prior.length_mm)
     for covariance in (white * 16, noisy, white + 25 * noise_mm**2 * np.outer(mode, mode)):
-        assert 0.4 < exceeding(run, prior, covariance, every, rate, thresholds[-1]) < 2.5
+        assert 0.4 < exceeding(run, prior, covariance, every, rate, threshold) < 2.5
 
 
 def test_overlapping_windows_cluster_their_false_contacts() -> None:
@@ -101,13 +89,6 @@ def test_fewer_false_contacts_cost_a_little_force() -> None:
     assert monthly.touch[-1] - daily.touch[-1] == pytest.approx(np.log(30), rel=0.1)
     weakest = [smallest_force_n(prior, one.touch[-1], np.array([200.0]))[0] for one in (monthly, daily)]
     assert 1 < weakest[0] / weakest[1] < 1.2
-
-
-def test_misfit_thresholds_are_quantiles_of_chi_square() -> None:
-    rest, misfit = misfit_thresholds(4, 200.0)
-    # Tables: one in 17 280 000 on two degrees of freedom is twice its logarithm.
-    assert misfit == [None, None, pytest.approx(29.4, abs=0.2), pytest.approx(2 * np.log(86_400 * 200))]
-    assert rest[1] == misfit[3]
 
 
 def test_the_same_seed_measures_the_same() -> None:

@@ -1,4 +1,4 @@
-"""Samples weighed by their covariance: in the order of the model, by the noise of the sender, and whatever is missing."""
+"""Samples weighed by their covariance: in the model's order, by the sender's noise, and whatever is missing."""
 
 from __future__ import annotations
 

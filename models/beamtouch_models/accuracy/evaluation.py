@@ -9,7 +9,7 @@ from beamtouch_models.accuracy.contacts import Contacts, simulated
 from beamtouch_models.accuracy.limit import SCRAMBLINGS
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
-from beamtouch_models.accuracy.touch import directions, rest_like_contact, smallest_force_n
+from beamtouch_models.accuracy.touch import directions, noise_at_rest, rest_like_contact, smallest_force_n
 from beamtouch_models.arrays import Floats
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Fraction, silent
@@ -161,7 +161,7 @@ def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Measurement | No
         return None
     deviation = prior.deviation_mm(np.zeros((1, prior.channels)))
     unit = directions(prior.table(np.linspace(*prior.position_mm, REST_PLACES)) / deviation)
-    rest = rest_like_contact(unit, REST_RATE, REST_DRAWS, seed)
+    rest = rest_like_contact(unit, noise_at_rest(prior), REST_RATE, REST_DRAWS, seed)
     odds = estimates(model, prior, rest.sample * deviation)["contact_log_odds"]
     return mean_of(np.where(odds > model.metadata.thresholds.touch[-1], rest.weight, 0.0))
 

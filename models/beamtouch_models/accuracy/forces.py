@@ -6,6 +6,11 @@ TAIL = 0.01
 """Share of forces that an estimator expects outside the range of its scene, half of them below and half above it."""
 HIGHEST = 10.0
 """Largest force that an estimator considers, over the largest of its scene."""
+STEP = 3.0
+"""Ratio of forces over which the density of `cautious_forces` changes beyond the range."""
+BELOW, ABOVE = (4.0, 1.7), (0.5, 0.1)
+"""Densities of `cautious_forces` below and above the range, over that within it, from the smallest force up; about one
+over the force below, and one over its square above."""
 
 
 @dataclass(frozen=True)
@@ -28,3 +33,20 @@ def forces_of(force_n: tuple[float, float], tail: float = TAIL) -> Forces:
     if not tail:
         return (core,)
     return Piece(0.0, low, tail / 2), core, Piece(high, HIGHEST * high, tail / 2)
+
+
+def cautious_forces(force_n: tuple[float, float]) -> Forces:
+    """Return a prior of an open force for intervals, which leans on neither end of the range.
+
+    With `forces_of`, hardly any interval holds the position of a force that is a little outside the range, because
+    there is always a place that a force within the range explains.
+    """
+    low, high = force_n
+    ends = (0.0, low / STEP, low, high, STEP * high, HIGHEST * high)
+    shares = [
+        density * (most - least)
+        for density, least, most in zip((*BELOW, 1.0, *ABOVE), ends[:-1], ends[1:], strict=True)
+    ]
+    return tuple(
+        Piece(least, most, share / sum(shares)) for share, least, most in zip(shares, ends[:-1], ends[1:], strict=True)
+    )

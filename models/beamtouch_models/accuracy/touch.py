@@ -1,18 +1,23 @@
 """Thresholds of touch: the log odds that a beam at rest exceeds at a stated rate, and the smallest force above them.
 
-At rest, the whitened sample y has unit variance in every direction, whatever the covariance. A contact at position x
-moves it along the unit vector u(x), so its log odds are log(mean over x of exp(max(u(x) . y, 0)^2 / 2)): they depend on
-the directions only. The probability that they exceed a threshold follows by importance sampling (Kahn & Marshall 1953,
-doi 10.1287/opre.1.5.263): y is drawn about c u(x), with x spread evenly and c as large as the rate demands.
+A whitened sample at rest is y = zero + noise, with unit variance in every direction if the zero were drawn anew for
+each sample. But a zero is constant over days. So the rate is that of the noise, averaged over zeros that lie anywhere
+within twice their drift, evenly. A contact at position x moves y along the unit vector u(x), so its log odds are
+log(mean over x of exp(max(u(x) . y, 0)^2 / 2)): they depend on the directions only.
+
+The probability that they exceed a threshold follows by importance sampling (Kahn & Marshall 1953,
+doi 10.1287/opre.1.5.263): zero and noise are drawn about c u(x), with x spread evenly and c as large as the rate
+demands. A sample with more noise than a settled one exceeds the threshold about as often, as its zero counts for less.
 """
 
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.special import chdtri, ndtr, ndtri
+from scipy.special import ndtr, ndtri
 
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Floats
 
 PLACES = 129
@@ -25,11 +30,11 @@ BETWEEN = np.log(2.0)
 SECONDS_PER_DAY = 86_400
 MOST_OFTEN = 0.01
 """Largest rate per sample; above it, log odds no longer tell a contact from rest."""
-UNEXPLAINED_PER_DAY = 1.0
-"""Samples per day of rest or of honest contacts whose misfit exceeds its threshold."""
 SURELY = 1.645
 """Deviations of a sample that a force must exceed the threshold by, so that 95 % of the samples do."""
-LARGEST_SQUARE = 700.0
+FLAT = 1e-6
+"""Smallest length of a direction; a beam that no sensor sees moving has none."""
+LARGEST_LOG = 700.0
 """Largest exponent of float64."""
 
 
@@ -37,10 +42,17 @@ LARGEST_SQUARE = 700.0
 class Rest:
     """Whitened samples at rest, drawn where they look like a contact."""
 
-    sample: Floats
+    zero: Floats
+    """(draws, channels), the part that stays for days"""
+    noise: Floats
     """(draws, channels)"""
     weight: Floats
     """(draws,), density at rest over that of the draws."""
+
+    @property
+    def sample(self) -> Floats:
+        """The sum of both."""
+        return self.zero + self.noise
 
 
 def rate_per_sample(per_day: float, rate_hz: float, window: int) -> float:
@@ -62,33 +74,32 @@ def rate_per_sample(per_day: float, rate_hz: float, window: int) -> float:
     return rate
 
 
-def misfit_thresholds(channels: int, rate_hz: float) -> tuple[list[float], list[float | None]]:
-    """Return the chi-square quantiles of rest and of the best contact, by the number of valid channels."""
-    rate = min(UNEXPLAINED_PER_DAY / (SECONDS_PER_DAY * rate_hz), MOST_OFTEN)
-    every = range(1, channels + 1)
-    return [float(chdtri(n, rate)) for n in every], [float(chdtri(n - 2, rate)) if n > 2 else None for n in every]
-
-
 def touch_thresholds(prior: Prior, rate: float, seed: int) -> list[float]:
     """Return the log odds that rest exceeds with probability `rate` per sample, by the number of valid channels.
 
     Sets of the same size differ little. The threshold of a size lies where no set exceeds the rate twofold.
     """
-    whole = _shapes(prior)
+    whole, noise = shapes_at_rest(prior), noise_at_rest(prior)
     found = []
     for size in range(1, prior.channels + 1):
         sets = list(combinations(range(prior.channels), size))
         chosen = sets[:: -(-len(sets) // MAX_SETS)]
-        each = [touch_threshold(directions(whole[:, kept]), rate, seed) for kept in chosen]
+        each = [touch_threshold(directions(whole[:, kept]), noise[list(kept)], rate, seed) for kept in chosen]
         found.append(max((max(each) + min(each)) / 2, max(each) - BETWEEN))
     return found
 
 
-def _shapes(prior: Prior) -> Floats:
+def shapes_at_rest(prior: Prior) -> Floats:
     """Return the influence over the errors of a sample at rest, (places, channels) per newton."""
     places = np.linspace(*prior.position_mm, PLACES)
     shapes: Floats = prior.table(places) / prior.deviation_mm(np.zeros((1, prior.channels)))
     return shapes
+
+
+def noise_at_rest(prior: Prior) -> Floats:
+    """Return the deviation (channels,) of the noise of a whitened sample; the rest of its unit variance is the zero."""
+    share: Floats = prior.noise_mm / prior.deviation_mm(np.zeros((1, prior.channels)))[0]
+    return share
 
 
 def directions(shapes: Floats) -> Floats:
@@ -106,19 +117,28 @@ def log_odds(unit: Floats, sample: Floats) -> Floats:
     return odds
 
 
-def rest_like_contact(unit: Floats, rate: float, draws: int, seed: int) -> Rest:
-    """Draw whitened samples at rest so that about half of them exceed what rest exceeds with probability `rate`."""
+def rest_like_contact(unit: Floats, noise: Floats, rate: float, draws: int, seed: int) -> Rest:
+    """Draw whitened samples at rest so that about half of them exceed what rest exceeds with probability `rate`.
+
+    `unit` are directions (places, channels), `noise` the deviations of the noise (channels,).
+    """
     rng = np.random.default_rng([seed, unit.shape[1]])
-    shift = -float(ndtri(rate))
+    height, reach = -float(ndtri(rate)), reach_of(noise)
+    size = np.maximum(np.linalg.norm(unit * noise, axis=1), FLAT)
+    along = unit * noise / size[:, None]
+    # The likeliest zeros take about half of what they can of the height.
+    tilt = (np.maximum(height - np.abs(unit) @ reach / 2, height / 2) / size**2)[:, None] * unit
     at = np.linspace(0, len(unit) - 1, draws).round().astype(np.intp)
-    sample = rng.normal(size=(draws, unit.shape[1])) + shift * unit[at]
-    drawn = np.exp(np.minimum(shift * (sample @ unit.T) - shift**2 / 2, LARGEST_SQUARE)).mean(axis=1)
-    return Rest(sample, 1 / drawn)
+    zero = tilted(tilt[at], reach, rng)
+    shift = np.maximum(height - zero @ unit.T, 0.0) / size
+    white = rng.normal(size=zero.shape) + np.take_along_axis(shift, at[:, None], axis=1) * along[at]
+    drawn = shift * (white @ along.T) - shift**2 / 2 + log_tilt(zero[:, None], tilt, reach)
+    return Rest(zero, white * noise, 1 / np.exp(np.minimum(drawn, LARGEST_LOG)).mean(axis=1))
 
 
-def touch_threshold(unit: Floats, rate: float, seed: int) -> float:
-    """Return the log odds that rest exceeds with probability `rate`, for directions (places, channels)."""
-    rest = rest_like_contact(unit, rate, DRAWS, seed)
+def touch_threshold(unit: Floats, noise: Floats, rate: float, seed: int) -> float:
+    """Return the log odds that rest exceeds with probability `rate`; `unit` and `noise` as above."""
+    rest = rest_like_contact(unit, noise, rate, DRAWS, seed)
     odds = log_odds(unit, rest.sample)
     order = np.argsort(-odds)
     exceeded = np.cumsum(rest.weight[order]) / DRAWS
@@ -130,7 +150,7 @@ def smallest_force_n(prior: Prior, threshold: float, position_mm: Floats) -> Flo
 
     It is infinite where no sensor moves.
     """
-    unit = directions(_shapes(prior))
+    unit = directions(shapes_at_rest(prior))
     shape = prior.table(position_mm) / prior.deviation_mm(np.zeros((1, prior.channels)))
     low, high = np.zeros(len(position_mm)), np.full(len(position_mm), 2 * np.sqrt(2 * threshold) + 8)
     along = directions(shape)

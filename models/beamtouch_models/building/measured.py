@@ -8,7 +8,8 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import mean_of, ratio_of
-from beamtouch_models.accuracy.touch import misfit_thresholds, rate_per_sample, smallest_force_n, touch_thresholds
+from beamtouch_models.accuracy.stretches import unexplained_thresholds
+from beamtouch_models.accuracy.touch import rate_per_sample, smallest_force_n, touch_thresholds
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Accuracy, FilterChoice, Floor, Golden, Seen, Thresholds
@@ -53,7 +54,7 @@ def measured(estimator: Estimator, prior: Prior, scene: Scene, chosen: FilterCho
 def thresholds_of(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> Thresholds:
     """Return the thresholds for the false contacts per day that a scene allows, behind a filter."""
     per_day, rate_hz = scene.requirements.false_contacts_per_day, scene.sensors.rate_hz
-    rest, misfit = misfit_thresholds(prior.channels, rate_hz)
+    rest, misfit = unexplained_thresholds(prior, rate_hz, chosen.window, seed)
     return Thresholds(
         touch=touch_thresholds(prior, rate_per_sample(per_day, rate_hz, chosen.window), seed),
         rest=rest,

@@ -8,7 +8,8 @@ from scipy.special import bdtrc
 
 from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.touch import MOST_OFTEN, SECONDS_PER_DAY, UNEXPLAINED_PER_DAY
+from beamtouch_models.accuracy.stretches import MOST_OFTEN, PER_DAY
+from beamtouch_models.accuracy.touch import SECONDS_PER_DAY
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.challenge.faults import error_cases, fault_cases
 from beamtouch_models.challenge.honest import honest_cases
@@ -99,8 +100,8 @@ def run_of(model: ModelFile) -> Run:
 
 
 def _power(surface: Surface, play: Play, fault_mm: Floats, valid: Bools) -> float:
-    """Return the power of the test that knows what happened, at the rate of false `unexplained` samples."""
-    alpha = min(UNEXPLAINED_PER_DAY / (SECONDS_PER_DAY * surface.metadata.sensor.rate_hz), MOST_OFTEN)
+    """Return the power of the test that knows what happened, for one false alarm per day."""
+    alpha = min(PER_DAY / (SECONDS_PER_DAY * surface.metadata.sensor.rate_hz), MOST_OFTEN)
     if play.noisy is not None:
         return power_of_noise(surface, fault_mm, play.noisy, alpha)
     return power_of_shift(distances(surface, fault_mm, valid), alpha)

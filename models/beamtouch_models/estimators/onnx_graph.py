@@ -57,6 +57,15 @@ class Graph:
         """Convert to another number type."""
         return self.apply("Cast", value, to=int(helper.np_dtype_to_tensor_dtype(np.dtype(kind))))
 
+    def top(self, value: str, count: int, axis: int, *, largest: bool) -> str:
+        """Return so many of the largest or smallest values along an axis, the best first."""
+        name = f"{self.name}top_{len(self.nodes)}"
+        inputs = [value, self.ints(count)]
+        self.nodes.append(
+            helper.make_node("TopK", inputs, [name, f"{name}_index"], axis=axis, largest=int(largest), sorted=1)
+        )
+        return name
+
     def split(self, value: str, parts: int, axis: int) -> list[str]:
         """Cut into equal parts along an axis."""
         names = [f"part_{len(self.nodes)}_{part}" for part in range(parts)]

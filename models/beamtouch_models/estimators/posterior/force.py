@@ -1,10 +1,8 @@
 """The force in the posterior graph: the mass of its prior that a cell explains, and the force that is stated."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from beamtouch_models.accuracy.forces import HIGHEST, Piece, forces_of
+from beamtouch_models.accuracy.forces import HIGHEST, Forces, cautious_forces, forces_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.estimators.posterior.scoring import Scored
@@ -15,101 +13,120 @@ NORMAL = 1.959964
 WIDER = 1.08
 """Factor that widens the interval where the posterior is tempered."""
 BEYOND = 2.5
-"""Distance of a cell's best force from the range, in root-2 deviations, from which it counts as beyond the range; at
-about this distance the tail of the prior outweighs the range."""
+"""Distance of a cell's best force from the known one, in root-2 deviations, from which it counts as another; at about
+this distance the tail of the prior outweighs the known force."""
 FARTHEST = 60.0
 """Bound of an exponent, which avoids subnormal numbers; they are slow."""
 NARROW = 1e4
 """Ratio of the densities of range and tail above which float32 cannot take their differences as one sum."""
 
 
-def log_mass(graph: Graph, force_n: tuple[float, float], root: str, force: str, widening: str | None) -> str:
-    """Return log(m), up to a constant, from the best force of each cell and the root of its precision.
+def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, widening: str | None) -> str:
+    """Return m, up to a factor, from the best force of each cell and the root of its precision.
 
-    `widening` is that of the likelihood, if it is tempered.
+    It has a row for the prior of the median and one for each end of the interval if the force is open, one for all
+    if it is known. `widening` is that of the likelihood, if it is tempered.
     """
-    ends, densities = _pieces(force_n)
-    offset = graph.apply("Mul", graph.apply("Sub", graph.constant(ends[:, None]), force), root)
     known = force_n[0] == force_n[1]
-    # Between the ends of a piece, the difference of erf is at most 2. For an open force it is 1 within the range.
-    scale = np.sqrt(np.pi) / 2 if known else 0.5 / densities[1]
-    total = _weighted(graph, graph.apply("Erf", offset), densities * scale)
+    cautious = forces_of(force_n) if known else cautious_forces(force_n)
+    ends = np.unique([end for piece in cautious for end in (piece.low_n, piece.high_n)])
+    offset = graph.apply("Mul", graph.apply("Sub", graph.constant(ends[:, None]), force), root)
+    error = graph.apply("Erf", offset)
+    stated = _densities(forces_of(force_n), ends)
     if known:
-        total = graph.apply("Add", total, _known(graph, forces_of(force_n)[1], root, offset, widening))
-    elif widening is not None:
+        tails = graph.apply("Div", _weighted(graph, error, stated[None] * np.sqrt(np.pi) / 2), root)
+        return graph.apply("Add", tails, _known(graph, force_n, offset, widening))
+    # Between the ends of a piece, the difference of erf is at most 2; the masses are 1 within the range.
+    rows = np.stack([stated, *[_densities(cautious, ends)] * 2])
+    total = _weighted(graph, error, 0.5 * rows / rows[:, 2:3])
+    if widening is not None:
         # Next to an end of the range a wide cell may lie beyond it, although the narrow posterior does not.
-        return graph.apply("Sub", graph.apply("Div", graph.apply("Log", total), widening), graph.apply("Log", root))
-    return graph.apply("Log", graph.apply("Div", total, root))
+        total = graph.apply("Pow", total, graph.apply("Reciprocal", widening))
+    return graph.apply("Div", total, root)
 
 
-def _known(graph: Graph, core: Piece, root: str, offset: str, widening: str | None) -> str:
-    """Return the mass of a known force times the root."""
-    at = _row(graph, offset, 1)
-    square = graph.apply("Mul", at, at)
+def _known(graph: Graph, force_n: tuple[float, float], offset: str, widening: str | None) -> str:
+    """Return the mass of a known force."""
+    square = graph.apply("Mul", offset, offset)
     square = graph.apply("Div", square, widening) if widening else square
     square = graph.apply("Min", square, graph.constant(FARTHEST))
-    near = graph.apply("Mul", graph.apply("Exp", graph.apply("Neg", square)), root)
-    return graph.apply("Mul", near, graph.constant(core.share))
+    share = graph.constant([[0.0, forces_of(force_n)[1].share, 0.0]])
+    return graph.apply("MatMul", share, graph.apply("Exp", graph.apply("Neg", square)))
 
 
-def _pieces(force_n: tuple[float, float]) -> tuple[Floats, Floats]:
-    """Return the ends of the even pieces of the prior and their densities."""
-    pieces = [piece for piece in forces_of(force_n) if piece.low_n < piece.high_n]
-    ends = np.array([*(piece.low_n for piece in pieces), pieces[-1].high_n])
-    return ends, np.array([piece.share for piece in pieces]) / np.diff(ends)
+def _densities(forces: Forces, ends: Floats) -> Floats:
+    """Return the density of a prior between neighbouring ends, which hold all ends of its pieces."""
+    middle = (ends[1:] + ends[:-1]) / 2
+    pieces = [piece for piece in forces if piece.low_n < piece.high_n]
+    inside = [(piece.low_n < middle) & (middle < piece.high_n) for piece in pieces]
+    found: Floats = np.select(inside, [piece.share / (piece.high_n - piece.low_n) for piece in pieces])
+    return found
 
 
 def _weighted(graph: Graph, ends: str, weights: Floats) -> str:
-    """Return the weighted sum of the differences between neighbouring rows of (batch, rows, N)."""
-    differences = np.eye(len(weights), len(weights) + 1, 1) - np.eye(len(weights), len(weights) + 1)
+    """Return weighted sums (batch, sums, N) of differences between neighbours of (batch, rows, N).
+
+    `weights` are (sums, rows - 1).
+    """
+    pieces = weights.shape[1]
+    differences = np.eye(pieces, pieces + 1, 1) - np.eye(pieces, pieces + 1)
     if weights.max() > NARROW * weights.min():
         ends = graph.apply("MatMul", graph.constant(differences), ends)
-        return graph.apply("MatMul", graph.constant(weights[None]), ends)
-    return graph.apply("MatMul", graph.constant(weights[None] @ differences), ends)
+        return graph.apply("MatMul", graph.constant(weights), ends)
+    return graph.apply("MatMul", graph.constant(weights @ differences), ends)
 
 
-@dataclass(frozen=True)
-class Posteriors:
-    """Names of the posteriors over the cells, (batch, 1, N)."""
-
-    median: str
-    ends: str
-    """That of the interval."""
-    contraction: str | None
-    """Contraction of the interval, (batch, 1, 1), if the posterior is tempered."""
-
-
-def state_force(graph: Graph, force_n: tuple[float, float], scored: Scored, root: str, posteriors: Posteriors) -> None:
-    """Add the force, from the posterior of the median, and its interval, from that of the ends.
-
-    A best force that is hardly beyond the range is moved to its end, which is then the likeliest force.
-    """
-    low, high = force_n
-    known, force, contraction = low == high, scored.force, posteriors.contraction
-    moved = graph.apply("Clip", force, graph.constant(low), graph.constant(high))
-    beyond = graph.apply("Mul", graph.apply("Sub", force, moved), root)
-    far = graph.apply("Greater", graph.apply("Abs", beyond), graph.constant(BEYOND))
-    moved = graph.apply("Where", far, force, moved)
-    axis = graph.ints(2)
-    middle = graph.apply("ReduceSum", graph.apply("Mul", posteriors.median, moved), axis, keepdims=1)
-    # Where a known force explains the sample, the cells hold it, and there is no deviation within them.
-    stated = moved if known else force
-    mean = graph.apply("ReduceSum", graph.apply("Mul", posteriors.ends, stated), axis, keepdims=1)
-    off = graph.apply("Sub", stated, mean)
+def state_force(
+    graph: Graph, force_n: tuple[float, float], scored: Scored, posterior: str, contraction: str | None
+) -> None:
+    """Add an open force, from the posterior of the median, and its interval, from those of the ends."""
+    axis, force = graph.ints(2), scored.force
+    mean = graph.apply("ReduceSum", graph.apply("Mul", posterior, force), axis, keepdims=1)
+    off = graph.apply("Sub", force, mean)
     square = graph.apply("Mul", off, off)
     square = graph.apply("Mul", square, contraction) if contraction else square
-    if not known:
-        square = graph.apply("Add", square, graph.apply("Div", graph.constant(0.5), scored.precision))
-    variance = graph.apply("ReduceSum", graph.apply("Mul", posteriors.ends, square), axis, keepdims=1)
+    square = graph.apply("Add", square, graph.apply("Div", graph.constant(0.5), scored.precision))
+    variance = graph.apply("ReduceSum", graph.apply("Mul", posterior, square), axis, keepdims=1)
+    both = np.array([0.0, -NORMAL, NORMAL])[:, None] * (WIDER if contraction else 1.0)
+    value = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both)))
+    value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(HIGHEST * force_n[1]))
+    first = graph.apply("Gather", value, graph.index(0), axis=1)
+    graph.apply("Squeeze", first, graph.ints(1), output=FORCE_OUTPUTS[0])
+    graph.apply("ReduceMin", value, axes=[1, 2], keepdims=0, output=FORCE_OUTPUTS[1])
+    graph.apply("ReduceMax", value, axes=[1, 2], keepdims=0, output=FORCE_OUTPUTS[2])
+
+
+def state_known_force(
+    graph: Graph,
+    force_n: tuple[float, float],
+    scored: Scored,
+    root: str,
+    posterior: str,
+    contraction: str | None,
+) -> None:
+    """Add a known force, or the one that the sample shows instead.
+
+    A best force that is hardly beyond the known one is taken for it. The cells hold the known force, and there is no
+    deviation within them.
+    """
+    known, axis, force = graph.constant(force_n[1]), graph.ints(2), scored.force
+    beyond = graph.apply("Mul", graph.apply("Sub", force, known), root)
+    far = graph.apply("Greater", graph.apply("Abs", beyond), graph.constant(BEYOND))
+    seen = graph.apply("Where", far, force, known)
+    mean = graph.apply("ReduceSum", graph.apply("Mul", posterior, seen), axis, keepdims=1)
+    off = graph.apply("Sub", seen, mean)
+    square = graph.apply("Mul", off, off)
+    square = graph.apply("Mul", square, contraction) if contraction else square
+    variance = graph.apply("ReduceSum", graph.apply("Mul", posterior, square), axis, keepdims=1)
     both = np.array([-NORMAL, NORMAL]) * (WIDER if contraction else 1.0)
-    interval = graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both))
-    interval = graph.apply("Add", mean, interval)
-    interval = graph.apply("Clip", interval, graph.constant(0.0), graph.constant(HIGHEST * high))
+    interval = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both)))
+    interval = graph.apply("Clip", interval, graph.constant(0.0), graph.constant(HIGHEST * force_n[1]))
     least, most = graph.split(interval, 2, 2)
+    _state(graph, mean, least, most)
+
+
+def _state(graph: Graph, middle: str, least: str, most: str) -> None:
+    """Add the outputs, (batch, 1, 1) each; the force lies within its interval."""
     middle = graph.apply("Min", graph.apply("Max", middle, least), most)
     for name, value in zip(FORCE_OUTPUTS, (middle, least, most), strict=True):
         graph.apply("Squeeze", value, graph.ints(1, 2), output=name)
-
-
-def _row(graph: Graph, value: str, row: int) -> str:
-    return graph.apply("Slice", value, graph.ints(row), graph.ints(row + 1), graph.ints(1))

@@ -7,22 +7,22 @@ position range have width w_i, share s_i of the range, and influence g_i at thei
     f_i = clip(H_i . y / a_i, 0, F)                                           best force of a cell
     R_i = |y - f_i H_i|^2                                                     half misfit, no difference of squares
     m_i = mean of exp(-a_i (f - f_i)^2) over the prior of the force           a sum of normal distribution functions
-    p   = softmax(log(s_i m_i) - R_i)          C_i = p_1 + .. + p_(i-1)       posterior over the cells
+    p_i ~ s_i m_i exp(-R_i)                    C_i = p_1 + .. + p_(i-1)       posterior over the cells
     x_q = x_0 + sum_i w_i clip((q - C_i) / p_i, 0, 1)                         quantiles, linear within a cell
 
 *Force.* Its prior is even over the range of the scene, or a single known force, with a hundredth of the mass in tails
 from 0 to 10 times the largest force (`accuracy.forces`). A force beyond the range gets its true place.
 
-*Interval.* If the force is open, the interval comes from a second posterior, with an even prior of the force from 0 to
-10 times the largest: it holds the truth also just outside the range, where the first prior pulls the position towards
-a place that a force within the range explains. The median keeps the first prior, but stays between
-the 5 % and 95 % quantiles of the second.
+*Interval.* If the force is open, the interval comes from a second posterior, with a prior of the force that leans on
+neither end of the range (`accuracy.forces`): it holds the truth also just outside the range, where the first prior
+pulls the position towards a place that a force within the range explains. Both weight the same normal distribution
+functions. Each quantile has a row of its own, and the interval reaches to the median, which keeps the first prior.
 
 *Log odds.* log(sum_i s_i exp(-R_i)) + |y|^2, without the prior of the force: at rest their distribution depends
 only on the directions of the influence, not on the size of the covariance.
 
-*Misfit.* The smallest 2 R over the position: a parabola through the best cell and its neighbours. For a single contact
-it is chi-square distributed, with two degrees of freedom less than there are channels.
+*Misfit.* The smallest 2 R over the position: a parabola through the best three cells, which are neighbours. For a
+single contact it is chi-square distributed, with two degrees of freedom less than there are channels.
 
 Where cells are wider than the posterior, `tempering` widens the likelihood and contracts the quantiles again.
 """
@@ -52,33 +52,30 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
     widened = None
     if design.temper:
         widened = tempered(graph, prior, cells, found.sample, found.shape, found.precision)
+    least = _state_misfit(graph, found, prior.channels)
     width = np.diff(cells.edges_mm)
-    share = np.log(np.maximum(width / width.sum(), np.finfo(np.float32).tiny))
+    share = np.maximum(width / width.sum(), np.finfo(np.float32).tiny)
     kind = np.float64 if design.cells > EXACT_SUMS else np.float32
     grid = Grid(graph.constant(width), graph.constant(share), float(cells.edges_mm[0]), kind)
-    outputs = state_answers(graph, prior, found, grid, widened, with_force=with_force)
-    _state_misfit(graph, found, prior.channels, design.cells)
+    outputs = state_answers(graph, prior, found, least, grid, widened, with_force=with_force)
     return model(graph, prior.channels, outputs)
 
 
-def _state_misfit(graph: Graph, scored: Scored, channels: int, cells: int) -> None:
+def _state_misfit(graph: Graph, scored: Scored, channels: int) -> str:
     """Add the smallest misfit over the position, from a parabola through the best cell and its neighbours.
 
-    Two channels or fewer fit any contact, so that there is nothing to misfit.
+    Two channels or fewer fit any contact, so that there is nothing to misfit. Returns the least R of a cell.
     """
-    axes = graph.ints(1, 2)
     if channels <= 2:
-        least = graph.apply("ReduceSum", scored.misfit, axes, keepdims=0)
-        graph.apply("Mul", least, graph.constant(0.0), output="misfit")
-        return
-    best = graph.apply("Add", graph.apply("ArgMin", scored.misfit, axis=2, keepdims=1), graph.ints(-1, 0, 1))
-    # Beyond the ends of the range the end itself is repeated: its parabola is lowest at the edge of the cell.
-    best = graph.apply("Clip", best, graph.index(0), graph.index(cells - 1))
-    three = graph.apply("GatherElements", scored.misfit, best, axis=2)
-    # Value, slope and curvature, scaled so that the parabola is lowest at value - slope^2 / curvature.
-    parabola: Floats = np.array([[0.0, -0.5, 1.0], [2.0, 0.0, -2.0], [0.0, 0.5, 1.0]])
-    value, slope, curvature = graph.split(graph.apply("MatMul", three, graph.constant(parabola)), 3, 2)
+        least = graph.apply("ReduceMin", scored.misfit, axes=[1, 2], keepdims=1)
+        graph.apply("Mul", graph.apply("Squeeze", least, graph.ints(1, 2)), graph.constant(0.0), output="misfit")
+        return least
+    three = graph.top(scored.misfit, 3, 2, largest=False)
+    # R, misfit, slope and curvature, scaled so that the parabola is lowest at misfit - slope^2 / curvature.
+    parabola: Floats = np.array([[1.0, 2.0, 0.0, -2.0], [0.0, 0.0, -0.5, 1.0], [0.0, 0.0, 0.5, 1.0]])
+    least, value, slope, curvature = graph.split(graph.apply("MatMul", three, graph.constant(parabola)), 4, 2)
     curvature = graph.apply("Max", curvature, graph.constant(SMALLEST_MASS))
     drop = graph.apply("Div", graph.apply("Mul", slope, slope), curvature)
-    lowest = graph.apply("Max", graph.apply("Sub", value, drop), graph.constant(0.0))
-    graph.apply("Squeeze", lowest, axes, output="misfit")
+    # Rounding may put the bottom below 0.
+    graph.apply("ReduceL1", graph.apply("Sub", value, drop), axes=[1, 2], keepdims=0, output="misfit")
+    return least

@@ -9,8 +9,7 @@ from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.metadata import INPUTS
 
 LEAST_PRECISION = np.pi / HIGHEST**2
-"""Added to a, over the square of the largest force: then 1 / sqrt(a) is the mass of an even prior up to HIGHEST, even
-in a cell that says nothing of the force."""
+"""Added to a, over the square of the largest force: a cell that says nothing of the force has a best force, too."""
 WIDEST = 1e4
 """Samples are clipped to this multiple of the largest deflection, so that nothing overflows."""
 
@@ -42,7 +41,7 @@ class Scored:
     misfit: str
     """R, half the misfit"""
     widened: str | None
-    """Log of the factor by which the mounting of the sensors widens the errors; None if it does not."""
+    """Factor by which the mounting of the sensors widens the errors; None if it does not."""
 
 
 def whitened(graph: Graph, largest_mm: float) -> Whitened:
@@ -70,14 +69,16 @@ def scored(graph: Graph, seen: Whitened, largest_n: float, influence: str, uncer
     moved = graph.apply("Mul", moved, graph.apply("Mul", force, force))
     wider = graph.apply("Sqrt", graph.apply("Add", moved, graph.constant(1.0)))
     shape = graph.apply("Div", shape, wider)
-    found = _fitted(graph, graph.apply("Div", sample, wider), shape, largest_n)
-    density = graph.apply("ReduceSum", graph.apply("Log", wider), graph.ints(1), keepdims=1)
-    return Scored(sample, shape, *found, density)
+    found = _fitted(graph, graph.apply("Div", sample, wider), shape, largest_n, own=True)
+    return Scored(sample, shape, *found, graph.apply("ReduceProd", wider, axes=[1], keepdims=1))
 
 
-def _fitted(graph: Graph, sample: str, shape: str, largest_n: float) -> tuple[str, str, str]:
-    """Return precision, best force and half the misfit of each cell."""
-    along = graph.apply("ReduceSum", graph.apply("Mul", shape, sample), graph.ints(1), keepdims=1)
+def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: bool = False) -> tuple[str, str, str]:
+    """Return precision, best force and half the misfit of each cell; `own`: each cell has its own sample."""
+    if own:
+        along = graph.apply("ReduceSum", graph.apply("Mul", shape, sample), graph.ints(1), keepdims=1)
+    else:
+        along = graph.apply("MatMul", graph.apply("Transpose", sample, perm=[0, 2, 1]), shape)
     precision = graph.apply("ReduceSumSquare", shape, axes=[1], keepdims=1)
     precision = graph.apply("Add", precision, graph.constant(LEAST_PRECISION / largest_n**2))
     force = graph.apply("Div", along, precision)
@@ -86,8 +87,10 @@ def _fitted(graph: Graph, sample: str, shape: str, largest_n: float) -> tuple[st
     return precision, force, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
 
 
-def state_log_odds(graph: Graph, scored: Scored, weighted: str) -> None:
-    """Add the log odds of contact; `weighted` is log s_i - R_i."""
-    touched = graph.apply("ReduceLogSumExp", weighted, axes=[1, 2], keepdims=0)
-    rest = graph.apply("ReduceSumSquare", scored.sample, axes=[1, 2], keepdims=0)
-    graph.apply("Add", touched, rest, output="contact_log_odds")
+def state_log_odds(graph: Graph, scored: Scored, likely: str, least: str) -> None:
+    """Add the log odds of contact; `likely` is s_i exp(least R - R_i)."""
+    axes = graph.ints(1, 2)
+    touched = graph.apply("Log", graph.apply("ReduceSum", likely, axes, keepdims=1))
+    rest = graph.apply("ReduceSumSquare", scored.sample, axes=[1, 2], keepdims=1)
+    odds = graph.apply("Add", touched, graph.apply("Sub", rest, least))
+    graph.apply("Squeeze", odds, axes, output="contact_log_odds")

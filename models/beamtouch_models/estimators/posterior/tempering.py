@@ -44,7 +44,9 @@ class Tempered:
         return graph.apply("Add", rho2, graph.constant(self.centre_error**2))
 
     def centre(self, posterior: str, median: str) -> str:
-        """Return the mean where a posterior is as narrow as its tempering allows, the median elsewhere; both double.
+        """Return the mean where a posterior is as narrow as its tempering allows, the median elsewhere.
+
+        Both are double, from the left end of the range.
 
         A median that is linear within its cell is off by up to a hundredth of the cell, which is more than a narrow
         posterior is wide before it is tempered. The mean of such a posterior has the error of a sum of a Gaussian.
@@ -56,7 +58,7 @@ class Tempered:
 
         shares = graph.cast(posterior, np.float64)
         shares = graph.apply("Div", shares, graph.apply("ReduceSum", shares, axis, keepdims=1))
-        middle = graph.constant(self.cells.middles_mm, np.float64)
+        middle = graph.constant(self.cells.middles_mm - self.cells.edges_mm[0], np.float64)
         mean = mean_of(middle)
         off = graph.apply("Sub", middle, mean)
         cell = mean_of(graph.constant((NARROW * np.diff(self.cells.edges_mm)) ** 2, np.float64))

@@ -1,0 +1,140 @@
+"""Thresholds of `unexplained`: sums of squares that rest, and one contact, exceed in one false stretch a day.
+
+A stretch begins with three odd samples in a row. The means of overlapping windows are hardly ever odd alone, so that
+the thresholds are well below the quantiles of chi-square for a single sample. As for touch, the rate is that of the
+noise, averaged over zeros within twice their drift. The gain error of a load counts like a zero, because it stays as
+long as the load does.
+
+The rate follows by importance sampling over sequences of samples. The noise that three samples have in common is drawn
+in any direction, at any distance r from the origin, evenly; the zeros are drawn along it. A stretch in which k runs of
+three begin is found k times and counts 1/k.
+"""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.special import chdtri, gammaln
+
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.touch import SECONDS_PER_DAY, directions, noise_at_rest, shapes_at_rest
+from beamtouch_models.accuracy.windows import overlapping_means
+from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
+from beamtouch_models.arrays import Bools, Floats
+
+IN_A_ROW = 3
+"""Odd samples in a row with which a stretch begins."""
+PER_DAY = 1.0
+"""False stretches per day of rest."""
+PER_DAY_OF_CONTACT = 0.5
+"""False stretches per day of a contact. Weak contacts and those near an end of the range leave more than two channels
+fewer unexplained, which makes up to three times as many."""
+MOST_OFTEN = 0.01
+"""Largest rate per sample; above it, a misfit no longer tells anything."""
+FARTHEST = 14.0
+"""Largest r, in deviations."""
+WINDOWS = 2, 64
+"""Windows that are simulated. Samples of single readings are odd together less often than means of two. In longer
+windows than the largest, false stretches are as frequent per window."""
+DRAWS = 8192
+MAX_SETS = 8
+"""Number of sets of channels of one size that are simulated; they hardly differ."""
+PLACES = 4
+"""Every so many places of a contact are looked at."""
+STEPS = 30
+
+
+@dataclass(frozen=True)
+class Sequences:
+    """Whitened samples of sequences."""
+
+    sample: Floats
+    """(draws, samples, dimensions)"""
+    weight: Floats
+    """(draws,), true density over that of the draws."""
+    first: int
+    """Index of the first of the samples that are drawn large."""
+
+
+def unexplained_thresholds(
+    prior: Prior, rate_hz: float, window: int, seed: int
+) -> tuple[list[float], list[float | None]]:
+    """Return the thresholds of rest and of misfit, by the number of valid channels.
+
+    Two channels or fewer fit any contact: nothing is unexplained, and their threshold of rest is that of one sample.
+    """
+    simulated = int(np.clip(window, *WINDOWS))
+    per_sample = max(1.0, window / simulated) / (SECONDS_PER_DAY * rate_hz)
+    rate, often = (min(per_day * per_sample, MOST_OFTEN) for per_day in (PER_DAY, PER_DAY_OF_CONTACT))
+    noise, whole = noise_at_rest(prior), shapes_at_rest(prior)[::PLACES]
+    rest, misfit = [], list[float | None]()
+    for size in range(1, prior.channels + 1):
+        if size <= 2:
+            rest.append(float(chdtri(size, rate)))
+            misfit.append(None)
+            continue
+        contact = contacts(np.full(size, np.sqrt(np.mean(noise**2))), simulated, DRAWS, seed)
+        limit = threshold(contact, (contact.sample**2).sum(axis=2), often)
+        sets = list(combinations(range(prior.channels), size))
+        each = []
+        for kept in sets[:: -(-len(sets) // MAX_SETS)]:
+            still = at_rest(noise[list(kept)], simulated, DRAWS, seed)
+            odd = squares_if_odd(directions(whole[:, kept]), still.sample, limit)
+            each.append(max(limit, threshold(still, odd, rate)))
+        rest.append((max(each) + min(each)) / 2)
+        misfit.append(limit)
+    return rest, misfit
+
+
+def at_rest(noise: Floats, window: int, draws: int, seed: int) -> Sequences:
+    """Draw sequences at rest whose means are large together; `noise` are deviations (channels,)."""
+    basis = np.broadcast_to(np.eye(len(noise)), (draws, len(noise), len(noise)))
+    return _sequences(basis, noise, window, np.random.default_rng([seed, len(noise)]))
+
+
+def contacts(noise: Floats, window: int, draws: int, seed: int) -> Sequences:
+    """Draw what contacts leave unexplained, (draws, samples, channels - 2): errors in any directions but two."""
+    rng = np.random.default_rng([seed, len(noise)])
+    basis, _ = np.linalg.qr(rng.normal(size=(draws, len(noise), len(noise) - 2)))
+    return _sequences(basis, noise, window, rng)
+
+
+def _sequences(basis: Floats, noise: Floats, window: int, rng: np.random.Generator) -> Sequences:
+    """Draw sequences in the space of a basis (draws, channels, dimensions)."""
+    draws, _, dimensions = basis.shape
+    radius = FARTHEST * (np.arange(draws) + rng.random(draws)) / draws
+    toward = rng.normal(size=(draws, dimensions))
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    tilt, reach = radius[:, None] * np.einsum("dcm,dm->dc", basis, toward) / noise, reach_of(noise)
+    zero = tilted(tilt, reach, rng)
+    means, first = overlapping_means(radius[:, None] * toward, window, IN_A_ROW, rng)
+    sample = np.einsum("dcm,dc->dm", basis, zero)[:, None] + noise[:dimensions] * means
+    density = (dimensions - 1) * np.log(radius) - radius**2 / 2
+    density -= (dimensions / 2 - 1) * np.log(2) + gammaln(dimensions / 2)
+    return Sequences(sample, FARTHEST * np.exp(density - log_tilt(zero, tilt, reach)), first)
+
+
+def squares_if_odd(unit: Floats, sample: Floats, misfit: float) -> Floats:
+    """Return the sum of squares of samples (draws, samples, channels), and 0 where a contact explains the sample."""
+    square: Floats = (sample**2).sum(axis=2)
+    found: Floats = np.zeros_like(square)
+    large = square > misfit
+    explained = np.maximum(sample[large] @ unit.T, 0.0).max(axis=1) ** 2
+    found[large] = np.where(square[large] - explained > misfit, square[large], 0.0)
+    return found
+
+
+def stretches(drawn: Sequences, odd: Bools) -> float:
+    """Return the rate of stretches per sample; `odd` are (draws, samples)."""
+    begun = odd[:, :-2] & odd[:, 1:-1] & odd[:, 2:]
+    return float(np.mean(drawn.weight * begun[:, drawn.first] / np.maximum(begun.sum(axis=1), 1)))
+
+
+def threshold(drawn: Sequences, statistic: Floats, rate: float) -> float:
+    """Return the threshold of a statistic (draws, samples) at which stretches begin with probability `rate`."""
+    low, high = 0.0, float(statistic.max())
+    for _ in range(STEPS):
+        middle = (low + high) / 2
+        above = stretches(drawn, statistic > middle) > rate
+        low, high = (middle, high) if above else (low, middle)
+    return high

@@ -1,0 +1,159 @@
+"""False contacts and false stretches of `unexplained` per day: through a graph, over sequences of overlapping windows.
+
+Importance sampling over sequences, as in `beamtouch_models.accuracy.stretches`: zeros anywhere within twice their
+drift, evenly, and the errors of the gains likewise. A contact lasts from the threshold of touch to an eighth of it, a
+stretch begins with three odd samples in a row.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.stretches import FARTHEST, IN_A_ROW, Sequences, at_rest, stretches
+from beamtouch_models.accuracy.touch import (
+    SECONDS_PER_DAY,
+    directions,
+    noise_at_rest,
+    rate_per_sample,
+    rest_like_contact,
+    shapes_at_rest,
+)
+from beamtouch_models.accuracy.windows import overlapping_means
+from beamtouch_models.accuracy.zeros import DRIFTS, log_tilt, tilted
+from beamtouch_models.arrays import Floats
+from beamtouch_models.building.measured import thresholds_of
+from beamtouch_models.export import to_bytes
+from beamtouch_models.metadata import FilterChoice, Thresholds
+from beamtouch_models.placement import fewest_sensors
+from beamtouch_models.pricing.effects import required
+from beamtouch_models.pricing.noise import choose_filter
+from beamtouch_models.scene import Scene, load_scene
+from beamtouch_models.session import Run, runner
+from example_scenes import SCENES
+from posterior_cases import graph_of
+
+LIFT = 1 / 8
+"""Log odds at which a contact ends, over the threshold of touch."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A shipped scene as it is built."""
+
+    scene: Scene
+    filter: FilterChoice
+    prior: Prior
+    thresholds: Thresholds
+    run: Run
+
+    @property
+    def samples_per_day(self) -> float:
+        """Number of samples in a day."""
+        return SECONDS_PER_DAY * self.scene.sensors.rate_hz
+
+    def answers(self, kept: tuple[int, ...], deflection_mm: Floats) -> dict[str, Floats]:
+        """Answers to settled samples (..., channels) of which the channels `kept` are valid; each is (...)."""
+        flat = deflection_mm.reshape(-1, self.prior.channels)
+        valid = np.zeros(flat.shape, np.bool_)
+        valid[:, kept] = True
+        reading = np.where(valid, flat, 0.0)
+        weights = self.prior.whitening(reading, valid)
+        square = (np.einsum("dij,dj->di", weights, reading) ** 2).sum(axis=1)
+        found = {name: values.astype(np.float64) for name, values in self.run(reading, weights).items()}
+        return {name: values.reshape(deflection_mm.shape[:-1]) for name, values in (*found.items(), ("rest", square))}
+
+
+def surface(name: str) -> Surface:
+    """The surface of a shipped scene."""
+    scene, _ = load_scene(SCENES / f"{name}.toml")
+    chosen = choose_filter(scene)
+    physics = required(scene, chosen)
+    layout = np.array(fewest_sensors(physics.scene, physics.noise.sample_mm, None, 0).positions_mm)
+    prior = Prior.real(physics.scene, layout, physics.noise.sample_mm)
+    return Surface(scene, chosen, prior, thresholds_of(prior, scene, chosen, 1), runner(to_bytes(graph_of(prior))))
+
+
+def false_contacts_per_day(on: Surface, kept: tuple[int, ...], draws: int, seed: int = 5) -> float:
+    """Contacts per day that begin at rest while the channels `kept` are valid."""
+    noise, threshold = noise_at_rest(on.prior)[list(kept)], on.thresholds.touch[len(kept) - 1]
+    rate = rate_per_sample(on.thresholds.false_contacts_per_day, on.scene.sensors.rate_hz, on.filter.window)
+    rest = rest_like_contact(directions(shapes_at_rest(on.prior)[:, kept]), noise, rate, draws, seed)
+    means, first = overlapping_means(rest.noise / noise, on.filter.window, 1, np.random.default_rng(seed))
+    reading = _unwhitened(on.prior, kept, rest.zero[:, None] + noise * means)
+    begun = on.answers(kept, reading[:, first])["contact_log_odds"] > threshold
+    odds = on.answers(kept, reading[begun])["contact_log_odds"]
+    # A sample belongs to the same contact if none between them lies below the threshold of a lift.
+    after, before = odds[:, first:], odds[:, first::-1]
+    count = np.zeros(len(odds))
+    for side in (after, before):
+        count += ((side > threshold) & (np.minimum.accumulate(side, axis=1) > LIFT * threshold)).sum(axis=1)
+    return float((rest.weight[begun] / (count - 1)).sum() / draws * on.samples_per_day)
+
+
+def false_stretches_per_day(on: Surface, kept: tuple[int, ...], draws: int, seed: int = 6) -> float:
+    """Stretches per day that begin at rest while the channels `kept` are valid."""
+    window = max(2, on.filter.window)
+    drawn = at_rest(noise_at_rest(on.prior)[list(kept)], window, draws, seed)
+    return _stretches_per_day(on, kept, drawn, _unwhitened(on.prior, kept, drawn.sample))
+
+
+def false_stretches_of_contacts_per_day(on: Surface, kept: tuple[int, ...], draws: int, seed: int = 7) -> float:
+    """Stretches per day that begin while contacts of the prior last, whose gains are off by up to twice the floor."""
+    prior, size, rng = on.prior, len(kept), np.random.default_rng(seed)
+    contacts = limit.draw(prior, draws, seed)
+    clean = contacts.force_n[:, None] * prior.table(contacts.position_mm)
+    moved = contacts.force_n[:, None] * prior.table(contacts.position_mm, 1)
+    deviation = prior.deviation_mm(clean)
+    clean, moved, deviation = (values[:, kept] for values in (clean, moved, deviation))
+    noise = prior.noise_mm / deviation
+    # All directions but those of the force and of the position, in deviations of the noise.
+    known = np.stack([clean / deviation, moved / deviation], axis=2)
+    basis = np.linalg.qr(known, mode="complete")[0][:, :, 2:]
+    inside, _ = np.linalg.qr(basis * noise[:, :, None])
+    radius = FARTHEST * rng.random(draws)
+    toward = rng.normal(size=(draws, size - 2))
+    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
+    along = np.einsum("dcm,dm->dc", inside, toward)
+    white = rng.normal(size=(draws, size))
+    white -= np.einsum("dcm,dnm,dn->dc", inside, inside, white)
+    means, first = overlapping_means(white + radius[:, None] * along, on.filter.window, IN_A_ROW, rng)
+    tilt = radius[:, None] * np.einsum("dcm,dnm,dn->dc", basis, basis, along / noise)
+    density = (size - 3) * np.log(radius) - radius**2 / 2 - ((size - 2) / 2 - 1) * np.log(2) - gammaln((size - 2) / 2)
+    constant = np.zeros_like(clean)
+    gain, zero_mm = (np.broadcast_to(value, prior.channels)[list(kept)] for value in (prior.gain, prior.zero_mm))
+    for error in (zero_mm / deviation, gain * np.abs(clean) / deviation):
+        part = tilted(tilt, DRIFTS * error, rng)
+        density -= log_tilt(part, tilt, DRIFTS * error)
+        constant += part
+    sample = np.zeros((draws, means.shape[1], prior.channels))
+    sample[:, :, kept] = (clean + deviation * constant)[:, None] + prior.noise_mm * means
+    drawn = Sequences(means, FARTHEST * np.exp(density), first)
+    return _stretches_per_day(on, kept, drawn, sample)
+
+
+def _stretches_per_day(on: Surface, kept: tuple[int, ...], drawn: Sequences, reading: Floats) -> float:
+    # Only sequences that are odd where they are drawn large count.
+    candidates = np.ones(len(reading), np.bool_)
+    for sample in range(drawn.first, drawn.first + IN_A_ROW):
+        candidates[candidates] = _odd(on, kept, reading[candidates, sample])
+    odd = np.zeros(reading.shape[:2], np.bool_)
+    odd[candidates] = _odd(on, kept, reading[candidates])
+    return stretches(drawn, odd) * on.samples_per_day
+
+
+def _odd(on: Surface, kept: tuple[int, ...], reading: Floats) -> NDArray[np.bool_]:
+    answers, misfit = on.answers(kept, reading), on.thresholds.misfit[len(kept) - 1]
+    assert misfit is not None
+    odd: NDArray[np.bool_] = (answers["rest"] > on.thresholds.rest[len(kept) - 1]) & (answers["misfit"] > misfit)
+    return odd
+
+
+def _unwhitened(prior: Prior, kept: tuple[int, ...], sample: Floats) -> Floats:
+    """Deflections (..., channels) of whitened samples (..., kept) at rest."""
+    deflection = np.zeros((*sample.shape[:-1], prior.channels))
+    deflection[..., kept] = sample * prior.deviation_mm(np.zeros((1, prior.channels)))[0, list(kept)]
+    return deflection

@@ -1,0 +1,37 @@
+"""False contacts and false stretches of `unexplained`, as events; the benchmark false_alarms takes all masks."""
+
+import pytest
+from scipy.special import chdtri
+
+from false_alarms import (
+    false_contacts_per_day,
+    false_stretches_of_contacts_per_day,
+    false_stretches_per_day,
+    surface,
+)
+
+
+@pytest.mark.parametrize(("name", "kept"), [("bench", (0, 1, 2, 3)), ("short-deep", (1,)), ("two-spans", (0, 1, 2, 4))])
+def test_false_contacts_come_once_a_month_wherever_zeros_lie(name: str, kept: tuple[int, ...]) -> None:
+    on = surface(name)
+    assert on.thresholds.false_contacts_per_day == pytest.approx(1 / 30)
+    assert 0.5 < 30 * false_contacts_per_day(on, kept, 512) < 2
+
+
+@pytest.mark.parametrize(("name", "kept"), [("bench", (0, 1, 2, 3)), ("cantilever", (0, 1, 2))])
+def test_false_stretches_come_once_a_day_at_rest_and_during_contacts(name: str, kept: tuple[int, ...]) -> None:
+    on = surface(name)
+    assert 0.5 < false_stretches_per_day(on, kept, 4096) < 2
+    assert 0.2 < false_stretches_of_contacts_per_day(on, kept, 4096) < 2
+
+
+def test_three_odd_samples_in_a_row_allow_lower_thresholds_than_one() -> None:
+    on = surface("bench")
+    rest, misfit = on.thresholds.rest, on.thresholds.misfit
+    assert misfit[:2] == [None, None]
+    for size in (3, 4):
+        limit = misfit[size - 1]
+        assert limit is not None
+        # The chi-square quantile of one sample a day is 29 on one degree of freedom and 33 on two.
+        assert limit < chdtri(size - 2, 1 / on.samples_per_day) - 6
+        assert limit < rest[size - 1]
