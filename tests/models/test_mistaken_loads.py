@@ -25,8 +25,7 @@ from imperfect_surface import true_prior, write_readings
 from in_process import Command
 from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake
 
-# Counting lines would take as long again; tests of the calibration run the same lines.
-pytestmark = [pytest.mark.long, pytest.mark.no_cover]
+pytestmark = [pytest.mark.long, pytest.mark.untraced]
 
 SMALL = ("conveyor", "20 mm")
 """On 1200 mm this load moves the sensors by less than eight noises: see docs/figures.md."""

@@ -11,7 +11,7 @@ from beamtouch_models.placement.problem import rules_for
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.untraced]
 
 NOISE_MM = 0.02 * 1.1287477954
 
