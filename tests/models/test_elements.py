@@ -80,8 +80,15 @@ def test_any_step_in_section_agrees_with_transfer_matrices(
     segments = [{"to_mm": step, "thickness_mm": thickness}, {"to_mm": 400}]
     beam = stated(STEEL, segments=segments, supports=supports, shear_modulus_gpa=modulus)
     points = np.linspace(0, 400, 41)
-    expected = float(ExactBeam(beam, 80).deflection(x, a))
-    assert abs(influence(beam, [x], [a])[0, 0] - expected) <= 1e-11 * np.abs(influence(beam, points, points)).max()
+    try:
+        found, largest = influence(beam, [x], [a])[0, 0], np.abs(influence(beam, points, points)).max()
+    except SceneError:
+        # A stub that is nearly as soft as rubber in shear: too few digits would be right. Nothing else is refused.
+        assert modulus is not None
+        assert modulus < 0.05
+        assert min(step, 400 - step) < 10
+        return
+    assert abs(found - float(ExactBeam(beam, 80).deflection(x, a))) <= 1e-11 * largest
 
 
 @pytest.mark.parametrize("supports", ["simply-supported", "cantilever", "fixed-fixed", "propped", simple(100), []])
