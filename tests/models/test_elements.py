@@ -91,6 +91,12 @@ def test_any_step_in_section_agrees_with_transfer_matrices(
     assert abs(found - float(ExactBeam(beam, 80).deflection(x, a))) <= 1e-11 * largest
 
 
+def test_a_load_nearly_on_a_support_is_not_refused() -> None:
+    segments = [{"to_mm": 1.0, "thickness_mm": 2.0}, {"to_mm": 400}]
+    beam = stated(STEEL, segments=segments, shear_modulus_gpa=2.0)
+    assert 0 <= influence(beam, [2.2250738585e-313], [200.0])[0, 0] < 1e-307
+
+
 @pytest.mark.parametrize("supports", ["simply-supported", "cantilever", "fixed-fixed", "propped", simple(100), []])
 @pytest.mark.parametrize("reach", [1e-6, 1e-3, 0.1, 1.0, 5.0])
 def test_foundations_from_soft_to_stiff_agree_with_transfer_matrices(supports: object, reach: float) -> None:
