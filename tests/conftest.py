@@ -29,6 +29,26 @@ from toolchain import made_once
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+class NamesFailures:
+    """Names each failure when it happens; the report at the end has the rest."""
+
+    def __init__(self, terminal: pytest.TerminalReporter) -> None:
+        self._terminal = terminal
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Write a line for a test that failed."""
+        if report.failed:
+            self._terminal.write(f"\nFAILED {report.nodeid} ({report.when})\n", red=True)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Let failures be named, in the one process that has a terminal."""
+    terminal = config.pluginmanager.getplugin("terminalreporter")
+    if terminal is not None:
+        config.pluginmanager.register(NamesFailures(terminal))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put first what takes long, so that no process is left with it at the end while the others have nothing to do.
 
