@@ -80,7 +80,7 @@ def build(
     physics = _physics_of(scene, choices.filter or choose_filter(scene))
     sensor = sensor_of(scene)
     progress("placing the sensors", 0.0)
-    # Physics ends here: estimator and accuracy know only the influence matrix.
+    # Physics ends here: layout, estimator and accuracy know only the influence matrix.
     influence = influence_of(physics.scene)
     placement = fewest_sensors(
         influence,
