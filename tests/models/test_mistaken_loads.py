@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.accuracy.model_prior import physics_of
+from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.calibration.calibrate import checked_fit
 from beamtouch_models.calibration.fit import fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.physics.beam import scene_influence
-from beamtouch_models.scene import Scene
+from beamtouch_models.physics.influence import InfluenceFunction
 
 TABLE = 2001
 """Number of load positions in an influence table."""
@@ -36,15 +35,15 @@ class Prior:
     """From deflections (samples, channels) that are linear in the force to measured deflections."""
 
     @classmethod
-    def of(cls, scene: Scene, sensor_mm: Floats, noise_mm: float) -> Self:
-        """Prior of a scene with sensors at `sensor_mm` (channels,) and `noise_mm` per sample."""
+    def of(cls, influence: InfluenceFunction, sensor_mm: Floats, noise_mm: float) -> Self:
+        """Prior of a structure with sensors at `sensor_mm` (channels,) and `noise_mm` per sample."""
         return cls(
-            length_mm=scene.beam.length_mm,
-            position_mm=scene.contact.position_mm,
-            force_n=scene.contact.force_range_n,
+            length_mm=influence.length_mm,
+            position_mm=influence.position_mm,
+            force_n=influence.force_n,
             noise_mm=noise_mm,
             channels=len(sensor_mm),
-            influence_at=partial(scene_influence, scene, sensor_mm),
+            influence_at=partial(influence.at, sensor_mm),
         )
 
     @property
