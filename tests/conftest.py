@@ -2,7 +2,9 @@
 
 import os
 import signal
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Generator, Iterator
+from functools import partial
 from pathlib import Path
 from zlib import crc32
 
@@ -11,7 +13,6 @@ from zlib import crc32
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 import pytest
-from filelock import FileLock
 from playwright.sync_api import Browser
 from xdist.remote import Producer
 
@@ -28,6 +29,26 @@ from toolchain import made_once
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+class NamesFailures:
+    """Names each failure when it happens; the report at the end has the rest."""
+
+    def __init__(self, terminal: pytest.TerminalReporter) -> None:
+        self._terminal = terminal
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Write a line for a test that failed."""
+        if report.failed:
+            self._terminal.write(f"\nFAILED {report.nodeid} ({report.when})\n", red=True)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_configure(config: pytest.Config) -> None:
+    """Let failures be named, in the one process that has a terminal."""
+    terminal = config.pluginmanager.getplugin("terminalreporter")
+    if terminal is not None:
+        config.pluginmanager.register(NamesFailures(terminal))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put first what takes long, so that no process is left with it at the end while the others have nothing to do.
 
@@ -42,26 +63,37 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Schedul
     return Scheduling(config, log)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Run a test that is marked `untraced` without counting lines; `no_cover` of pytest-cov has no effect here."""
+    if item.get_closest_marker("untraced") is None:
+        return (yield)
+    tracer = sys.gettrace()
+    sys.settrace(None)
+    try:
+        return (yield)
+    finally:
+        sys.settrace(tracer)
+
+
 @pytest.fixture(scope="session")
 def anyio_backend() -> str:
     """Tests that are coroutines run on asyncio."""
     return "asyncio"
 
 
+def _build(name: str, folder: Path) -> None:
+    scene, text = load_scene(SCENES / f"{name}.toml")
+    built = build(scene, text, name, count=None, seed=0, progress=lambda _doing, _done: None)
+    (folder / f"{name}.onnx").write_bytes(built.content)
+
+
 @pytest.fixture(scope="session")
 def built_model(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     """A function from the name of a shipped scene to its model file; built once, whichever test process asks first."""
-    shared = tmp_path_factory.getbasetemp().parent / "models"
-    shared.mkdir(exist_ok=True)
 
     def model(name: str) -> Path:
-        path = shared / f"{name}.onnx"
-        with FileLock(shared / f"{name}.lock"):
-            if not path.exists():
-                scene, text = load_scene(SCENES / f"{name}.toml")
-                built = build(scene, text, name, count=None, seed=0, progress=lambda _doing, _done: None)
-                path.write_bytes(built.content)
-        return path
+        return made_once(tmp_path_factory, f"model-{name}", partial(_build, name)) / f"{name}.onnx"
 
     return model
 

@@ -28,13 +28,13 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measured import thresholds_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import FilterChoice, Thresholds
-from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import Run, runner
 from example_scenes import SCENES
 from posterior_cases import graph_of
+from stated_problems import fewest_mm, real_prior
 
 LIFT = 1 / 8
 """Log odds at which a contact ends, over the threshold of touch."""
@@ -72,8 +72,8 @@ def surface(name: str) -> Surface:
     scene, _ = load_scene(SCENES / f"{name}.toml")
     chosen = choose_filter(scene)
     physics = required(scene, chosen)
-    layout = np.array(fewest_sensors(physics.scene, physics.noise.sample_mm, None, 0).positions_mm)
-    prior = Prior.real(physics.scene, layout, physics.noise.sample_mm)
+    noise_mm = physics.noise.sample_mm
+    prior = real_prior(physics.scene, fewest_mm(physics.scene, noise_mm), noise_mm)
     return Surface(scene, chosen, prior, thresholds_of(prior, scene, chosen, 1), runner(to_bytes(graph_of(prior))))
 
 

@@ -10,6 +10,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.scene import parse_scene
 
@@ -33,7 +34,7 @@ def true_prior(metadata: Metadata, real: Imperfections) -> Prior:
     """What an estimator would know that knew everything of the real surface."""
     scene = real.applied_to(parse_scene(metadata.scene, metadata.name))
     sensor_mm = real.sensors_mm(np.array([channel.position_mm for channel in metadata.layout]))
-    prior = Prior.of(scene, sensor_mm, metadata.noise.sample_mm)
+    prior = Prior.of(influence_of(scene), sensor_mm, metadata.noise.sample_mm)
     return dataclasses.replace(prior, stated=real.seen_mm)
 
 

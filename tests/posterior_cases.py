@@ -16,12 +16,13 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import INPUTS
-from beamtouch_models.physics.beam import max_deflection_mm
+from beamtouch_models.physics.beam import influence_of, max_deflection_mm
 from beamtouch_models.placement import place
 from beamtouch_models.scene import load_scene
 from beamtouch_models.session import Run, runner, session_options
 from beamtouch_models.whitening import whitening
 from example_scenes import SCENES
+from stated_problems import problem_in
 
 TINY = np.nextafter(np.float32(0), np.float32(1))
 """The smallest subnormal of float32."""
@@ -35,8 +36,8 @@ def prior_of(name: str, sensors: int, noise_percent: float, *, known: bool) -> P
     force = (high, high) if known else (min(low, high / 10), high)
     contact = scene.contact.model_copy(update={"force_n": force})
     scene = scene.model_copy(update={"contact": contact})
-    positions = np.array(place(scene, sensors, 1).positions_mm)
-    return Prior.of(scene, positions, max_deflection_mm(scene) * noise_percent / 100)
+    positions = np.array(place(*problem_in(scene), sensors, 1).positions_mm)
+    return Prior.of(influence_of(scene), positions, max_deflection_mm(scene) * noise_percent / 100)
 
 
 def with_floor(prior: Prior) -> Prior:

@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from beamtouch_models.physics.beam import load_positions_mm, scene_influence
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, score_positions
-from beamtouch_models.placement.problem import Problem, problem_from, rules_for
+from beamtouch_models.placement.problem import Problem, equal_layout, problem_from
 from beamtouch_models.placement.search_exact import Run, exact_search, first_best
 from beamtouch_models.placement.search_paper import paper_runs
 from example_scenes import paper_scene
+from stated_problems import problem_in
 
 Array = NDArray[np.float64]
 Search = Callable[["Peer", int, int], Any]
@@ -40,9 +41,8 @@ class Peer:
     """The paper's problem as the packages see it: whole numbers in, scores out."""
 
     def __init__(self) -> None:
-        scene = paper_scene()
         self.position_mm = np.arange(1.0, 400.0)
-        self.matrix = scene_influence(scene, self.position_mm, load_positions_mm(scene))
+        self.matrix = influence_of(paper_scene()).matrix(self.position_mm)
 
     def scorer(self) -> Callable[[NDArray[Any]], Array]:
         """A function from layouts (population, sensors) of indices to their log determinants."""
@@ -58,7 +58,8 @@ class Peer:
 
 
 def _ours(peer: Peer, count: int, search: Callable[[Problem, int], list[Run]], seed: int) -> Array:
-    problem = problem_from(peer.matrix, *rules_for(paper_scene(), count), count)
+    influence, rules = problem_in(paper_scene())
+    problem = problem_from(peer.matrix, rules, equal_layout(rules, influence.length_mm, count), count)
     return problem.rules.position_mm[first_best(search(problem, seed)).layout] - 1
 
 
@@ -147,7 +148,7 @@ def run(seeds: int = SEEDS, counts: tuple[int, ...] = COUNTS) -> list[dict[str, 
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what the packages warn of is not ours
         for count in counts:
-            proof = place(paper_scene(), count, 0, certify="proof")
+            proof = place(*problem_in(paper_scene()), count, 0, certify="proof")
             of_count = [
                 row
                 for name, search in SEARCHES.items()
@@ -170,7 +171,7 @@ def _row(name: str, search: Search, peer: Peer, count: int, seeds: int, optimum:
         found = search(peer, count, seed)
         times.append(time.perf_counter() - started)
         positions = np.sort(peer.position_mm[np.asarray(found, dtype=int)])
-        shortfalls.append(optimum - score_positions(paper_scene(), positions))
+        shortfalls.append(optimum - score_positions(influence_of(paper_scene()), positions))
     return {
         "search": name,
         "sensors": count,

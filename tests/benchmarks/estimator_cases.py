@@ -12,16 +12,18 @@ from numpy.typing import NDArray
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
+from beamtouch_models.building.sensor_rules import sample_errors
 from beamtouch_models.estimators.estimator import NAMES, estimator_of
 from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes
-from beamtouch_models.physics.beam import max_deflection_mm
+from beamtouch_models.physics.beam import influence_of, max_deflection_mm
 from beamtouch_models.placement import place
 from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import runner, session_options
 from example_scenes import SCENES
+from stated_problems import problem_in
 
 Array = NDArray[np.float64]
 
@@ -61,7 +63,7 @@ def cases(scenes: Iterable[str] | None = None, counts: Iterable[int] = (2, 3, 4,
 def placed(name: str, sensors: int) -> tuple[Scene, tuple[float, ...]]:
     """A scene and its best layout."""
     scene, _ = load_scene(SCENES / f"{name}.toml")
-    return scene, tuple(place(scene, sensors, SEED).positions_mm)
+    return scene, tuple(place(*problem_in(scene), sensors, SEED).positions_mm)
 
 
 @lru_cache(maxsize=4)
@@ -72,9 +74,8 @@ def drawn_of(case: Case) -> tuple[Prior, limit.Draws, Array]:
     low, high = OPEN_N if low == high else (low, high)
     largest = max_deflection_mm(scene) * high / scene.contact.force_range_n[1]
     contact = scene.contact.model_copy(update={"force_n": high if case.known else (low, high)})
-    prior = Prior.of(
-        scene.model_copy(update={"contact": contact}), np.array(layout), largest * case.noise_percent / 100
-    )
+    influence = influence_of(scene.model_copy(update={"contact": contact}))
+    prior = Prior.of(influence, np.array(layout), largest * case.noise_percent / 100)
     drawn = limit.draw(prior, DRAWS, SEED)
     return prior, drawn, np.abs(limit.posterior_median_mm(prior, drawn.deflection_mm) - drawn.position_mm)
 
@@ -112,7 +113,8 @@ def latency_rows() -> list[dict[str, object]]:
     for name in ("paper", "bench", "conveyor"):
         scene, _ = load_scene(SCENES / f"{name}.toml")
         count = scene.sensors.count_range[0]
-        prior = Prior.real(scene, np.array(placed(name, count)[1]), noise_of(scene, choose_filter(scene)).sample_mm)
+        errors = sample_errors(scene, noise_of(scene, choose_filter(scene)).sample_mm)
+        prior = Prior.real(influence_of(scene), np.array(placed(name, count)[1]), errors)
         reading = limit.draw(prior, 1, SEED).deflection_mm
         calls: dict[str, Callable[[], object]] = {}
         for estimator in NAMES:

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.model_prior import physics_of
+from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.building.build import Built
+from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.building.report import facts as facts_module
 from beamtouch_models.building.report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
 from beamtouch_models.building.report.facts import Facts, gather
@@ -18,11 +19,14 @@ from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import build as command
 from beamtouch_models.metadata import Channel
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import Placement, place, place_by_position_error
+from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 from example_scenes import PAPER, SCENES
 from in_process import Command
+from stated_problems import problem_in
 from tags import Tags
 
 pytestmark = pytest.mark.long
@@ -30,7 +34,7 @@ pytestmark = pytest.mark.long
 
 def built_of(path: Path, model: ModelFile, scene: Scene) -> Built:
     physics = required(scene, model.metadata.filter)
-    return Built(path.read_bytes(), model.metadata, place(scene, len(model.metadata.layout), 0), physics)
+    return Built(path.read_bytes(), model.metadata, place(*problem_in(scene), len(model.metadata.layout), 0), physics)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -38,9 +42,11 @@ def searched_once() -> Iterator[None]:
     """The search by position error takes seconds; here the same question is asked several times."""
     found: dict[str, Placement] = {}
 
-    def search(scene: Scene, count: int, seed: int, noise_mm: float) -> Placement:
-        key = f"{scene!r} {count} {seed} {noise_mm}"
-        found[key] = found.get(key) or place_by_position_error(scene, count, seed, noise_mm)
+    def search(
+        influence: InfluenceFunction, rules: Candidates, count: int, seed: int, errors: SampleErrors
+    ) -> Placement:
+        key = f"{influence!r} {rules!r} {count} {seed} {errors}"
+        found[key] = found.get(key) or place_by_position_error(influence, rules, count, seed, errors)
         return found[key]
 
     with pytest.MonkeyPatch.context() as remembering:
@@ -138,10 +144,9 @@ def test_layouts_are_compared_on_the_same_contacts(facts: Facts) -> None:
 
 def test_a_layout_that_no_search_finds_is_listed_too(facts: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 100)
-    noise_mm = facts.model.metadata.noise.sample_mm
-    layouts = facts_module._layouts(
-        physics_of(facts.model.metadata).scene, np.array([50.0, 150.0, 250.0, 350.0]), noise_mm, 0
-    )
+    errors = SampleErrors(facts.model.metadata.noise.sample_mm)
+    problem = problem_in(physics_of(facts.model.metadata).scene)
+    layouts = facts_module._layouts(*problem, np.array([50.0, 150.0, 250.0, 350.0]), errors, 0)
     assert [layout.taken for layout in layouts] == [False] * (len(layouts) - 1) + [True]
     assert layouts[-1].name == "the model's"
 

@@ -15,7 +15,7 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.evaluation import estimates
-from beamtouch_models.accuracy.model_prior import physics_of, prior_of_model
+from beamtouch_models.building.model_prior import physics_of, prior_of_model
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checked_fit
 from beamtouch_models.calibration.fit import fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, read_loads

@@ -14,7 +14,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2, norm
 
-from beamtouch_models.accuracy.model_prior import prior_of_model
+from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge import faults, honest
 from beamtouch_models.challenge.challenge import misses, rows_of, run_of
 from beamtouch_models.challenge.judge import Judged, Said, Sample, judge

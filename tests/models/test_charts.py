@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from beamtouch_models.charts import HEIGHT, LEFT, RIGHT, WIDTH, Chart, Series, draw, round_ticks, standalone
+from beamtouch_models.charts import HEIGHT, LEFT, RIGHT, WIDTH, Chart, Series, draw, round_ticks
+from beamtouch_models.drawing import standalone
 from tags import Tags
 
 

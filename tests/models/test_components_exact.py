@@ -12,8 +12,7 @@ from beamtouch_models.placement.components import discernible, log_eigenvalue_pr
 from beamtouch_models.structure import Beam
 from example_scenes import UNIT_BEAM
 
-# Counting lines would take longer than the computation; other tests run the same lines.
-pytestmark = pytest.mark.no_cover
+pytestmark = pytest.mark.untraced
 
 beam = Beam.model_validate(UNIT_BEAM)
 LOADS = np.arange(1, 400) / 400

@@ -9,6 +9,7 @@ import pytest
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.cramer_rao import mean_error_mm, position_deviation_mm
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.physics.beam import influence_of
 from example_scenes import paper_scene
 from posterior_cases import prior_of
 
@@ -25,7 +26,7 @@ def textbook_mm_per_n(sensor: mpmath.mpf, load: mpmath.mpf) -> mpmath.mpf:
 @pytest.mark.parametrize("position", [3.0, 60.0, 150.0, 200.0, 390.0])
 @pytest.mark.parametrize("known", [True, False])
 def test_the_bound_agrees_with_the_textbook_formula(position: float, known: bool) -> None:
-    prior = Prior.of(paper_scene(), np.array(SENSORS), 0.002)
+    prior = Prior.of(influence_of(paper_scene()), np.array(SENSORS), 0.002)
     force = 10.0
     if not known:
         prior = dataclasses.replace(prior, force_n=(2.0, 20.0))
@@ -39,7 +40,7 @@ def test_the_bound_agrees_with_the_textbook_formula(position: float, known: bool
 
 
 def test_one_channel_gives_no_position_if_the_force_is_open() -> None:
-    prior = dataclasses.replace(Prior.of(paper_scene(), np.array([122.0]), 0.002), force_n=(2.0, 20.0))
+    prior = dataclasses.replace(Prior.of(influence_of(paper_scene()), np.array([122.0]), 0.002), force_n=(2.0, 20.0))
     assert position_deviation_mm(prior, [50.0, 200.0], 10.0).min() > 1e6
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.arrays import Floats
+from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.modelfile import Answers, Decider, ModelFile, State, Suspects, Weighed, evidence
 
 CLEAR, CONTACT, UNEXPLAINED = "clear", "contact", "unexplained"

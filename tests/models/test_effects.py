@@ -9,15 +9,15 @@ from scipy.optimize import brentq
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
-from beamtouch_models.accuracy.model_prior import physics_of
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import mean_of
 from beamtouch_models.building.build import Choices, build, sensor_of
+from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.physics.beam import max_deflection_mm
+from beamtouch_models.physics.beam import influence_of, max_deflection_mm
 from beamtouch_models.physics.dynamics import first_frequency_hz, ringing_after_filter, sag_mm, slowest_period_ms
-from beamtouch_models.placement import fewest_sensors
+from beamtouch_models.placement import place
 from beamtouch_models.pricing import effects as effects_module
 from beamtouch_models.pricing.effects import Physics, effects_of, required
 from beamtouch_models.pricing.noise import choose_filter, noise_of, sensor_noise_mm, window_filter
@@ -26,6 +26,7 @@ from beamtouch_models.progress import silent
 from beamtouch_models.scene import Requirements, Scene, load_scene
 from beamtouch_models.trade.points import measured_points, windows_of
 from example_scenes import SCENES, paper_scene
+from stated_problems import fewest_mm, problem_in, real_prior
 
 NEW_SCENES = {
     "cantilever": set[str](),
@@ -83,10 +84,10 @@ def test_a_barely_negligible_effect_changes_the_accuracy_by_less_than_a_percent(
     smaller, layout = physics(scene), np.array([68.0, 156.0, 244.0, 332.0])
     assert smaller != scene
     # The same contacts with the same noise, estimated with the effect and without it.
-    drawn = limit.draw(Prior.of(scene, layout, noise), 4000, 1)
+    drawn = limit.draw(Prior.of(influence_of(scene), layout, noise), 4000, 1)
     best, without = (
         limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm)).percent
-        for prior in (Prior.of(model, layout, noise) for model in (scene, smaller))
+        for prior in (Prior.of(influence_of(model), layout, noise) for model in (scene, smaller))
     )
     assert abs(without / best - 1) < 0.01
 
@@ -277,8 +278,8 @@ def test_trade_prices_each_filter_in_its_own_noise(pricings: list[FilterChoice])
 def _limit_percent(physics: Physics) -> float:
     """The limit of the layout of two sensors, as a trade with 256 draws measures it."""
     noise_mm = physics.noise.sample_mm
-    layout = np.array(fewest_sensors(physics.scene, noise_mm, 2, 0).positions_mm)
-    contacts = simulated_enough(Prior.real(physics.scene, layout, noise_mm), 256, 1)
+    layout = np.array(place(*problem_in(physics.scene), 2, 0).positions_mm)
+    contacts = simulated_enough(real_prior(physics.scene, layout, noise_mm), 256, 1)
     assert contacts.deviation_mm is not None
     return mean_of(contacts.deviation_mm, contacts.weight).value / physics.scene.beam.length_mm * 100
 
@@ -291,8 +292,8 @@ def test_shipped_scenes_include_the_effects_they_are_named_after_and_can_be_desi
     assert low < sensor_of(scene).standoff_mm < high
     smaller = physics(scene)
     noise = noise_of(smaller, choose_filter(scene))
-    layout = np.array(fewest_sensors(smaller, noise.sample_mm, None, 0).positions_mm)
-    prior = Prior.of(smaller, layout, noise.sample_mm)
+    layout = fewest_mm(smaller, noise.sample_mm)
+    prior = Prior.of(influence_of(smaller), layout, noise.sample_mm)
     drawn = limit.draw(prior, 400, 0)
     told = limit.posterior_median_mm(prior, drawn.deflection_mm)
     assert limit.mean_error(prior, drawn, told).percent < 6

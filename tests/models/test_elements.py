@@ -15,8 +15,7 @@ from beamtouch_models.physics.closed_forms import span_of
 from beamtouch_models.structure import Beam
 from exact_beam import ExactBeam, fixed, simple
 
-# Counting lines would take longer than the computation; other tests run the same lines.
-pytestmark = pytest.mark.no_cover
+pytestmark = pytest.mark.untraced
 
 STEEL = {"length_mm": 400.0, "youngs_modulus_gpa": 210.0, "width_mm": 25.0, "thickness_mm": 30.0}
 PLAIN = {"length_mm": 400.0, "flexural_rigidity_n_mm2": 1e7}
@@ -81,8 +80,22 @@ def test_any_step_in_section_agrees_with_transfer_matrices(
     segments = [{"to_mm": step, "thickness_mm": thickness}, {"to_mm": 400}]
     beam = stated(STEEL, segments=segments, supports=supports, shear_modulus_gpa=modulus)
     points = np.linspace(0, 400, 41)
-    expected = float(ExactBeam(beam, 80).deflection(x, a))
-    assert abs(influence(beam, [x], [a])[0, 0] - expected) <= 1e-11 * np.abs(influence(beam, points, points)).max()
+    try:
+        found, largest = influence(beam, [x], [a])[0, 0], np.abs(influence(beam, points, points)).max()
+    except SceneError:
+        # A stub that is far stiffer than the rest, or shears far more easily than it bends, leaves too few digits.
+        stubs = [(step, thickness, 30), (400 - step, 30, thickness)]
+        stiffer = max((thick / other * 400 / length) ** 3 for length, thick, other in stubs)
+        softer = max((thick / length) ** 2 * 210 / (modulus or np.inf) for length, thick, _ in stubs)
+        assert stiffer > 1e11 or softer > 1e6
+        return
+    assert abs(found - float(ExactBeam(beam, 80).deflection(x, a))) <= 1e-11 * largest
+
+
+def test_a_load_nearly_on_a_support_is_not_refused() -> None:
+    segments = [{"to_mm": 1.0, "thickness_mm": 2.0}, {"to_mm": 400}]
+    beam = stated(STEEL, segments=segments, shear_modulus_gpa=2.0)
+    assert 0 <= influence(beam, [2.2250738585e-313], [200.0])[0, 0] < 1e-307
 
 
 @pytest.mark.parametrize("supports", ["simply-supported", "cantilever", "fixed-fixed", "propped", simple(100), []])

@@ -12,7 +12,7 @@ import pytest
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.evaluation import at_noise, evaluate
-from beamtouch_models.accuracy.model_prior import prior_of_model
+from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.modelfile import ModelFile
 from in_process import Command
 

@@ -4,14 +4,14 @@ import pytest
 
 from beamtouch_models.accuracy import limit, posterior
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.physics.beam import influence
+from beamtouch_models.physics.beam import influence, influence_of
 from beamtouch_models.pricing.noise import reading_noise_mm
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 
 
 def limit_of(scene: Scene, *sensors: float, draws: int = 6000) -> limit.MeanError:
-    prior = Prior.of(scene, np.array(sensors), reading_noise_mm(scene))
+    prior = Prior.of(influence_of(scene), np.array(sensors), reading_noise_mm(scene))
     drawn = limit.draw(prior, draws, 1)
     return limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
 
@@ -26,7 +26,7 @@ def test_the_posterior_median_equals_a_plain_integral_over_position_and_force() 
     base = paper_scene().model_dump()
     scene = Scene.model_validate({**base, "contact": {"force_n": (2.0, 20.0), "position_mm": (1, 399)}})
     layout, noise = np.array([100.0, 200.0, 300.0]), 0.02
-    prior = Prior.of(scene, layout, noise)
+    prior = Prior.of(influence_of(scene), layout, noise)
     drawn = limit.draw(prior, 5, 3)
     found = limit.posterior_median_mm(prior, drawn.deflection_mm)
     grid, forces = np.linspace(1, 399, 1991), np.linspace(2, 20, 3001)

@@ -3,18 +3,17 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.touch import rate_per_sample, smallest_force_n, touch_thresholds
 from beamtouch_models.building.measured import measured, thresholds_of
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.export import to_bytes
-from beamtouch_models.placement import fewest_sensors
 from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import load_scene
 from beamtouch_models.session import runner
 from example_scenes import SCENES
 from posterior_cases import answers_of, exceeding, graph_of, prior_of
+from stated_problems import fewest_mm, real_prior
 
 
 @pytest.mark.parametrize("sensors", [2, 5])
@@ -40,8 +39,8 @@ def test_any_covariance_holds_the_false_contacts_that_were_asked_for(name: str) 
     scene, _ = load_scene(SCENES / f"{name}.toml")
     chosen = choose_filter(scene)
     noise_mm = noise_of(scene, chosen).sample_mm
-    layout = np.array(fewest_sensors(scene, noise_mm, None, 0).positions_mm)
-    prior = Prior.real(scene, layout, noise_mm)
+    layout = fewest_mm(scene, noise_mm)
+    prior = real_prior(scene, layout, noise_mm)
     rate = rate_per_sample(1 / 30, scene.sensors.rate_hz, chosen.window)
     threshold = touch_thresholds(prior, rate, 1)[-1]
     run = runner(to_bytes(graph_of(prior)))

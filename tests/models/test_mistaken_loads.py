@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.accuracy.model_prior import physics_of
+from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.calibration.calibrate import checked_fit
 from beamtouch_models.calibration.fit import fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
@@ -25,8 +25,7 @@ from imperfect_surface import true_prior, write_readings
 from in_process import Command
 from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake
 
-# Counting lines would take as long again; tests of the calibration run the same lines.
-pytestmark = [pytest.mark.long, pytest.mark.no_cover]
+pytestmark = [pytest.mark.long, pytest.mark.untraced]
 
 SMALL = ("conveyor", "20 mm")
 """On 1200 mm this load moves the sensors by less than eight noises: see docs/figures.md."""

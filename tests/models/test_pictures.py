@@ -6,7 +6,8 @@ import pytest
 from playwright.sync_api import Browser
 
 from beamtouch_models.building.report.beam_drawing import beam_drawing
-from beamtouch_models.charts import DARK, LIGHT, SERIES_COLOURS, Chart, Series, draw, standalone
+from beamtouch_models.charts import SERIES_COLOURS, Chart, Series, draw
+from beamtouch_models.drawing import DARK, LIGHT, standalone
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES

@@ -1,11 +1,14 @@
 import numpy as np
 import pytest
 
+from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import fewest_sensors, place, recommended_count, score_positions
 from beamtouch_models.placement.placing import SearchName
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
+from stated_problems import problem_in
 
 # Two and four sensors as published; three and five from an independent enumeration of all layouts of the grid.
 OPTIMA = {
@@ -21,7 +24,7 @@ OPTIMA = {
 def test_every_seed_reaches_the_optimum(count: int, search: SearchName) -> None:
     positions, log_product = OPTIMA[count]
     for seed in range(20):
-        found = place(paper_scene(), count, seed, search=search)
+        found = place(*problem_in(paper_scene()), count, seed, search=search)
         assert found.positions_mm == positions
         assert found.log_eigenvalue_product == pytest.approx(log_product, abs=5e-5)
 
@@ -30,24 +33,24 @@ def test_every_seed_reaches_the_optimum(count: int, search: SearchName) -> None:
 def test_eight_sensors_on_four_components_merge_into_four_pairs(search: SearchName) -> None:
     # The paper's figure 5.
     for seed in range(5 if search == "exact" else 20):
-        found = place(paper_scene(), 8, seed, leading=4, search=search)
+        found = place(*problem_in(paper_scene()), 8, seed, leading=4, search=search)
         assert found.positions_mm == (68, 69, 156, 157, 243, 244, 331, 332)
 
 
 @pytest.mark.parametrize("search", ["exact", "paper"])
 def test_the_same_seed_gives_the_same_search_and_convergence_never_falls(search: SearchName) -> None:
-    first, second = (place(paper_scene(), 3, 5, search=search) for _ in range(2))
+    first, second = (place(*problem_in(paper_scene()), 3, 5, search=search) for _ in range(2))
     assert first == second
     assert list(first.convergence) == sorted(first.convergence)
     assert len(first.trail_mm) == len(first.convergence)
     assert first.trail_mm[-1] == first.positions_mm
     assert first.convergence[-1] == pytest.approx(first.log_eigenvalue_product, abs=1e-7)
-    scored = score_positions(paper_scene(), np.array(first.positions_mm))
+    scored = score_positions(influence_of(paper_scene()), np.array(first.positions_mm))
     assert first.log_eigenvalue_product == pytest.approx(scored, abs=1e-12)
 
 
 def test_the_paper_search_starts_from_equal_pitch_and_takes_about_as_many_steps() -> None:
-    found = place(paper_scene(), 8, 0, leading=4, search="paper")
+    found = place(*problem_in(paper_scene()), 8, 0, leading=4, search="paper")
     assert found.trail_mm[0] == tuple(np.rint(400 * np.arange(1, 9) / 9))
     assert 10 < len(found.convergence) < 80
 
@@ -55,7 +58,7 @@ def test_the_paper_search_starts_from_equal_pitch_and_takes_about_as_many_steps(
 @pytest.mark.parametrize("search", ["exact", "paper"])
 def test_layouts_keep_keep_outs_fixed_sensors_grid_and_distance(search: SearchName) -> None:
     scene = paper_scene(keep_out_mm=[(110, 130), (270, 290)], fixed_mm=[200.5], grid_mm=5, min_distance_mm=40)
-    found = np.array(place(scene, 4, 0, search=search, certify="proof").positions_mm)
+    found = np.array(place(*problem_in(scene), 4, 0, search=search, certify="proof").positions_mm)
     assert 200.5 in found
     assert not np.any((found > 110) & (found < 130))
     assert not np.any((found > 270) & (found < 290))
@@ -75,14 +78,14 @@ def test_rules_that_allow_no_layout_are_refused() -> None:
     }
     for said, (scene, count) in refused.items():
         with pytest.raises(SceneError, match=said):
-            place(scene, count, 0)
+            place(*problem_in(scene), count, 0)
     with pytest.raises(SceneError, match="2 sensors have 2 components, not 3"):
-        place(paper_scene(), 2, 0, leading=3)
+        place(*problem_in(paper_scene()), 2, 0, leading=3)
 
 
 def test_a_fixed_sensor_on_a_grid_of_a_tenth_is_not_counted_twice() -> None:
     # 1003 * 0.1 is not 100.3 in binary, but they are the same position.
-    found = place(paper_scene(grid_mm=0.1, fixed_mm=[100.3]), 2, 0)
+    found = place(*problem_in(paper_scene(grid_mm=0.1, fixed_mm=[100.3])), 2, 0)
     assert found.positions_mm[0] == 100.3
     assert found.positions_mm[1] - 100.3 > 50
 
@@ -92,7 +95,7 @@ def test_a_free_end_may_carry_a_sensor() -> None:
     cantilever = Scene.model_validate(
         {**base, "beam": {**base["beam"], "supports": "cantilever"}, "contact": {"force_n": 1, "position_mm": (1, 400)}}
     )
-    assert place(cantilever, 2, 0, certify="proof").positions_mm[-1] == 400
+    assert place(*problem_in(cantilever), 2, 0, certify="proof").positions_mm[-1] == 400
 
 
 def with_force(force: object, **sensors: object) -> Scene:
@@ -103,16 +106,18 @@ def with_force(force: object, **sensors: object) -> Scene:
 def test_the_recommended_number_falls_with_the_noise_and_rises_with_the_force() -> None:
     # The components of figure 3 are 1, 1/16, 1/81 ... of 0.51 x sqrt(8) of the largest deflection.
     of_largest = 1.1287477954
-    counts = [recommended_count(paper_scene(), percent / 100 * of_largest) for percent in (0, 0.1, 0.5, 2, 10, 1e6)]
+    influence = influence_of(paper_scene())
+    counts = [recommended_count(influence, percent / 100 * of_largest) for percent in (0, 0.1, 0.5, 2, 10, 1e6)]
     assert counts == sorted(counts, reverse=True)
     assert counts[0] == 8
     assert counts[3] == counts[-1] == 2
-    assert recommended_count(with_force(20.0), 0.01) >= recommended_count(with_force(2.0), 0.01)
+    strong, weak = (recommended_count(influence_of(with_force(force_n)), 0.01) for force_n in (20.0, 2.0))
+    assert strong >= weak
 
 
 def test_the_number_of_sensors_is_the_smallest_that_meets_the_requirement() -> None:
-    base = paper_scene(count="auto").model_dump()
+    problem = problem_in(paper_scene())
     # Limits of the optima of two and three sensors: 4.03 % and 3.5 % of 400 mm.
     for wanted_mm, count in ((20.0, 2), (15.0, 3)):
-        scene = Scene.model_validate({**base, "requirements": {"position_error_mm": wanted_mm}})
-        assert len(fewest_sensors(scene, 0.02 * 1.1287477954, None, 0).positions_mm) == count
+        found = fewest_sensors(*problem, (2, 8), wanted_mm=wanted_mm, errors=SampleErrors(0.02 * 1.1287477954), seed=0)
+        assert len(found.positions_mm) == count

@@ -6,11 +6,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, place_by_position_error, recommended_count
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
+from stated_problems import problem_in
 
 
 def scaled_scene(length_mm: float, rigidity: float, position: tuple[float, float] = (0.0025, 0.9975)) -> Scene:
@@ -27,7 +29,7 @@ def scaled_scene(length_mm: float, rigidity: float, position: tuple[float, float
 @given(st.integers(-280, 280), st.integers(-90, 90))
 def test_every_scale_has_the_same_optimum_or_is_refused(rigidity: int, length: int) -> None:
     try:
-        found = place(scaled_scene(10.0**length, 10.0**rigidity), 2, 0, certify="proof")
+        found = place(*problem_in(scaled_scene(10.0**length, 10.0**rigidity)), 2, 0, certify="proof")
     except SceneError as refusal:
         assert abs(3 * length - rigidity) > 290, refusal  # noqa: PT017  # either outcome is a pass
         return
@@ -38,7 +40,7 @@ def test_every_scale_has_the_same_optimum_or_is_refused(rigidity: int, length: i
 
 @pytest.mark.parametrize("rigidity", [1e-300, 1e300])
 def test_the_ends_of_float64(rigidity: float) -> None:
-    found = place(scaled_scene(1.0, rigidity), 2, 0)
+    found = place(*problem_in(scaled_scene(1.0, rigidity)), 2, 0)
     assert found.positions_mm == pytest.approx((0.305, 0.695))
     assert found.log_eigenvalue_product == pytest.approx(-21.6047, abs=5e-5)
 
@@ -46,8 +48,8 @@ def test_the_ends_of_float64(rigidity: float) -> None:
 def test_hardly_more_than_one_load_position() -> None:
     narrow = scaled_scene(400.0, 1e7, (0.5, 0.5 + 1e-6))
     with pytest.raises(SceneError, match=r"not 3; widen contact\.position_mm"):
-        place(narrow, 3, 0)
-    one = place(narrow, 3, 0, leading=1, certify="proof")
+        place(*problem_in(narrow), 3, 0)
+    one = place(*problem_in(narrow), 3, 0, leading=1, certify="proof")
     # A single component is the length of the deflection, so the best are the three neighbours in the middle.
     assert one.positions_mm == (199, 200, 201)
     assert one.proven
@@ -57,8 +59,8 @@ def test_sensors_next_to_each_other_and_nowhere_else() -> None:
     crowded = paper_scene(keep_out_mm=[(1, 400)], grid_mm=0.25)
     # Left of all loads the beam's shape is a sum of x and x^3, so there are only two components.
     with pytest.raises(SceneError, match="give only 2 components above rounding, not 4"):
-        place(crowded, 4, 0)
-    found = place(crowded, 2, 0, certify="proof")
+        place(*problem_in(crowded), 4, 0)
+    found = place(*problem_in(crowded), 2, 0, certify="proof")
     assert found.proven
     assert np.isfinite(found.log_eigenvalue_product)
 
@@ -66,31 +68,31 @@ def test_sensors_next_to_each_other_and_nowhere_else() -> None:
 def test_a_fixed_sensor_on_a_support_measures_nothing() -> None:
     for search in ("exact", "paper"):
         with pytest.raises(SceneError, match="leave no 2 positions with independent readings"):
-            place(paper_scene(fixed_mm=[0]), 2, 0, search=search)
+            place(*problem_in(paper_scene(fixed_mm=[0])), 2, 0, search=search)
     # It adds no component: the other two sensors stand where two sensors alone would.
-    assert place(paper_scene(fixed_mm=[0]), 3, 0, leading=2).positions_mm == (0, 122, 278)
+    assert place(*problem_in(paper_scene(fixed_mm=[0])), 3, 0, leading=2).positions_mm == (0, 122, 278)
 
 
 def test_all_sensors_fixed() -> None:
-    found = place(paper_scene(fixed_mm=[100, 300]), 2, 0, certify="proof")
+    found = place(*problem_in(paper_scene(fixed_mm=[100, 300])), 2, 0, certify="proof")
     assert found.positions_mm == (100, 300)
     assert found.proven
 
 
 def test_noise_larger_than_the_signal_leaves_the_prior() -> None:
     # With the range 1..399 mm alone, the best guess is its middle, with a mean error of a quarter of 398 mm.
-    limit = accuracy_limit(Prior.of(paper_scene(), np.array([122.0, 278.0]), 1e6), 1000, 0)
+    limit = accuracy_limit(Prior.of(influence_of(paper_scene()), np.array([122.0, 278.0]), 1e6), 1000, 0)
     assert limit.percent == pytest.approx(398 / 4 / 4, rel=1e-5)
-    assert recommended_count(paper_scene(), 1e6) == 2
-    assert len(place_by_position_error(paper_scene(), 2, 0, 1e6).positions_mm) == 2
+    assert recommended_count(influence_of(paper_scene()), 1e6) == 2
+    assert len(place_by_position_error(*problem_in(paper_scene()), 2, 0, SampleErrors(1e6)).positions_mm) == 2
 
 
 def test_no_noise_is_refused_by_criteria_that_depend_on_it() -> None:
     with pytest.raises(SceneError, match="state the noise of a reading"):
-        place_by_position_error(paper_scene(), 2, 0, 0.0)
+        place_by_position_error(*problem_in(paper_scene()), 2, 0, SampleErrors(0.0))
     with pytest.raises(SceneError, match="there is no accuracy limit"):
-        accuracy_limit(Prior.of(paper_scene(), np.array([122.0, 278.0]), 0.0), 100, 0)
-    assert recommended_count(paper_scene(), 0.0) == 8
+        accuracy_limit(Prior.of(influence_of(paper_scene()), np.array([122.0, 278.0]), 0.0), 100, 0)
+    assert recommended_count(influence_of(paper_scene()), 0.0) == 8
 
 
 @pytest.mark.parametrize(("force", "least"), [(10.0, 95), ((2.0, 20.0), 21)])
@@ -98,7 +100,8 @@ def test_the_error_at_little_noise_follows_the_expected_power_of_the_noise(force
     base = paper_scene().model_dump()
     scene = Scene.model_validate({**base, "contact": {"force_n": force, "position_mm": (0, 400)}})
     layout = np.array([68.0, 156.0, 244.0, 332.0])
-    coarse, fine = (accuracy_limit(Prior.of(scene, layout, noise), 2000, 0).percent for noise in (1e-6, 1e-8))
+    influence = influence_of(scene)
+    coarse, fine = (accuracy_limit(Prior.of(influence, layout, noise), 2000, 0).percent for noise in (1e-6, 1e-8))
     # With a known force the error is proportional to the noise. With an open force, a load at a small distance x from a
     # support changes the shape by x^3 only: x up to noise^(1/3) is hidden and costs noise^(2/3), a factor of 21.5.
     assert least < coarse / fine < 101

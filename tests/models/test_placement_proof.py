@@ -10,13 +10,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import load_positions_mm, scene_influence
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place
 from beamtouch_models.placement.bound import bounder_of
 from beamtouch_models.placement.problem import problem_of
 from beamtouch_models.placement.proof import bound_gap, prove, rounding_margin
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
+from stated_problems import problem_in
 
 
 def best_by_enumeration(scene: Scene, count: int, leading: int) -> float | None:
@@ -34,7 +35,7 @@ def best_by_enumeration(scene: Scene, count: int, leading: int) -> float | None:
     if not layouts:
         return None
     unit = 400**3 / (210e3 * 25 * 27 / 12)
-    columns = scene_influence(scene, grid, load_positions_mm(scene)) / unit
+    columns = influence_of(scene).matrix(grid.astype(np.float64)) / unit
     picked = np.moveaxis(columns[:, np.searchsorted(grid, np.array(layouts))], 1, 0)
     singular = np.linalg.svd(picked, compute_uv=False)[:, :leading]
     return float((2 * np.log(singular) - np.log(len(columns))).sum(axis=1).max())
@@ -55,9 +56,9 @@ def test_a_proven_layout_is_the_one_that_enumeration_finds(count: int, fewer: in
     expected = best_by_enumeration(scene, count, leading) if count >= len(scene.sensors.fixed_mm) else None
     if expected is None:
         with pytest.raises(SceneError):
-            place(scene, count, 0, leading)
+            place(*problem_in(scene), count, 0, leading)
         return
-    found = place(scene, count, 0, leading, certify="proof")
+    found = place(*problem_in(scene), count, 0, leading, certify="proof")
     assert found.proven
     assert found.log_eigenvalue_product == pytest.approx(expected, abs=1e-8)
 
@@ -67,7 +68,7 @@ def test_a_proven_layout_is_the_one_that_enumeration_finds(count: int, fewer: in
 @given(st.integers(0, 2**32 - 1), st.sampled_from([(2, 2), (3, 3), (4, 4), (4, 2), (3, 1)]))
 def test_no_layout_exceeds_a_bound_with_any_multiplier(seed: int, size: tuple[int, int]) -> None:
     count, leading = size
-    problem = problem_of(paper_scene(grid_mm=20), count, leading)
+    problem = problem_of(*problem_in(paper_scene(grid_mm=20)), count, leading)
     weights = np.random.default_rng(seed).exponential(size=len(problem.rules.position_mm)) ** 3
     everywhere = np.ones((count, len(weights)), np.bool_)
     bound = bounder_of(problem).bound(weights * count / weights.sum(), everywhere)
@@ -79,13 +80,13 @@ def test_no_layout_exceeds_a_bound_with_any_multiplier(seed: int, size: tuple[in
 
 @pytest.mark.parametrize(("count", "leading"), [(2, 2), (3, 3), (4, 4), (5, 5), (8, 4)])
 def test_the_papers_problems_are_proven(count: int, leading: int) -> None:
-    found = place(paper_scene(), count, 0, leading, certify="proof")
+    found = place(*problem_in(paper_scene()), count, 0, leading, certify="proof")
     assert found.proven
     assert found.gap == 0
 
 
 def test_a_proof_replaces_a_layout_that_is_not_the_best() -> None:
-    problem = problem_of(paper_scene(), 4)
+    problem = problem_of(*problem_in(paper_scene()), 4)
     proof = prove(problem, problem.fitted(np.array([80.0, 160.0, 240.0, 320.0])))
     assert tuple(problem.rules.position_mm[proof.layout]) == (68, 156, 244, 332)
     assert proof.gap == 0
@@ -95,30 +96,31 @@ def test_a_proof_replaces_a_layout_that_is_not_the_best() -> None:
 def test_nothing_counts_as_proven_if_rounding_is_large() -> None:
     # Four sensors within 0.8 mm of each other, in the middle: each component is a thousandth of the one before.
     crowded = paper_scene(keep_out_mm=[(0, 200), (200.8, 400)], grid_mm=0.1)
-    problem = problem_of(crowded, 4)
+    problem = problem_of(*problem_in(crowded), 4)
     margin = rounding_margin(problem, problem.starts[0])
     assert margin > 1e-6
-    found = place(crowded, 4, 0, certify="proof")
+    found = place(*problem_in(crowded), 4, 0, certify="proof")
     assert not found.proven
     assert found.gap is not None
     assert found.gap >= margin / 100
-    assert rounding_margin(problem_of(paper_scene(), 5), np.array([55, 127, 199, 271, 343])) == 1e-8
+    assert rounding_margin(problem_of(*problem_in(paper_scene()), 5), np.array([55, 127, 199, 271, 343])) == 1e-8
 
 
 def test_an_unproven_layout_states_a_gap_that_holds() -> None:
-    problem = problem_of(paper_scene(), 4)
+    problem = problem_of(*problem_in(paper_scene()), 4)
     equal = problem.fitted(np.array([80.0, 160.0, 240.0, 320.0]))
     shortfall = -55.4483 - problem.exact_score(equal)
     assert shortfall > 0.1
     assert shortfall - 5e-5 <= bound_gap(problem, equal) < shortfall + 0.1
-    unfinished = prove(problem_of(paper_scene(), 8), problem_of(paper_scene(), 8).starts[0], max_regions=4)
+    eight = problem_of(*problem_in(paper_scene()), 8)
+    unfinished = prove(eight, eight.starts[0], max_regions=4)
     assert 0 < unfinished.gap < 0.3
     # The best known layout of eight sensors, with -140.13847, lies within the gap.
     assert unfinished.score + unfinished.gap >= -140.13847
 
 
 def test_eight_sensors_come_with_a_small_gap() -> None:
-    found = place(paper_scene(), 8, 0, certify="bound")
+    found = place(*problem_in(paper_scene()), 8, 0, certify="bound")
     assert not found.proven
     assert found.gap is not None
     assert 0 < found.gap < 0.1
@@ -126,7 +128,7 @@ def test_eight_sensors_come_with_a_small_gap() -> None:
 
 @pytest.mark.long
 def test_more_sensors_than_any_scene_has() -> None:
-    found = place(paper_scene(), 64, 0, certify="bound")
+    found = place(*problem_in(paper_scene()), 64, 0, certify="bound")
     assert len(set(found.positions_mm)) == 64
     assert np.isfinite(found.log_eigenvalue_product)
     assert found.gap is not None
@@ -139,6 +141,6 @@ def uneven(count: int) -> NDArray[np.float64]:
 
 def test_the_quick_scores_agree_with_those_of_the_full_columns() -> None:
     for count, leading in ((2, 2), (5, 5), (8, 4), (12, 12)):
-        problem = problem_of(paper_scene(), count, leading)
+        problem = problem_of(*problem_in(paper_scene()), count, leading)
         layout = problem.fitted(uneven(count))
         assert problem.scores(layout[None, :])[0] == pytest.approx(problem.exact_score(layout), abs=1e-6)

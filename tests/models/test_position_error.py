@@ -2,16 +2,17 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, place_by_position_error
 from beamtouch_models.placement.placing import SearchName
 from beamtouch_models.placement.position_error import surrogate_of
-from beamtouch_models.placement.problem import rules_for
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
+from stated_problems import problem_in
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.untraced]
 
 NOISE_MM = 0.02 * 1.1287477954
 
@@ -19,12 +20,12 @@ NOISE_MM = 0.02 * 1.1287477954
 def limit_of(
     scene: Scene, layout: tuple[float, ...], noise_mm: float = NOISE_MM, draws: int = 4_000
 ) -> limit.MeanError:
-    return limit.accuracy_limit(Prior.of(scene, np.array(layout), noise_mm), draws, 77)
+    return limit.accuracy_limit(Prior.of(influence_of(scene), np.array(layout), noise_mm), draws, 77)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_two_sensors_have_a_lower_limit_than_by_the_eigenvalue_product(seed: int) -> None:
-    found = place_by_position_error(paper_scene(), 2, seed, NOISE_MM)
+    found = place_by_position_error(*problem_in(paper_scene()), 2, seed, SampleErrors(NOISE_MM))
     # From independent code: 3.78 % near 107 and 293 mm, 4.12 % at the optimum of the product.
     assert np.array(found.positions_mm) == pytest.approx([107, 293], abs=14)
     assert limit_of(paper_scene(), found.positions_mm).percent == pytest.approx(3.78, abs=0.06)
@@ -38,7 +39,7 @@ def test_the_layout_of_the_eigenvalue_product_has_a_higher_limit() -> None:
 
 def test_the_limit_of_spread_contacts_is_that_of_random_ones() -> None:
     layout = np.array([107.0, 293.0])
-    prior = Prior.of(paper_scene(), layout, NOISE_MM)
+    prior = Prior.of(influence_of(paper_scene()), layout, NOISE_MM)
     drawn = limit.draw(prior, 40_000, 3)
     median = limit.posterior_median_mm(prior, drawn.deflection_mm)
     plain, spread = limit.mean_error(prior, drawn, median), limit_of(paper_scene(), (107.0, 293.0), draws=16_000)
@@ -48,17 +49,16 @@ def test_the_limit_of_spread_contacts_is_that_of_random_ones() -> None:
 
 
 def test_at_little_noise_the_layout_is_no_worse_than_equal_pitch_or_the_product() -> None:
-    noise_mm, scene = 1e-5, paper_scene(gain_error_percent=0.0, zero_drift_mm=0.0)
-    found = place_by_position_error(scene, 2, 0, noise_mm)
-    equal = limit_of(scene, (133.0, 267.0), noise_mm)
-    product = limit_of(scene, (122.0, 278.0), noise_mm)
-    assert limit_of(scene, found.positions_mm, noise_mm).percent <= min(equal.percent, product.percent)
+    noise_mm = 1e-5
+    found = place_by_position_error(*problem_in(paper_scene()), 2, 0, SampleErrors(noise_mm))
+    equal = limit_of(paper_scene(), (133.0, 267.0), noise_mm)
+    product = limit_of(paper_scene(), (122.0, 278.0), noise_mm)
+    assert limit_of(paper_scene(), found.positions_mm, noise_mm).percent <= min(equal.percent, product.percent)
 
 
 def test_the_cramer_rao_surrogate_agrees_with_a_plain_gaussian_error() -> None:
-    rules, _ = rules_for(paper_scene(), 2)
     noise_mm = 1e-3
-    surrogate = surrogate_of(paper_scene(), rules, 2, noise_mm, 0)
+    surrogate = surrogate_of(*problem_in(paper_scene()), 2, SampleErrors(noise_mm), 0)
     slopes = np.gradient(surrogate.shapes[:, [121, 277]] * noise_mm, surrogate.position_mm, axis=0)
     sd = noise_mm / (10.0 * np.linalg.norm(slopes, axis=1))
     terms = np.stack([(slopes**2).sum(axis=1), np.zeros(len(sd)), np.ones(len(sd))]) / np.array(
@@ -70,19 +70,21 @@ def test_the_cramer_rao_surrogate_agrees_with_a_plain_gaussian_error() -> None:
 @pytest.mark.parametrize("search", ["exact", "paper"])
 def test_layouts_by_position_error_keep_the_rules(search: SearchName) -> None:
     scene = paper_scene(keep_out_mm=[(80, 130)], fixed_mm=[200.5], grid_mm=5, min_distance_mm=40)
-    found = np.array(place_by_position_error(scene, 3, 0, NOISE_MM, search=search).positions_mm)
+    found = np.array(
+        place_by_position_error(*problem_in(scene), 3, 0, SampleErrors(NOISE_MM), search=search).positions_mm
+    )
     assert 200.5 in found
     assert not np.any((found > 80) & (found < 130))
     assert np.all(np.diff(found) >= 40)
     assert np.all(found[found != 200.5] % 5 == 0)
     with pytest.raises(SceneError, match="min_distance_mm"):
-        place_by_position_error(paper_scene(min_distance_mm=300), 4, 0, NOISE_MM)
+        place_by_position_error(*problem_in(paper_scene(min_distance_mm=300)), 4, 0, SampleErrors(NOISE_MM))
 
 
 def test_with_an_open_force_the_seed_decides_and_the_limit_is_no_worse_than_by_the_product() -> None:
     base = paper_scene().model_dump()
     scene = Scene.model_validate({**base, "contact": {"force_n": (2.0, 20.0), "position_mm": (1, 399)}})
-    first, second = (place_by_position_error(scene, 2, 4, 0.01) for _ in range(2))
+    first, second = (place_by_position_error(*problem_in(scene), 2, 4, SampleErrors(0.01)) for _ in range(2))
     assert first == second
-    other = limit_of(scene, place(scene, 2, 0).positions_mm, 0.01)
+    other = limit_of(scene, place(*problem_in(scene), 2, 0).positions_mm, 0.01)
     assert limit_of(scene, first.positions_mm, 0.01).percent <= other.percent + 3 * other.standard_error

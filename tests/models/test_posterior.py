@@ -22,6 +22,7 @@ from beamtouch_models.whitening import whitening
 from example_scenes import SCENES
 from false_alarms import surface
 from posterior_cases import answers_of, graph_of, prior_of, with_floor
+from stated_problems import real_prior
 
 GRID = 3001
 
@@ -96,7 +97,7 @@ def test_the_misfit_of_a_contact_is_chi_square_and_that_of_a_fault_is_not(
 @pytest.mark.parametrize("force_n", [22.0, 28.0, 40.0, 150.0])
 def test_a_load_beyond_the_range_is_placed_where_it_is(force_n: float) -> None:
     scene, _ = load_scene(SCENES / "bench.toml")
-    prior = Prior.real(scene, np.array([68.0, 156.0, 244.0, 332.0]), 0.00226)
+    prior = real_prior(scene, np.array([68.0, 156.0, 244.0, 332.0]), 0.00226)
     position = np.linspace(30, 370, 2000)
     clean, deviation = prior.sampled(position, np.full(len(position), force_n))
     reading = clean + np.random.default_rng(1).normal(size=clean.shape) * deviation
@@ -168,7 +169,7 @@ def test_a_large_covariance_along_the_load_leaves_the_position_and_hides_the_for
 def test_intervals_hold_the_truth_under_a_mounting_tolerance(tolerance_mm: float, unaware: float) -> None:
     scene, _ = load_scene(SCENES / "bench.toml")
     scene = changed(scene, "sensors", mounting_tolerance_mm=tolerance_mm)
-    prior = Prior.real(scene, np.array([68.0, 156.0, 244.0, 332.0]), 0.00226)
+    prior = real_prior(scene, np.array([68.0, 156.0, 244.0, 332.0]), 0.00226)
     drawn = limit.draw(prior, 3000, 8)
     without = dataclasses.replace(prior, uncertain_at=None)
     shares = []

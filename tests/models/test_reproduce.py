@@ -14,7 +14,8 @@ from beamtouch_models.commands import reproduce as command
 from beamtouch_models.estimators.paper_network import PaperNetwork
 from beamtouch_models.reproduction import accuracy, search
 from beamtouch_models.reproduction.accuracy import NOISES_PERCENT, Layout, Performance, performances
-from beamtouch_models.reproduction.components import figure_3, figure_4, figure_7, noise_errors
+from beamtouch_models.reproduction.components import figure_3, figure_7
+from beamtouch_models.reproduction.figure_4 import figure_4, noise_errors
 from beamtouch_models.reproduction.figure_8 import MEASURED_PERCENT, figure_8
 from beamtouch_models.reproduction.finding import Figure, Row
 from beamtouch_models.reproduction.paper import LOADS_MM, dimensionless, equal_pitch_mm

@@ -6,8 +6,7 @@ import pytest
 from beamtouch_protocol.framing import MAX_FRAME_BYTES, Decoder, encode
 from beamtouch_protocol.messages import Message, Reading, Stop
 
-# Counting lines would take longer than the computation; other tests run the same lines.
-pytestmark = pytest.mark.no_cover
+pytestmark = pytest.mark.untraced
 
 BYTES = 5_000_000
 CHUNK = 4096

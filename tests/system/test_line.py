@@ -24,6 +24,10 @@ pytestmark = pytest.mark.long
 SCENE = SCENES / "bench.toml"
 RESTS = 14
 REST_S, LIFTED_S = 0.6, 0.3
+SCRIPT_S = RESTS * (REST_S + LIFTED_S) + 1.5
+MAX_PASSES = 6
+ENOUGH, CONTACTS = RESTS - 2, 50
+"""Positions and contacts that must be compared."""
 SETTLED_S = 0.1
 """How long a load must have rested before its contact is compared; the filter takes 20 ms of it."""
 LIFT_SEEN_S = 0.2
@@ -89,14 +93,19 @@ class Compared:
         return float(abs(self.true_mm - position) / max(abs(end - position), 1e-3))
 
 
-def compare(line: Line, seconds: float) -> tuple[list[Compared], list[Any]]:
-    """Ask for contacts; returns those of settled loads beside the truth, and those that mistook touch for clear."""
-    truth, found = Truth(line.truth("bench")), []
+def compare(line: Line) -> tuple[list[Compared], list[Any]]:
+    """Ask for contacts; returns those of settled loads beside the truth, and those that mistook touch for clear.
+
+    A busy machine misses some loads the first time. The script begins anew, and so they come again.
+    """
+    truth, found = Truth(line.truth("bench")), list[Compared]()
     mistaken: list[Any] = []
-    deadline = time.monotonic() + seconds
+    begin = time.monotonic()
     last = 0.0
     with httpx2.Client(base_url=line.url, timeout=TIMEOUT_S) as client:
-        while time.monotonic() < deadline:
+        while (passed := (time.monotonic() - begin) / SCRIPT_S) < MAX_PASSES:
+            if passed >= 1 and len({one.true_mm for one in found}) >= ENOUGH and len(found) >= CONTACTS:
+                break
             response = client.get("/contact")
             time.sleep(0.02)  # the rig writes the truth every 10 ms
             truth.read()
@@ -123,11 +132,11 @@ def compare(line: Line, seconds: float) -> tuple[list[Compared], list[Any]]:
 @pytest.mark.parametrize("kind", ["modbus-tcp", "modbus-rtu", "serial"])
 def test_contact_agrees_with_the_truth_position_by_position(kind: Kind, start: Callable[[Kind, str], Line]) -> None:
     line = start(kind, resting_loads())
-    found, mistaken = compare(line, RESTS * (REST_S + LIFTED_S) + 1.5)
+    found, mistaken = compare(line)
     assert line.dead() == []
     positions = {one.true_mm for one in found}
-    assert len(found) >= 50
-    assert len(positions) >= RESTS - 2, sorted(positions)
+    assert len(found) >= CONTACTS
+    assert len(positions) >= ENOUGH, sorted(positions)
     for one in found:
         # Half a 95 % interval is about two standard deviations: three halves are passed once in 1e8.
         assert one.excess < 3, one

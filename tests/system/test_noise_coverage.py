@@ -15,7 +15,6 @@ from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.processing.rest_checks import at_rest
 from beamtouch_daemon.processing.rest_noise import measured
 from beamtouch_daemon.sources.reading import Reading
-from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import sensor_of
 from beamtouch_models.export import to_bytes
@@ -30,6 +29,7 @@ from beamtouch_models.session import Run, runner
 from beamtouch_models.whitening import whitening
 from example_scenes import SCENES
 from posterior_cases import graph_of
+from stated_problems import problem_in, real_prior
 
 CHANNELS, TOUCHES, SETTLED, RECORDED = 4, 600, 40, 12_000
 
@@ -102,7 +102,7 @@ class Model:
         chosen = choose_filter(self.scene)
         physics = required(self.scene, chosen)
         self.window = chosen.window
-        self.prior = Prior.real(physics.scene, self.layout, physics.noise.sample_mm)
+        self.prior = real_prior(physics.scene, self.layout, physics.noise.sample_mm)
         self.run: Run = runner(to_bytes(graph_of(self.prior)))
 
 
@@ -135,7 +135,7 @@ def held(model: Model, line: Line, surface: Surface) -> tuple[float, float]:
 
 @pytest.fixture(scope="module")
 def layout() -> Floats:
-    return np.array(place(scene_with(noise_mm=0.0045), CHANNELS, 0).positions_mm)
+    return np.array(place(*problem_in(scene_with(noise_mm=0.0045)), CHANNELS, 0).positions_mm)
 
 
 @pytest.mark.long

@@ -13,13 +13,23 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.physics.beam import influence_deviation, scene_influence
-from beamtouch_models.pricing.noise import floor_of
-from beamtouch_models.scene import Scene
+from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.whitening import whitening
 
 TABLE = 2001
 """Number of load positions in an influence table."""
+
+
+@dataclass(frozen=True)
+class SampleErrors:
+    """Errors of a sample, as standard deviations, the same for every channel."""
+
+    noise_mm: float
+    gain: float = 0.0
+    """Relative gain error that is left after calibration."""
+    zero_mm: float = 0.0
+    mounting_mm: float = 0.0
+    """Of a sensor's position along the beam."""
 
 
 @dataclass(frozen=True)
@@ -46,23 +56,24 @@ class Prior:
     mounting of the sensors leaves, of either sign; None: their positions are exact."""
 
     @classmethod
-    def of(cls, scene: Scene, sensor_mm: Floats, noise_mm: float) -> Self:
-        """Prior of a scene with sensors at `sensor_mm` (channels,), `noise_mm` per sample, and perfect sensors."""
+    def of(cls, influence: InfluenceFunction, sensor_mm: Floats, noise_mm: float) -> Self:
+        """Prior of a structure with perfect sensors at `sensor_mm` (channels,) and `noise_mm` per sample."""
         return cls(
-            length_mm=scene.beam.length_mm,
-            position_mm=scene.contact.position_mm,
-            force_n=scene.contact.force_range_n,
+            length_mm=influence.length_mm,
+            position_mm=influence.position_mm,
+            force_n=influence.force_n,
             noise_mm=noise_mm,
             channels=len(sensor_mm),
-            influence_at=partial(scene_influence, scene, sensor_mm),
+            influence_at=partial(influence.at, sensor_mm),
         )
 
     @classmethod
-    def real(cls, scene: Scene, sensor_mm: Floats, noise_mm: float) -> Self:
-        """Like `of`, with the errors of gain, zero and mounting of the scene's sensors."""
-        gain, zero_mm = floor_of(scene)
-        uncertain_at = partial(influence_deviation, scene, sensor_mm) if scene.sensors.mounting_tolerance_mm else None
-        return replace(cls.of(scene, sensor_mm, noise_mm), gain=gain, zero_mm=zero_mm, uncertain_at=uncertain_at)
+    def real(cls, influence: InfluenceFunction, sensor_mm: Floats, errors: SampleErrors) -> Self:
+        """Like `of`, with all errors of samples."""
+        mounting_mm = errors.mounting_mm
+        uncertain_at = partial(influence.deviation, sensor_mm, tolerance_mm=mounting_mm) if mounting_mm else None
+        perfect = cls.of(influence, sensor_mm, errors.noise_mm)
+        return replace(perfect, gain=errors.gain, zero_mm=errors.zero_mm, uncertain_at=uncertain_at)
 
     def sampled(self, position_mm: Floats, force_n: Floats) -> tuple[Floats, Floats]:
         """Return true deflections of contacts and the standard deviation of their samples, (contacts, channels) in mm.

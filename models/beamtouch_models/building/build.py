@@ -10,11 +10,12 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.drawing import drawn_of
 from beamtouch_models.building.held_limit import check_held
 from beamtouch_models.building.measured import measured
+from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges, Sensor
-from beamtouch_models.physics.beam import check_small_angles, max_deflection_mm, travel_mm
+from beamtouch_models.physics.beam import check_small_angles, influence_of, max_deflection_mm, travel_mm
 from beamtouch_models.placement import Placement, fewest_sensors
 from beamtouch_models.pricing.effects import Physics, required
 from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of, step_mm
@@ -80,9 +81,17 @@ def build(
     physics = _physics_of(scene, choices.filter or choose_filter(scene))
     sensor = sensor_of(scene)
     progress("placing the sensors", 0.0)
-    # Physics ends here: everything below knows only the effects that the scene requires.
-    placement = fewest_sensors(physics.scene, physics.noise.sample_mm, count, seed)
-    prior = Prior.real(physics.scene, np.array(placement.positions_mm), physics.noise.sample_mm)
+    # Physics ends here: layout, estimator and accuracy know only the influence matrix.
+    influence, errors = influence_of(physics.scene), sample_errors(physics.scene, physics.noise.sample_mm)
+    placement = fewest_sensors(
+        influence,
+        sensor_rules(physics.scene),
+        (count, count) if count else scene.sensors.count_range,
+        wanted_mm=scene.requirements.position_error_mm,
+        errors=errors,
+        seed=seed,
+    )
+    prior = Prior.real(influence, np.array(placement.positions_mm), errors)
     made = estimator_of(
         choices.estimator,
         prior,

@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beamtouch_models.accuracy.model_prior import physics_of
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measured import measured
+from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.calibration.fit import Fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
 from beamtouch_models.calibration.located import error_without, errors_of_model, limit_mm

@@ -4,7 +4,7 @@ Maximum a posteriori: generalised least squares with a prior on each departure, 
 of the residuals holds the noise of the recording, the errors of position and force of each load, and a residual that
 neither explains. The residual is as large as makes the weighted squares equal to their degrees of freedom (Paule &
 Mandel 1982, doi 10.6028/jres.087.022). Kinds of departures are added one by one, each only if it lowers the error of
-loads that are left out of the fit (PRESS, from the leverages; Allen 1974, doi 10.1080/00401706.1974.10489157).
+loads that are left out of the fit.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from scipy.optimize import least_squares
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.calibration.errors import Deflections, Errors
+from beamtouch_models.calibration.leverages import hat_matrix, left_out_residuals
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.calibration.theory import FIXITY, MAX_FIXITY, Theory
 from beamtouch_models.metadata import Departures
@@ -139,7 +140,7 @@ def fit(
         vector = problem.solved(vector, whitening)
         left, at = problem.left_mm(vector), problem.slopes(vector)
         # Only departures that the data determine, rather than the prior, use up degrees of freedom.
-        freedom = max(1.0, problem.stated.sum() - float(np.trace(_hat(problem.weighed(at, whitening)))))
+        freedom = max(1.0, problem.stated.sum() - float(np.trace(hat_matrix(problem.weighed(at, whitening)))))
         errors = moved.errors_of(left, loads.errors, errors, freedom)
     return _judged(problem, vector, moved, errors, freedom, left, at)
 
@@ -151,7 +152,7 @@ def _judged(
     theory, stated, free = problem.theory, problem.stated, problem.free
     whitening, as_stated = moved.whitening(errors), moved.whitening(problem.loads.errors)
     weighed = problem.weighed(at, whitening)
-    left_out = np.linalg.solve(whitening, _left_out(whitening @ left[..., None], weighed))[..., 0]
+    left_out = np.linalg.solve(whitening, left_out_residuals(whitening @ left[..., None], weighed))[..., 0]
     own = np.linalg.inv(weighed.T @ weighed + np.eye(len(free)))
     covariance = np.zeros((theory.size, theory.size))
     covariance[np.ix_(free, free)] = own
@@ -188,17 +189,3 @@ def _bounds(theory: Theory, free: Indices) -> tuple[Floats, Floats]:
     if "fixity" in theory.kinds:
         low[theory.kinds["fixity"]], high[theory.kinds["fixity"]] = 0.0, MAX_FIXITY / FIXITY
     return low[free], high[free]
-
-
-def _hat(slopes: Floats) -> Floats:
-    """Return the hat matrix of whitened residuals, with priors of variance 1 on the departures."""
-    matrix: Floats = slopes @ np.linalg.solve(slopes.T @ slopes + np.eye(slopes.shape[1]), slopes.T)
-    return matrix
-
-
-def _left_out(residual: Floats, slopes: Floats) -> Floats:
-    """Return the whitened residuals (loads, channels, 1) of each load when it is left out of the fit."""
-    hat, channels = _hat(slopes), residual.shape[1]
-    own = [slice(start, start + channels) for start in range(0, residual.size, channels)]
-    pairs = zip(own, residual, strict=True)
-    return np.array([np.linalg.solve(np.eye(channels) - hat[rows, rows], one) for rows, one in pairs])

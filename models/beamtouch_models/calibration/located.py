@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
+from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.calibration.fit import Fit, fit
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.calibration.theory import Theory

@@ -6,12 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
-from beamtouch_models.accuracy.model_prior import departed, stated_by
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
+from beamtouch_models.building.model_prior import departed, stated_by
 from beamtouch_models.calibration.errors import Deflections
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.metadata import Departures, Metadata
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.pricing.effects import Physics
 from beamtouch_models.structure import Beam
 
@@ -46,7 +47,7 @@ class Theory:
         """Return the theory of a model."""
         scene = physics.scene
         sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
-        prior = Prior.of(scene, sensor_mm, metadata.noise.sample_mm)
+        prior = Prior.of(influence_of(scene), sensor_mm, metadata.noise.sample_mm)
         return cls(scene.beam, scene.contact.width_mm, sensor_mm, prior, metadata.max_deflection_mm)
 
     @cached_property

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc
 
-from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.stretches import MOST_OFTEN, PER_DAY
 from beamtouch_models.accuracy.touch import SECONDS_PER_DAY
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge.faults import error_cases, fault_cases
 from beamtouch_models.challenge.honest import honest_cases
 from beamtouch_models.challenge.judge import judge

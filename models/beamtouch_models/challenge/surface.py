@@ -8,8 +8,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from beamtouch_models.accuracy.model_prior import stated_by
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.building.model_prior import stated_by
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.physics.dynamics import slowest_period_ms

@@ -15,8 +15,8 @@ from rich.table import Table
 from beamtouch_common.errors import InputError
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy.evaluation import Errors, Evaluation, at_noise, evaluate
-from beamtouch_models.accuracy.model_prior import prior_of_model
 from beamtouch_models.accuracy.statistics import Measurement
+from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.pricing.noise import check_scale
 

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from beamtouch_models.accuracy.limit import accuracy_limit
-from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import max_deflection_mm
+from beamtouch_models.physics.beam import influence_of, max_deflection_mm
+from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import Placement, place, place_by_position_error, recommended_count
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of
@@ -29,6 +31,7 @@ def run(options: argparse.Namespace) -> None:
     check_scale(noise_of(stated, chosen).sample_mm, max_deflection_mm(stated))
     physics = required(stated, chosen)
     scene, noise_mm = physics.scene, physics.noise.sample_mm
+    influence, rules, errors = influence_of(scene), sensor_rules(scene), sample_errors(scene, noise_mm)
     count = options.sensors or _count_of(scene)
     if options.components is not None and options.components > count:
         message = f"--components {options.components}: {count} sensors have no more than {count} components"
@@ -36,17 +39,19 @@ def run(options: argparse.Namespace) -> None:
     with shown_progress() as progress:
         if options.criterion == "position-error":
             placement = place_by_position_error(
-                scene,
+                influence,
+                rules,
                 count,
                 options.seed,
-                noise_mm,
+                errors,
                 leading=options.components,
                 search=options.search,
                 progress=progress,
             )
         else:
             placement = place(
-                scene,
+                influence,
+                rules,
                 count,
                 options.seed,
                 options.components,
@@ -55,7 +60,7 @@ def run(options: argparse.Namespace) -> None:
                 progress=progress,
             )
         progress("measuring the accuracy limit", 0.95)
-        found = _described(options, scene, noise_mm, placement)
+        found = _described(options, influence, errors, placement)
     found["wall_s"] = time.perf_counter() - started
     print(json.dumps(found, allow_nan=False) if options.json else _table(found, noise_mm))
 
@@ -68,14 +73,16 @@ def _count_of(scene: Scene) -> int:
     return fewest
 
 
-def _described(options: argparse.Namespace, scene: Scene, noise_mm: float, placement: Placement) -> dict[str, Any]:
+def _described(
+    options: argparse.Namespace, influence: InfluenceFunction, errors: SampleErrors, placement: Placement
+) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
     percent: float | None = None
     standard_error: float | None = None
-    if noise_mm > 0:
+    if errors.noise_mm > 0:
         # Use fresh draws: a layout looks better on the draws that it was chosen by.
         found = accuracy_limit(
-            Prior.real(scene, np.array(placement.positions_mm), noise_mm), LIMIT_DRAWS, options.seed + 1
+            Prior.real(influence, np.array(placement.positions_mm), errors), LIMIT_DRAWS, options.seed + 1
         )
         percent, standard_error = found.percent, found.standard_error
     score = placement.log_eigenvalue_product
@@ -91,7 +98,7 @@ def _described(options: argparse.Namespace, scene: Scene, noise_mm: float, place
         "search": options.search,
         "seed": options.seed,
         "components": options.components or len(placement.positions_mm),
-        "recommended_sensors": recommended_count(scene, noise_mm),
+        "recommended_sensors": recommended_count(influence, errors.noise_mm),
     }
 
 

@@ -1,6 +1,7 @@
 """The influence matrix: deflection at each sensor per newton, for each load position."""
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,6 +10,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.assembly import element_influence
 from beamtouch_models.physics.closed_forms import patch_influence, point_influence, span_of
+from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.scene import Scene
 from beamtouch_models.structure import SMALLEST_NORMAL, Beam
 
@@ -69,22 +71,15 @@ def scene_influence(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> F
     return influence(scene.beam, sensor_mm, load_mm, scene.contact.width_mm)
 
 
-def influence_deviation(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Floats:
-    """Return what the mounting tolerance of the sensors makes of the influence, (loads, sensors) in mm/N.
-
-    These are standard deviations, with the sign of the change towards the right. Errors as `influence`.
-    """
-    tolerance_mm, place = scene.sensors.mounting_tolerance_mm, np.asarray(sensor_mm, np.float64)
-    left, right = (np.clip(place + side * tolerance_mm, 0.0, scene.beam.length_mm) for side in (-1, 1))
-    change = scene_influence(scene, right, load_mm) - scene_influence(scene, left, load_mm)
-    # At an end of the beam the sensor can move to one side only.
-    deviation: Floats = change * (tolerance_mm / np.maximum(right - left, np.finfo(np.float64).tiny))
-    return deviation
-
-
-def deflection_unit_mm_per_n(beam: Beam) -> float:
-    """Return the unit l^3/(EI) of dimensionless deflections, EI of the stiffest section; SceneError beyond float64."""
-    return _deflection_unit(beam.length_mm, beam.rigidity_n_mm2)
+def influence_of(scene: Scene) -> InfluenceFunction:
+    """Return the influence function of a scene, with EI of the stiffest section; SceneError beyond float64."""
+    return InfluenceFunction(
+        scene.beam.length_mm,
+        load_positions_mm(scene),
+        scene.contact.force_range_n,
+        partial(scene_influence, scene),
+        _deflection_unit(scene.beam.length_mm, scene.beam.rigidity_n_mm2),
+    )
 
 
 def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:

@@ -1,4 +1,4 @@
-"""Sensor layouts: the candidate grid and the rules of a scene."""
+"""Sensor layouts: the candidate grid and the rules for a layout."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,8 +7,6 @@ from itertools import pairwise
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.physics.beam import sensor_positions_mm
-from beamtouch_models.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -20,7 +18,7 @@ class Candidates:
     """
 
     position_mm: Floats
-    """(candidates,), ascending; the grid without its keep-outs, plus the fixed sensors."""
+    """(candidates,), ascending, the fixed sensors among them."""
     fixed: Indices
     """Candidates of the fixed sensors, ascending."""
     min_distance_mm: float
@@ -123,14 +121,6 @@ class Candidates:
         return int(fixed_before[-1]) if len(fixed_before) else 0, int(self.last_before[index])
 
 
-def candidates(scene: Scene) -> Candidates:
-    """Return the candidates of a scene; raises SceneError if its rules leave fewer than two."""
-    position = sensor_positions_mm(scene)
-    return Candidates(
-        position, np.searchsorted(position, np.unique(scene.sensors.fixed_mm)), scene.sensors.min_distance_mm
-    )
-
-
-def equal_pitch_mm(scene: Scene, count: int) -> Floats:
+def equal_pitch_mm(length_mm: float, count: int) -> Floats:
     """Return the layout that divides the beam into equal parts; (count,) in mm."""
-    return scene.beam.length_mm * np.arange(1, count + 1) / (count + 1)
+    return length_mm * np.arange(1, count + 1) / (count + 1)

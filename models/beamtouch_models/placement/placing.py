@@ -8,18 +8,18 @@ from typing import Literal
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
+from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.components import log_eigenvalue_product
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.position_error import Surrogate, decided, surrogate_of
-from beamtouch_models.placement.problem import Problem, problem_of, rules_for
+from beamtouch_models.placement.problem import Problem, equal_layout, problem_of
 from beamtouch_models.placement.proof import bound_gap, prove
 from beamtouch_models.placement.search_exact import Run, exact_search, first_best, pattern_search
 from beamtouch_models.placement.search_paper import paper_runs, paper_search
 from beamtouch_models.progress import Progress, silent
-from beamtouch_models.scene import Scene
 
 SearchName = Literal["exact", "paper"]
 Certify = Literal["nothing", "bound", "proof"]
@@ -63,7 +63,8 @@ def _one_thread() -> AbstractContextManager[object]:
 
 
 def place(
-    scene: Scene,
+    influence: InfluenceFunction,
+    rules: Candidates,
     count: int,
     seed: int,
     leading: int | None = None,
@@ -76,7 +77,7 @@ def place(
 
     Parameters
     ----------
-    scene : scene, whose keep-outs, fixed sensors, grid and minimum distance apply
+    influence, rules : influence function of the structure, and rules for its sensors
     count : number of sensors
     seed : seed of the search
     leading : number of eigenvalues in the product; `count` by default
@@ -87,10 +88,10 @@ def place(
     Raises
     ------
     SceneError
-        The rules of the scene allow no layout of `count` sensors, or no layout has `leading` components.
+        The rules allow no layout of `count` sensors, or no layout has `leading` components.
     """
     with _one_thread():
-        problem = problem_of(scene, count, leading)
+        problem = problem_of(influence, rules, count, leading)
         progress("searching", 0.0)
         runs = _searched(problem, search, seed)
         best = first_best(runs)
@@ -104,14 +105,15 @@ def place(
         elif certify == "proof":
             proof = prove(problem, layout, progress=lambda left: progress(f"proving, gap {left:.2g}", 0.5))
             layout, score, gap, evaluations = proof.layout, proof.score, proof.gap, evaluations + proof.evaluations
-    return _placement(problem.rules, layout, score, best, evaluations, gap)
+    return _placement(rules, layout, score, best, evaluations, gap)
 
 
 def place_by_position_error(
-    scene: Scene,
+    influence: InfluenceFunction,
+    rules: Candidates,
     count: int,
     seed: int,
-    noise_mm: float,
+    errors: SampleErrors,
     *,
     leading: int | None = None,
     search: SearchName = "exact",
@@ -119,15 +121,15 @@ def place_by_position_error(
 ) -> Placement:
     """Place sensors so that the accuracy limit is smallest; arguments and errors as `place`.
 
-    `noise_mm` is the noise of a sample and must not be 0. This criterion has no bound, so the gap is None.
+    `errors` are those of a sample; its noise must not be 0. This criterion has no bound, so the gap is None.
     """
-    if not 0 < noise_mm < np.inf:
-        message = f"sensors: with a noise of {noise_mm:g} mm all layouts are equal; state the noise of a reading"
+    if not 0 < errors.noise_mm < np.inf:
+        message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
         raise SceneError(message)
     with _one_thread():
-        rules, equal = rules_for(scene, count)
-        surrogate = surrogate_of(scene, rules, count, noise_mm, seed)
-        starts = _surrogate_starts(scene, surrogate, equal, count, seed)
+        equal = equal_layout(rules, influence.length_mm, count)
+        surrogate = surrogate_of(influence, rules, count, errors, seed)
+        starts = _surrogate_starts(influence, surrogate, equal, seed)
         rng = np.random.default_rng(seed)
         runs = []
         for number, start in enumerate(starts[:SURROGATE_STARTS]):
@@ -138,27 +140,26 @@ def place_by_position_error(
                 runs.append(pattern_search(surrogate.scores, rules, start))
         runs.sort(key=lambda run: -run.score)
         finalists = [*(run.layout for run in runs), *starts]
-        layout = decided(scene, rules, finalists, noise_mm, seed, lambda part: progress("deciding", 0.7 + 0.3 * part))
+        layout = decided(influence, rules, finalists, errors, seed, lambda part: progress("deciding", 0.7 + 0.3 * part))
     positions = np.sort(rules.position_mm[layout])
-    return _placement(rules, layout, score_positions(scene, positions, leading), runs[0], _total(runs), None)
+    return _placement(rules, layout, score_positions(influence, positions, leading), runs[0], _total(runs), None)
 
 
-def score_positions(scene: Scene, positions_mm: Floats, leading: int | None = None) -> float:
+def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
     """Return the logarithm of the eigenvalue product of a layout; lengths in units of l, W/(EI) = 1."""
-    matrix = scene_influence(scene, positions_mm, load_positions_mm(scene))
-    score = float(log_eigenvalue_product(matrix, leading))
-    return score - 2 * (leading or len(positions_mm)) * float(np.log(deflection_unit_mm_per_n(scene.beam)))
+    score = float(log_eigenvalue_product(influence.matrix(positions_mm), leading))
+    return score - 2 * (leading or len(positions_mm)) * float(np.log(influence.unit_mm_per_n))
 
 
 def _searched(problem: Problem, search: SearchName, seed: int) -> list[Run]:
     return exact_search(problem, seed) if search == "exact" else paper_runs(problem, seed)
 
 
-def _surrogate_starts(scene: Scene, surrogate: Surrogate, equal: Indices, count: int, seed: int) -> list[Indices]:
+def _surrogate_starts(influence: InfluenceFunction, surrogate: Surrogate, equal: Indices, seed: int) -> list[Indices]:
     """Return the layouts to start from, ordered by the surrogate with the best first."""
     starts = [equal, surrogate.cramer_rao_layout(equal)]
     try:
-        problem = problem_of(scene, count)
+        problem = problem_of(influence, surrogate.rules, len(equal))
     except SceneError:
         pass  # With fewer components than sensors, there is no eigenvalue product to maximise.
     else:

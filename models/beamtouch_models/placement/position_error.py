@@ -1,9 +1,9 @@
 """Placement by the accuracy limit: a quick surrogate searches, and the limit itself decides between the finalists.
 
-There are two surrogates, both over the scene's ranges. The first is the mean Cramer-Rao bound over the load positions,
-for noise that is small compared to the deflection; it is made of sums over sensors, so that all exchanges of a sensor
-are one array operation. The second is the accuracy limit of a few contacts on a coarse grid, with the same contacts
-for every layout (common random numbers). Neither bounds how much better another layout could be.
+There are two surrogates, both over the ranges of position and force. The first is the mean Cramer-Rao bound over the
+load positions, for noise that is small compared to the deflection; it is made of sums over sensors, so that all
+exchanges of a sensor are one array operation. The second is the accuracy limit of a few contacts on a coarse grid, with
+the same contacts for every layout (common random numbers). Neither bounds how much better another layout could be.
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,11 @@ from beamtouch_models.accuracy.densities import densities
 from beamtouch_models.accuracy.forces import forces_of
 from beamtouch_models.accuracy.limit import accuracy_limit, spread_contacts
 from beamtouch_models.accuracy.posterior import log_likelihood
-from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.progress import Fraction
-from beamtouch_models.scene import Scene
 
 GRID = 257
 DRAWS = 256
@@ -37,7 +36,7 @@ class Surrogate:
     """Range of forces, with equal ends if the force is known."""
     rules: Candidates
     position_mm: Floats
-    """(grid,) over the scene's range."""
+    """(grid,) over the range of contacts."""
     shapes: Floats
     """(grid, candidates), deflection per newton over the noise."""
     clean: Floats
@@ -91,27 +90,29 @@ class Surrogate:
         return layout
 
 
-def surrogate_of(scene: Scene, rules: Candidates, count: int, noise_mm: float, seed: int) -> Surrogate:
+def surrogate_of(
+    influence: InfluenceFunction, rules: Candidates, count: int, errors: SampleErrors, seed: int
+) -> Surrogate:
     """Draw the contacts of a surrogate."""
-    grid = np.linspace(*scene.contact.position_mm, GRID)
+    grid = np.linspace(*influence.position_mm, GRID)
     drawn, force, noise = spread_contacts(
-        Prior.real(scene, np.zeros(count), noise_mm), DRAWS, np.random.default_rng(seed)
+        Prior.real(influence, np.zeros(count), errors), DRAWS, np.random.default_rng(seed)
     )
     return Surrogate(
-        scene.contact.force_range_n,
+        influence.force_n,
         rules,
         grid,
-        scene_influence(scene, rules.position_mm, grid) / noise_mm,
-        scene_influence(scene, rules.position_mm, drawn) * (force / noise_mm)[:, None],
+        influence.at(rules.position_mm, grid) / errors.noise_mm,
+        influence.at(rules.position_mm, drawn) * (force / errors.noise_mm)[:, None],
         noise,
     )
 
 
 def decided(
-    scene: Scene,
+    influence: InfluenceFunction,
     rules: Candidates,
     layouts: list[Indices],
-    noise_mm: float,
+    errors: SampleErrors,
     seed: int,
     progress: Fraction,
 ) -> Indices:
@@ -121,6 +122,6 @@ def decided(
         limits = []
         for number, layout in enumerate(distinct):
             progress(number / len(distinct))
-            limits.append(accuracy_limit(Prior.real(scene, rules.position_mm[layout], noise_mm), draws, seed).percent)
+            limits.append(accuracy_limit(Prior.real(influence, rules.position_mm[layout], errors), draws, seed).percent)
         distinct = [distinct[index] for index in np.argsort(limits, kind="stable")[:3]]
     return distinct[0]

@@ -7,10 +7,9 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import deflection_unit_mm_per_n, load_positions_mm, scene_influence
+from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.components import log_eigenvalue_product
-from beamtouch_models.placement.layout import Candidates, candidates, equal_pitch_mm
-from beamtouch_models.scene import Scene
+from beamtouch_models.placement.layout import Candidates, equal_pitch_mm
 
 TAIL = 1e-8
 """Squared length that the coordinates may leave out of any column, relative to the smallest scored component."""
@@ -66,24 +65,23 @@ def no_layout(count: int) -> SceneError:
     )
 
 
-def rules_for(scene: Scene, count: int) -> tuple[Candidates, Indices]:
-    """Return the candidates of a scene and the layout nearest to equal pitch; SceneError if no layout exists."""
-    rules = candidates(scene)
+def equal_layout(rules: Candidates, length_mm: float, count: int) -> Indices:
+    """Return the allowed layout nearest to equal pitch on a beam of this length; SceneError if no layout exists."""
     if count < len(rules.fixed):
         message = f"sensors.fixed_mm has {len(rules.fixed)} sensors, more than the {count} to be placed"
         raise SceneError(message)
-    layout = rules.fitted(equal_pitch_mm(scene, count))
+    layout = rules.fitted(equal_pitch_mm(length_mm, count))
     if layout is None:
         raise no_layout(count)
-    return rules, layout
+    return layout
 
 
-def problem_of(scene: Scene, count: int, leading: int | None = None) -> Problem:
-    """Return the placement problem of a scene.
+def problem_of(influence: InfluenceFunction, rules: Candidates, count: int, leading: int | None = None) -> Problem:
+    """Return the placement problem of a structure.
 
     Parameters
     ----------
-    scene : scene, whose keep-outs, fixed sensors, grid and minimum distance apply
+    influence, rules : influence function of the structure, and rules for its sensors
     count : number of sensors
     leading : number of largest eigenvalues in the product; `count` by default
 
@@ -96,9 +94,8 @@ def problem_of(scene: Scene, count: int, leading: int | None = None) -> Problem:
     if leading > count:
         message = f"{count} sensors have {count} components, not {leading}; use fewer components or more sensors"
         raise SceneError(message)
-    rules, equal = rules_for(scene, count)
-    matrix = scene_influence(scene, rules.position_mm, load_positions_mm(scene))
-    return problem_from(matrix, rules, equal, leading, deflection_unit_mm_per_n(scene.beam))
+    equal = equal_layout(rules, influence.length_mm, count)
+    return problem_from(influence.matrix(rules.position_mm), rules, equal, leading, influence.unit_mm_per_n)
 
 
 def problem_from(matrix: Floats, rules: Candidates, equal: Indices, leading: int, unit: float = 1.0) -> Problem:

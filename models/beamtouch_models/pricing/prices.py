@@ -12,7 +12,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import dynamics
-from beamtouch_models.physics.beam import influence_deviation, load_positions_mm, scene_influence
+from beamtouch_models.physics.beam import influence_of, load_positions_mm, scene_influence
 from beamtouch_models.pricing.noise import adc_step_mm, floor_of, rounding_mm, zero_drift_mm
 from beamtouch_models.pricing.removal import (
     changed,
@@ -193,7 +193,7 @@ def _mounting_tolerance(pricing: Pricing) -> Effect:
     scene, tolerance_mm = pricing.scene, pricing.scene.sensors.mounting_tolerance_mm
     if tolerance_mm == 0:
         return Effect("mounting tolerance", 0.0, "out", "the scene states none")
-    moved = influence_deviation(scene, pricing.sensor_mm, load_positions_mm(scene))
+    moved = influence_of(scene).deviation(pricing.sensor_mm, load_positions_mm(scene), tolerance_mm)
     price = pricing.in_noise(scene.contact.force_range_n[1] * moved)
     reason = f"+- {tolerance_mm:g} mm along the beam; `calibrate` finds the true positions"
     verdict: Verdict = "out" if price < NEGLIGIBLE else "floor"

@@ -13,7 +13,9 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.limit import MeanError
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
+from beamtouch_models.building.sensor_rules import sensor_rules
 from beamtouch_models.estimators.paper_network import MAX_EPOCHS, PaperNetwork, train
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place
 from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.reproduction.paper import (
@@ -82,10 +84,10 @@ class Performance:
 
 def layouts(seed: int) -> dict[Layout, Floats]:
     """Return the layouts of figure 8: at equal pitch, and with the largest eigenvalue product."""
-    found = {}
+    found, influence, rules = {}, influence_of(SCENE), sensor_rules(SCENE)
     for count in COUNTS:
         found[Layout(count, "equal")] = equal_pitch_mm(count)
-        found[Layout(count, "optimised")] = np.array(place(SCENE, count, seed).positions_mm)
+        found[Layout(count, "optimised")] = np.array(place(influence, rules, count, seed).positions_mm)
     return found
 
 
@@ -114,7 +116,8 @@ def performances(
 
 def _measured(layout: Layout, positions: Floats, networks: tuple[PaperNetwork, ...], seed: int) -> Performance:
     unit_mm = float(deflection_mm([LENGTH_MM / 2], [LENGTH_MM / 2])[0, 0]) / 100
-    clean = limit.draw(Prior.of(SCENE, positions, 0.0), DRAWS, seed)
+    influence = influence_of(SCENE)
+    clean = limit.draw(Prior.of(influence, positions, 0.0), DRAWS, seed)
     rng = np.random.default_rng([seed, layout.sensors])
     noise = rng.normal(scale=unit_mm, size=clean.deflection_mm.shape)
     errors = np.array(
@@ -127,5 +130,5 @@ def _measured(layout: Layout, positions: Floats, networks: tuple[PaperNetwork, .
         ]
     )
     noise_mm = RIG_NOISE_PERCENT * unit_mm
-    best = limit.accuracy_limit(Prior.of(SCENE, positions, noise_mm), LIMIT_DRAWS, seed)
+    best = limit.accuracy_limit(Prior.of(influence, positions, noise_mm), LIMIT_DRAWS, seed)
     return Performance(layout, positions, networks, errors / LENGTH_MM * 100, best)

@@ -31,7 +31,7 @@ MAX_DEFLECTION = 1 / 48
 
 def equal_pitch_mm(count: int) -> Floats:
     """Return the positions of sensors that divide the beam into equal parts; (count,) in mm."""
-    return layout.equal_pitch_mm(SCENE, count)
+    return layout.equal_pitch_mm(LENGTH_MM, count)
 
 
 def dimensionless(sensor_mm: ArrayLike) -> Floats:

@@ -8,8 +8,10 @@ import numpy as np
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import TABLE, Prior
 from beamtouch_models.accuracy.statistics import Measurement, ratio_of
+from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.placement import fewest_sensors
+from beamtouch_models.physics.beam import influence_of
+from beamtouch_models.placement import place
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.scene import Scene
@@ -38,8 +40,8 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
     chosen = choose_filter(scene)
     noise_mm, physics = noise_of(scene, chosen).sample_mm, required(scene, chosen)
     count = scene.sensors.count_range[0]
-    layout = np.array(fewest_sensors(physics.scene, noise_mm, count, seed).positions_mm)
-    whole = Prior.real(scene, layout, noise_mm)
+    layout = np.array(place(influence_of(physics.scene), sensor_rules(physics.scene), count, seed).positions_mm)
+    whole = Prior.real(influence_of(scene), layout, sample_errors(scene, noise_mm))
     contacts = simulated_enough(whole, draws, seed + 1)
     best = contacts.deviation_mm
     if best is None:
@@ -51,7 +53,8 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
     for effect in physics.effects:
         if effect.leave_out is None or effect.price is None:
             continue
-        without = Prior.real(effect.leave_out(scene), layout, noise_mm)
+        lesser = effect.leave_out(scene)
+        without = Prior.real(influence_of(lesser), layout, sample_errors(lesser, noise_mm))
         run = runner(posterior_graph(without, with_force=False).SerializeToString())
         error = contacts.mean_error_mm(run(reading, whitening)["position_mm"])
         ratio = ratio_of(error * contacts.weight, best * contacts.weight)

@@ -10,12 +10,13 @@ from beamtouch_models.accuracy.contacts import Contacts, simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats, Floats32
+from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.physics.beam import check_small_angles, max_deflection_mm
-from beamtouch_models.placement import fewest_sensors
+from beamtouch_models.physics.beam import check_small_angles, influence_of, max_deflection_mm
+from beamtouch_models.placement import place
 from beamtouch_models.pricing.effects import Physics, required
 from beamtouch_models.pricing.noise import check_scale, noise_of, reading_noise_mm, window_filter
 from beamtouch_models.progress import Fraction, Progress, silent
@@ -166,9 +167,9 @@ def measured_points(
 
 
 def _contacts(physics: Physics, count: int, draws: int, seed: int) -> tuple[Contacts, Prior]:
-    noise_mm = physics.noise.sample_mm
-    layout = np.array(fewest_sensors(physics.scene, noise_mm, count, seed).positions_mm)
-    prior = Prior.real(physics.scene, layout, noise_mm)
+    influence, errors = influence_of(physics.scene), sample_errors(physics.scene, physics.noise.sample_mm)
+    layout = np.array(place(influence, sensor_rules(physics.scene), count, seed).positions_mm)
+    prior = Prior.real(influence, layout, errors)
     return simulated_enough(prior, draws, seed + 1), prior
 
 

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from beamtouch_models.charts import Chart, Series, draw, standalone
+from beamtouch_models.charts import Chart, Series, draw
+from beamtouch_models.drawing import standalone
 from beamtouch_models.trade.physics import LeftOut
 from beamtouch_models.trade.points import Failure, Point, Trade
 

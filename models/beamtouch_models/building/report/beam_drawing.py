@@ -6,7 +6,8 @@ Lengths, thickness and gaps share one scale; supports and sensors are symbols.
 from collections.abc import Iterable
 from html import escape
 
-from beamtouch_models.charts import fill, opening, round_ticks, stroke
+from beamtouch_models.charts import round_ticks
+from beamtouch_models.drawing import fill, opening, stroke
 from beamtouch_models.metadata import Channel, Metadata
 from beamtouch_models.scene import Scene
 from beamtouch_models.structure import Beam

@@ -7,15 +7,17 @@ import numpy as np
 from beamtouch_models.accuracy.contacts import simulated
 from beamtouch_models.accuracy.evaluation import estimates
 from beamtouch_models.accuracy.limit import MeanError, accuracy_limit
-from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
+from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.modelfile import ModelFile, load_bytes
-from beamtouch_models.physics.beam import load_positions_mm, scene_influence
+from beamtouch_models.physics.beam import influence_of
+from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import Placement, place, place_by_position_error, score_positions
 from beamtouch_models.placement.components import Components, principal_components
-from beamtouch_models.placement.layout import equal_pitch_mm
+from beamtouch_models.placement.layout import Candidates, equal_pitch_mm
 from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
@@ -84,29 +86,32 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
     """Measure the data of the report, which takes seconds; the same build gives the same data."""
     progress("measuring for the report", 0.97)
     positions = np.array(built.placement.positions_mm)
-    load = load_positions_mm(scene)
     physics = built.physics.scene
+    influence, rules = influence_of(physics), sensor_rules(physics)
+    errors = sample_errors(physics, built.metadata.noise.sample_mm)
     model = load_bytes(built.content, "the model just built")
     seed = built.metadata.seed
     return Facts(
         scene,
         model,
         built.placement,
-        load,
-        principal_components(scene_influence(physics, positions, load)),
-        _profile(physics, model, positions, seed),
-        _layouts(physics, positions, built.metadata.noise.sample_mm, seed),
+        influence.load_mm,
+        principal_components(influence.matrix(positions)),
+        _profile(influence, errors, model, positions, seed),
+        _layouts(influence, rules, positions, errors, seed),
         built.physics.effects,
     )
 
 
-def _profile(scene: Scene, model: ModelFile, positions: Floats, seed: int) -> Profile:
-    prior = Prior.real(scene, positions, model.metadata.noise.sample_mm)
+def _profile(
+    influence: InfluenceFunction, errors: SampleErrors, model: ModelFile, positions: Floats, seed: int
+) -> Profile:
+    prior = Prior.real(influence, positions, errors)
     contacts = simulated(prior, PROFILE_DRAWS, seed + SEED_SHIFT)
     best = contacts.least_error_mm()
     weight = np.broadcast_to(contacts.weight[:, None], contacts.likely_mm.shape)
     answers = estimates(model, prior, contacts.drawn.deflection_mm)
-    edges = np.linspace(*scene.contact.position_mm, PROFILE_BINS + 1)
+    edges = np.linspace(*influence.position_mm, PROFILE_BINS + 1)
     stretch = np.clip(np.searchsorted(edges, contacts.likely_mm, side="right") - 1, 0, PROFILE_BINS - 1)
 
     def means(values: Floats) -> Floats:
@@ -125,18 +130,20 @@ def _profile(scene: Scene, model: ModelFile, positions: Floats, seed: int) -> Pr
     return Profile((edges[1:] + edges[:-1]) / 2, model_mm, limit_mm, held, held_in, width_mm)
 
 
-def _layouts(scene: Scene, taken: Floats, noise_mm: float, seed: int) -> tuple[OtherLayout, ...]:
+def _layouts(
+    influence: InfluenceFunction, rules: Candidates, taken: Floats, errors: SampleErrors, seed: int
+) -> tuple[OtherLayout, ...]:
     """Compare the model's layout with others, all on the same contacts."""
-    named = {"equal pitch": equal_pitch_mm(scene, len(taken))}
-    named["eigenvalue product"] = np.array(place(scene, len(taken), seed).positions_mm)
-    by_error = place_by_position_error(scene, len(taken), seed, noise_mm)
+    named = {"equal pitch": equal_pitch_mm(influence.length_mm, len(taken))}
+    named["eigenvalue product"] = np.array(place(influence, rules, len(taken), seed).positions_mm)
+    by_error = place_by_position_error(influence, rules, len(taken), seed, errors)
     named["position error"] = np.array(by_error.positions_mm)
     if not any(np.allclose(taken, positions) for positions in named.values()):
         named["the model's"] = taken
     found = []
     for name, positions in named.items():
-        prior = Prior.real(scene, positions, noise_mm)
+        prior = Prior.real(influence, positions, errors)
         reached = accuracy_limit(prior, LAYOUT_DRAWS, seed + SEED_SHIFT + 1)
-        score = score_positions(scene, positions)
+        score = score_positions(influence, positions)
         found.append(OtherLayout(name, positions, score, reached, bool(np.allclose(taken, positions))))
     return tuple(found)

@@ -6,8 +6,9 @@ from jinja2 import Environment, StrictUndefined
 
 from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
-from beamtouch_models.charts import STYLE, Chart, Series, draw
+from beamtouch_models.charts import Chart, Series, draw
 from beamtouch_models.description import per_day
+from beamtouch_models.drawing import STYLE
 from beamtouch_models.pricing.prices import NEGLIGIBLE
 
 MAX_CHARTED = 8

@@ -8,7 +8,7 @@ import numpy as np
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.metadata import Departures, Metadata
-from beamtouch_models.physics.beam import influence
+from beamtouch_models.physics.beam import influence, influence_of
 from beamtouch_models.pricing.effects import Physics, required
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.structure import Beam, changed_beam
@@ -23,7 +23,7 @@ def prior_of_model(metadata: Metadata) -> Prior:
     """Rebuild the prior of a model; raises SceneError as `physics_of`."""
     scene = physics_of(metadata).scene
     sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
-    bare = Prior.of(scene, sensor_mm, metadata.noise.sample_mm)
+    bare = Prior.of(influence_of(scene), sensor_mm, metadata.noise.sample_mm)
     prior = replace(bare, gain=np.array(metadata.floor.gain), zero_mm=np.array(metadata.floor.zero_mm))
     if metadata.calibration is None:
         return prior
