@@ -18,11 +18,12 @@ DESCRIPTION = (
 
 _REFERENCE = "#/components/schemas/{model}"
 EVENTS: dict[str, Any] = {
-    "description": "Events, the newest touch first.",
+    "description": "Events, the newest first.",
     "content": {
         "application/json": {
             "examples": {
                 "one contact, and more behind it": {"value": {"events": [examples.EVENT], "next": examples.NEXT}},
+                "an unexplained stretch": {"value": {"events": [examples.STRETCH], "next": None}},
                 "with path=true": {"value": {"events": [examples.EVENT_WITH_PATH], "next": examples.NEXT}},
             }
         },
@@ -39,6 +40,14 @@ EVENT: dict[str, Any] = {
     "content": {"application/json": {"examples": {"one contact": {"value": examples.EVENT_WITH_PATH}}}},
 }
 """The answer of the route of one event."""
+
+CAPTURE: dict[str, Any] = {
+    "description": "The samples.",
+    "content": {
+        "application/json": {"examples": {"a sensor that contradicts the others": {"value": examples.CAPTURE}}}
+    },
+}
+"""The answer of the route of a capture."""
 
 BATCH_BODY: dict[str, Any] = {
     "requestBody": {
