@@ -37,20 +37,26 @@ def soon(make_bench: type[Bench], build_model: BuildModel) -> Bench:
     return make_bench(Surface("press-7", modelfile.load(build_model(channels=4)), unexplained_after_s=0.5))
 
 
+def deliver(story: Story, first: int, last: int) -> None:
+    """Send samples as the time passes that they took."""
+    story.bench.now_s += (last - first) * 0.005
+    story.deliver(first, last)
+
+
 def test_a_stretch_that_lasts_raises_a_metric_and_writes_one_line(
     soon: Bench, make_batch: MakeBatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     resting: Row = [0.0] * 4
     story = Story(soon, make_batch, [resting, *[WEDGED] * 300, *[resting] * 4, *[WEDGED] * 200])
     with caplog.at_level(logging.WARNING, "beamtouch.service"):
-        story.deliver(0, 90)
+        deliver(story, 0, 90)
         found = values(soon)
         assert (found["beamtouch_unexplained"], found["beamtouch_unexplained_stretches_total"]) == (0, 1)
         assert found["beamtouch_unexplained_seconds_total"] == pytest.approx(0.43)
         assert caplog.messages == []
 
         for first in range(90, 300, 30):
-            story.deliver(first, first + 30)
+            deliver(story, first, first + 30)
         found = values(soon)
         assert (found["beamtouch_unexplained"], found["beamtouch_unexplained_stretches_total"]) == (1, 1)
         assert (found["beamtouch_state.unexplained"], found["beamtouch_state.clear"]) == (1, 0)
@@ -60,9 +66,9 @@ def test_a_stretch_that_lasts_raises_a_metric_and_writes_one_line(
             "(over 0.5 s); check sensor s3: without it, everything is explained"
         ]
 
-        story.deliver(300, 305)
+        deliver(story, 300, 305)
         assert values(soon)["beamtouch_unexplained"] == 0
-        story.deliver(305, 505)
+        deliver(story, 305, 505)
         assert len(caplog.messages) == 2
     found = values(soon)
     assert found["beamtouch_unexplained_stretches_total"] == 2

@@ -39,7 +39,9 @@ class Stretches:
 
     def add(self, seen: Seen, acquired_s: float) -> None:
         """Add the next sample, which was taken at `acquired_s` [s, monotonic]."""
-        passed_s, self._last_s = max(0.0, acquired_s - self._last_s), acquired_s
+        # The ages of two batches differ by how long each travelled. No time counts twice.
+        newest_s = max(self._last_s, acquired_s)
+        passed_s, self._last_s = newest_s - self._last_s, newest_s
         if seen.held is not State.UNEXPLAINED:
             self._since_us, self._length_s = None, 0.0
             return
