@@ -179,10 +179,9 @@ def test_the_order_of_delivery_does_not_change_the_record(seed: int) -> None:
         kinds.append(rng.choice([one for one in (TOUCHING, HARDER, RESTING, ODD, ODD) if one is not kinds[-1]]))
     lengths = [rng.randint(9, 14) for _ in kinds]
     rows = [row for row, length in zip([*kinds, RESTING], [*lengths, 9], strict=True) for _ in range(length)]
-    # A change shows in the third sample after it, so a part that begins beside one would not know of it.
-    changes = list(accumulate(lengths))
-    places = [place for place in range(4, len(rows)) if all(abs(place - change) > 3 for change in changes)]
-    parts = list(pairwise([0, *sorted(rng.sample(places, 6)), len(rows)]))
+    # A change shows in the third sample after it, and fewer odd samples alone show nothing: cut only far from changes.
+    cuts = [begin + rng.randint(4, length - 4) for begin, length in zip(accumulate(lengths), lengths[1:], strict=False)]
+    parts = list(pairwise([0, *sorted(rng.sample(cuts, 6)), len(rows)]))
     straight = _record(rows, parts)
     rng.shuffle(parts)
 
