@@ -31,7 +31,7 @@ class Capture:
 
 @dataclass
 class Stretch:
-    """The unexplained samples that follow each other, and those of them that have yet to be written."""
+    """Counts unexplained samples that follow each other, and holds those that have yet to be written."""
 
     length: int = 0
     waiting: list[Contradiction] = field(default_factory=list)
@@ -41,6 +41,10 @@ class Stretch:
         if is_kept(self.length):
             self.waiting.append(sample)
         self.length += 1
+
+    def end(self) -> None:
+        """End the stretch: the next unexplained sample begins another. What waits is kept."""
+        self.length = 0
 
     def take(self) -> list[Contradiction]:
         """Return what has yet to be written."""

@@ -112,7 +112,8 @@ class Segmenter:
         commands = self.flush()
         if self._kind and self.last:
             commands.append(Finish(self.boot_id, self.last.sequence, End.UNSEEN))
-        self._kind, self._was_clear, self._stretch = None, False, Stretch()
+        self._stretch.end()
+        self._kind, self._was_clear = None, False
         return commands
 
     def end_run(self) -> list[Command | Edge]:
@@ -126,7 +127,8 @@ class Segmenter:
         commands = self.flush()
         if self._kind or first_of_run:
             commands.append(Finish(self.boot_id, sequence - 1, End.LIFT, acquired_us))
-        self._kind, self._was_clear, self._stretch = None, True, Stretch()
+        self._stretch.end()
+        self._kind, self._was_clear = None, True
         return commands
 
     def _begun_before(self, doubtful: list[Seen]) -> list[Command | Edge]:
@@ -143,7 +145,7 @@ class Segmenter:
         if is_new:
             commands = self.flush()
         if not unexplained:
-            self._stretch = Stretch()
+            self._stretch.end()
         elif seen.why:
             self._stretch.add(seen.why)
         sequence, acquired_us = seen.estimated.sequence, seen.estimated.acquired_unix_us
