@@ -89,11 +89,14 @@ def _merge_surfaces(file: ConfigFile, folder: Path, overrides: Overrides) -> tup
             name=name,
             model=model or _path(section.model, folder),
             stale_ms=overrides.stale_ms or section.stale_ms,
+            unexplained_after_s=section.unexplained_after_s,
         )
         for name, section in file.surfaces.items()
     ]
     if model and not merged:
-        merged = [SurfaceSettings(name="", model=model, stale_ms=overrides.stale_ms or SurfaceSection().stale_ms)]
+        default = SurfaceSection()
+        stale_ms = overrides.stale_ms or default.stale_ms
+        merged = [SurfaceSettings("", model, stale_ms, default.unexplained_after_s)]
     return tuple(merged)
 
 

@@ -68,6 +68,8 @@ class SurfaceSection(BaseModel):
     """Model file. Without it, the surface accepts samples but gives no contact."""
     stale_ms: StaleMs = limits.STALE_MS
     """No contact is given from a sample older than this."""
+    unexplained_after_s: Annotated[FiniteFloat, Field(gt=0, le=86_400)] = limits.UNEXPLAINED_AFTER_S
+    """A state `unexplained` that lasts longer raises a metric and writes a line to the log."""
 
 
 class ConfigFile(BaseModel):

@@ -6,6 +6,8 @@ from time import monotonic
 
 STALE_MS = 500.0
 """No contact is given from a sample older than this."""
+UNEXPLAINED_AFTER_S = 10.0
+"""An unexplained stretch that lasts longer asks for someone to look."""
 MAX_BATCHES_PER_S = 2000.0
 """For each surface."""
 MAX_STREAMS = 32

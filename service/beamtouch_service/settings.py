@@ -14,6 +14,7 @@ class SurfaceSettings:
     """Empty: the name of its model."""
     model: Path | None
     stale_ms: float
+    unexplained_after_s: float
 
 
 @dataclass(frozen=True)

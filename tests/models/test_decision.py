@@ -165,3 +165,29 @@ def test_with_too_few_channels_nothing_is_unexplained(world: World) -> None:
     valid = [True, False, False, True, *[False] * (world.channels - 4)]
     (said,) = evidence(world.metadata, world.run, world.sample(two, valid=valid))
     assert [world.decider.step(said).state for _ in range(5)] == [State.CONTACT] * 5
+
+
+def test_a_sample_without_each_channel_shows_which_one_is_wrong(world: World) -> None:
+    suspects = Suspects(world.metadata, world.run)
+    wedge = world.sample(world.load((100, 8)) + 0.5 * np.eye(world.channels)[2])
+    suspects.step(wedge)
+
+    assert [name for name, left in suspects.without.items() if left.explained] == [world.model.channels[2]]
+    for channel, (name, left) in enumerate(suspects.without.items()):
+        (alone,) = evidence(world.metadata, world.run, wedge.without(channel))
+        assert name == world.model.channels[channel]
+        assert left.misfit == pytest.approx(alone.misfit, rel=1e-3, abs=1e-3)
+        assert left.rest_misfit == pytest.approx(alone.rest_misfit)
+        assert left.explained == suspects.explained(alone)
+    suspects.clear()
+    assert suspects.without == {}
+
+
+def test_too_few_channels_cannot_contradict_and_are_not_left_out(world: World) -> None:
+    suspects = Suspects(world.metadata, world.run)
+    two = [True, True, *[False] * (world.channels - 2)]
+    sample = world.sample(world.load((100, 8), (300, 8)), valid=two)
+    assert suspects.step(sample) is None
+    assert suspects.without == {}
+    (said,) = evidence(world.metadata, world.run, sample)
+    assert suspects.explained(said)

@@ -16,10 +16,13 @@ Rows = list[list[float]]
 def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
     """position = 100 + 100 * (0 d1 + 1 d2 + 2 d3 ...), odds = 100 * sum (touch: 10), force = 10 * sum; intervals +-1.
 
+    The misfit is 1000 * (d3 - d2) where that is positive: s3 is not above s2 in a contact.
     A channel that is not valid counts as zero. Where the sum is exactly 2, the position is a division by zero.
     """
     weights = np.arange(channels, dtype=np.float32).reshape(-1, 1) * 100
+    order = np.array([0, -1000, 1000, *[0] * channels], np.float32)[:channels] * (channels > 2)
     constants = {
+        "order": order.reshape(-1, 1).astype(np.float32),
         "zero": np.float32(0),
         "one": np.float32(1),
         "two": np.float32(2),
@@ -33,7 +36,7 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
         "position_low_mm": helper.make_node("Sub", ["position_mm", "one"], ["position_low_mm"]),
         "position_high_mm": helper.make_node("Add", ["position_mm", "one"], ["position_high_mm"]),
         "contact_log_odds": helper.make_node("Mul", ["total", "hundred"], ["contact_log_odds"]),
-        "misfit": helper.make_node("Mul", ["total", "zero"], ["misfit"]),
+        "misfit": helper.make_node("Relu", ["excess"], ["misfit"]),
         "force_n": helper.make_node("Mul", ["total", "ten"], ["force_n"]),
         "force_low_n": helper.make_node("Sub", ["force_n", "one"], ["force_low_n"]),
         "force_high_n": helper.make_node("Add", ["force_n", "one"], ["force_high_n"]),
@@ -44,6 +47,8 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
         helper.make_node("Where", ["valid", "deflection_mm", "zero"], ["d"]),
         helper.make_node("ReduceSum", ["d", "axis"], ["total"], keepdims=0),
         helper.make_node("MatMul", ["d", "weights"], ["moment"]),
+        helper.make_node("MatMul", ["d", "order"], ["above"]),
+        helper.make_node("Squeeze", ["above", "axis"], ["excess"]),
         helper.make_node("Squeeze", ["moment", "axis"], ["shift"]),
         helper.make_node("Add", ["shift", "hundred"], ["raised"]),
         helper.make_node("Sub", ["total", "two"], ["to_two"]),

@@ -30,7 +30,8 @@ def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
     settings = load(
         tmp_path,
         '[server]\nport = 9000\nwrite_token_file = "token"\n'
-        '[surfaces.a]\nmodel = "a.onnx"\nstale_ms = 250\n[surfaces.b]\nmodel = "/elsewhere/b.onnx"\n[surfaces.c]\n',
+        '[surfaces.a]\nmodel = "a.onnx"\nstale_ms = 250\n[surfaces.b]\nmodel = "/elsewhere/b.onnx"\n'
+        "[surfaces.c]\nunexplained_after_s = 2.5\n",
     )
 
     assert (settings.port, settings.access.write) == (9000, "correct-horse-battery")
@@ -39,6 +40,7 @@ def test_paths_in_a_config_are_relative_to_it(tmp_path: Path) -> None:
         ("b", Path("/elsewhere/b.onnx"), 500),
         ("c", None, 500),
     ]
+    assert [entry.unexplained_after_s for entry in settings.surfaces] == [10, 10, 2.5]
 
 
 def test_events_and_streams_are_bounded_unless_told_otherwise(tmp_path: Path) -> None:
@@ -68,6 +70,7 @@ def test_a_model_alone_names_its_surface_itself() -> None:
     (entry,) = load_settings(None, {"model": "m.onnx"}).surfaces
 
     assert (entry.name, entry.model, entry.stale_ms) == ("", Path("m.onnx"), 500)
+    assert entry.unexplained_after_s == 10
 
 
 def test_the_token_is_not_printed(tmp_path: Path) -> None:
@@ -87,6 +90,8 @@ def test_the_token_is_not_printed(tmp_path: Path) -> None:
         ("[server]\nport = 65536\n", "server.port: Input should be less than or equal to 65535"),
         ("[server]\nhost = ''\n", "server.host"),
         ("[surfaces.a]\nstale_ms = 0\n", "surfaces.a.stale_ms"),
+        ("[surfaces.a]\nunexplained_after_s = 0\n", "surfaces.a.unexplained_after_s: Input should be greater than 0"),
+        ("[surfaces.a]\nunexplained_after_s = 100000\n", "surfaces.a.unexplained_after_s"),
         ("[surfaces.a]\nstale_ms = nan\n", "surfaces.a.stale_ms: Input should be a finite number"),
         ("[events]\nkeep_days = 0\n", "events.keep_days"),
         ("[events]\nmax_mb = 0\n", "events.max_mb"),

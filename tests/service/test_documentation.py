@@ -11,6 +11,7 @@ from fastapi.testclient import TestClient
 
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
+from beamtouch_service.api.event_answers import EventCapture, EventList, EventWithPath
 from beamtouch_service.api.gate import without_role
 from beamtouch_service.problems import MEDIA_TYPE, Kind, ProblemBody
 from beamtouch_service.samples import Batch
@@ -43,6 +44,19 @@ def test_the_examples_of_a_contact_are_contacts(description: dict[str, Any]) -> 
 
     states = {name: Contact.model_validate(example["value"]).state.value for name, example in examples.items()}
     assert states == {"contact": "contact", "clear": "clear", "unexplained": "unexplained", "degraded": "contact"}
+
+
+def test_the_examples_of_events_are_events(description: dict[str, Any]) -> None:
+    def values(path: str) -> list[Any]:
+        content = description["paths"][path]["get"]["responses"]["200"]["content"]["application/json"]
+        return [example["value"] for example in content["examples"].values()]
+
+    kinds = {event.kind.value for value in values("/events") for event in EventList.model_validate(value).events}
+    assert kinds == {"contact", "unexplained"}
+    for value in values("/events/{id}"):
+        EventWithPath.model_validate(value)
+    for value in values("/events/{id}/capture"):
+        EventCapture.model_validate(value)
 
 
 def test_the_example_of_a_batch_is_a_batch(description: dict[str, Any]) -> None:
@@ -81,8 +95,9 @@ def operations_of(description: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def test_operations_have_names_that_a_generated_client_can_use(description: dict[str, Any]) -> None:
     assert sorted(operations_of(description)) == [
-        "get_contact", "get_event", "get_events", "get_live", "get_metrics", "get_model", "get_ready", "get_stream",
-        "get_surface", "get_surface_contact", "get_surface_stream", "get_surfaces", "post_reload", "post_samples",
+        "get_contact", "get_event", "get_event_capture", "get_events", "get_live", "get_metrics", "get_model",
+        "get_ready", "get_stream", "get_surface", "get_surface_contact", "get_surface_stream", "get_surfaces",
+        "post_reload", "post_samples",
     ]  # fmt: skip
     assert len(operations_of(description)) == sum(len(one) for one in description["paths"].values())
     assert all(len(operation["tags"]) == 1 for operation in operations_of(description).values())

@@ -6,18 +6,18 @@ import shutil
 import sqlite3
 from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.segmenter import Finish
-from beamtouch_service.events.segments import Begin, End, Segment
+from beamtouch_service.events.segments import Begin, End, Kind, Segment
 from beamtouch_service.events.store import EventStore, Selection
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 DAY_S = 86_400.0
 FORMAT_1 = """
@@ -164,8 +164,40 @@ def test_a_file_of_an_older_format_keeps_its_events(path: Path, old_format: int)
     assert [number for number, _ in store.read(Selection())] == [9, 8, 7]
     store.close()
     with closing(sqlite3.connect(path)) as file:
-        assert file.execute("PRAGMA user_version").fetchone() == (2,)
+        assert file.execute("PRAGMA user_version").fetchone() == (3,)
         assert file.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'by_open'").fetchone() == (1,)
+
+
+def columns(path: Path) -> dict[str, list[tuple[str, str, int, str | None]]]:
+    """Name, type, whether it may be null, and default of every column, by table."""
+    with closing(sqlite3.connect(path)) as file:
+        return {
+            table: sorted(row[1:5] for row in file.execute(f"PRAGMA table_info({table})"))
+            for table in ("events", "captures")
+        }
+
+
+def test_a_file_that_an_older_service_left_at_a_kill_is_upgraded_whole(path: Path, tmp_path: Path) -> None:
+    with closing(sqlite3.connect(path)) as older:
+        older.executescript(Path(__file__).with_name("events_format_2.sql").read_text())
+    EventStore(tmp_path / "new.db", DAY_S, 1_000_000).close()
+
+    store = EventStore(path, 100_000 * DAY_S, 1_000_000)
+    assert columns(path) == columns(tmp_path / "new.db")
+    assert [(number, kept.kind, kept.begin, kept.end, kept.samples) for number, kept in store.read(Selection())] == [
+        (2, "contact", "touch", "unfinished", 2),
+        (1, "contact", "touch", "lift", 3),
+    ]
+    first = store.get(1)
+    assert first is not None
+    assert (len(first.path), first.unexplained_us, first.ends_unexplained, store.capture(first)) == (3, 0, False, [])
+    # The contact that was open goes on, with a stretch in it.
+    goes_on = replace(segment(8, 9), model=first.model, touched_us=first.touched_us + 30_000, kind=Kind.UNEXPLAINED)
+    store.write("press-7", [replace(goes_on, samples=0, unexplained_us=5000, ends_unexplained=True)], 0.0)
+    assert [(kept.last_sequence, kept.end, kept.kind) for _, kept in store.read(Selection(limit=1))] == [
+        (9, "open", "contact")
+    ]
+    store.close()
 
 
 def test_a_database_of_another_program_is_refused_unchanged(path: Path) -> None:

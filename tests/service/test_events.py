@@ -30,11 +30,13 @@ def test_one_contact_is_one_event(bench: Bench, make_batch: MakeBatch) -> None:
     assert event == {
         "id": 1,
         "surface": "press-7",
+        "kind": "contact",
         "touched_at": "2026-11-20T23:40:46.128Z",
         "lifted_at": "2026-11-20T23:40:46.143Z",
         "begin": "touch",
         "end": "lift",
         "dwell_ms": 15.0,
+        "unexplained_ms": 0.0,
         "peak_force_n": 12.5,
         "peak_position_mm": 200.0,
         "mean_position_mm": pytest.approx(166.6667),

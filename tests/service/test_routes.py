@@ -159,6 +159,8 @@ def test_the_summary_of_a_surface(bench: Bench, make_batch: MakeBatch) -> None:
         "channels": ["s1", "s2", "s3"],
         "stale_ms": 500.0,
         "age_ms": 0.0,
+        "state": "contact",
+        "notes": [],
         "model_error": None,
         "samples": {"accepted": 1, "repeated": 0, "lost": 0},
     }

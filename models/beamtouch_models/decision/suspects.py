@@ -1,10 +1,13 @@
 """Which single channel contradicts the others, found by leaving out each in turn. Pure but for the run of the graph."""
 
-from collections import deque
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_models.decision.evidence import Weighed, evidence
+from beamtouch_models.decision.evidence import Evidence, Weighed, evidence
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.session import Run
 
@@ -14,38 +17,62 @@ AGREEING = 0.9
 """Part of them that must name the same channel, and no other."""
 
 
+class LeftOut(NamedTuple):
+    """A sample without one of its channels."""
+
+    misfit: float
+    """How badly the best single contact explains what is left."""
+    rest_misfit: float
+    """How badly rest does."""
+    explained: bool
+    """Whether rest or a single contact explains what is left."""
+
+
 class Suspects:
     """Keeps what the last unexplained samples say about single channels."""
 
     def __init__(self, metadata: Metadata, run: Run) -> None:
         self._metadata, self._run = metadata, run
-        self._found: deque[int | None] = deque(maxlen=SAMPLES)
+        self._found: deque[str | None] = deque(maxlen=SAMPLES)
+        self.without: dict[str, LeftOut] = {}
+        """Channel -> the last sample without it; empty where so few channels are left that they fit any contact."""
 
     def clear(self) -> None:
         """Forget the samples: the stretch that they belong to is over."""
         self._found.clear()
+        self.without = {}
 
     def step(self, sample: Weighed) -> str | None:
         """Take the next unexplained sample, one row; return the name of the channel that contradicts the others."""
-        self._found.append(self._only_suspect(sample))
+        self.without = self._leave_out(sample)
+        explaining = [name for name, left in self.without.items() if left.explained]
+        # If several would do, none of them is known to be wrong.
+        self._found.append(explaining[0] if len(explaining) == 1 else None)
         if len(self._found) < SAMPLES:
             return None
-        named = [index for index in set(self._found) if index is not None]
-        for index in named:
-            if self._found.count(index) >= AGREEING * SAMPLES:
-                return self._metadata.layout[index].name
-        return None
+        (name, count), *_ = Counter(self._found).most_common(1)
+        return name if count >= AGREEING * SAMPLES else None
 
-    def _only_suspect(self, sample: Weighed) -> int | None:
-        """Return the channel without which rest or one contact explains the sample; None for none, or several."""
+    def explained(self, found: Evidence) -> bool:
+        """Return whether rest or a single contact explains a sample, or too few channels are left to contradict."""
+        limits, place = self._metadata.thresholds, found.channels - 1
+        limit = limits.misfit[place]
+        return limit is None or found.misfit <= limit or found.rest_misfit <= limits.rest[place]
+
+    def _leave_out(self, sample: Weighed) -> dict[str, LeftOut]:
+        """Return what is left of a sample without each of its channels."""
         working = np.flatnonzero(sample.valid[0])
-        limits, left = self._metadata.thresholds, len(working) - 1
-        limit = limits.misfit[left - 1] if left > 0 else None
-        if limit is None:
-            return None
-        suspects = []
-        for channel in working.tolist():
-            (found,) = evidence(self._metadata, self._run, sample.without(channel))
-            if found.misfit <= limit or found.rest_misfit <= limits.rest[left - 1]:
-                suspects.append(channel)
-        return suspects[0] if len(suspects) == 1 else None
+        limits = self._metadata.thresholds.misfit
+        if len(working) < 2 or limits[len(working) - 2] is None:
+            return {}
+        names = [self._metadata.layout[channel].name for channel in working.tolist()]
+        each = evidence(self._metadata, self._run, _stacked([sample.without(channel) for channel in working.tolist()]))
+        return {
+            name: LeftOut(found.misfit, found.rest_misfit, self.explained(found))
+            for name, found in zip(names, each, strict=True)
+        }
+
+
+def _stacked(samples: Sequence[Weighed]) -> Weighed:
+    """Return samples as one, so that the graph runs once."""
+    return Weighed(*(np.concatenate([getattr(one, part.name) for one in samples]) for part in fields(Weighed)))

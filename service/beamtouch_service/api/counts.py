@@ -9,6 +9,7 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, disable_cre
 from beamtouch_models.modelfile import State
 from beamtouch_service.limits import Seldom
 from beamtouch_service.problems import Kind
+from beamtouch_service.surfaces.contact import rfc3339
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.timings import Timings
 
@@ -58,6 +59,17 @@ class Counts:
         times = self._seldom.due(f"sender of {surface}", self._clock())
         if times:
             _log.info("surface %s: the sender changed to %s (changes since the last line: %d)", surface, boot_id, times)
+
+    def unexplained(self, surface: Surface) -> None:
+        """Log a stretch on a surface that has come to last too long, once per stretch."""
+        overdue = surface.stretches.take_overdue()
+        if overdue is None:
+            return
+        look = "look for a second load, for anything that touches the beam from below, and for a damaged sensor"
+        if overdue.suspect:
+            look = f"check sensor {overdue.suspect}: without it, everything is explained"
+        words = "surface %s: since %s neither rest nor a single contact explains the samples (over %g s); %s"
+        _log.warning(words, surface.name, rfc3339(overdue.since_us), surface.stretches.after_s, look)
 
     def eviction(self, client: str) -> None:
         """Count a connection from this address that was closed to make room; log it once per minute."""

@@ -2,13 +2,15 @@
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Sequence
 
 from pydantic import BaseModel
 
-from beamtouch_service.events.segments import Begin, End, Segment
-from beamtouch_service.events.store import Numbered
+from beamtouch_service.events.segments import Begin, End, Kind, Segment
+from beamtouch_service.events.writing import Numbered
 from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
+from beamtouch_service.surfaces.contradiction import Contradiction
 
 
 class PathPoint(BaseModel):
@@ -20,28 +22,36 @@ class PathPoint(BaseModel):
 
 
 class Event(BaseModel):
-    """One contact from touch to lift. Times are from the sender's clock, as RFC 3339 in UTC."""
+    """One contact from touch to lift, or one unexplained stretch. Times are from the sender's clock, in UTC."""
 
     id: int
     surface: str
+    kind: Kind
+    """`contact`: a contact, with the unexplained stretches during it; `unexplained`: a stretch without a contact
+    before it, which has neither force nor position."""
     touched_at: str
-    """Time of the first sample of the contact."""
+    """Time of the first sample of the event (RFC 3339)."""
     lifted_at: str | None
-    """Time of the first clear sample after it; null if the lift was not seen."""
+    """Time of the first clear sample after it; null if that is not known."""
     begin: Begin
-    """`touch`: the sample before was clear; `unseen`: that sample is not known."""
+    """`touch` (a contact) or `clear` (a stretch): the sample before was clear; `unexplained`: a contact after an
+    unexplained stretch, so its touch was not seen; `unseen`: the sample before is not known."""
     end: End
-    """`lift`: the sample after it was clear; `open`: the contact continues; `stale`: the samples stopped during
-    the contact; `unseen`: the sample after it is not known; `unfinished`: the service stopped during the contact."""
+    """`lift` (a contact) or `clear` (a stretch): the sample after it was clear; `unexplained`: a contact whose last
+    samples are unexplained before a clear one, so it was lifted somewhere in them; `contact`: a stretch before a
+    contact; `open`: the event continues; `stale`: the samples stopped during it; `unseen`: the sample after it is not
+    known; `unfinished`: the service stopped during it."""
     dwell_ms: float
-    """Time from touch to lift, or to the last sample in contact if the lift was not seen."""
+    """Time from the first sample to `lifted_at`, or to the last sample if that is null."""
+    unexplained_ms: float
+    """The part of `dwell_ms` that was unexplained. It counts in no force and no position."""
     peak_force_n: float | None
-    """Null if the model does not estimate force."""
+    """Null without a contact, or if the model does not estimate force."""
     peak_position_mm: float | None
     """Position at the peak force."""
     mean_position_mm: float | None
     samples: int
-    """Number of samples in contact."""
+    """Number of samples that the mean position is of."""
     quality: ContactQuality
     """`degraded` if at least one sample lacked channels."""
     model: str
@@ -50,10 +60,10 @@ class Event(BaseModel):
 
 
 class EventWithPath(Event):
-    """One contact from touch to lift, with its path."""
+    """One event, with the path of its contact."""
 
     path: list[PathPoint]
-    """At most 200 points, evenly spread in time."""
+    """At most 200 points, evenly spread in time, without unexplained samples."""
 
 
 class EventList(BaseModel):
@@ -64,17 +74,33 @@ class EventList(BaseModel):
     """Value of `after` for the next page; null on the last page."""
 
 
+class EventCapture(BaseModel):
+    """Samples of the unexplained stretches of an event, in order."""
+
+    id: int
+    surface: str
+    model: str
+    explained_without: dict[str, int]
+    """Channel -> number of these samples that rest or a single contact explains without it. A channel that has them
+    all, while the others have few, contradicts the others."""
+    samples: list[Contradiction]
+    """At most 600: of each stretch the first 200, then fewer and fewer, 25 each time that it becomes twice as long."""
+
+
 def _members(number: int, segment: Segment) -> dict[str, object]:
     end_us = segment.last_us if segment.lifted_us is None else segment.lifted_us
+    unexplained_us = segment.unexplained_us + (max(0, end_us - segment.last_us) if segment.ends_unexplained else 0)
     return {
         "id": number,
         "surface": segment.surface,
+        "kind": segment.kind,
         "touched_at": rfc3339(segment.touched_us),
         "lifted_at": None if segment.lifted_us is None else rfc3339(segment.lifted_us),
         "begin": segment.begin,
         "end": segment.end,
         # The sender's clock may have been set back during the contact.
         "dwell_ms": max(0.0, round((end_us - segment.touched_us) / 1e3, 3)),
+        "unexplained_ms": round(unexplained_us / 1e3, 3),
         "peak_force_n": segment.peak_force_n,
         "peak_position_mm": segment.peak_position_mm,
         "mean_position_mm": round(segment.position_sum_mm / segment.samples, 4) if segment.samples else None,
@@ -109,3 +135,12 @@ def as_csv(page: Sequence[Numbered]) -> bytes:
     writer.writeheader()
     writer.writerows(event(*one).model_dump(mode="json") for one in page)
     return text.getvalue().encode()
+
+
+def capture(number: int, segment: Segment, samples: list[Contradiction]) -> EventCapture:
+    """Return what is kept of the unexplained stretches of an event."""
+    counts = Counter({channel.name: 0 for sample in samples for channel in sample.channels})
+    counts.update(channel.name for sample in samples for channel in sample.channels if channel.explained_without)
+    return EventCapture(
+        id=number, surface=segment.surface, model=segment.model, explained_without=dict(counts), samples=samples
+    )

@@ -14,8 +14,9 @@ from beamtouch_service.access import Role
 from beamtouch_service.api import event_answers, gate, openapi
 from beamtouch_service.api.context import Context, ContextParameter
 from beamtouch_service.api.errors import NO_STORE
-from beamtouch_service.api.event_answers import EventList, EventWithPath
+from beamtouch_service.api.event_answers import EventCapture, EventList, EventWithPath
 from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.events.segments import Kind as EventKind
 from beamtouch_service.events.store import EventStore, Selection
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import SurfaceName
@@ -43,6 +44,7 @@ class EventQuery(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     surface: SurfaceName | None = Field(None, description="Only events of this surface.")
+    kind: EventKind | None = Field(None, description="Only contacts, or only unexplained stretches.")
     since: _Time | None = Field(None, description="Only events that began at or after this time (RFC 3339).")
     until: _Time | None = Field(None, description="Only events that began before this time.")
     after: str | None = Field(None, pattern=r"^[0-9]{1,17}\.[0-9]{1,18}$", description="`next` of the previous page.")
@@ -72,6 +74,7 @@ def _selection(query: EventQuery, *, path: bool) -> Selection:
     touched, _, number = (query.after or "").partition(".")
     return Selection(
         surface=query.surface,
+        kind=query.kind,
         since_us=_microseconds(query.since),
         until_us=_microseconds(query.until),
         after=(int(touched), int(number)) if query.after else None,
@@ -112,6 +115,13 @@ def _one(recorder: Recorder, store: EventStore, number: int) -> bytes | None:
     return event_answers.event_with_path(number, recorder.answerable(found)).model_dump_json().encode()
 
 
+def _capture(store: EventStore, number: int) -> bytes | None:
+    found = store.get(number)
+    if found is None:
+        return None
+    return event_answers.capture(number, found, store.capture(found)).model_dump_json().encode()
+
+
 def _end_stale(context: Context) -> None:
     """End the open events of stale surfaces, before each query."""
     for surface in context.registry:
@@ -121,12 +131,15 @@ def _end_stale(context: Context) -> None:
 _LIST = {200: openapi.EVENTS, **openapi.problems(Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.NO_SURFACE)}
 _ONE = {200: openapi.EVENT, **openapi.problems(Kind.UNKNOWN_EVENT, Kind.INVALID_REQUEST)}
 
+_CAPTURE = _ONE | {200: openapi.CAPTURE}
+_Number = Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]
+
 router = gate.make_router("events", Role.READ)
 
 
 @router.get("/events", responses=_LIST, response_model=EventList)
 async def get_events(context: ContextParameter, request: Request, query: Annotated[EventQuery, Query()]) -> Response:
-    """Return contacts from touch to lift, newest touch first; as CSV, one row per contact."""
+    """Return contacts and unexplained stretches, the newest first; as CSV, one row per event."""
     as_csv, recorder = _wants_csv(query, request), context.recorder
     _end_stale(context)
     page = await wrap_future(recorder.ask(lambda store: _page(recorder, store, query, as_csv=as_csv)))
@@ -141,13 +154,20 @@ async def get_events(context: ContextParameter, request: Request, query: Annotat
 
 
 @router.get("/events/{id}", responses=_ONE, response_model=EventWithPath)
-async def get_event(
-    context: ContextParameter, number: Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]
-) -> Response:
-    """Return one contact, with its path."""
+async def get_event(context: ContextParameter, number: _Number) -> Response:
+    """Return one event, with its path."""
     recorder = context.recorder
     _end_stale(context)
-    content = await wrap_future(recorder.ask(lambda store: _one(recorder, store, number)))
+    return _known(number, await wrap_future(recorder.ask(lambda store: _one(recorder, store, number))))
+
+
+@router.get("/events/{id}/capture", responses=_CAPTURE, response_model=EventCapture)
+async def get_event_capture(context: ContextParameter, number: _Number) -> Response:
+    """Return the samples of the unexplained stretches of one event, channel by channel."""
+    return _known(number, await wrap_future(context.recorder.ask(lambda store: _capture(store, number))))
+
+
+def _known(number: int, content: bytes | None) -> Response:
     if content is None:
         detail = f"There is no event {number}. It was dropped or joined with another event; see GET /events."
         raise ProblemError(Problem(Kind.UNKNOWN_EVENT, detail))

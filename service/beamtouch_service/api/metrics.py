@@ -9,9 +9,14 @@ from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
+from beamtouch_models.modelfile import State
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate, openapi
 from beamtouch_service.api.context import Context, ContextParameter
+from beamtouch_service.surfaces.summary import SurfaceSummary
+from beamtouch_service.surfaces.surface import Surface
+
+Summaries = list[tuple[Surface, SurfaceSummary]]
 
 router = gate.make_router("health", Role.READ)
 
@@ -33,27 +38,54 @@ class SurfaceCollector(Collector):
         """Return the metrics of all surfaces."""
         words = "Writes to the record of contacts that failed or found no room."
         yield CounterMetricFamily("beamtouch_event_writes_lost", words, value=self._context.recorder.lost)
-        samples = CounterMetricFamily("beamtouch_samples_accepted", "New samples.", labels=["surface"])
-        repeated = CounterMetricFamily("beamtouch_samples_repeated", "Samples received before.", labels=["surface"])
-        # A gauge: a gap that is filled later is no longer missing.
-        missing = GaugeMetricFamily("beamtouch_samples_missing", "Gaps in the sequence numbers.", labels=["surface"])
-        senders = CounterMetricFamily("beamtouch_sender_changes", "Changes of the sender.", labels=["surface"])
-        age = GaugeMetricFamily("beamtouch_sample_age_seconds", "Age of the newest sample.", labels=["surface"])
-        model = GaugeMetricFamily("beamtouch_model", "1 for the model in use.", labels=["surface", "model"])
-        words = "1 while the model file is not used."
-        refused = GaugeMetricFamily("beamtouch_model_refused", words, labels=["surface"])
-        for surface in self._context.registry:
-            label, summary = [surface.name], surface.summary(self._context.clock())
-            samples.add_metric(label, summary.samples.accepted)
-            repeated.add_metric(label, summary.samples.repeated)
-            missing.add_metric(label, summary.samples.lost)
-            senders.add_metric(label, surface.sender_changes)
-            if summary.age_ms is not None:
-                age.add_metric(label, summary.age_ms / 1e3)
-            if summary.model is not None:
-                model.add_metric([surface.name, summary.model], 1)
-            refused.add_metric(label, summary.model_error is not None)
-        yield from (samples, repeated, missing, senders, age, model, refused)
+        now_s, registry = self._context.clock(), self._context.registry
+        summaries = [(surface, surface.summary(now_s)) for surface in registry]
+        yield from _of_samples(summaries)
+        yield from _of_states(summaries, now_s)
+
+
+def _of_samples(summaries: Summaries) -> Iterator[Metric]:
+    samples = CounterMetricFamily("beamtouch_samples_accepted", "New samples.", labels=["surface"])
+    repeated = CounterMetricFamily("beamtouch_samples_repeated", "Samples received before.", labels=["surface"])
+    # A gauge: a gap that is filled later is no longer missing.
+    missing = GaugeMetricFamily("beamtouch_samples_missing", "Gaps in the sequence numbers.", labels=["surface"])
+    senders = CounterMetricFamily("beamtouch_sender_changes", "Changes of the sender.", labels=["surface"])
+    age = GaugeMetricFamily("beamtouch_sample_age_seconds", "Age of the newest sample.", labels=["surface"])
+    model = GaugeMetricFamily("beamtouch_model", "1 for the model in use.", labels=["surface", "model"])
+    refused = GaugeMetricFamily("beamtouch_model_refused", "1 while the model file is not used.", labels=["surface"])
+    for surface, summary in summaries:
+        label = [surface.name]
+        samples.add_metric(label, summary.samples.accepted)
+        repeated.add_metric(label, summary.samples.repeated)
+        missing.add_metric(label, summary.samples.lost)
+        senders.add_metric(label, surface.sender_changes)
+        if summary.age_ms is not None:
+            age.add_metric(label, summary.age_ms / 1e3)
+        if summary.model is not None:
+            model.add_metric([surface.name, summary.model], 1)
+        refused.add_metric(label, summary.model_error is not None)
+    yield from (samples, repeated, missing, senders, age, model, refused)
+
+
+def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:
+    words = "1 for the state that GET /contact gives; none where it gives a problem."
+    states = GaugeMetricFamily("beamtouch_state", words, labels=["surface", "state"])
+    notes = GaugeMetricFamily("beamtouch_note", "1 for each note that GET /contact gives.", labels=["surface", "note"])
+    words = "1 while the state has been unexplained for longer than unexplained_after_s."
+    overdue = GaugeMetricFamily("beamtouch_unexplained", words, labels=["surface"])
+    stretches = CounterMetricFamily("beamtouch_unexplained_stretches", "Unexplained stretches.", labels=["surface"])
+    seconds = CounterMetricFamily("beamtouch_unexplained_seconds", "Time of these stretches.", labels=["surface"])
+    for surface, summary in summaries:
+        label = [surface.name]
+        for state in State:
+            states.add_metric([surface.name, state.value], summary.state is state)
+        for note in summary.notes:
+            notes.add_metric([surface.name, note], 1)
+        # Of a surface without fresh samples nothing is known.
+        overdue.add_metric(label, surface.stretches.is_overdue and not surface.is_stale(now_s))
+        stretches.add_metric(label, surface.stretches.count)
+        seconds.add_metric(label, surface.stretches.total_s)
+    yield from (states, notes, overdue, stretches, seconds)
 
 
 @router.get("/metrics", responses={200: {"content": {"text/plain": {}}}, **openapi.problems()})

@@ -18,7 +18,7 @@ DESCRIPTION = (
 
 _REFERENCE = "#/components/schemas/{model}"
 EVENTS: dict[str, Any] = {
-    "description": "Events, the newest touch first.",
+    "description": "Events, the newest first.",
     "content": {
         "application/json": {
             "examples": {
@@ -39,6 +39,14 @@ EVENT: dict[str, Any] = {
     "content": {"application/json": {"examples": {"one contact": {"value": examples.EVENT_WITH_PATH}}}},
 }
 """The answer of the route of one event."""
+
+CAPTURE: dict[str, Any] = {
+    "description": "The samples.",
+    "content": {
+        "application/json": {"examples": {"a sensor that contradicts the others": {"value": examples.CAPTURE}}}
+    },
+}
+"""The answer of the route of a capture."""
 
 BATCH_BODY: dict[str, Any] = {
     "requestBody": {
@@ -73,7 +81,7 @@ def complete(description: dict[str, Any], *, needs_read_token: bool) -> None:
 
     Parameters
     ----------
-    description : as the framework makes it; gets the schemas that routes refer to by name, and examples of a contact
+    description : as the framework makes it; gets the schemas that routes refer to by name, and examples with nulls
     needs_read_token : whether reading takes a token in this service
     """
     _, schemas = models_json_schema([(Batch, "validation"), (ProblemBody, "validation")], ref_template=_REFERENCE)
@@ -84,7 +92,7 @@ def complete(description: dict[str, Any], *, needs_read_token: bool) -> None:
     for operations in description["paths"].values():
         for operation in operations.values():
             _add_refusals(operation, needs_read_token=needs_read_token)
-    _add_contact_examples(description)
+    _add_examples(description)
 
 
 def encoded(description: dict[str, Any]) -> bytes:
@@ -111,8 +119,8 @@ def _add_refusals(operation: dict[str, Any], *, needs_read_token: bool) -> None:
     operation["responses"] = {**responses, **operation["responses"]}
 
 
-def _add_contact_examples(description: dict[str, Any]) -> None:
-    # Not at the routes: the framework drops every null from examples there, and a clear contact has many.
+def _add_examples(description: dict[str, Any]) -> None:
+    # Not at the routes: the framework drops every null from examples there, and a clear contact or a stretch has many.
     contacts = {
         "contact": examples.CONTACT,
         "clear": examples.CLEAR,
@@ -123,3 +131,6 @@ def _add_contact_examples(description: dict[str, Any]) -> None:
         if path.endswith("/contact"):
             content = operations["get"]["responses"]["200"]["content"]["application/json"]
             content["examples"] = {name: {"value": value} for name, value in contacts.items()}
+    stretch = {"value": {"events": [examples.STRETCH], "next": None}}
+    content = description["paths"]["/events"]["get"]["responses"]["200"]["content"]["application/json"]
+    content["examples"]["an unexplained stretch"] = stretch

@@ -55,6 +55,7 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Receipt:
     context.counts.batch_s.labels(name).observe(context.clock() - arrival_s)
     if surface.sender_changes != changes:
         context.counts.sender_changed(name, batch.boot_id)
+    context.counts.unexplained(surface)
     return receipt
 
 

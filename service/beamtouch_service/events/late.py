@@ -34,7 +34,7 @@ class LateSamples:
     def segment(
         self, surface: str, stale_ms: float, served: ServedModel, batch: Batch, samples: list[Sample]
     ) -> list[Command | Edge]:
-        """Return the commands for the late samples of a batch, in order; a contact outlasts gaps up to `stale_ms`."""
+        """Return the commands for the late samples of a batch, in order; a state outlasts gaps up to `stale_ms`."""
         estimates = estimate(served.file, surface, batch, samples)
         gaps = [i + 1 for i, (one, other) in enumerate(pairwise(estimates)) if other.sequence != one.sequence + 1]
         commands: list[Command | Edge] = []
@@ -52,4 +52,4 @@ class LateSamples:
         edge = self._edges.get((surface, boot_id, sequence))
         if edge:
             return edge.state
-        return State.CONTACT if self._store.goes_on(surface, boot_id, sequence) else None
+        return self._store.state_after(surface, boot_id, sequence)

@@ -8,23 +8,24 @@ from sqlalchemy import (
     Connection,
     Double,
     Enum,
-    ExecutableDDLElement,
+    Executable,
     Index,
     Integer,
     MetaData,
     String,
     Table,
     literal_column,
+    text,
 )
-from sqlalchemy.schema import CreateIndex
+from sqlalchemy.schema import CreateIndex, CreateTable
 
-from beamtouch_service.events.segments import Begin, End
+from beamtouch_service.events.segments import Begin, End, Kind
 
-FORMAT = 2
+FORMAT = 3
 """The format of a database of this version of the service; 0 is an empty one."""
 
 
-def _words(words: type[Begin | End]) -> Enum:
+def _words(words: type[Begin | End | Kind]) -> Enum:
     return Enum(words, native_enum=False, length=20, values_callable=lambda members: [one.value for one in members])
 
 
@@ -49,9 +50,22 @@ EVENTS = Table(
     Column("degraded", Boolean, nullable=False),
     Column("path", JSON, nullable=False),
     Column("recorded_s", Double, nullable=False),
+    Column("kind", _words(Kind), nullable=False, server_default=Kind.CONTACT),
+    Column("unexplained_us", BigInteger, nullable=False, server_default="0"),
+    Column("ends_unexplained", Boolean, nullable=False, server_default="0"),
     sqlite_autoincrement=True,
 )
 """A row per event: the fields of a `Segment`, and when it was last written [s since 1970, by the service's clock]."""
+CAPTURES = Table(
+    "captures",
+    EVENTS.metadata,
+    Column("surface", String, primary_key=True),
+    Column("boot_id", String, primary_key=True),
+    Column("model", String, primary_key=True),
+    Column("sequence", BigInteger, primary_key=True, autoincrement=False),
+    Column("sample", JSON, nullable=False),
+)
+"""A row per sample that is kept of an unexplained stretch. It belongs to the event that holds its number."""
 _c = EVENTS.c
 # Written out: SQLite uses a partial index only for a condition without parameters.
 IS_OPEN = _c.end == literal_column(f"'{End.OPEN}'")
@@ -62,7 +76,15 @@ Index("by_first", _c.surface, _c.boot_id, _c.first_sequence)
 Index("by_last", _c.surface, _c.boot_id, _c.last_sequence)
 Index("by_record", _c.recorded_s)
 
-_UPGRADES: dict[int, list[ExecutableDDLElement]] = {1: [CreateIndex(_by_open)]}
+_UPGRADES: dict[int, list[Executable]] = {
+    1: [CreateIndex(_by_open)],
+    2: [
+        text("ALTER TABLE events ADD COLUMN kind VARCHAR(20) DEFAULT 'contact' NOT NULL"),
+        text("ALTER TABLE events ADD COLUMN unexplained_us BIGINT DEFAULT '0' NOT NULL"),
+        text("ALTER TABLE events ADD COLUMN ends_unexplained BOOLEAN DEFAULT '0' NOT NULL"),
+        CreateTable(CAPTURES),
+    ],
+}
 """Format -> statements that turn it into the next format."""
 
 

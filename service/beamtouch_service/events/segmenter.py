@@ -1,21 +1,22 @@
-"""Groups consecutive decisions into contact segments. Pure."""
+"""Groups consecutive decisions into segments of contacts and of unexplained stretches. Pure."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import State
-from beamtouch_service.events.segments import Begin, End, GrowingSegment, Segment
-from beamtouch_service.surfaces.contact import Decision
+from beamtouch_service.events.captures import Capture, Stretch
+from beamtouch_service.events.segments import Begin, End, GrowingSegment, Kind, Segment
+from beamtouch_service.surfaces.contact import Decision, Figures
 from beamtouch_service.surfaces.touch import Seen
 
 FLUSH_US = 1_000_000
-"""A contact that continues is written after this much of the sender's time, so that a crash costs no more."""
+"""An event that continues is written after this much of the sender's time, so that a crash costs no more."""
 
 
 @dataclass(frozen=True)
 class Finish:
-    """The contact whose last sample has number `last_sequence` ended."""
+    """The event whose last sample has number `last_sequence` ended; `LIFT` says that a clear sample follows."""
 
     boot_id: str
     last_sequence: int
@@ -25,7 +26,7 @@ class Finish:
 
 @dataclass(frozen=True)
 class TouchSeen:
-    """The contact whose first sample has number `first_sequence` began there: the sample before was clear."""
+    """The event whose first sample has number `first_sequence` began there: the sample before was clear."""
 
     boot_id: str
     first_sequence: int
@@ -45,7 +46,7 @@ class Edge(NamedTuple):
     state: State | None
 
 
-Command = Segment | Finish | TouchSeen | Loss
+Command = Segment | Capture | Finish | TouchSeen | Loss
 
 
 class Segmenter:
@@ -60,45 +61,59 @@ class Segmenter:
         """The last sample."""
         self._surface = surface
         self._pending: GrowingSegment | None = None
+        self._stretch = Stretch()
         self._end = end
-        self._in_contact = False
+        self._kind: Kind | None = None
+        """Of the event that continues."""
         self._is_expired = False
-        """The contact ended as stale; it continues if the next sample arrives."""
+        """The event ended as stale; it continues if the next sample arrives."""
         self._was_clear = before is State.CLEAR
+        self._doubtful: list[Seen] = []
+        """Samples before the next one that may belong to a stretch: odd ones, which no known sample comes before."""
+        self._first_edge: Edge | None = None
+        """The first sample of the run."""
 
     def add(self, seen: Seen) -> list[Command | Edge]:
         """Add the next sample."""
-        sample = seen.estimated
+        sample, state = seen.estimated, seen.state
         first_of_run = not self._follows(sample.sequence)
         commands = self.end_run() if first_of_run else []
-        if seen.state is State.CLEAR:
+        doubtful, self._doubtful = [] if first_of_run else self._doubtful, []
+        if state is State.CLEAR and seen.is_odd and not self._was_clear:
+            state, self._doubtful = None, [*doubtful, seen]
+        if state is State.CLEAR:
             commands += self._clear(sample.sequence, sample.acquired_unix_us, first_of_run=first_of_run)
-        elif seen.state is State.CONTACT or (seen.held is not State.CLEAR and self._in_contact):
-            commands += self._contact(seen)
+        elif state or (seen.held is not State.CLEAR and self._kind):
+            commands += self._begun_before(doubtful) if state is State.UNEXPLAINED else []
+            commands += self._go_on(seen, unexplained=seen.held is State.UNEXPLAINED)
         else:
             commands += self.interrupt()
-        self.last = Edge(self.boot_id, sample.sequence, sample.acquired_unix_us, seen.state)
+        self.last = Edge(self.boot_id, sample.sequence, sample.acquired_unix_us, state)
+        self._first_edge = self.last if first_of_run else self._first_edge
         return [*commands, self.last] if first_of_run else commands
 
     def flush(self) -> list[Command | Edge]:
-        """Return the segment of a contact that continues, so that it can be written."""
+        """Return the segment of an event that continues, so that it can be written."""
         pending, self._pending = self._pending, None
-        return [pending.segment()] if pending else []
+        captured = self._stretch.take()
+        commands: list[Command | Edge] = [pending.segment()] if pending else []
+        return [*commands, Capture(self.model, self.boot_id, captured)] if captured else commands
 
     def expire(self) -> list[Command | Edge]:
-        """End the contact as stale: no sample has come for too long."""
+        """End the event as stale: no sample has come for too long."""
         commands = self.flush()
-        if self._in_contact and self.last:
+        if self._kind and self.last:
             commands.append(Finish(self.boot_id, self.last.sequence, End.STALE))
             self._is_expired = True
         return commands
 
     def interrupt(self) -> list[Command | Edge]:
-        """End the contact as unseen: the next state is not known."""
+        """End the event as unseen: the next state is not known."""
         commands = self.flush()
-        if self._in_contact and self.last:
+        if self._kind and self.last:
             commands.append(Finish(self.boot_id, self.last.sequence, End.UNSEEN))
-        self._in_contact = self._was_clear = False
+        self._stretch.end()
+        self._kind, self._was_clear = None, False
         return commands
 
     def end_run(self) -> list[Command | Edge]:
@@ -110,26 +125,52 @@ class Segmenter:
 
     def _clear(self, sequence: int, acquired_us: int, *, first_of_run: bool) -> list[Command | Edge]:
         commands = self.flush()
-        if self._in_contact or first_of_run:
+        if self._kind or first_of_run:
             commands.append(Finish(self.boot_id, sequence - 1, End.LIFT, acquired_us))
-        self._in_contact, self._was_clear = False, True
+        self._stretch.end()
+        self._kind, self._was_clear = None, True
         return commands
 
-    def _contact(self, seen: Seen) -> list[Command | Edge]:
+    def _begun_before(self, doubtful: list[Seen]) -> list[Command | Edge]:
+        """Add the samples at the beginning of a stretch that shows only now."""
+        commands = [command for seen in doubtful for command in self._go_on(seen, unexplained=True)]
+        if doubtful and self._first_edge and self._first_edge.sequence == doubtful[0].estimated.sequence:
+            return [*commands, self._first_edge._replace(state=State.UNEXPLAINED)]
+        return commands
+
+    def _go_on(self, seen: Seen, *, unexplained: bool) -> list[Command | Edge]:
+        """Add a sample that is not clear. A contact outlasts an unexplained stretch, but not the other way round."""
+        kind = self._kind if unexplained and self._kind else Kind.UNEXPLAINED if unexplained else Kind.CONTACT
+        is_new, commands = kind is not self._kind, list[Command | Edge]()
+        if is_new:
+            commands = self.flush()
+        if not unexplained:
+            self._stretch.end()
+        elif seen.why:
+            self._stretch.add(seen.why)
         sequence, acquired_us = seen.estimated.sequence, seen.estimated.acquired_unix_us
-        figures = seen.outcome.figures if seen.state is State.CONTACT and isinstance(seen.outcome, Decision) else None
-        is_new, degraded = not self._in_contact, bool(seen.estimated.bad) or figures is None
         if self._pending is None:
-            begin = Begin.TOUCH if is_new and self._was_clear else Begin.UNSEEN
-            key = self._surface, self.model, self.boot_id
-            self._pending = GrowingSegment(
-                Segment(*key, sequence, sequence, acquired_us, acquired_us, begin=begin, end=self._end)
-            )
-        self._pending.add(sequence, acquired_us, figures, degraded=degraded)
-        # Write a contact at once when it begins or resumes, then at intervals.
+            self._pending = GrowingSegment(self._first(kind, sequence, acquired_us))
+        degraded = bool(seen.estimated.bad) or seen.state is None
+        self._pending.add(sequence, acquired_us, _figures(seen), unexplained=unexplained, degraded=degraded)
+        # Write an event at once when it begins or resumes, then at intervals.
         due = is_new or self._is_expired or self._pending.duration_us >= FLUSH_US
-        self._in_contact, self._was_clear, self._is_expired = True, False, False
-        return self.flush() if due else []
+        self._kind, self._was_clear, self._is_expired = kind, False, False
+        return [*commands, *self.flush()] if due else commands
+
+    def _first(self, kind: Kind, sequence: int, acquired_us: int) -> Segment:
+        begin = Begin.UNSEEN
+        if self._was_clear:
+            begin = Begin.TOUCH if kind is Kind.CONTACT else Begin.CLEAR
+        key = self._surface, self.model, self.boot_id
+        return Segment(*key, sequence, sequence, acquired_us, acquired_us, kind=kind, begin=begin, end=self._end)
+
+
+def _figures(seen: Seen) -> Figures | None:
+    """Return the figures that count in an event; None if the sample is odd or undecided."""
+    if seen.state is not State.CONTACT or seen.is_odd or not isinstance(seen.outcome, Decision):
+        return None
+    return seen.outcome.figures
 
 
 def segment_late_run(segmenter: Segmenter, run: Iterable[Seen], after: Edge | None) -> list[Command | Edge]:

@@ -1,7 +1,10 @@
-"""Contact segments, and how two of them are joined. Pure: no clock, no I/O.
+"""Segments of contacts and of unexplained stretches, and how two of them are joined. Pure: no clock, no I/O.
 
-A segment is a run of consecutive samples of one contact. Segments of a contact arrive in any order; two that meet
-become one. Nothing is assumed about missing samples: a contact next to a gap has an unseen touch or lift.
+A segment is a run of consecutive samples of one event. Segments of an event arrive in any order; two that meet become
+one. Nothing is assumed about missing samples: an event next to a gap has an unseen beginning or end.
+
+Consecutive samples that are not clear make at most two events: an unexplained stretch up to the first contact, and a
+contact from there on, with all unexplained stretches that follow it.
 """
 
 from dataclasses import dataclass, field, replace
@@ -16,33 +19,58 @@ Point = tuple[int, float, float | None]
 """Time [us since 1970], position [mm], force [N]."""
 
 
+class Kind(StrEnum):
+    """Kinds of events."""
+
+    CONTACT = "contact"
+    """A single contact, with the unexplained stretches during it."""
+    UNEXPLAINED = "unexplained"
+    """A stretch that neither rest nor a single contact explains, without a contact before it."""
+
+
 class Begin(StrEnum):
-    """The beginning of a contact."""
+    """The beginning of an event."""
 
     TOUCH = "touch"
-    """The sample before the first was clear."""
+    """Of a contact: the sample before the first was clear."""
+    CLEAR = "clear"
+    """Of an unexplained stretch: the sample before the first was clear."""
+    UNEXPLAINED = "unexplained"
+    """Of a contact: the sample before the first was unexplained, so the touch was not seen."""
     UNSEEN = "unseen"
     """The sample before the first is not known."""
 
 
 class End(StrEnum):
-    """The end of a contact."""
+    """The end of an event."""
 
     LIFT = "lift"
-    """The sample after the last was clear."""
+    """Of a contact: the sample after the last was clear."""
+    UNEXPLAINED = "unexplained"
+    """Of a contact: its last samples are unexplained and a clear one follows, so the lift was somewhere in them."""
+    CLEAR = "clear"
+    """Of an unexplained stretch: the sample after the last was clear."""
+    CONTACT = "contact"
+    """Of an unexplained stretch: the sample after the last was a contact, which is an event of its own."""
     UNSEEN = "unseen"
     """The sample after the last is not known."""
     OPEN = "open"
-    """The contact continues."""
+    """The event continues."""
     STALE = "stale"
     """No sample followed within the surface's limit."""
     UNFINISHED = "unfinished"
-    """The service stopped during the contact."""
+    """The service stopped during the event."""
+
+
+AFTER_CLEAR = (Begin.TOUCH, Begin.CLEAR)
+"""Nothing before such an event belongs to it."""
+BEFORE_CLEAR = (End.LIFT, End.UNEXPLAINED, End.CLEAR)
+"""Nothing after such an event belongs to it."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A part of a contact, or all of it."""
+    """A part of an event, or all of it."""
 
     surface: str
     model: str
@@ -54,7 +82,8 @@ class Segment:
     last_us: int
     """Time of the last sample."""
     lifted_us: int | None = None
-    """Time of the first clear sample after it; None if the lift was not seen."""
+    """Time of the first clear sample after it; None if that is not known."""
+    kind: Kind = Kind.CONTACT
     begin: Begin = Begin.UNSEEN
     end: End = End.OPEN
     samples: int = 0
@@ -63,6 +92,10 @@ class Segment:
     peak_force_n: float | None = None
     peak_position_mm: float | None = None
     """Position at the peak force."""
+    unexplained_us: int = 0
+    """Time from each unexplained sample to the next sample, up to the last one."""
+    ends_unexplained: bool = False
+    """Whether the last sample is unexplained."""
     degraded: bool = False
     """At least one sample lacked channels or could not be decided."""
     path: list[Point] = field(default_factory=list)
@@ -79,17 +112,30 @@ class GrowingSegment:
         self._position_sum_mm = 0.0
         self._peak: tuple[float | None, float | None] = None, None
         """Force [N] and its position [mm]."""
+        self._unexplained_us = 0
+        self._is_unexplained = False
+        """Whether the last sample is unexplained."""
         self._degraded = False
         self._path: list[Point] = []
+
+    @property
+    def kind(self) -> Kind:
+        """The kind of the event that it is part of."""
+        return self._first.kind
 
     @property
     def duration_us(self) -> int:
         """Time from the first sample to the last, by the sender's clock [us]."""
         return abs(self._last[1] - self._first.touched_us)
 
-    def add(self, sequence: int, acquired_us: int, figures: Figures | None, *, degraded: bool) -> None:
-        """Add the next sample; `figures` is None if it could not be decided."""
+    def add(
+        self, sequence: int, acquired_us: int, figures: Figures | None, *, unexplained: bool, degraded: bool
+    ) -> None:
+        """Add the next sample; `figures` is None if it is unexplained, or could not be decided."""
+        if self._is_unexplained:
+            self._unexplained_us += max(0, acquired_us - self._last[1])
         self._last = sequence, acquired_us
+        self._is_unexplained = unexplained
         self._degraded |= degraded
         if figures is None or figures.position_mm is None:
             return
@@ -112,40 +158,11 @@ class GrowingSegment:
             position_sum_mm=self._position_sum_mm,
             peak_force_n=self._peak[0],
             peak_position_mm=self._peak[1],
+            unexplained_us=self._unexplained_us,
+            ends_unexplained=self._is_unexplained,
             degraded=self._degraded,
             path=list(self._path),
         )
-
-
-def _without_first(segment: Segment, last_known: int) -> Segment:
-    """Return a segment whose sums leave out the samples up to number `last_known`, in proportion."""
-    known = last_known - segment.first_sequence + 1
-    if known <= 0 or not segment.samples:
-        return segment
-    length = segment.last_sequence - segment.first_sequence + 1
-    samples = round(segment.samples * max(0.0, 1 - known / length))
-    return replace(segment, samples=samples, position_sum_mm=segment.position_sum_mm / segment.samples * samples)
-
-
-def joined(left: Segment, right: Segment) -> Segment:
-    """Return two segments that meet or overlap as one; `left` is the one that began earlier."""
-    later = left if left.last_sequence > right.last_sequence else right
-    added = _without_first(right, left.last_sequence)
-    peaks = [(one.peak_force_n, one.peak_position_mm) for one in (left, added) if one.peak_force_n is not None]
-    peak_force_n, peak_position_mm = max(peaks, key=lambda peak: peak[0] or 0.0, default=(None, None))
-    return replace(
-        left,
-        last_sequence=later.last_sequence,
-        last_us=later.last_us,
-        lifted_us=later.lifted_us,
-        end=later.end,
-        samples=left.samples + added.samples,
-        position_sum_mm=left.position_sum_mm + added.position_sum_mm,
-        peak_force_n=peak_force_n,
-        peak_position_mm=peak_position_mm,
-        degraded=left.degraded or right.degraded,
-        path=thin(sorted({point[0]: point for point in [*left.path, *right.path]}.values())),
-    )
 
 
 def thin(path: list[Point]) -> list[Point]:

@@ -1,58 +1,25 @@
 """Events in a database, joined from segments. One thread at a time; every call is one transaction."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from sqlalchemy import BigInteger, Connection, Row, Select, bindparam, delete, func, insert, select, tuple_, update
+from sqlalchemy import ColumnElement, Connection, delete, func, select, tuple_
 
+from beamtouch_models.modelfile import State
+from beamtouch_service.events import kept_captures, writing
+from beamtouch_service.events.captures import Capture
 from beamtouch_service.events.file import EventFile
-from beamtouch_service.events.schema import EVENTS, IS_OPEN
-from beamtouch_service.events.segmenter import Command, Finish, Loss, TouchSeen
-from beamtouch_service.events.segments import Begin, End, Segment, joined
+from beamtouch_service.events.schema import EVENTS
+from beamtouch_service.events.segmenter import Command
+from beamtouch_service.events.segments import Kind, Segment
+from beamtouch_service.events.writing import CONTENT, Numbered
+from beamtouch_service.surfaces.contradiction import Contradiction
 
 _PRUNE_SHARE = 20
 """Prune 1/20 of the events at a time."""
-_CONTENT = [EVENTS.c.id, *(EVENTS.c[entry.name] for entry in fields(Segment))]
-_WITHOUT_PATH = [column for column in _CONTENT if column is not EVENTS.c.path]
+_WITHOUT_PATH = [column for column in CONTENT if column is not EVENTS.c.path]
 _c = EVENTS.c
-# Made once: making a statement takes longer than carrying it out.
-_of_id = _c.id == bindparam("of_id")
-_of_surface = _c.surface == bindparam("of_surface")
-_of_sender = _of_surface & (_c.boot_id == bindparam("of_boot_id"))
-_of_model = _of_sender & (_c.model == bindparam("of_model"))
-_ends_at = _of_sender & (_c.last_sequence == bindparam("of_sequence"))
-_begins_at = _of_sender & (_c.first_sequence == bindparam("of_sequence"))
-_first, _last = bindparam("first", type_=BigInteger), bindparam("last", type_=BigInteger)
-_BY_ID = select(*_CONTENT).where(_of_id)
-_LEFT = (
-    select(*_CONTENT)
-    .where(_of_model, _c.first_sequence <= _first, _c.last_sequence >= _first - 1)
-    .order_by(_c.last_sequence.desc())
-    .limit(1)
-)
-"""The event that holds the first sample of a segment, or ends just before it."""
-_RIGHT = (
-    select(*_CONTENT)
-    .where(_of_model, _c.first_sequence.between(_first + 1, _last + 1), _c.begin == Begin.UNSEEN)
-    .order_by(_c.first_sequence)
-    .limit(1)
-)
-"""The event that begins in a segment, or just after it."""
-_GOES_ON = select(_c.id).where(_ends_at, _c.end != End.LIFT).limit(1)
-_INSERT = insert(EVENTS).returning(_c.id)
-_UPDATE = update(EVENTS).where(_of_id)
-_DELETE = delete(EVENTS).where(_of_id)
-_TOUCH = update(EVENTS).where(_begins_at).values(begin=Begin.TOUCH)
-# A gap or silence ends only an open event; a lift also ends one that was interrupted just before it.
-_LIFT = update(EVENTS).where(_ends_at, _c.end != End.LIFT)
-_INTERRUPT = update(EVENTS).where(_ends_at, IS_OPEN)
-_END_OPEN = update(EVENTS).where(_of_surface, IS_OPEN, _c.id != bindparam("of_id")).values(end=End.UNSEEN)
-_NO_ID = 0
-
-Numbered = tuple[int, Segment]
-"""Id and content of an event."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +27,7 @@ class Selection:
     """Selects events to read, newest first."""
 
     surface: str | None = None
+    kind: Kind | None = None
     since_us: int | None = None
     """Earliest touch."""
     until_us: int | None = None
@@ -85,15 +53,19 @@ class EventStore:
         with self._engine.begin() as connection:
             for command in commands:
                 if isinstance(command, Segment):
-                    _add(connection, command, now_s)
+                    writing.add(connection, command, now_s)
+                elif isinstance(command, Capture):
+                    kept_captures.write(connection, surface, command)
                 else:
-                    _complete(connection, surface, command)
+                    writing.complete(connection, surface, command)
 
     def read(self, selection: Selection) -> list[Numbered]:
         """Return the selected events, newest touch first."""
-        query = select(*(_CONTENT if selection.path else _WITHOUT_PATH))
+        query = select(*(CONTENT if selection.path else _WITHOUT_PATH))
         if selection.surface is not None:
             query = query.where(_c.surface == selection.surface)
+        if selection.kind is not None:
+            query = query.where(_c.kind == selection.kind)
         if selection.since_us is not None:
             query = query.where(_c.touched_us >= selection.since_us)
         if selection.until_us is not None:
@@ -102,29 +74,37 @@ class EventStore:
             query = query.where(tuple_(_c.touched_us, _c.id) < tuple_(*selection.after))
         query = query.order_by(_c.touched_us.desc(), _c.id.desc()).limit(selection.limit)
         with self._engine.connect() as connection:
-            return [_numbered(row) for row in connection.execute(query)]
+            return [writing.numbered(row) for row in connection.execute(query)]
 
     def get(self, number: int) -> Segment | None:
         """Return the event of that id; None if there is none."""
         with self._engine.connect() as connection:
-            found = _found(connection, _BY_ID, {"of_id": number})
+            found = writing.found(connection, writing.BY_ID, {"of_id": number})
         return found[1] if found else None
 
-    def goes_on(self, surface: str, boot_id: str, sequence: int) -> bool:
-        """Return whether a stored contact whose lift was not seen ends with that sample."""
+    def capture(self, event: Segment) -> list[Contradiction]:
+        """Return the samples that are kept of the unexplained stretches of an event, in order."""
+        with self._engine.connect() as connection:
+            return kept_captures.read(connection, event)
+
+    def state_after(self, surface: str, boot_id: str, sequence: int) -> State | None:
+        """Return the state after that sample, if a stored event ends with it and may go on; None if none does."""
         sample = {"of_surface": surface, "of_boot_id": boot_id, "of_sequence": sequence}
         with self._engine.connect() as connection:
-            return connection.execute(_GOES_ON, sample).first() is not None
+            ends_unexplained = connection.execute(writing.GOES_ON, sample).scalar()
+        if ends_unexplained is None:
+            return None
+        return State.UNEXPLAINED if ends_unexplained else State.CONTACT
 
     def prune(self, now_s: float) -> int:
         """Delete events too old at `now_s` [s since 1970], then the oldest above the size limit; return how many."""
         with self._engine.begin() as connection:
-            deleted = connection.execute(delete(EVENTS).where(_c.recorded_s < now_s - self._keep_s)).rowcount
+            deleted = _delete(connection, _c.recorded_s < now_s - self._keep_s)
         while self.used_bytes() > self._max_bytes:
             with self._engine.begin() as connection:
                 count = connection.scalar(select(func.count()).select_from(EVENTS)) or 0
                 oldest = select(_c.id).order_by(_c.recorded_s).limit(max(1, count // _PRUNE_SHARE))
-                removed = connection.execute(delete(EVENTS).where(_c.id.in_(oldest))).rowcount
+                removed = _delete(connection, _c.id.in_(oldest))
             if not removed:
                 break
             deleted += removed
@@ -143,60 +123,7 @@ class EventStore:
         self._file.close()
 
 
-def _complete(connection: Connection, surface: str, command: Finish | TouchSeen | Loss) -> None:
-    values: dict[str, object] = {"of_surface": surface}
-    if isinstance(command, Finish):
-        statement = _LIFT if command.end is End.LIFT else _INTERRUPT
-        values |= {"of_boot_id": command.boot_id, "of_sequence": command.last_sequence}
-        values |= {"end": command.end, "lifted_us": command.lifted_us}
-    elif isinstance(command, TouchSeen):
-        statement = _TOUCH
-        values |= {"of_boot_id": command.boot_id, "of_sequence": command.first_sequence}
-    else:
-        statement = _END_OPEN
-        values["of_id"] = _NO_ID
-    connection.execute(statement, values)
-
-
-def _add(connection: Connection, segment: Segment, now_s: float) -> None:
-    first, last = segment.first_sequence, segment.last_sequence
-    near: dict[str, object] = {"of_surface": segment.surface, "of_boot_id": segment.boot_id, "of_model": segment.model}
-    near |= {"first": first, "last": last}
-    # Segments may overlap: after a restart of the service, the sender may send samples again.
-    left = _found(connection, _LEFT, near)
-    if left and left[1].last_sequence >= last:
-        return
-    if left and left[1].last_sequence < first and (segment.begin is Begin.TOUCH or left[1].end is End.LIFT):
-        left = None
-    number, whole = (left[0], joined(left[1], segment)) if left else (None, segment)
-    right = _found(connection, _RIGHT, near)
-    if right:
-        whole = joined(whole, right[1])
-        if number is None:
-            number = right[0]
-        else:
-            connection.execute(_DELETE, {"of_id": right[0]})
-    _put(connection, number, whole, now_s)
-
-
-def _put(connection: Connection, number: int | None, segment: Segment, now_s: float) -> None:
-    values = vars(segment) | {"recorded_s": now_s}
-    if number is None:
-        number = connection.execute(_INSERT, values).scalar_one()
-    else:
-        connection.execute(_UPDATE, values | {"of_id": number})
-    if segment.end is End.OPEN:
-        # A surface has one newest sample. Another open event was left by a lost write.
-        connection.execute(_END_OPEN, {"of_surface": segment.surface, "of_id": number})
-
-
-def _found(connection: Connection, query: Select[Any], values: Mapping[str, object]) -> Numbered | None:
-    row = connection.execute(query, values).first()
-    return _numbered(row) if row else None
-
-
-def _numbered(row: Row[Any]) -> Numbered:
-    values = row._asdict()
-    number = values.pop("id")
-    values["path"] = [(at, position, force) for at, position, force in values.get("path", ())]
-    return number, Segment(**values)
+def _delete(connection: Connection, these: ColumnElement[bool]) -> int:
+    """Delete events with their captures; return how many events."""
+    kept_captures.drop(connection, these)
+    return connection.execute(delete(EVENTS).where(these)).rowcount

@@ -89,13 +89,14 @@ def _is_loopback(address: str) -> bool:
 
 def _surface(entry: SurfaceSettings) -> tuple[Surface, ModelKeeper | None]:
     if entry.model is None:
-        return Surface(entry.name, None, entry.stale_ms), None
+        return Surface(entry.name, None, entry.stale_ms, entry.unexplained_after_s), None
     try:
         model, digest = model_watch.load(entry.model)
     except ModelFileError as error:
         message = f"model {error}"
         raise ConfigError(message) from None
-    surface = Surface(entry.name or model.metadata.name, model, entry.stale_ms)
+    name = entry.name or model.metadata.name
+    surface = Surface(name, model, entry.stale_ms, entry.unexplained_after_s)
     return surface, ModelKeeper(surface, entry.model, digest)
 
 

@@ -35,7 +35,7 @@ class Figures:
 
 
 _FIGURES = tuple(field.name for field in fields(Figures))
-_NO_FIGURES = Figures()
+NO_FIGURES = Figures()
 
 
 class Contact(BaseModel):
@@ -92,10 +92,12 @@ class Decision:
     """State and figures of one sample."""
 
     state: State
-    figures: Figures = _NO_FIGURES
+    figures: Figures = NO_FIGURES
     misfit: float = 0.0
     notes: list[str] = field(default_factory=list)
     """Values of `Doubt`, or `check-NAME`."""
+    suspect: str | None = None
+    """The channel NAME of `check-NAME`."""
 
 
 class UnusableEstimateError(ValueError):

@@ -2,6 +2,8 @@
 
 from pydantic import BaseModel
 
+from beamtouch_models.modelfile import State
+
 
 class SampleCounts(BaseModel):
     """Counts of samples since the service started."""
@@ -14,7 +16,7 @@ class SampleCounts(BaseModel):
 
 
 class SurfaceSummary(BaseModel):
-    """Channels, model, ages and counts of one surface."""
+    """Channels, model, state, ages and counts of one surface."""
 
     name: str
     model: str | None
@@ -25,6 +27,10 @@ class SurfaceSummary(BaseModel):
     """No contact is served from a sample older than this."""
     age_ms: float | None
     """Age of the newest sample; null before the first."""
+    state: State | None
+    """As `GET /contact` gives it; null where that is a problem."""
+    notes: list[str]
+    """As `GET /contact` gives them."""
     model_error: str | None
     """Why the newest model file is not used; null if it is used."""
     samples: SampleCounts

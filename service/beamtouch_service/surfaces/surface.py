@@ -5,22 +5,22 @@ No I/O and no clock: the caller gives the time, in seconds of the service's mono
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from time import perf_counter
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
-from beamtouch_service.limits import STALE_MS
+from beamtouch_service.limits import STALE_MS, UNEXPLAINED_AFTER_S
 from beamtouch_service.problems import Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.surfaces import refusals
-from beamtouch_service.surfaces.contact import Contact, ContactQuality, Decision, Doubt, rfc3339
+from beamtouch_service.surfaces.contact import Contact, Decision, Doubt
 from beamtouch_service.surfaces.estimates import estimate
 from beamtouch_service.surfaces.intake import Intake
-from beamtouch_service.surfaces.newest import Newest
+from beamtouch_service.surfaces.newest import Decided, Newest
 from beamtouch_service.surfaces.served_model import ServedModel
+from beamtouch_service.surfaces.stretches import Stretches
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
-from beamtouch_service.surfaces.touch import Follower, Seen
+from beamtouch_service.surfaces.touch import Follower
 from beamtouch_service.surfaces.weighing import noise_contradicts
 
 if TYPE_CHECKING:
@@ -28,34 +28,27 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from beamtouch_models.modelfile import Answers, ModelFile
-
-
-class Witness(Protocol):
-    """Interface for observers of a surface's decisions."""
-
-    def fresh(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
-        """Note samples that moved the answer, in order."""
-
-    def stale(self, surface: Surface) -> None:
-        """Note that the newest sample of a surface has become too old."""
-
-    def late(self, surface: Surface, served: ServedModel, batch: Batch, samples: list[Sample]) -> None:
-        """Note samples of a batch that came after newer ones, in order."""
-
-    def has_room(self, samples: int) -> bool:
-        """Say whether this many late samples can be noted now."""
+    from beamtouch_service.surfaces.witness import Witness
 
 
 class Surface:
     """One surface: takes batches, gives the contact."""
 
-    def __init__(self, name: str, model: ModelFile | None = None, stale_ms: float = STALE_MS) -> None:
+    def __init__(
+        self,
+        name: str,
+        model: ModelFile | None = None,
+        stale_ms: float = STALE_MS,
+        unexplained_after_s: float = UNEXPLAINED_AFTER_S,
+    ) -> None:
         self.name = name
         self.model_error: str | None = None
         """Why the newest model file is not used."""
         self.offered: list[str] | None = None
         """Channels of the newest batch, accepted or not."""
         self.stale_ms = stale_ms
+        self.stretches = Stretches(unexplained_after_s)
+        """The unexplained stretches in the samples that moved the answer."""
         self.witness: Witness | None = None
         self.newest: Newest | None = None
         """The newest sample; None before the first."""
@@ -111,22 +104,11 @@ class Surface:
         ProblemError
             There is none: no model, no samples, a stale sample, too few channels, or no usable estimate.
         """
-        newest, seen, decision = self._require_decision(now_s)
-        degraded = list(seen.estimated.bad)
-        return Contact(
-            surface=self.name,
-            state=decision.state,
-            readings=seen.estimated.readings,
-            misfit=round(decision.misfit, 2),
-            **asdict(decision.figures),
-            age_ms=newest.age_ms(now_s),
-            sampled_at=rfc3339(newest.sample.acquired_unix_us),
-            sequence=newest.sample.sequence,
-            quality=ContactQuality.DEGRADED if degraded else ContactQuality.GOOD,
-            degraded_channels=degraded,
-            notes=[*newest.notes, *decision.notes],
-            model=newest.model,
-        )
+        found = self._decided(now_s)
+        if isinstance(found, Problem):
+            # A new exception each time: one that is raised again collects tracebacks.
+            raise ProblemError(found)
+        return found.contact(self.name, now_s)
 
     def tell_if_stale(self, now_s: float) -> None:
         """Tell the witness, once, that the newest sample is too old at `now_s` [s, monotonic]."""
@@ -146,20 +128,21 @@ class Surface:
 
     def unready(self, now_s: float) -> Problem | None:
         """Return why this surface has no contact at `now_s` [s, monotonic], or None if it has one."""
-        try:
-            self._require_decision(now_s)
-        except ProblemError as error:
-            return error.problem
-        return None
+        found = self._decided(now_s)
+        return found if isinstance(found, Problem) else None
 
     def summary(self, now_s: float) -> SurfaceSummary:
         """Return how this surface does at `now_s` [s, monotonic]."""
+        newest, found = self.newest, self._decided(now_s)
+        decided = None if isinstance(found, Problem) else found
         return SurfaceSummary(
             name=self.name,
             model=self.model.identity if self.model else None,
             channels=self.model.channels if self.model else [],
             stale_ms=self.stale_ms,
-            age_ms=self.newest.age_ms(now_s) if self.newest else None,
+            age_ms=newest.age_ms(now_s) if newest else None,
+            state=decided.decision.state if decided else None,
+            notes=decided.all_notes if decided else [],
             model_error=self.model_error,
             samples=self.counts.model_copy(),
         )
@@ -176,21 +159,20 @@ class Surface:
         if not self._intake.moves_answer(batch, arrival_s):
             raise ProblemError(refusals.busy(self.name), {"Retry-After": "1"})
 
-    def _require_decision(self, now_s: float) -> tuple[Newest, Seen, Decision]:
+    def _decided(self, now_s: float) -> Decided | Problem:
+        """Return the newest sample with its decision at `now_s` [s, monotonic], or why there is none."""
         if self.model is None:
-            raise ProblemError(refusals.no_model(self.name))
+            return refusals.no_model(self.name)
         newest = self.newest
         if newest is None:
-            raise ProblemError(refusals.no_samples(self.name))
+            return refusals.no_samples(self.name)
         if self.is_stale(now_s):
-            raise ProblemError(refusals.stale(self.name, newest.age_ms(now_s), self.stale_ms))
+            return refusals.stale(self.name, newest.age_ms(now_s), self.stale_ms)
         # A model that came after the newest sample has not seen it.
         if newest.seen is None:
-            raise ProblemError(refusals.no_samples(self.name))
-        if not isinstance(newest.seen.outcome, Decision):
-            # A new exception each time: one that is raised again collects tracebacks.
-            raise ProblemError(newest.seen.outcome)
-        return newest, newest.seen, newest.seen.outcome
+            return refusals.no_samples(self.name)
+        outcome = newest.seen.outcome
+        return Decided(newest, newest.seen, outcome) if isinstance(outcome, Decision) else outcome
 
     def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> None:
         served = self._served
@@ -209,6 +191,9 @@ class Surface:
             self._follower = boot_id, Follower(served.file, served.inference.ask, self.name, self.stale_ms)
         follower = self._follower[1]
         seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch, fresh, ask)]
+        newest_us = fresh[-1].acquired_unix_us
+        for one in seen:
+            self.stretches.add(one, acquired_s - (newest_us - one.estimated.acquired_unix_us) / 1e6)
         notes: list[str] = [*batch.notes, *([Doubt.NOISE] if noise_contradicts(model, batch) else [])]
         self.newest = Newest(boot_id, batch.channels, fresh[-1], acquired_s, notes, seen[-1], model.identity)
         if self.witness:

@@ -4,9 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.modelfile import Decider, Evidence, ModelFile, State, Suspects, Verdict, is_overload, is_unchecked
+from beamtouch_models.modelfile import Decider, Evidence, ModelFile, State, Suspects, is_overload, is_unchecked
 from beamtouch_service.problems import Kind, Problem
-from beamtouch_service.surfaces.contact import Decision, Doubt, UnusableEstimateError, figures_of, require_usable
+from beamtouch_service.surfaces.contact import (
+    NO_FIGURES,
+    Decision,
+    Doubt,
+    UnusableEstimateError,
+    figures_of,
+    require_usable,
+)
+from beamtouch_service.surfaces.contradiction import Contradiction, contradiction
 from beamtouch_service.surfaces.estimates import Ask, Estimated
 
 
@@ -18,6 +26,10 @@ class Seen:
     outcome: Decision | Problem
     held: State
     """The state, also for undecided samples that follow closely on a decided one."""
+    is_odd: bool = False
+    """Whether neither rest nor a single contact explains the sample. The state follows only after several of them."""
+    why: Contradiction | None = None
+    """What the sample says channel by channel, if its state is `unexplained`."""
 
     @property
     def state(self) -> State | None:
@@ -48,37 +60,38 @@ class Follower:
             is_held = abs(estimated.acquired_unix_us - last.acquired_unix_us) <= self._hold_us
             if not is_held and self._decider.state is not State.CLEAR:
                 self._decider = Decider(self._metadata.thresholds)
-        outcome = self._decide(estimated)
-        if isinstance(outcome, Decision):
-            self._last = estimated
-        return Seen(estimated, outcome, self._decider.state)
-
-    def _decide(self, estimated: Estimated) -> Decision | Problem:
         evidence = estimated.evidence
         if isinstance(evidence, Problem):
-            return evidence
+            return Seen(estimated, evidence, self._decider.state)
         try:
-            require_usable(evidence)
-            verdict = self._decider.step(evidence)
-            return self._decision(estimated, evidence, verdict)
+            seen = self._decide(estimated, evidence)
         except UnusableEstimateError as error:
             detail = (
                 f"For the newest sample, {error}. Check the characteristics and tare of the sensors, then the model."
             )
-            return Problem(Kind.UNUSABLE_ESTIMATE, detail, self._surface)
+            problem = Problem(Kind.UNUSABLE_ESTIMATE, detail, self._surface)
+            return Seen(estimated, problem, self._decider.state)
+        self._last = estimated
+        return seen
 
-    def _decision(self, estimated: Estimated, evidence: Evidence, verdict: Verdict) -> Decision:
+    def _decide(self, estimated: Estimated, evidence: Evidence) -> Seen:
+        require_usable(evidence)
+        verdict = self._decider.step(evidence)
         misfit = min(evidence.rest_misfit, evidence.misfit)
         notes: list[str] = [Doubt.UNSTEADY] if verdict.unsteady else []
+        figures, suspect, why = NO_FIGURES, None, None
         if verdict.state is not State.UNEXPLAINED:
             self._suspects.clear()
         if verdict.state is State.CONTACT:
             figures = figures_of(evidence.answer, self._metadata.length_mm)
-            return Decision(verdict.state, figures, misfit, notes + self._doubts(evidence))
+            notes += self._doubts(evidence)
         if verdict.state is State.UNEXPLAINED:
             suspect = self._suspects.step(estimated.weighed.part(np.array([estimated.row])))
             notes += [f"check-{suspect}"] if suspect else []
-        return Decision(verdict.state, misfit=misfit, notes=notes)
+            why = contradiction(self._metadata, estimated, evidence, self._suspects, notes)
+        is_odd = not self._suspects.explained(evidence)
+        decision = Decision(verdict.state, figures, misfit, notes, suspect)
+        return Seen(estimated, decision, verdict.state, is_odd, why)
 
     def _doubts(self, evidence: Evidence) -> list[str]:
         """Return what is doubtful about a contact."""

@@ -53,6 +53,30 @@ def test_events_survive_the_process_and_an_open_one_is_unfinished(
     assert [(event["end"], event["samples"]) for event in events(service)] == [("lift", 3), ("lift", 1)]
 
 
+def test_a_stretch_survives_a_kill_with_its_capture_and_goes_on(
+    start_service: StartService, make_batch: MakeBatch, config: Path
+) -> None:
+    odd = [0.5, 0.25, 0.75]
+    config.write_text(config.read_text() + "unexplained_after_s = 0.012\n")
+    service = start_service("--config", config)
+    service.post(make_batch(RESTING, *[odd] * 6))
+    assert [(event["kind"], event["end"]) for event in events(service)] == [("unexplained", "open")]
+    assert 'beamtouch_unexplained{surface="press-7"} 1.0' in service.get("/metrics").text
+    _, errors = service.stop(signal.SIGKILL)
+    lines = [line for line in errors.splitlines() if "neither rest nor a single contact" in line]
+    assert len(lines) == 1
+    assert "surface press-7: since 2026-11-20T23:40:46." in lines[0]
+
+    service = start_service("--config", config)
+    assert [event["end"] for event in events(service)] == ["unfinished"]
+    service.post(make_batch(*[odd] * 3, *[RESTING] * 3, sequence=8))
+    (event,) = events(service)
+    assert (event["kind"], event["begin"], event["end"], event["samples"]) == ("unexplained", "clear", "clear", 0)
+    capture = service.get(f"/events/{event['id']}/capture").json()
+    # The two first samples of a stretch, and of a new process, are not decided as unexplained yet.
+    assert [sample["sequence"] for sample in capture["samples"]] == [4, 5, 6, 7, 10, 11, 12]
+
+
 def test_failed_writes_are_counted_and_do_not_affect_the_contact(
     start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
 ) -> None:

@@ -1,0 +1,62 @@
+"""The unexplained stretches of one surface: how many, how long, and whether one lasts too long. Pure."""
+
+from typing import NamedTuple
+
+from beamtouch_models.modelfile import State
+from beamtouch_service.surfaces.contact import Decision
+from beamtouch_service.surfaces.touch import Seen
+
+
+class Overdue(NamedTuple):
+    """A stretch that lasts longer than it may."""
+
+    since_us: int
+    """Time of its first sample, by the sender's clock [us since 1970]."""
+    suspect: str | None
+    """The channel that contradicts the others, if one does."""
+
+
+class Stretches:
+    """Follows the samples that move the answer."""
+
+    def __init__(self, after_s: float) -> None:
+        self.after_s = after_s
+        """A stretch may last this long [s]."""
+        self.count = 0
+        """Stretches since the start."""
+        self.total_s = 0.0
+        """Their time, by the ages of the samples [s]."""
+        self._since_us: int | None = None
+        """First sample of the present stretch; None without one."""
+        self._length_s = self._last_s = 0.0
+        self._suspect: str | None = None
+        self._overdue: Overdue | None = None
+
+    @property
+    def is_overdue(self) -> bool:
+        """Whether the present stretch lasts longer than it may."""
+        return self._length_s > self.after_s
+
+    def add(self, seen: Seen, acquired_s: float) -> None:
+        """Add the next sample, which was taken at `acquired_s` [s, monotonic]."""
+        # The ages of two batches differ by how long each travelled. No time counts twice.
+        newest_s = max(self._last_s, acquired_s)
+        passed_s, self._last_s = newest_s - self._last_s, newest_s
+        if seen.held is not State.UNEXPLAINED:
+            self._since_us, self._length_s = None, 0.0
+            return
+        if self._since_us is None:
+            self.count += 1
+            self._since_us, self._suspect, passed_s = seen.estimated.acquired_unix_us, None, 0.0
+        if isinstance(seen.outcome, Decision):
+            self._suspect = seen.outcome.suspect or self._suspect
+        was_overdue = self.is_overdue
+        self._length_s += passed_s
+        self.total_s += passed_s
+        if self.is_overdue and not was_overdue:
+            self._overdue = Overdue(self._since_us, self._suspect)
+
+    def take_overdue(self) -> Overdue | None:
+        """Return a stretch that has come to last too long, once; None without one."""
+        overdue, self._overdue = self._overdue, None
+        return overdue
