@@ -5,7 +5,7 @@ import { byId, html, setText, sign } from "./dom.js";
 import { Drawing } from "./drawing.js";
 import { Events } from "./events.js";
 import { Feed } from "./feed.js";
-import { ANSWERS, describe, figures, hasMoved, words } from "./state.js";
+import { ANSWERS, describe, figures, hasMoved, RELOAD, words } from "./state.js";
 import { drawStrip, forceRange, History } from "./strip.js";
 import { drawChannels } from "./tables.js";
 import { Token } from "./token.js";
@@ -69,6 +69,24 @@ function otherToken() {
 }
 
 function step() {
+  try {
+    show();
+  } catch (error) {
+    fail(error);
+  } finally {
+    setTimeout(step, calm.matches ? 500 : 100);
+  }
+}
+
+/** Figures must not outlive a page that cannot change them. */
+function fail(error) {
+  console.error(error);
+  said = "";
+  document.body.dataset.state = "problem";
+  drawNow({ kind: "problem", title: "This page has failed", detail: RELOAD, contact: null, age: null });
+}
+
+function show() {
   feed.check();
   const shown = describe(feed);
   if (shown.kind === "locked") history.forget();
@@ -82,7 +100,6 @@ function step() {
   if (feed.link === "open") drawing.want(feed.chosen, model);
   beam.draw(shown, drawing.of(model, shown.length));
   if (steps++ % (calm.matches ? 1 : STEPS_PER_STRIP) === 0) drawStrips(shown);
-  setTimeout(step, calm.matches ? 500 : 100);
 }
 
 function drawNow(shown) {

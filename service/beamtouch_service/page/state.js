@@ -7,6 +7,7 @@ const CURRENT = ["too-few-channels", "unusable-estimate"];
 /** Kinds that are an answer of the service. */
 export const ANSWERS = ["contact", "clear", "unexplained"];
 const ASK = "The service gives its data only to those who have one. Ask whoever runs the service.";
+export const RELOAD = "Load it again.";
 const PREFIX = "urn:beamtouch:problem:";
 
 const clock = (date) => date.toLocaleTimeString("en-GB");
@@ -47,6 +48,8 @@ function problem(message) {
 const TITLES = { contact: "Contact", clear: "Clear", unexplained: "Unexplained" };
 
 function answer({ contact }) {
+  // A page that was opened before an update of the service.
+  if (!TITLES[contact.state]) return { kind: "problem", title: "This page is older than the service", detail: RELOAD };
   return { kind: contact.state, title: TITLES[contact.state], ...noted(contact), contact };
 }
 
