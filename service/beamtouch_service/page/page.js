@@ -14,6 +14,7 @@ import { TokenForm } from "./token_form.js";
 const SIGNS = { problem: "warning", silent: "warning", lost: "warning" }; // others are called as their state
 const STEPS_PER_STRIP = 4;
 const SPEECH_MS = 3000; // between two places of the same contact: a screen reader takes about that long for one
+const FAILED_MS = 2000; // between attempts of a page that fails
 const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
 
 const history = new History();
@@ -69,21 +70,25 @@ function otherToken() {
 }
 
 function step() {
+  let wait = calm.matches ? 500 : 100;
   try {
     show();
   } catch (error) {
-    fail(error);
-  } finally {
-    setTimeout(step, calm.matches ? 500 : 100);
+    console.error(error);
+    fail();
+    wait = FAILED_MS;
   }
+  setTimeout(step, wait);
 }
 
 /** Figures must not outlive a page that cannot change them. */
-function fail(error) {
-  console.error(error);
-  said = "";
-  document.body.dataset.state = "problem";
-  drawNow({ kind: "problem", title: "This page has failed", detail: RELOAD, contact: null, age: null });
+function fail() {
+  const shown = { kind: "problem", title: "This page has failed", detail: RELOAD, contact: null, age: null };
+  drawNow(shown);
+  speak(shown);
+  said = ""; // so that all of the next state is shown anew
+  document.body.dataset.state = shown.kind;
+  byId("beam").textContent = byId("sign").textContent = "";
 }
 
 function show() {

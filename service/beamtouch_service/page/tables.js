@@ -29,7 +29,7 @@ function drawChannel(row, { name, position_mm: at, deflection_mm: deflection, qu
   setText(title, name);
   setText(place, at.toFixed(1));
   setText(value, deflection === null ? "—" : signed(deflection));
-  const text = suspect ? "contradicts the others" : (WORDS[quality] ?? quality);
+  const text = suspect ? "check first" : (WORDS[quality] ?? quality);
   if (words.textContent === text) return;
   const kind = suspect ? "suspect" : quality === "good" || quality === "unknown" ? quality : "bad";
   words.className = `words ${kind}`;

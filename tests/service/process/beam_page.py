@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.scene import load_scene
@@ -38,7 +38,7 @@ class Bench:
         return sum((force * bench_shape(at_mm, load) for load, force in loads), bench_shape(at_mm, 0.0)).tolist()
 
     def send(
-        self, deflection_mm: list[float | None], covariance_mm2: list[float] | None = None, **members: Any
+        self, deflection_mm: list[float | None], covariance_mm2: list[float] | None = None, **members: object
     ) -> None:
         """Post samples that all measure this with this covariance; `members` go into the batch."""
         rows = [deflection_mm] * COUNT
@@ -51,7 +51,7 @@ class Bench:
         answer = self.service.post(batch)
         assert answer.status_code == 200, answer.text
 
-    def load(self, *loads: tuple[float, float], **members: Any) -> None:
+    def load(self, *loads: tuple[float, float], **members: object) -> None:
         """Post samples of these loads; none: of the beam at rest."""
         self.send(list(self.deflection_mm(*loads)), **members)
 

@@ -179,7 +179,7 @@ def touched_service(tmp_path: Path) -> Iterator[Service]:
 def start_bench(
     start_service: StartService, token_file: Path, tmp_path: Path, bench_model: Path
 ) -> Callable[..., Bench]:
-    """A function that starts a service of press-7 with the model of the bench, whose samples stay fresh for a minute."""
+    """A function that starts a service of press-7 with the bench model; its samples stay fresh for a minute."""
 
     def start(*options: str | Path, path: Path = bench_model) -> Bench:
         (tmp_path / "service.toml").write_text(f'[surfaces.press-7]\nmodel = "{path}"\nstale_ms = 60000\n')
