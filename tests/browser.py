@@ -32,8 +32,13 @@ _WATCH = """() => {
     .observe(document.body, {attributeFilter: ["data-state"]});
   setInterval(() => {
     const shown = document.getElementById("position")?.textContent;
+    const force = document.getElementById("force")?.textContent;
     const state = document.body.dataset.state;
-    if ((state === "contact") !== /^-?[0-9.]+$/.test(shown)) window.wrongs.push([state, shown]);
+    const number = text => /^-?[0-9.]+$/.test(text);
+    if ((state === "contact") !== number(shown)) window.wrongs.push([state, shown]);
+    if (state !== "contact" && number(force)) window.wrongs.push([state, force]);
+    const drawn = document.querySelector("#beam .touch, #beam .bar, #beam .here");
+    if (state !== "contact" && drawn) window.wrongs.push([state, drawn.outerHTML]);
   }, 20);
 }"""
 
@@ -117,7 +122,7 @@ class Watched:
         return found
 
     def watch(self) -> None:
-        """From now on note whenever a position stands there in a state that has none, or is missing in contact."""
+        """From now on note whenever a contact stands there in a state that has none, or its position is missing."""
         self.page.evaluate(_WATCH)
 
     def wrongs(self) -> list[list[str]]:

@@ -15,6 +15,7 @@ from starlette.types import ASGIApp
 from beamtouch_common.commands import version
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api import (
+    beam,
     contact,
     errors,
     events,
@@ -53,6 +54,7 @@ _ROUTERS = (
     samples.router,
     surfaces.router,
     models.router,
+    beam.router,
     models.administration_router,
     metrics.router,
     stream.router,

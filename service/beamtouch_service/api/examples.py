@@ -40,6 +40,17 @@ STATE = {
 STATE_EVENT = f"event: state\ndata: {json.dumps(STATE)}\n\n"
 """One event of the stream."""
 
+BEAM = {
+    "model": "paper@4f2c91",
+    "length_mm": 400.0,
+    "drawn": {
+        "supports": [{"at_mm": 0.0, "kind": "simple"}, {"at_mm": 400.0, "kind": "simple"}],
+        "at_mm": [0.0, 200.0, 400.0],
+        "load_mm": [100.0, 200.0, 300.0],
+        "deflection_mm_per_n": [[0.0, 0.07778, 0.0], [0.0, 0.1131, 0.0], [0.0, 0.07778, 0.0]],
+    },
+}
+
 BATCH = {
     "boot_id": "6f1d2c84-0b7e-4a53",
     "channels": ["s1", "s2", "s3"],

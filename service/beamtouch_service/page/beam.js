@@ -1,12 +1,14 @@
 // The beam to scale along its length, its deflection exaggerated, its sensors, and the contact with its interval.
 
-import { roundTicks, svg } from "./dom.js";
+import { axis, hatch, sensors, supports } from "./beam_parts.js";
+import { shapeUnder, spline } from "./curves.js";
+import { svg } from "./dom.js";
 
 const MARGIN = 36;
 const LEAST_DEFLECTION_MM = 0.1;
 const DEEPEST = 0.21; // of the height
-const LABEL_PX = 74;
 const MEMORY_MS = 60_000;
+const PIECES = 80;
 
 /** Draws into an <svg>, whose size decides how much room there is. */
 export class BeamView {
@@ -20,7 +22,8 @@ export class BeamView {
     this.deepest = { mm: 0, at: 0 };
   }
 
-  draw(shown) {
+  /** `drawn`: supports and table by the model, or null while they are not known. */
+  draw(shown, drawn) {
     const { width, height } = this.element.getBoundingClientRect();
     if (width < 50 || !shown.length) {
       this.element.replaceChildren();
@@ -28,22 +31,27 @@ export class BeamView {
       return;
     }
     const seen = shown.channels.filter((channel) => channel.quality === "good" && channel.deflection_mm !== null);
-    const scale = this.scale(shown, seen, width, height);
+    const bent = bentOf(shown, drawn, seen);
+    const scale = this.scale(shown, seen, bent, width, height);
     this.element.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.element.replaceChildren(
       hatch(),
       ...axis(scale),
+      ...supports(drawn?.supports ?? [], scale),
       ...sensors(shown, scale),
-      ...curve(seen, scale),
-      ...(shown.contact?.state === "contact" ? touch(shown.contact, seen, scale) : []),
+      ...line(shown, drawn, seen, bent, scale),
+      ...seen.map((channel) => mark(channel, shown, scale)),
+      ...(shown.kind === "contact" ? touch(shown.contact, bent, scale) : []),
     );
-    this.caption(captionOf(shown, seen, scale));
+    this.caption(captionOf(shown, drawn, seen, scale));
   }
 
   /** The exaggeration follows the largest deflection of the last minute, in round steps, so that it seldom changes. */
-  scale(shown, seen, width, height) {
+  scale(shown, seen, bent, width, height) {
     const now = performance.now();
-    const mm = Math.max(LEAST_DEFLECTION_MM, ...seen.map((channel) => Math.abs(channel.deflection_mm)));
+    const measured = seen.map((channel) => Math.abs(channel.deflection_mm));
+    const along = bent ? places(0, shown.length).map((at) => Math.abs(bent(at))) : [];
+    const mm = Math.max(LEAST_DEFLECTION_MM, ...measured, ...along);
     if (mm >= this.deepest.mm || now - this.deepest.at > MEMORY_MS) this.deepest = { mm, at: now };
     const perMm = (width - 2 * MARGIN) / shown.length;
     const most = (height * DEEPEST) / (this.deepest.mm * perMm);
@@ -62,70 +70,52 @@ export class BeamView {
   }
 }
 
-function captionOf(shown, seen, scale) {
+/** Return the deflection along the beam in contact, by the model or else through the measured points; or null. */
+function bentOf(shown, drawn, seen) {
+  if (shown.kind !== "contact") return null;
+  if (drawn) return shapeUnder(shown.contact, drawn, seen);
+  return seen.length < 2 ? () => 0 : spline(seen);
+}
+
+function captionOf(shown, drawn, seen, scale) {
   if (!seen.length) return "Position and deflection are not known.";
-  const exaggerated = `Deflection drawn ${scale.factor} times larger, smooth between the circles.`;
-  return shown.contact?.state === "contact" ? `${exaggerated} Hatched: 95 % interval.` : exaggerated;
+  const circles = `Circles: measured deflection, drawn ${scale.factor} times larger.`;
+  if (shown.kind === "clear") return circles;
+  if (shown.kind !== "contact") return `${circles} The shape between them is not known.`;
+  const by = drawn ? "Line: the beam under this contact, by the model." : "Line: a smooth curve through them.";
+  return `${circles} ${by} Hatched: 95 % interval.`;
 }
 
-function hatch() {
-  const every = { width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" };
-  const line = svg("path", { d: "M1.5 0v6", class: "hatch-line" });
-  return svg("defs", {}, svg("pattern", { id: "hatch", ...every }, line));
-}
+const places = (from, to, count = PIECES) =>
+  Array.from({ length: count + 1 }, (_, index) => from + ((to - from) * index) / count);
 
-function axis(scale) {
-  const y = scale.axisY;
-  const parts = [svg("path", { class: "axis", d: `M${scale.x(0)} ${y}H${scale.x(scale.length)}` })];
-  for (const tick of roundTicks(0, scale.length, scale.width / 90)) {
-    const x = scale.x(tick);
-    const last = tick + 1e-6 > scale.length;
-    parts.push(svg("path", { class: "axis", d: `M${x} ${y}v5` }));
-    parts.push(svg("text", { class: "muted", x, y: y + 19, "text-anchor": "middle" }, last ? `${tick} mm` : `${tick}`));
+/** The line of the beam: bent by a contact, straight where it is clear, and otherwise only between measured points. */
+function line(shown, drawn, seen, bent, scale) {
+  const along = (name, points, deflection) =>
+    svg("polyline", { class: name, points: points.map((at) => `${scale.x(at)},${scale.y(deflection(at))}`).join(" ") });
+  const whole = [0, scale.length];
+  if (shown.kind === "clear") return [along("bent", whole, () => 0)];
+  const rest = along("rest", whole, () => 0);
+  if (!drawn && seen.length < 2) return [rest];
+  if (!bent) {
+    const points = seen.map((one) => `${scale.x(one.position_mm)},${scale.y(one.deflection_mm)}`);
+    return [rest, svg("polyline", { class: "doubt", points: points.join(" ") })];
   }
-  return parts;
-}
-
-/** Sensors that work are full squares; others are empty ones with a cross, and say why. */
-function sensors(shown, scale) {
-  const taken = [-Infinity, -Infinity];
-  return shown.channels.flatMap((channel) => {
-    const x = scale.x(channel.position_mm);
-    const y = scale.sensorY;
-    const row = x - taken[0] >= LABEL_PX ? 0 : 1;
-    taken[row] = x;
-    const works = channel.quality === "good" || channel.quality === "unknown";
-    const kind = channel.quality === "good" ? "sensor" : `sensor ${works ? "unknown" : "bad"}`;
-    const box = svg("rect", { class: kind, x: x - 6, y, width: 12, height: 12 });
-    const cross = svg("path", { class: "sensor bad", d: `M${x - 6} ${y}l12 12m0-12l-12 12` });
-    const label = svg("text", { x, y: y + 27 + row * 14, "text-anchor": "middle", class: works ? "" : "bad" });
-    label.append(works ? channel.name : `${channel.name} ${channel.quality}`);
-    const lead = svg("path", { class: "lead", d: `M${x} ${scale.y(0)}V${y}` });
-    return works ? [lead, box, label] : [lead, box, cross, label];
-  });
-}
-
-function curve(seen, scale) {
-  const rest = svg("path", { class: "rest", d: `M${scale.x(0)} ${scale.y(0)}H${scale.x(scale.length)}` });
-  if (seen.length < 2) return [rest];
-  const bent = spline(seen);
+  if (drawn) return [rest, along("bent", places(...whole), bent)];
   const [first, last] = [seen[0].position_mm, seen.at(-1).position_mm];
-  const piece = (from, to, count, name) => {
-    const points = Array.from({ length: count + 1 }, (_, index) => from + ((to - from) * index) / count);
-    const drawn = points.map((at) => `${scale.x(at)},${scale.y(bent(at))}`);
-    return svg("polyline", { class: name, points: drawn.join(" ") });
-  };
-  const marks = seen.map((one) =>
-    svg("circle", { class: "seen", cx: scale.x(one.position_mm), cy: scale.y(one.deflection_mm), r: 4 }),
-  );
-  const outside = [piece(0, first, 1, "guessed"), piece(last, scale.length, 1, "guessed")];
-  return [rest, ...outside, piece(first, last, 60, "bent"), ...marks];
+  const outside = [along("guessed", [0, first], bent), along("guessed", [last, scale.length], bent)];
+  return [rest, ...outside, along("bent", places(first, last), bent)];
 }
 
-function touch(contact, seen, scale) {
+function mark(channel, shown, scale) {
+  const kind = channel.name === shown.suspect ? "seen suspect" : "seen";
+  return svg("circle", { class: kind, cx: scale.x(channel.position_mm), cy: scale.y(channel.deflection_mm), r: 4 });
+}
+
+function touch(contact, bent, scale) {
   const bounded = (at) => scale.x(Math.min(Math.max(at, 0), scale.length));
   const x = bounded(contact.position_mm);
-  const y = scale.y(seen.length < 2 ? 0 : spline(seen)(contact.position_mm)) - 4;
+  const y = scale.y(bent(contact.position_mm)) - 4;
   const side = contact.position_mm > scale.length / 2 ? -1 : 1;
   const words = svg("text", { class: "here", x: x + side * 14, y: 18, "text-anchor": side < 0 ? "end" : "start" });
   words.append(`${contact.position_mm.toFixed(1)} mm`);
@@ -141,38 +131,4 @@ function touch(contact, seen, scale) {
   }
   parts.push(svg("path", { class: "tip", d: `M${x} ${scale.barY - 1}l-5-8h10z` }));
   return parts;
-}
-
-/** Return the natural cubic spline through the channels, straight outside: no moment at a free or hinged end. */
-export function spline(channels) {
-  const x = channels.map((channel) => channel.position_mm);
-  const y = channels.map((channel) => channel.deflection_mm);
-  const bend = secondDerivatives(x, y);
-  const slope = (i) => (y[i + 1] - y[i]) / (x[i + 1] - x[i]);
-  const last = x.length - 1;
-  const startSlope = slope(0) - ((x[1] - x[0]) * (2 * bend[0] + bend[1])) / 6;
-  const endSlope = slope(last - 1) + ((x[last] - x[last - 1]) * (bend[last - 1] + 2 * bend[last])) / 6;
-  return (at) => {
-    if (at <= x[0]) return y[0] + startSlope * (at - x[0]);
-    if (at >= x[last]) return y[last] + endSlope * (at - x[last]);
-    const i = x.findIndex((_, index) => at < x[index + 1]);
-    const h = x[i + 1] - x[i];
-    const [a, b] = [(x[i + 1] - at) / h, (at - x[i]) / h];
-    return a * y[i] + b * y[i + 1] + (((a ** 3 - a) * bend[i] + (b ** 3 - b) * bend[i + 1]) * h * h) / 6;
-  };
-}
-
-/** Solve the tridiagonal system of a natural spline from front to back and back again. */
-function secondDerivatives(x, y) {
-  const bend = x.map(() => 0);
-  const part = x.map(() => 0);
-  for (let i = 1; i < x.length - 1; i++) {
-    const share = (x[i] - x[i - 1]) / (x[i + 1] - x[i - 1]);
-    const pivot = share * bend[i - 1] + 2;
-    const change = (y[i + 1] - y[i]) / (x[i + 1] - x[i]) - (y[i] - y[i - 1]) / (x[i] - x[i - 1]);
-    bend[i] = (share - 1) / pivot;
-    part[i] = ((6 * change) / (x[i + 1] - x[i - 1]) - share * part[i - 1]) / pivot;
-  }
-  for (let i = x.length - 2; i >= 0; i--) bend[i] = bend[i] * bend[i + 1] + part[i];
-  return bend;
 }

@@ -28,6 +28,7 @@ function filled(element, attributes, children) {
 const SIGNS = {
   contact: ["M12 2v13m-6-6l6 6l6-6", "M2 17q10 7 20 0"],
   clear: ["M2 18h20", "M12 3a4.5 4.5 0 1 0 .01 0z"],
+  unexplained: ["M7 6a5 5 0 1 1 7 4.5q-2 1-2 3m0 2v2", "M2 21h20"],
   good: ["M3 13l6 6L21 5"],
   bad: ["M4 4l16 16M20 4L4 20"],
   warning: ["M12 2.5L23 21.5H1z", "M12 9v6m0 2v2"],

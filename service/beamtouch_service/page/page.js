@@ -2,26 +2,32 @@
 
 import { BeamView } from "./beam.js";
 import { byId, html, setText, sign } from "./dom.js";
+import { Drawing } from "./drawing.js";
+import { Events } from "./events.js";
 import { Feed } from "./feed.js";
-import { describe, figures, hasMoved, words } from "./state.js";
+import { ANSWERS, describe, figures, hasMoved, RELOAD, words } from "./state.js";
 import { drawStrip, forceRange, History } from "./strip.js";
-import { drawChannels, Events } from "./tables.js";
+import { drawChannels } from "./tables.js";
 import { Token } from "./token.js";
 import { TokenForm } from "./token_form.js";
 
 const SIGNS = { problem: "warning", silent: "warning", lost: "warning" }; // others are called as their state
 const STEPS_PER_STRIP = 4;
 const SPEECH_MS = 3000; // between two places of the same contact: a screen reader takes about that long for one
+const FAILED_MS = 2000; // between attempts of a page that fails
 const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
 
 const history = new History();
 const token = new Token();
 const events = new Events(token);
 const beam = new BeamView(byId("beam"), (text) => setText(byId("beam-words"), text));
+const drawing = new Drawing(token);
 const feed = new Feed(token, remember, surfacesKnown);
 const form = new TokenForm(token, otherToken);
 let said = "";
 let spoken = { at: -Infinity, position: null }; // the place of the contact that was announced last
+let heard = new Set(); // passing notes that were announced in this state
+let model = null; // that the newest contact comes from, or that the surface had when the stream began
 let steps = 0;
 let length = 100; // of the beam in mm, kept for the chart while nothing is known of it
 
@@ -41,7 +47,7 @@ function surfacesKnown() {
   chooser.value = feed.chosen ?? "";
   chooser.hidden = !several || names.length === 0;
   setText(byId("surface"), chooser.hidden ? (feed.chosen ?? "") : "");
-  setText(byId("model"), feed.surface?.model ? `Model ${feed.surface.model}` : "");
+  model = feed.surface?.model ?? null;
   setText(byId("limit"), feed.surface ? `at most ${feed.surface.stale_ms} ms` : "");
   byId("contact-link").href = feed.chosen ? `/contact?surface=${encodeURIComponent(feed.chosen)}` : "/contact";
   events.follow(feed.surface?.name);
@@ -53,6 +59,8 @@ const addressed = () => new URLSearchParams(location.search).get("surface");
 function follow(name) {
   history.forget();
   beam.forget();
+  drawing.forget();
+  model = null;
   feed.choose(name);
 }
 
@@ -62,17 +70,41 @@ function otherToken() {
 }
 
 function step() {
+  let wait = calm.matches ? 500 : 100;
+  try {
+    show();
+  } catch (error) {
+    console.error(error);
+    fail();
+    wait = FAILED_MS;
+  }
+  setTimeout(step, wait);
+}
+
+/** Figures must not outlive a page that cannot change them. */
+function fail() {
+  const shown = { kind: "problem", title: "This page has failed", detail: RELOAD, contact: null, age: null };
+  drawNow(shown);
+  speak(shown);
+  said = ""; // so that all of the next state is shown anew
+  document.body.dataset.state = shown.kind;
+  byId("beam").textContent = byId("sign").textContent = "";
+}
+
+function show() {
   feed.check();
   const shown = describe(feed);
   if (shown.kind === "locked") history.forget();
-  else if (shown.kind !== "contact" && shown.kind !== "clear") history.add(shown);
+  else if (!ANSWERS.includes(shown.kind)) history.add(shown);
   form.draw(shown.kind === "locked");
   drawNow(shown);
   announce(shown);
-  drawChannels(shown.channels);
-  beam.draw(shown);
+  drawChannels(shown.channels, shown.suspect);
+  model = shown.contact?.model ?? model;
+  setText(byId("model"), model ? `Model ${model}` : "");
+  if (feed.link === "open") drawing.want(feed.chosen, model);
+  beam.draw(shown, drawing.of(model, shown.length));
   if (steps++ % (calm.matches ? 1 : STEPS_PER_STRIP) === 0) drawStrips(shown);
-  setTimeout(step, calm.matches ? 500 : 100);
 }
 
 function drawNow(shown) {
@@ -90,22 +122,27 @@ function drawNow(shown) {
 function announce(shown) {
   const text = words(shown);
   if (text !== said) {
-    if (shown.kind !== "waiting") events.mark(shown.kind === "contact");
-    if (["clear", "contact", "problem"].includes(shown.kind)) events.follow(feed.surface?.name);
+    if (shown.kind !== "waiting") events.mark(shown.kind === "contact" || shown.kind === "unexplained");
+    if (ANSWERS.includes(shown.kind) || shown.kind === "problem") events.follow(feed.surface?.name);
     said = text;
+    heard = new Set();
     document.body.dataset.state = shown.kind;
     document.title = [shown.title, feed.chosen, "Beamtouch"].filter(Boolean).join(" · ");
     byId("sign").replaceChildren(sign(SIGNS[shown.kind] ?? shown.kind));
-    speak(shown, text);
-  } else if (hasMoved(shown.contact, spoken.position) && performance.now() - spoken.at > SPEECH_MS) {
-    speak(shown, text);
+    speak(shown);
+  } else if (performance.now() - spoken.at > SPEECH_MS) {
+    const news = shown.passing?.some((note) => !heard.has(note));
+    if (news || hasMoved(shown.contact, spoken.position)) speak(shown);
   }
 }
 
-function speak(shown, text) {
+function speak(shown) {
+  const { passing = [] } = shown;
   const position = shown.kind === "contact" ? shown.contact.position_mm : null;
+  const place = position === null ? "" : ` at ${position.toFixed(0)} mm`;
   spoken = { at: performance.now(), position };
-  setText(byId("status"), position === null ? text : `${text} at ${position.toFixed(0)} mm`);
+  passing.forEach((note) => heard.add(note));
+  setText(byId("status"), [words(shown, place), ...passing].join(". "));
 }
 
 function drawStrips(shown) {

@@ -1,8 +1,13 @@
 // From what the feed knows to what the page says. No document here.
 
+import { noted } from "./notes.js";
+
 // Of these problems the channels are as new as ever.
 const CURRENT = ["too-few-channels", "unusable-estimate"];
+/** Kinds that are an answer of the service. */
+export const ANSWERS = ["contact", "clear", "unexplained"];
 const ASK = "The service gives its data only to those who have one. Ask whoever runs the service.";
+export const RELOAD = "Load it again.";
 const PREFIX = "urn:beamtouch:problem:";
 
 const clock = (date) => date.toLocaleTimeString("en-GB");
@@ -11,8 +16,9 @@ const known = (value, digits) => (value === null || value === undefined ? "—" 
 /**
  * Return what to show at this moment.
  *
- * kind: "contact", "clear", "problem", "silent", "lost", "locked" or "waiting"; title and detail in words;
- * contact: only if it is fresh; channels: with their deflections only if these are fresh; age in ms or null.
+ * kind: "contact", "clear", "unexplained", "problem", "silent", "lost", "locked" or "waiting"; title and detail in
+ * words; contact: only if it is fresh, with `lasting`, `passing` and `suspect` from its notes; channels: with their
+ * deflections only if these are fresh; age in ms or null.
  */
 export function describe(feed) {
   const { message } = feed;
@@ -29,7 +35,7 @@ export function describe(feed) {
     const seconds = (feed.silence / 1000).toFixed(1);
     return { ...nothing, kind: "silent", title: "No news from the service", detail: `None for ${seconds} s.`, age };
   }
-  return { ...nothing, ...contact(message), channels: message.channels, age };
+  return { ...nothing, ...answer(message), channels: message.channels, age };
 }
 
 function problem(message) {
@@ -39,12 +45,12 @@ function problem(message) {
   return { kind: "problem", title: words, detail, ...(CURRENT.includes(slug) && { channels: message.channels }) };
 }
 
-function contact(message) {
-  const { state, quality, degraded_channels: left, notes } = message.contact;
-  const degraded = quality === "degraded" ? [`Degraded: without ${left.join(", ")}`] : [];
-  const rate = notes?.includes("rate") ? ["The device does not keep its rate"] : [];
-  const detail = [...degraded, ...rate].join(". ");
-  return { kind: state, title: state === "contact" ? "Contact" : "Clear", detail, contact: message.contact };
+const TITLES = { contact: "Contact", clear: "Clear", unexplained: "Unexplained" };
+
+function answer({ contact }) {
+  // A page that was opened before an update of the service.
+  if (!TITLES[contact.state]) return { kind: "problem", title: "This page is older than the service", detail: RELOAD };
+  return { kind: contact.state, title: TITLES[contact.state], ...noted(contact), contact };
 }
 
 /** The channels without what they measured, for times at which that is old. */
@@ -74,9 +80,14 @@ function interval(low, high) {
   return known(low, 1) === "—" || known(high, 1) === "—" ? "" : `${known(low, 1)} … ${known(high, 1)} (95 %)`;
 }
 
-/** The state in a few words, for the title and for those who listen; it changes only when the state does. */
-export function words(shown) {
-  return shown.detail && shown.kind === "contact" ? `${shown.title}. ${shown.detail}` : shown.title;
+/**
+ * The state in a few words for those who listen; `place` stands behind its title.
+ *
+ * Without a place it changes only when the state does, or what lasts beside it.
+ */
+export function words(shown, place = "") {
+  const beside = shown.kind !== "clear" && shown.lasting ? [shown.lasting] : [];
+  return [`${shown.title}${place}`, ...beside].join(". ");
 }
 
 /** Whether a contact has left the place that was announced: that is out of its interval, or by a millimetre without one. */

@@ -1,5 +1,5 @@
 // The last minute as a strip chart: a line with the interval as a band, gaps where nothing touched, hatching where
-// nothing was known.
+// nothing was known, and crossed hatching where nothing explains the samples.
 
 import { roundTicks, svg } from "./dom.js";
 
@@ -46,7 +46,10 @@ export class History {
   }
 }
 
-const UNKNOWN = ["problem", "silent", "lost"];
+const HATCHED = {
+  unknown: { kinds: ["problem", "silent", "lost"], line: "M1 0v7" },
+  unexplained: { kinds: ["unexplained"], line: "M1 0v7M0 1h7" },
+};
 
 /** Draw one quantity; `names` are those of its value and of the ends of its interval in a contact. */
 export function drawStrip(element, history, names, range) {
@@ -59,17 +62,19 @@ export function drawStrip(element, history, names, range) {
   const y = (value) => height - BOTTOM - share(value) * (height - TOP - BOTTOM);
   element.setAttribute("viewBox", `0 0 ${width} ${height}`);
   element.replaceChildren(
-    unknownPattern(element.id),
+    patterns(element.id),
     ...grid(x, y, now, range, width, height),
-    ...unknowns(history, x, height, element.id),
+    ...hatched(history, x, height, element.id),
     ...lines(history, names, x, y),
   );
 }
 
-function unknownPattern(id) {
+function patterns(id) {
   const every = { width: 7, height: 7, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" };
-  const line = svg("path", { d: "M1 0v7", class: "unknown-line" });
-  return svg("defs", {}, svg("pattern", { id: `${id}-unknown`, ...every }, line));
+  const each = Object.entries(HATCHED).map(([name, { line: d }]) =>
+    svg("pattern", { id: `${id}-${name}`, ...every }, svg("path", { d, class: `${name}-line` })),
+  );
+  return svg("defs", {}, ...each);
 }
 
 function grid(x, y, now, [low, high], width, height) {
@@ -88,11 +93,13 @@ function grid(x, y, now, [low, high], width, height) {
   return parts;
 }
 
-function unknowns(history, x, height, id) {
-  return history.stretches((kind) => UNKNOWN.includes(kind)).map(([from, to]) => {
-    const width = Math.max(x(to) - x(from), 1);
-    return svg("rect", { x: x(from), y: TOP, width, height: height - TOP - BOTTOM, fill: `url(#${id}-unknown)` });
-  });
+function hatched(history, x, height, id) {
+  return Object.entries(HATCHED).flatMap(([name, { kinds }]) =>
+    history.stretches((kind) => kinds.includes(kind)).map(([from, to]) => {
+      const box = { x: x(from), y: TOP, width: Math.max(x(to) - x(from), 1), height: height - TOP - BOTTOM };
+      return svg("rect", { class: name, ...box, fill: `url(#${id}-${name})` });
+    }),
+  );
 }
 
 function lines(history, [value, low, high], x, y) {

@@ -13,10 +13,12 @@ from typing import Any
 import httpx2
 import pytest
 
+from beamtouch_models import modelfile
 from certificates import make_certificate
 from forked import Forked
 from plain_http import NO_TLS, TIMEOUT_S
 from service.conftest import READ_TOKEN, TOKEN, BuildModel, batch_of
+from service.process.beam_page import Bench
 from service.small_model import write_model
 
 COMMAND = "beamtouch_service.cli"
@@ -171,3 +173,17 @@ def touched_service(tmp_path: Path) -> Iterator[Service]:
     """A service of the test alone with a contact to give, for a minute."""
     with touched_in(tmp_path) as service:
         yield service
+
+
+@pytest.fixture
+def start_bench(
+    start_service: StartService, token_file: Path, tmp_path: Path, bench_model: Path
+) -> Callable[..., Bench]:
+    """A function that starts a service of press-7 with the bench model; its samples stay fresh for a minute."""
+
+    def start(*options: str | Path, path: Path = bench_model) -> Bench:
+        (tmp_path / "service.toml").write_text(f'[surfaces.press-7]\nmodel = "{path}"\nstale_ms = 60000\n')
+        service = start_service("--config", "service.toml", "--write-token-file", token_file, *options)
+        return Bench(service, modelfile.load(path))
+
+    return start

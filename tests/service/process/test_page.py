@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -45,7 +46,7 @@ def test_contact_degraded_and_too_few_channels(fresh: Service, make_batch: MakeB
     seen.wait_for_text("detail", "Degraded: without s3")
     seen.wait_for_text("channels", "stuck")
     assert seen.page.query_selector("#beam text.bad") is not None
-    assert seen.text("status").startswith("Contact. Degraded: without s3 at ")
+    assert re.fullmatch(r"Contact at \d+ mm\. Degraded: without s3", seen.text("status"))
 
     fresh.post(make_batch([0.5, None, None], sequence=3, quality=["good", "missing", "saturated"]))
     seen.wait_for_state("problem")

@@ -1,0 +1,37 @@
+// What the beam looks like by the model that answers: asked for once per model. No document here.
+
+const RETRY_MS = 5000;
+
+export class Drawing {
+  constructor(token) {
+    this.token = token;
+    this.forget();
+  }
+
+  forget() {
+    this.beam = null; // the newest answer
+    this.asked = { model: null, at: -Infinity }; // the newest question
+  }
+
+  /** Ask for the beam by this model, unless it is known or was asked for a moment ago. To be called often. */
+  want(surface, model) {
+    if (model === null || this.beam?.model === model) return;
+    if (this.asked.model !== model || performance.now() - this.asked.at > RETRY_MS) this.ask(surface, model);
+  }
+
+  async ask(surface, model) {
+    const asked = (this.asked = { model, at: performance.now() });
+    try {
+      const answer = await this.token.ask(`/surfaces/${encodeURIComponent(surface)}/beam`);
+      const beam = answer.ok ? await answer.json() : null;
+      if (beam && asked === this.asked) this.beam = beam;
+    } catch {
+      // The page draws a curve through the measured points until it has asked again.
+    }
+  }
+
+  /** Return supports and table by this model for a beam of this length, or null while they are not known. */
+  of(model, length) {
+    return this.beam && this.beam.model === model && this.beam.length_mm === length ? this.beam.drawn : null;
+  }
+}

@@ -1,0 +1,74 @@
+// The table of recent events: contacts, and stretches that nothing explains.
+
+import { Capture } from "./capture.js";
+import { byId, html } from "./dom.js";
+
+export class Events {
+  constructor(token) {
+    this.token = token;
+    this.timer = null;
+    this.events = [];
+    this.current = true; // whether an open event may be shown as going on
+    this.capture = new Capture(token);
+  }
+
+  /** Ask now, and from now on every few seconds. */
+  async follow(surface) {
+    clearTimeout(this.timer);
+    this.surface = surface;
+    if (!surface) return this.show([]);
+    try {
+      const answer = await this.token.ask(`/events?surface=${encodeURIComponent(surface)}&limit=20`);
+      const events = answer.ok ? (await answer.json()).events : [];
+      if (surface !== this.surface) return;
+      this.show(events);
+    } catch {
+      // The feed says that the connection is lost; what happened before still happened.
+    }
+    this.timer = setTimeout(() => this.follow(this.surface), 5000);
+  }
+
+  /** Say whether something acts on the surface now; if not, or without news, no event is shown as going on. */
+  mark(current) {
+    if (current === this.current) return;
+    this.current = current;
+    this.show(this.events);
+  }
+
+  /** Rows stay where they are, so that a link keeps the focus; only what changed is made anew. */
+  show(events) {
+    this.events = events;
+    byId("events-section").hidden = events.length === 0;
+    const body = byId("events");
+    const known = new Map([...body.rows].map((row) => [row.dataset.of, row]));
+    events.forEach((event, index) => {
+      const of = JSON.stringify([event, this.current]);
+      const row = known.get(of) ?? this.row(event, of);
+      if (body.rows[index] !== row) body.insertBefore(row, body.rows[index] ?? null);
+    });
+    while (body.rows.length > events.length) body.deleteRow(-1);
+  }
+
+  row(event, of) {
+    const row = html("tr", { "data-of": of }, html("th", { scope: "row" }, clock(event.touched_at)));
+    const link = event.capture ? [" ", this.capture.link(event)] : [];
+    const lasted = html("td", {}, duration(event, this.current), ...link);
+    if (event.kind === "unexplained") row.append(html("td", { colspan: 2, class: "doubt" }, "unexplained"), lasted);
+    else row.append(number(event.mean_position_mm), number(event.peak_force_n), lasted);
+    return row;
+  }
+}
+
+const ENDS = { stale: "samples stopped", unfinished: "service stopped" };
+
+const clock = (at) => html("time", { datetime: at }, new Date(at).toLocaleTimeString("en-GB"));
+const number = (value) => html("td", {}, value === null || value === undefined ? "—" : value.toFixed(1));
+const seconds = (ms) => (ms / 1000).toFixed(1);
+
+/** How long it lasted, in s, and how it ended; at least that long where nobody saw the end. */
+function duration({ dwell_ms, end, kind, unexplained_ms }, current) {
+  const within = kind !== "unexplained" && unexplained_ms > 0 ? `, ${seconds(unexplained_ms)} unexplained` : "";
+  if (end === "open" && current) return `still${within}`;
+  if (end === "lift") return `${seconds(dwell_ms)}${within}`;
+  return [`≥ ${seconds(dwell_ms)}${within}`, ENDS[end]].filter(Boolean).join(", ");
+}

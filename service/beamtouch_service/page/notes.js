@@ -1,0 +1,39 @@
+// The notes of an answer in words, and which of them are announced at once. No document here.
+
+const UNEXPLAINED = "Something acts on the beam that is not a single contact, or a sensor is wrong";
+const LOOK =
+  "Look whether more than one thing touches the beam, whether something is wedged under it, and at the sensors";
+const LASTING = {
+  rate: "The device does not keep its rate",
+  noise: "The sender states another noise than the model was made for",
+  unchecked: "Too few sensors to tell a single contact from anything else",
+};
+const PASSING = {
+  overload: "The force is beyond the range of the scene",
+  unsteady: "The readings still move",
+};
+const CHECK = "check-";
+
+/**
+ * Return what a contact (of any state) says beside its figures.
+ *
+ * detail: everything, as one text; lasting: the part that stays as long as its cause; passing: sentences that may
+ * come and go from sample to sample; suspect: name of the channel to check first, or null.
+ */
+export function noted({ state, quality, degraded_channels: left, notes = [] }) {
+  const suspect = notes.find((note) => note.startsWith(CHECK))?.slice(CHECK.length) ?? null;
+  const others = notes.filter((note) => !note.startsWith(CHECK));
+  const degraded = quality === "degraded" ? [`Degraded: without ${left.join(", ")}`] : [];
+  const lasting = [...degraded, ...others.filter((note) => !PASSING[note]).map((note) => LASTING[note] ?? note)];
+  const passing = others.filter((note) => PASSING[note]).map((note) => sentence(note, state));
+  if (state !== "unexplained") {
+    return { detail: [...lasting, ...passing].join(". "), lasting: lasting.join(". "), passing, suspect };
+  }
+  const check = suspect === null ? [] : [`Sensor ${suspect} contradicts the others: check it first`];
+  const detail = `${[...check, UNEXPLAINED, LOOK, ...lasting, ...passing].join(". ")}.`;
+  return { detail, lasting: [UNEXPLAINED, ...lasting].join(". "), passing: [...check, ...passing], suspect };
+}
+
+function sentence(note, state) {
+  return note === "unsteady" && state === "contact" ? `${PASSING[note]}: the interval is wide` : PASSING[note];
+}

@@ -1,0 +1,185 @@
+"""The drawing of the beam in a real browser: supports, the shape by the model, what was measured beside it."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from typing import TYPE_CHECKING
+
+import numpy as np
+import onnx
+import pytest
+from onnx import helper
+
+from beamtouch_models import modelfile
+from service.conftest import READ_TOKEN
+from service.process.beam_page import bench_shape, circles, drawn
+from service.process.token_page import enter
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from browser import OpenPage, Watched
+    from service.process.beam_page import StartBench
+    from service.process.conftest import Wait
+
+LENGTH_MM = 400.0
+PIXEL = 0.6
+"""Allowed difference of places in a drawing [px]: the table has 41 places and 33 loads."""
+
+
+def wait_for_line(seen: Watched, name: str) -> None:
+    seen.page.wait_for_selector(f"#beam polyline.{name}", state="attached")
+
+
+def wait_for_shape(seen: Watched) -> None:
+    """Wait until the shape by the model is drawn, from end to end."""
+    seen.wait_for_text("beam-words", "by the model")
+
+
+def bench_factor(seen: Watched) -> float:
+    found = re.search(r"drawn ([\d.]+) times", seen.text("beam-words"))
+    assert found
+    return float(found[1])
+
+
+def test_a_contact_bends_the_beam_as_physics_does(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    bench.load((130, 12))
+    seen = open_page(bench.service.url)
+    wait_for_shape(seen)
+    line = drawn(seen, "bent")
+    (left, rest), (right, _) = line[0], line[-1]
+    px_per_mm = (right - left) / LENGTH_MM
+    at_mm = [(x - left) / px_per_mm for x, _ in line]
+    true_px = 12 * bench_shape(at_mm, 130.0) * px_per_mm * bench_factor(seen)
+    assert true_px.max() > 20
+    assert np.array([y - rest for _, y in line]) == pytest.approx(true_px, abs=PIXEL)
+    # What was measured lies on it, and the tip of the contact is at its place.
+    channels = bench.model.metadata.layout
+    assert [x for x, _ in circles(seen)] == pytest.approx(
+        [left + one.position_mm * px_per_mm for one in channels], abs=PIXEL
+    )
+    for x, y in circles(seen):
+        assert y == pytest.approx(np.interp(x, *np.transpose(line)), abs=PIXEL)
+    middle = "all => all.map(one => one.getBBox()).map(({x, width}) => x + width / 2)"
+    assert seen.page.eval_on_selector_all("#beam .support", middle) == pytest.approx([left, right], abs=PIXEL)
+
+
+def test_a_misfit_is_to_be_seen(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    bench.load((130, 12))
+    seen = open_page(bench.service.url)
+    wait_for_shape(seen)
+    line, before = drawn(seen, "bent"), circles(seen)
+    # One sensor moves by less than makes the sample unexplained.
+    moved = bench.deflection_mm((130, 12))
+    moved[1] += 0.01
+    bench.send(list(moved))
+    seen.wait_for_text("channels", f"{moved[1]:.3f}")
+    seen.page.wait_for_function(f"() => document.querySelectorAll('#beam circle')[1].cy.baseVal.value > {before[1][1]}")
+    assert seen.page.evaluate("() => document.body.dataset.state") == "contact"
+    _, y = circles(seen)[1]
+    assert y - np.interp(before[1][0], *np.transpose(line)) > 0
+
+
+def test_clear_is_a_straight_beam_and_nothing_known_is_no_beam(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    seen = open_page(bench.service.url)
+    seen.page.wait_for_selector("#beam .support", state="attached")
+    assert drawn(seen, "bent") == []
+    bench.send([0.002, -0.002, 0.001, 0.0])
+    seen.wait_for_state("clear")
+    wait_for_line(seen, "bent")
+    assert len({y for _, y in drawn(seen, "bent")}) == 1
+    assert len({y for _, y in circles(seen)}) > 1
+
+
+def test_it_is_asked_for_once_and_again_for_another_model(
+    start_bench: StartBench, bench_model: Path, tmp_path: Path, open_page: OpenPage, wait_for: Wait
+) -> None:
+    path = tmp_path / "press-7.onnx"
+    shutil.copy(bench_model, path)
+    bench = start_bench(path=path)
+    bench.load((130, 12))
+    seen = open_page(bench.service.url)
+    wait_for_shape(seen)
+    for force in (11, 10, 9):
+        bench.load((130, force))
+        seen.wait_for_text("force", str(force))
+    asked = [url for url in seen.requests if url.endswith("/beam")]
+    assert len(asked) == 1
+
+    first = bench.model.identity
+    add_support(path, 200.0)
+    bench.service.process.send_signal(1)
+    wait_for(lambda: bench.service.get("/surfaces/press-7").json()["model"] != first)
+    bench.load((130, 12))
+    seen.page.wait_for_function("() => document.querySelectorAll('#beam .support').length === 3")
+    assert len([url for url in seen.requests if url.endswith("/beam")]) == 2
+    assert first not in seen.text("model")
+    assert seen.complaints == []
+
+
+def add_support(path: Path, at_mm: float) -> None:
+    """Write a model file again that differs in a support that is drawn."""
+    metadata = modelfile.load(path).metadata
+    more = modelfile.Drawn.model_validate(
+        metadata.drawn.model_dump()
+        | {"supports": [*metadata.drawn.model_dump()["supports"], {"at_mm": at_mm, "kind": "fixed"}]}
+    )
+    graph = onnx.load(path)
+    helper.set_model_props(graph, metadata.model_copy(update={"drawn": more}).to_entries())
+    path.write_bytes(graph.SerializeToString())
+
+
+def test_without_an_answer_the_page_goes_on_and_asks_again(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    bench.load((130, 12))
+    seen = open_page(bench.service.url)
+    wait_for_shape(seen)
+    seen.page.route("**/beam", lambda route: route.fulfill(status=500, body="no"))
+    seen.page.reload()
+    seen.wait_for_state("contact")
+    seen.wait_for_text("beam-words", "a smooth curve through them")
+    wait_for_line(seen, "guessed")
+    assert float(seen.text("position")) == pytest.approx(130, abs=1)
+    assert seen.page.query_selector("#beam .support") is None
+    # The browser itself notes an answer of 500.
+    assert [one for one in seen.complaints if "500" not in one] == []
+    seen.page.unroute("**/beam")
+    wait_for_shape(seen)
+
+
+def test_it_is_for_those_who_have_the_token(
+    start_bench: StartBench, read_token_file: Path, open_page: OpenPage
+) -> None:
+    bench = start_bench("--read-token-file", read_token_file)
+    bench.load((130, 12))
+    seen = open_page(bench.service.url)
+    seen.wait_for_state("locked")
+    assert not any(url.endswith("/beam") for url in seen.requests)
+    enter(seen, READ_TOKEN)
+    wait_for_shape(seen)
+    seen.page.click("text=Forget token")
+    seen.wait_for_state("locked")
+    assert seen.page.query_selector("#beam .support") is None
+
+
+_SCALED = """async ([contact, drawn, seen]) => {
+  const {shapeUnder} = await import("/curves.js");
+  return drawn.at_mm.map(shapeUnder(contact, drawn, seen));
+}"""
+
+
+def test_without_a_force_the_shape_fits_what_was_measured(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    page = open_page(bench.service.url).page
+    drawing = bench.model.metadata.drawn
+    seen = [
+        {"position_mm": channel.position_mm, "deflection_mm": deflection}
+        for channel, deflection in zip(bench.model.metadata.layout, bench.deflection_mm((250, 7)), strict=True)
+    ]
+    shape = page.evaluate(_SCALED, [{"position_mm": 250, "force_n": None}, drawing.model_dump(), seen])
+    true_mm = 7 * bench_shape(drawing.at_mm, 250.0)
+    assert shape == pytest.approx(true_mm, abs=0.003 * true_mm.max())

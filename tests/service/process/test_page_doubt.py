@@ -1,0 +1,231 @@
+"""What the page says where an answer is doubtful: the state unexplained, and the notes in words."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from browser import NO_FIGURE
+from service.conftest import READ_TOKEN
+from service.process.beam_page import circles, drawn
+from service.process.token_page import enter
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from playwright.sync_api import Route
+
+    from browser import OpenPage, Watched
+    from service.process.beam_page import StartBench
+
+TWO = ((100, 8), (300, 8))
+"""Two contacts, in mm and N."""
+SIZES = {"desk": (1000, 900), "panel": (800, 480), "phone": (390, 844)}
+
+
+def assert_no_contact_is_shown(seen: Watched) -> None:
+    assert (seen.text("position"), seen.text("force")) == (NO_FIGURE, NO_FIGURE)
+    assert (seen.text("position-interval"), seen.text("force-interval")) == ("", "")
+    assert seen.page.query_selector("#beam :is(.touch, .bar, .here, .bent, .guessed)") is None
+
+
+def test_two_contacts_are_unexplained_and_say_what_to_look_at(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    bench.load((150, 9))
+    seen = open_page(bench.service.url)
+    seen.wait_for_state("contact")
+    seen.watch()
+    bench.load(*TWO)
+    seen.wait_for_state("unexplained")
+    assert (seen.text("headline"), seen.page.title()) == ("Unexplained", "Unexplained · press-7 · Beamtouch")
+    for part in ("not a single contact, or a sensor is wrong", "more than one thing touches", "wedged under it"):
+        assert part in seen.text("detail")
+    assert seen.text("status").startswith("Unexplained. Something acts on the beam")
+    assert seen.page.query_selector("#sign svg") is not None
+    assert_no_contact_is_shown(seen)
+    # The measured points are there, joined by straight lines that claim no shape.
+    assert np.array(drawn(seen, "doubt")) == pytest.approx(np.array(circles(seen)))
+    assert len(circles(seen)) == 4
+    assert "not known" in seen.text("beam-words")
+    seen.page.wait_for_selector("#position-strip rect.unexplained", state="attached")
+
+    bench.load((150, 9))
+    seen.wait_for_state("contact")
+    bench.load(*TWO)
+    seen.wait_for_state("unexplained")
+    bench.load()
+    seen.wait_for_state("clear")
+    assert seen.wrongs() == []
+    assert seen.complaints == []
+
+
+def test_a_sensor_that_contradicts_the_others_is_named_first(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    bench.load()
+    seen = open_page(bench.service.url)
+    seen.wait_for_state("clear")
+    bench.wedge(2)
+    seen.wait_for_text("detail", "Sensor s3 contradicts the others: check it first")
+    assert seen.text("detail").startswith("Sensor s3")
+    seen.wait_for_text("channels", "check first")
+    words = seen.page.eval_on_selector_all("#channels td.words", "all => all.map(one => one.textContent)")
+    assert words == ["good", "good", "check first", "good"]
+    assert seen.page.inner_text("#beam text.suspect") == "check s3"
+    assert len(seen.page.query_selector_all("#beam circle.suspect")) == 1
+    # Once the state has been said, so is that.
+    seen.wait_for_text("status", "Sensor s3 contradicts the others")
+    assert_no_contact_is_shown(seen)
+    bench.load()
+    seen.wait_for_state("clear")
+    assert "check" not in seen.text("channels")
+    assert seen.page.query_selector("#beam .suspect") is None
+
+
+def test_notes_stand_in_words(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    bench.load((100, 40))
+    seen = open_page(bench.service.url)
+    seen.wait_for_text("detail", "The force is beyond the range of the scene")
+    seen.wait_for_text("status", "Contact at 100 mm. The force is beyond the range of the scene")
+    left = bench.deflection_mm((150, 9))
+    bench.send([None, left[1], left[2], None])
+    seen.wait_for_text("detail", "Too few sensors to tell a single contact from anything else")
+    assert seen.text("detail").startswith("Degraded: without s1, s4. ")
+    bench.load((150, 9), noise_mm=[1e-5] * 4, notes=["rate"])
+    seen.wait_for_text("detail", "The sender states another noise than the model was made for")
+    assert "The device does not keep its rate" in seen.text("detail")
+    assert seen.complaints == []
+
+
+def test_readings_that_move_are_said_to_move(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    bench.load((150, 9))
+    seen = open_page(bench.service.url)
+    seen.wait_for_state("contact")
+    bench.moving((150, 9))
+    seen.wait_for_text("detail", "The readings still move: the interval is wide")
+    assert seen.page.evaluate("() => document.body.dataset.state") == "contact"
+
+
+def test_a_note_that_comes_and_goes_is_announced_once(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    bench.load((150, 15))
+    seen = open_page(bench.service.url)
+    seen.wait_for_text("status", "Contact at 150 mm")
+    seen.page.evaluate(
+        "() => { window.said = []; new MutationObserver(() => said.push(document.getElementById('status').textContent))"
+        ".observe(document.getElementById('status'), {childList: true, characterData: true, subtree: true}); }"
+    )
+    seen.watch()
+    for _ in range(10):
+        for force in (40, 15):
+            bench.load((150, force))
+            time.sleep(0.25)
+    bench.load((150, 40))
+    seen.wait_for_text("status", "beyond the range")
+    said = seen.page.evaluate("() => window.said")
+    assert len([one for one in said if "beyond" in one]) == 1
+    assert set(seen.states()) <= {"contact"}
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", SIZES)
+def test_doubt_can_be_read_on_every_screen(
+    start_bench: StartBench, open_page: OpenPage, size: str, scheme: str
+) -> None:
+    bench = start_bench()
+    bench.wedge(2)
+    seen = open_page(bench.service.url, size=SIZES[size], color_scheme=scheme)
+    seen.wait_for_text("detail", "Sensor s3")
+    seen.page.wait_for_selector("#beam .support", state="attached")
+    seen.picture(f"unexplained-{size}-{scheme}")
+    assert [(text, ratio) for text, ratio in seen.contrasts() if ratio < 4.5] == []
+    assert seen.overflow() <= 0
+    for element in ("headline", "detail", "beam"):
+        box = seen.page.locator(f"#{element}").bounding_box()
+        assert box is not None
+        assert box["y"] + box["height"] <= SIZES[size][1], element
+
+
+EVENT = {
+    "touched_at": "2026-11-20T23:40:46.123Z", "dwell_ms": 4200.0, "end": "lift",
+    "mean_position_mm": 123.1, "peak_force_n": 9.8,
+}  # fmt: skip
+EVENTS: list[dict[str, Any]] = [
+    {**EVENT, "id": 3, "kind": "unexplained", "mean_position_mm": None, "peak_force_n": None, "capture": True},
+    {**EVENT, "id": 2, "kind": "contact", "unexplained_ms": 1300.0, "capture": True},
+    {**EVENT, "id": 1},
+]
+
+
+def test_events_show_unexplained_stretches_and_their_capture(
+    start_bench: StartBench, read_token_file: Path, open_page: OpenPage
+) -> None:
+    bench = start_bench("--read-token-file", read_token_file)
+    bench.load()
+    seen = open_page(bench.service.url)
+    seen.page.route("**/events?*", lambda route: route.fulfill(json={"events": EVENTS, "next": None}))
+    asked: list[str | None] = []
+
+    def answer(route: Route) -> None:
+        asked.append(route.request.headers.get("authorization"))
+        route.fulfill(json={"samples": []})
+
+    seen.page.route("**/capture", answer)
+    enter(seen, READ_TOKEN)
+    seen.page.wait_for_selector("#events tr")
+    rows = "rows => rows.map(row => [...row.cells].slice(1).map(cell => cell.textContent))"
+    assert seen.page.eval_on_selector_all("#events tr", rows) == [
+        ["unexplained", "4.2 capture"],
+        ["123.1", "9.8", "4.2, 1.3 unexplained capture"],
+        ["123.1", "9.8", "4.2"],
+    ]
+    # The link keeps the focus while events are asked for again.
+    link = seen.page.locator("#events a").first
+    link.focus()
+    with seen.page.expect_response("**/events?*"):
+        pass
+    seen.page.wait_for_timeout(200)
+    assert seen.page.evaluate("() => document.activeElement.textContent") == "capture"
+    with seen.page.expect_download() as download:
+        seen.page.keyboard.press("Enter")
+    assert download.value.suggested_filename == "event-3.json"
+    assert asked == [f"Bearer {READ_TOKEN}"]
+
+
+def test_a_page_that_is_older_than_its_service_shows_no_figure(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    bench.load((150, 9))
+    seen = open_page(bench.service.url)
+    seen.wait_for_state("contact")
+    seen.watch()
+    seen.page.evaluate(
+        "() => { window.parse = JSON.parse; JSON.parse = text => { const message = parse(text);"
+        " if (message.contact) message.contact.state = 'novel'; return message; }; }"
+    )
+    seen.wait_for_text("headline", "This page is older than the service")
+    assert seen.text("position") == NO_FIGURE
+    # It goes on: the next answer that it knows is shown.
+    seen.page.evaluate("() => { JSON.parse = window.parse; }")
+    seen.wait_for_state("contact")
+    assert seen.wrongs() == []
+
+
+def test_a_page_that_fails_shows_no_figure_and_recovers(start_bench: StartBench, open_page: OpenPage) -> None:
+    bench = start_bench()
+    bench.load((150, 9))
+    seen = open_page(bench.service.url)
+    seen.wait_for_state("contact")
+    seen.watch()
+    seen.page.evaluate(
+        "() => { Element.prototype.kept = Element.prototype.replaceChildren;"
+        " Element.prototype.replaceChildren = () => { throw new Error('broken'); }; }"
+    )
+    seen.wait_for_text("headline", "This page has failed")
+    assert seen.text("position") == NO_FIGURE
+    seen.page.evaluate("() => { Element.prototype.replaceChildren = Element.prototype.kept; }")
+    seen.wait_for_state("contact")
+    assert seen.wrongs() == []

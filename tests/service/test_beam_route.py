@@ -1,0 +1,46 @@
+"""`GET /surfaces/NAME/beam`: the drawing of the beam, by the model in use."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from beamtouch_models import modelfile
+from beamtouch_service.api.beam import Beam
+from beamtouch_service.surfaces.surface import Surface
+from service.conftest import kind
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from service.conftest import Bench, BuildModel, MakeBatch
+
+
+def test_it_is_that_of_the_model_in_use(
+    make_bench: type[Bench], bench_model: Path, build_model: BuildModel, make_batch: MakeBatch
+) -> None:
+    surface = Surface("press-7", modelfile.load(build_model()))
+    served = make_bench(surface)
+    first = Beam.model_validate(served.get("/surfaces/press-7/beam").json())
+    assert surface.model is not None
+    assert (first.model, first.drawn) == (surface.model.identity, surface.model.metadata.drawn)
+
+    surface.adopt(modelfile.load(bench_model))
+    second = served.get("/surfaces/press-7/beam").json()
+    assert second["length_mm"] == 400.0
+    assert second["drawn"]["supports"] == [{"at_mm": 0.0, "kind": "simple"}, {"at_mm": 400.0, "kind": "simple"}]
+    served.post(make_batch([0.0, 0.0, 0.0, 0.0]))
+    assert served.get("/contact").json()["model"] == second["model"] != first.model
+
+
+def test_without_a_model_or_a_surface_there_is_none(make_bench: type[Bench]) -> None:
+    served = make_bench(Surface("press-7"))
+    assert kind(served.get("/surfaces/press-7/beam")) == "no-model"
+    assert kind(served.get("/surfaces/press-8/beam")) == "unknown-surface"
+
+
+def test_the_example_is_such_a_beam(make_bench: type[Bench]) -> None:
+    paths = make_bench().get("/openapi.json").json()["paths"]
+    content = paths["/surfaces/{name}/beam"]["get"]["responses"]["200"]["content"]["application/json"]
+    (example,) = content["examples"].values()
+    drawn = Beam.model_validate(example["value"]).drawn
+    assert [len(row) for row in drawn.deflection_mm_per_n] == [len(drawn.at_mm)] * len(drawn.load_mm)
