@@ -65,7 +65,10 @@ async def test_a_bad_file_changes_nothing_and_is_named_until_there_is_a_good_one
         "damaged": good[: len(good) // 2],
         "not an ONNX file": b"hello",
         "golden answers": wrong_answers.SerializeToString(),
-        "no output contact_log_odds": build_model(outputs=("position_mm",)).read_bytes(),
+        **{
+            f"lacks {name})": build_model(outputs=tuple(one for one in NO_FORCE if one != name)).read_bytes()
+            for name in NO_FORCE[1:]
+        },
     }
     for complaint, content in bad.items():
         put(kept.path, content)

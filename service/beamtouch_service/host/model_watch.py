@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from beamtouch_models import modelfile
-from beamtouch_models.modelfile import LOG_ODDS, ModelFile, ModelFileError
+from beamtouch_models.modelfile import ModelFile, ModelFileError
 from beamtouch_service.surfaces.same_beam import difference
 from beamtouch_service.surfaces.served_model import Inference
 from beamtouch_service.surfaces.surface import Surface
@@ -39,11 +39,11 @@ class _Stamp:
 def parse(content: bytes, origin: str) -> ModelFile:
     """Load a model and check that a service can use it. Errors name `origin`. Raises ModelFileError."""
     model = modelfile.load_bytes(content, origin)
-    if LOG_ODDS not in model.outputs:
-        # Without it, the service would state a position although nothing touches the beam.
+    if model.lacks:
+        # The service states intervals, and says when nothing or no single contact explains a sample.
         message = (
-            f"{origin}: it has no output {LOG_ODDS}, so it cannot tell contact from clear; build a model with another "
-            f"estimator ({model.metadata.estimator} lacks {', '.join(model.lacks)})"
+            f"{origin}: a service needs more outputs than it has; build a model with another estimator "
+            f"({model.metadata.estimator} lacks {', '.join(model.lacks)})"
         )
         raise ModelFileError(message)
     try:

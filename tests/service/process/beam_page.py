@@ -35,7 +35,8 @@ class Bench:
     def deflection_mm(self, *loads: tuple[float, float]) -> list[float]:
         """Return what the sensors measure under loads, each a position [mm] and a force [N]."""
         at_mm = [channel.position_mm for channel in self.model.metadata.layout]
-        return sum((force * bench_shape(at_mm, load) for load, force in loads), bench_shape(at_mm, 0.0)).tolist()
+        total = sum((force * bench_shape(at_mm, load) for load, force in loads), bench_shape(at_mm, 0.0))
+        return [float(one) for one in total]
 
     def send(
         self, deflection_mm: list[float | None], covariance_mm2: list[float] | None = None, **members: object
@@ -53,7 +54,7 @@ class Bench:
 
     def load(self, *loads: tuple[float, float], **members: object) -> None:
         """Post samples of these loads; none: of the beam at rest."""
-        self.send(list(self.deflection_mm(*loads)), **members)
+        self.send(list(self.deflection_mm(*loads)), None, **members)
 
     def moving(self, load: tuple[float, float]) -> None:
         """Post samples of a load that comes and goes: their scatter lies along its deflection."""

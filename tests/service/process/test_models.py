@@ -181,7 +181,7 @@ def test_check_says_in_one_line_what_is_wrong(
         (Path("/dev/zero"), "it is not a regular file"),
         (tmp_path / "nowhere.onnx", "No such file or directory"),
         (tmp_path / "text.onnx", "damaged or not an ONNX file"),
-        (build_model(outputs=("position_mm",)), "it has no output contact_log_odds"),
+        (build_model(outputs=("position_mm",)), "lacks position_low_mm, position_high_mm, contact_log_odds, misfit)"),
     ):
         assert cli.main(["check", str(path)]) == 2
         out, errors = capsys.readouterr()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from beamtouch_models.modelfile import POSITION_OUTPUTS
 from browser import NO_FIGURE
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def test_a_model_without_force_says_so(
     token_file: Path,
     open_page: OpenPage,
 ) -> None:
-    model = build_model(outputs=("position_mm", "position_low_mm", "position_high_mm", "contact_log_odds"))
+    model = build_model(outputs=POSITION_OUTPUTS)
     service = start_service("--model", model, "--write-token-file", token_file, "--stale-ms", LONG_MS)
     service.post(make_batch())
     seen = open_page(service.url)

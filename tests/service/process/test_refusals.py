@@ -68,7 +68,7 @@ def test_a_model_that_cannot_tell_contact_from_clear(
 ) -> None:
     line = refused_here(capsys, "--model", build_model(outputs=("position_mm",)))
 
-    assert "no output contact_log_odds" in line
+    assert "lacks position_low_mm, position_high_mm, contact_log_odds, misfit)" in line
 
 
 def test_a_model_that_takes_only_its_own_golden_batch(
