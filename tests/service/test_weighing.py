@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
+from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.scene import load_scene
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.weighing import Arrangement
+from example_scenes import SCENES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -103,8 +106,9 @@ def test_a_missing_channel_takes_no_part_whatever_its_covariance(bench_model: Pa
 def test_a_larger_covariance_widens_the_interval_and_is_unsteady(bench_model: Path) -> None:
     model = modelfile.load(bench_model)
     noise_mm, channels = model.metadata.noise.reading_mm, tuple(model.channels)
-    place = [channel.position_mm / model.metadata.length_mm for channel in model.metadata.layout]
-    load = [100 * noise_mm * at * (1 - at) for at in place]
+    scene, at_mm = load_scene(SCENES / "bench.toml")[0], [channel.position_mm for channel in model.metadata.layout]
+    shape = scene_influence(scene, at_mm, [model.metadata.length_mm / 2])[0]
+    load = (25 * noise_mm * shape / shape.max()).tolist()
     size = len(channels)
     triangle = [float((100 * noise_mm) ** 2 / 16 * (i == j)) for i in range(size) for j in range(i + 1)]
     widths, notes = [], []
