@@ -1,6 +1,6 @@
 """New, repeated, lost: the story of sequence numbers."""
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beamtouch_service.surfaces.sequence_log import Admission, Runs, SequenceLog
@@ -59,6 +59,7 @@ def test_what_was_sent_late_is_new_and_fills_its_gap() -> None:
     assert log.admit("boot-a", [5, 6, 8, 9, 10]) == Admission(accepted=4, repeated=1, lost=-4)
 
 
+@settings(deadline=None)
 @given(st.lists(st.sets(st.integers(0, 60), min_size=1), max_size=20))
 def test_any_order_of_batches_gives_what_a_set_gives(batches: list[set[int]]) -> None:
     log, known, lost = SequenceLog(), set[int](), 0
