@@ -35,6 +35,7 @@ def main() -> int:
     sys.path.insert(0, str(HERE.parent))  # for the scenes that tests and benchmarks share
     for name in options.names or available:
         start = time.monotonic()
+        print(f"{name} ...", file=sys.stderr, flush=True)
         found = importlib.import_module(f"bench_{name}").run()
         console.print(_table(f"{name}, {time.monotonic() - start:.0f} s", found))
         rows += [{"benchmark": name, **row} for row in found]

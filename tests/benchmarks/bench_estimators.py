@@ -1,7 +1,9 @@
 """Estimators: error over the accuracy limit and time per answer, beside baselines, in one run.
 
-`make bench` takes some cases; `python tests/benchmarks/bench_estimators.py --all [--json FILE]` takes all 288 of the
-default estimator: every scene, 2 to 5 sensors, noise 0.01 to 10 % of the largest deflection, force known and open.
+`make bench` takes some cases, and one with baselines. By name, each with `[--json FILE]`:
+- `python tests/benchmarks/bench_estimators.py --all`: all 288 cases of the default estimator: every scene, 2 to 5
+  sensors, noise 0.01 to 10 % of the largest deflection, force known and open;
+- `python tests/benchmarks/bench_estimators.py --baselines`: twelve cases with baselines, a quarter of an hour.
 """
 
 import argparse
@@ -23,21 +25,25 @@ COMPARED = [
 
 
 def run() -> list[dict[str, object]]:
-    """Some cases of the default estimator, baselines on fewer, latencies."""
-    rows = [case_row(case) for case in cases(scenes=("bench", "cantilever", "two-spans"), counts=(2, 4))]
-    for case in COMPARED:
-        rows += baselines(case)
-    return rows + latency_rows()
+    """Some cases of the default estimator, baselines on one, latencies."""
+    rows = [case_row(case) for case in cases(scenes=("bench", "cantilever", "two-spans"), counts=(4,))]
+    return [*rows, *baselines(Case("bench", 4, 1.0, known=False)), *latency_rows()]
 
 
 def main() -> int:
     """Run alone, with every case if asked to; returns 0."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--all", action="store_true", help="all 288 cases of the default estimator and nothing else")
+    parser.add_argument("--baselines", action="store_true", help="twelve cases with baselines and nothing else")
     parser.add_argument("--latency", action="store_true", help="latencies and nothing else")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to FILE")
     options = parser.parse_args()
-    rows = [case_row(case) for case in cases()] if options.all else latency_rows() if options.latency else run()
+    if options.all:
+        rows = [case_row(case) for case in cases()]
+    elif options.baselines:
+        rows = [row for case in COMPARED for row in baselines(case)]
+    else:
+        rows = latency_rows() if options.latency else run()
     for row in rows:
         print("  ".join(f"{key} {value:.4g}" if isinstance(value, float) else f"{value}" for key, value in row.items()))
     ratios = [float(str(row["value"])) for row in rows if row.get("unit") == "error over limit"]
