@@ -73,7 +73,7 @@ def test_a_sensor_that_contradicts_the_others_is_named_first(start_bench: StartB
     seen.wait_for_text("channels", "check first")
     words = seen.page.eval_on_selector_all("#channels td.words", "all => all.map(one => one.textContent)")
     assert words == ["good", "good", "check first", "good"]
-    assert seen.page.inner_text("#beam text.suspect") == "check s3"
+    assert seen.page.text_content("#beam text.suspect") == "check s3"
     assert len(seen.page.query_selector_all("#beam circle.suspect")) == 1
     # Once the state has been said, so is that.
     seen.wait_for_text("status", "Sensor s3 contradicts the others")
