@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import bdtrc
+from scipy.special import bdtrc, chdtrc
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.stretches import MOST_OFTEN, PER_DAY
@@ -100,8 +100,10 @@ def run_of(model: ModelFile) -> Run:
 
 
 def _power(surface: Surface, play: Play, fault_mm: Floats, valid: Bools) -> float:
-    """Return the power of the test that knows what happened, for one false alarm per day."""
-    alpha = min(PER_DAY / (SECONDS_PER_DAY * surface.metadata.sensor.rate_hz), MOST_OFTEN)
+    """Return the power of the test that knows what happened, at the rate of false misfits of single samples."""
+    limit, size = surface.metadata.thresholds.misfit[-1], surface.channels
+    per_day = PER_DAY / (SECONDS_PER_DAY * surface.metadata.sensor.rate_hz)
+    alpha = min(per_day, MOST_OFTEN) if limit is None else float(chdtrc(size - 2, limit))
     if play.noisy is not None:
         return power_of_noise(surface, fault_mm, play.noisy, alpha)
     return power_of_shift(distances(surface, fault_mm, valid), alpha)
