@@ -79,10 +79,10 @@ function bentOf(shown, drawn, seen) {
 
 function captionOf(shown, drawn, seen, scale) {
   if (!seen.length) return "Position and deflection are not known.";
-  const circles = `Circles: measured deflection, drawn ${scale.factor} times larger.`;
+  const circles = `Circles: measured deflection, ${scale.factor} times larger.`;
   if (shown.kind === "clear") return circles;
   if (shown.kind !== "contact") return `${circles} The shape between them is not known.`;
-  const by = drawn ? "Line: the beam under this contact, by the model." : "Line: a smooth curve through them.";
+  const by = drawn ? "Line: the beam by the model." : "Line: a smooth curve through them.";
   return `${circles} ${by} Hatched: 95 % interval.`;
 }
 
