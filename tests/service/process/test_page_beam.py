@@ -38,7 +38,7 @@ def wait_for_shape(seen: Watched) -> None:
 
 
 def bench_factor(seen: Watched) -> float:
-    found = re.search(r"drawn ([\d.]+) times", seen.text("beam-words"))
+    found = re.search(r"deflection, ([\d.]+) times", seen.text("beam-words"))
     assert found
     return float(found[1])
 
