@@ -42,6 +42,7 @@ COMMANDS: list[tuple[str, ...]] = [
 """Each command, and each of its subcommands."""
 READING: dict[tuple[str, ...], list[str]] = {
     ("beamtouch-daemon", "check"): ["PIPE"],
+    ("beamtouch-daemon", "noise"): ["PIPE"],
     ("beamtouch-daemon", "tare"): ["PIPE"],
     ("beamtouch-daemon", "record"): ["PIPE", "-o", "out"],
     ("beamtouch-service", "run"): ["--config", "PIPE"],
