@@ -161,7 +161,7 @@ def counts(client: httpx2.Client) -> dict[str, int]:
     found: dict[str, int] = client.get("/surfaces/soak").json()["samples"]
     page: dict[str, Any] = {"next": None}
     ends: list[str] = []
-    asked = {"kind": "contact", "limit": 1000}
+    asked: dict[str, str | int] = {"kind": "contact", "limit": 1000}
     while True:
         page = client.get("/events", params=asked | ({"after": page["next"]} if page["next"] else {})).json()
         ends += [event["end"] for event in page["events"]]
