@@ -6,7 +6,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PositiveInt, model_validator
 
 from beamtouch_common.files import parse_toml, read_text
-from beamtouch_models.structure import Beam, Finite, PositiveFinite, Strict
+from beamtouch_models.beam_parts import Finite, PositiveFinite, Strict
+from beamtouch_models.structure import Beam
 
 MIN_SENSORS, MAX_SENSORS = 1, 64
 
