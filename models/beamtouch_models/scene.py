@@ -36,11 +36,6 @@ class Contact(Strict):
         """Smallest and largest force; equal if the force is known."""
         return self.force_n if isinstance(self.force_n, tuple) else (self.force_n, self.force_n)
 
-    @property
-    def force_is_known(self) -> bool:
-        """Whether the scene states a single force."""
-        return self.force_range_n[0] == self.force_range_n[1]
-
 
 class Sensors(Strict):
     """The proximity sensors under the beam, all of the same kind."""

@@ -66,6 +66,11 @@ def test_layouts_keep_keep_outs_fixed_sensors_grid_and_distance(search: SearchNa
     assert np.all(others % 5 == 0)
 
 
+@pytest.mark.parametrize("search", ["exact", "paper"])
+def test_a_layout_of_fixed_sensors_only_is_what_was_fixed(search: SearchName) -> None:
+    assert place(*problem_in(paper_scene(fixed_mm=[100, 300])), 2, 0, search=search).positions_mm == (100, 300)
+
+
 def test_rules_that_allow_no_layout_are_refused() -> None:
     refused = {
         "more than the 1 to be placed": (paper_scene(fixed_mm=[100, 200]), 1),
