@@ -180,6 +180,14 @@ def test_a_command_without_standard_output_does_its_work(command: tuple[str, str
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def test_an_unexpected_error_is_a_traceback() -> None:
+    def work() -> int:
+        return 1 // 0
+
+    with pytest.raises(ZeroDivisionError):
+        exit_code("program", "daemon", work)
+
+
 def test_an_error_of_our_own_is_a_traceback_and_no_missing_extra() -> None:
     def work() -> int:
         import beamtouch_common.absent  # type: ignore[import-not-found]  # noqa: PLC0415
