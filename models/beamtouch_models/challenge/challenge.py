@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc, chdtrc
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.stretches import MOST_OFTEN, PER_DAY
-from beamtouch_models.accuracy.touch import SECONDS_PER_DAY
+from beamtouch_models.accuracy.stretches import left_by_contact
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge.faults import error_cases, fault_cases
@@ -101,9 +100,7 @@ def run_of(model: ModelFile) -> Run:
 
 def _power(surface: Surface, play: Play, fault_mm: Floats, valid: Bools) -> float:
     """Return the power of the test that knows what happened, at the rate of false misfits of single samples."""
-    limit, size = surface.metadata.thresholds.misfit[-1], surface.channels
-    per_day = PER_DAY / (SECONDS_PER_DAY * surface.metadata.sensor.rate_hz)
-    alpha = min(per_day, MOST_OFTEN) if limit is None else float(chdtrc(size - 2, limit))
+    alpha = float(chdtrc(left_by_contact(surface.channels), surface.metadata.thresholds.misfit[-1]))
     if play.noisy is not None:
         return power_of_noise(surface, fault_mm, play.noisy, alpha)
     return power_of_shift(distances(surface, fault_mm, valid), alpha)

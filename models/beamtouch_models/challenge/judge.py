@@ -110,6 +110,6 @@ def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> Sample:
     if verdict.state is not State.CONTACT:
         return SILENT._replace(said=_SAID[verdict.state], unsteady=verdict.unsteady)
     answer = found.answer
-    other = is_overload(metadata, found) or is_unchecked(metadata, found)
+    other = is_overload(metadata, found) or is_unchecked(found)
     place = [answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm")]
     return Sample(Said.CONTACT, verdict.unsteady, other, *place)
