@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from scipy.optimize import minimize
 from scipy.stats import chi2, norm
 
 from beamtouch_models.building.model_prior import prior_of_model
-from beamtouch_models.challenge import faults, honest
+from beamtouch_models.challenge import faults, honest, noises
 from beamtouch_models.challenge.challenge import misses, rows_of, run_of
 from beamtouch_models.challenge.judge import Judged, Said, Sample, judge
 from beamtouch_models.challenge.play import Case, drawn
@@ -161,6 +162,37 @@ def test_what_sensors_measure(surface: Surface) -> None:
     apart = (measured - clean[:, 0]).std(axis=0)
     expected = np.sqrt((0.003 * clean[:, 0]) ** 2 + 0.001**2)
     np.testing.assert_allclose(apart, np.sqrt((expected**2).mean(axis=0)), rtol=0.15)
+
+
+def test_noise_is_honest_once_the_user_has_stated_what_was_measured(bench: ModelFile) -> None:
+    for make in (noises.coloured, noises.coarse):
+        (measured,) = only(bench, Case(True, partial(make, measured=True)), 300)
+        assert misses(measured) == []
+        assert measured.plain > 280
+        (not_stated,) = only(bench, Case(False, partial(make, measured=False)), 300)
+        assert measured.held is not None
+        assert not_stated.held is not None
+        assert not_stated.held < measured.held
+        assert not_stated.noted > measured.noted + 0.05  # noise is taken for motion
+        assert not_stated.name == f"{measured.name}, not stated"
+
+
+def test_the_noise_of_a_mean_of_alike_readings() -> None:
+    # By hand: of four readings, three pairs are one apart, two are two apart and one is three apart.
+    by_hand = (4 + 2 * (3 * 0.7 + 2 * 0.49 + 0.343)) / 4
+    assert noises.coloured_times(0.7, 4) == pytest.approx(np.sqrt(by_hand))
+    assert noises.coloured_times(0.7, 1) == 1
+    # A mean of very many readings: the sum of all correlations, (1 + r) / (1 - r).
+    assert noises.coloured_times(0.7, 100_000) == pytest.approx(np.sqrt(1.7 / 0.3), rel=1e-4)
+
+
+def test_a_tare_takes_out_what_the_sensors_show_at_rest(surface: Surface) -> None:
+    errors = surface.perfect(3)
+    away_mm = np.array([0.1, 0.0, -0.2, 0.3]) * np.ones((3, 1))
+    rest = replace(errors, zero_mm=away_mm, tare_mm=away_mm)
+    clean = np.full((3, 50, 4), 0.4)
+    readings = [surface.readings(clean, one, np.random.default_rng(2)) for one in (errors, rest)]
+    np.testing.assert_allclose(*readings, atol=1e-4)  # a count is 0.06 um
 
 
 def test_a_slow_load_is_where_it_is_at_rest_and_a_fast_one_swings_around_it(surface: Surface) -> None:

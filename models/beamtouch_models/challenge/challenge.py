@@ -69,7 +69,7 @@ def rows_of(
     """
     play = case.make(surface, draws, rng)
     readings = surface.readings(play.deflection_mm, play.errors, rng)
-    said = judge(surface, run_of(model), readings)
+    said = judge(surface.stating(play.stated) if play.stated else surface, run_of(model), readings)
     found = []
     for name in dict.fromkeys(name for name, _ in play.rows):
         at = [reading for other, reading in play.rows if other == name]

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.challenge.noises import coarse, coloured
 from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
 from beamtouch_models.challenge.surface import SensorErrors, Surface
 from beamtouch_models.physics.beam import influence
@@ -36,6 +37,7 @@ def error_cases(surface: Surface) -> list[Case]:
     noise_mm = surface.metadata.noise.reading_mm
     found = [Case(percent / 100 <= gain + 1e-9, partial(gains_off, percent=percent)) for percent in GAINS_PERCENT]
     found += [Case(noises * noise_mm <= zero_mm + 1e-9, partial(zeros_off, noises=noises)) for noises in ZEROS]
+    found += [Case(False, partial(make, measured=False)) for make in (coloured, coarse)]
     return [*found, Case(surface.scene.sensors.mounting_tolerance_mm >= OFF_MM, places_off)]
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.challenge.surface import SensorErrors, Surface
+from beamtouch_models.challenge.surface import SensorErrors, Stated, Surface
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,8 @@ class Play:
     """Whether the contacts that are judged have settled and are within the ranges of the model."""
     fault_mm: Floats | None = None
     """(draws, channels), what sensors without noise and without honest errors measure of a fault."""
+    stated: Stated | None = None
+    """What the user states of the sensors; None: that they are as the model assumes."""
     noisy: Floats | None = None
     """(draws, channels), noise of each channel over that of the model, if that is the fault."""
 
