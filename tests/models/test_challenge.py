@@ -19,6 +19,7 @@ from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge import faults, honest, noises
 from beamtouch_models.challenge.challenge import misses, rows_of, run_of
 from beamtouch_models.challenge.judge import Judged, Said, Sample, judge
+from beamtouch_models.challenge.naming import Naming, naming
 from beamtouch_models.challenge.play import Case, drawn
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
 from beamtouch_models.challenge.scoring import Row, ghosts, scored
@@ -316,6 +317,23 @@ def test_wedges_are_noticed_and_near_contacts_cannot_be(bench: ModelFile) -> Non
     assert near.noticed < 0.2
 
 
+def test_the_wrong_channel_is_named_and_two_contacts_are_not_blamed_on_one(bench: ModelFile, surface: Surface) -> None:
+    play = faults.wedged(surface, 5, np.random.default_rng(12), touched=True)
+    assert play.wrong is not None
+    told = naming(surface, run_of(bench), play, np.random.default_rng(13))
+    assert told == (1.0, 0.0, 5)
+    # Had another channel been wrong, the same answers would blame the wrong one.
+    blamed = naming(surface, run_of(bench), replace(play, wrong=(play.wrong + 1) % 4), np.random.default_rng(13))
+    assert blamed == (0.0, 1.0, 5)
+    two = faults.two_at_the_quarters(surface, 5, np.random.default_rng(14))
+    assert two.wrong is None
+    assert naming(surface, run_of(bench), two, np.random.default_rng(15)) == (0.0, 0.0, 5)
+    fault = Row("row", False, False, 400, None, None, 0, None, 0, None, 1.0, 0.0, 0.0, 0.0, 0.0, None, None)
+    fault = replace(fault, noticed=1.0, power=1.0)
+    assert misses(replace(fault, naming=Naming(0.9, 0.04, 25))) == []  # one of 25
+    assert misses(replace(fault, naming=Naming(0.9, 0.2, 25))) == ["another channel named 20%"]
+
+
 def test_the_same_seed_gives_the_same_rows(bench: ModelFile) -> None:
     case = Case(True, honest.rings)
     first, again, other = (only(bench, case, 10, seed) for seed in (1, 1, 2))
@@ -333,6 +351,9 @@ def test_the_command_prints_both_groups_and_one_json_object(design_sensors_here:
     assert len(set(names)) == len(names) > 50
     assert [row["honest"] for row in found["rows"]] == sorted((row["honest"] for row in found["rows"]), reverse=True)
     assert all(row["power"] is not None for row in found["rows"] if not row["honest"])
+    named = {row["name"]: row["naming"] for row in found["rows"] if row["naming"]}
+    assert named["one channel wedged, no contact"] == {"named": 1.0, "misnamed": 0.0}
+    assert named["two contacts at the quarters"] == {"named": 0.0, "misnamed": 0.0}
     gains = {row["name"]: row["honest"] for row in found["rows"] if row["name"].startswith("gains")}
     assert gains == {"gains 0.3 % off": True, "gains 1 % off": False, "gains 3 % off": False}
     table = design_sensors_here("challenge", bench_model, "--draws", 10)

@@ -13,6 +13,7 @@ from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge.faults import error_cases, fault_cases
 from beamtouch_models.challenge.honest import honest_cases
 from beamtouch_models.challenge.judge import judge
+from beamtouch_models.challenge.naming import naming
 from beamtouch_models.challenge.play import Case, Play
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
 from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, ghosts, scored
@@ -31,6 +32,8 @@ NOTICED, LIKELY = 0.9, 0.5
 """Least share of the power that is to be noticed, where the power is above LIKELY."""
 NOTED = 0.01
 """Largest share of settled contacts within the ranges that may carry a note."""
+MISNAMED = 0.02
+"""Largest share of unexplained samples of a fault that may name a channel that is not wrong."""
 CHANCE = 0.01
 """Probability that a row which just meets a goal is said to miss it."""
 WIDTH = 1.1
@@ -82,6 +85,8 @@ def rows_of(
         row = scored(name, part, truth, honest=case.honest, quiet=play.quiet, exact_mm=exact)
         if not case.honest and play.fault_mm is not None:
             row = replace(row, power=_power(surface, play, play.fault_mm, part.valid))
+        if play.naming:
+            row = replace(row, naming=naming(surface, run_of(model), play, rng))
         found.append(row)
     return [*found[:-1], replace(found[-1], ghosts=ghosts(said.said))]
 
@@ -128,6 +133,8 @@ def misses(row: Row) -> list[str]:
     power, noticed = row.power or 0.0, row.noticed or 0.0
     if power > LIKELY and _exceeds(1 - noticed, row.samples, 1 - NOTICED * power):
         found.append(f"noticed {noticed:.0%} of {power:.0%}")
+    if row.naming and row.naming.misnamed and _exceeds(row.naming.misnamed, row.naming.samples, MISNAMED):
+        found.append(f"another channel named {row.naming.misnamed:.0%}")
     return found
 
 

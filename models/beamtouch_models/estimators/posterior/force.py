@@ -36,7 +36,7 @@ def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, w
     if known:
         in_known = stated[None] / forces_of(force_n)[1].share
         tails = graph.apply("Div", _weighted(graph, error, in_known * np.sqrt(np.pi) / 2), root)
-        return graph.apply("Add", tails, _known(graph, force_n, offset, widening))
+        return graph.apply("Add", tails, _known(graph, offset, widening))
     # Between the ends of a piece, the difference of erf is at most 2; the masses are 1 within the range.
     rows = np.stack([stated, *[_densities(cautious, ends)] * 2])
     total = _weighted(graph, error, 0.5 * rows / rows[:, 2:3])
@@ -46,7 +46,7 @@ def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, w
     return graph.apply("Div", total, root)
 
 
-def _known(graph: Graph, force_n: tuple[float, float], offset: str, widening: str | None) -> str:
+def _known(graph: Graph, offset: str, widening: str | None) -> str:
     """Return the mass of a known force, over its share."""
     square = graph.apply("Mul", offset, offset)
     below = graph.apply("MatMul", graph.constant([[0.0, -1.0, 0.0]]), square)
