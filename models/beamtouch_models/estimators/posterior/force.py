@@ -24,6 +24,7 @@ NARROW = 1e4
 def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, widening: str | None) -> str:
     """Return m, up to a factor, from the best force of each cell and the root of its precision.
 
+    If the force is open, it is yet to be divided by that root, which takes less time for the one row of likelihoods.
     It has a row for the prior of the median and one for each end of the interval if the force is open, one for all
     if it is known. `widening` is that of the likelihood, if it is tempered.
     """
@@ -43,7 +44,7 @@ def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, w
     if widening is not None:
         # Next to an end of the range a wide cell may lie beyond it, although the narrow posterior does not.
         total = graph.apply("Pow", total, graph.apply("Reciprocal", widening))
-    return graph.apply("Div", total, root)
+    return total
 
 
 def _known(graph: Graph, offset: str, widening: str | None) -> str:
