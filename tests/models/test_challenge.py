@@ -192,8 +192,8 @@ def test_a_tare_takes_out_what_the_sensors_show_at_rest(surface: Surface) -> Non
     away_mm = np.array([0.1, 0.0, -0.2, 0.3]) * np.ones((3, 1))
     rest = replace(errors, zero_mm=away_mm, tare_mm=away_mm)
     clean = np.full((3, 50, 4), 0.4)
-    readings = [surface.readings(clean, one, np.random.default_rng(2)) for one in (errors, rest)]
-    np.testing.assert_allclose(*readings, atol=1e-4)  # a count is 0.06 um
+    plain, tared = (surface.readings(clean, one, np.random.default_rng(2)) for one in (errors, rest))
+    np.testing.assert_allclose(plain, tared, atol=1e-4)  # a count is 0.06 um
 
 
 def test_a_slow_load_is_where_it_is_at_rest_and_a_fast_one_swings_around_it(surface: Surface) -> None:

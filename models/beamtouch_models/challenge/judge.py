@@ -138,5 +138,5 @@ def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> Sample:
         return SILENT._replace(said=_SAID[verdict.state], unsteady=verdict.unsteady)
     answer = found.answer
     other = is_overload(metadata, found) or is_unchecked(found)
-    place = [answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm")]
-    return Sample(Said.CONTACT, verdict.unsteady, other, *place)
+    middle, low, high = (answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm"))
+    return Sample(Said.CONTACT, verdict.unsteady, other, middle, low, high)
