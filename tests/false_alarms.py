@@ -147,7 +147,6 @@ def _stretches_per_day(on: Surface, kept: tuple[int, ...], drawn: Sequences, rea
 
 def _odd(on: Surface, kept: tuple[int, ...], reading: Floats) -> NDArray[np.bool_]:
     answers, misfit = on.answers(kept, reading), on.thresholds.misfit[len(kept) - 1]
-    assert misfit is not None
     odd: NDArray[np.bool_] = (answers["rest"] > on.thresholds.rest[len(kept) - 1]) & (answers["misfit"] > misfit)
     return odd
 

@@ -65,8 +65,8 @@ class Thresholds(_Strict):
     """A sample is a contact if `contact_log_odds` exceeds this."""
     rest: list[PositiveFloat]
     """Rest does not explain a sample if the sum of squares of the whitened sample exceeds this."""
-    misfit: list[PositiveFloat | None]
-    """No single contact explains a sample if `misfit` exceeds this; None where so few channels fit any contact."""
+    misfit: list[PositiveFloat]
+    """No single contact explains a sample if `misfit` exceeds this."""
     false_contacts_per_day: PositiveFloat
     """Contacts per day at rest that `touch` was chosen for."""
 

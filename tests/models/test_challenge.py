@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,10 @@ from scipy.optimize import minimize
 from scipy.stats import chi2, norm
 
 from beamtouch_models.building.model_prior import prior_of_model
-from beamtouch_models.challenge import faults, honest
+from beamtouch_models.challenge import faults, honest, noises
 from beamtouch_models.challenge.challenge import misses, rows_of, run_of
 from beamtouch_models.challenge.judge import Judged, Said, Sample, judge
+from beamtouch_models.challenge.naming import Naming, naming
 from beamtouch_models.challenge.play import Case, drawn
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
 from beamtouch_models.challenge.scoring import Row, ghosts, scored
@@ -163,6 +165,37 @@ def test_what_sensors_measure(surface: Surface) -> None:
     np.testing.assert_allclose(apart, np.sqrt((expected**2).mean(axis=0)), rtol=0.15)
 
 
+def test_noise_is_honest_once_the_user_has_stated_what_was_measured(bench: ModelFile) -> None:
+    for make in (noises.coloured, noises.coarse):
+        (measured,) = only(bench, Case(True, partial(make, measured=True)), 300)
+        assert misses(measured) == []
+        assert measured.plain > 280
+        (not_stated,) = only(bench, Case(False, partial(make, measured=False)), 300)
+        assert measured.held is not None
+        assert not_stated.held is not None
+        assert not_stated.held < measured.held
+        assert not_stated.noted > measured.noted + 0.05  # noise is taken for motion
+        assert not_stated.name == f"{measured.name}, not stated"
+
+
+def test_the_noise_of_a_mean_of_alike_readings() -> None:
+    # By hand: of four readings, three pairs are one apart, two are two apart and one is three apart.
+    by_hand = (4 + 2 * (3 * 0.7 + 2 * 0.49 + 0.343)) / 4
+    assert noises.coloured_times(0.7, 4) == pytest.approx(np.sqrt(by_hand))
+    assert noises.coloured_times(0.7, 1) == 1
+    # A mean of very many readings: the sum of all correlations, (1 + r) / (1 - r).
+    assert noises.coloured_times(0.7, 100_000) == pytest.approx(np.sqrt(1.7 / 0.3), rel=1e-4)
+
+
+def test_a_tare_takes_out_what_the_sensors_show_at_rest(surface: Surface) -> None:
+    errors = surface.perfect(3)
+    away_mm = np.array([0.1, 0.0, -0.2, 0.3]) * np.ones((3, 1))
+    rest = replace(errors, zero_mm=away_mm, tare_mm=away_mm)
+    clean = np.full((3, 50, 4), 0.4)
+    plain, tared = (surface.readings(clean, one, np.random.default_rng(2)) for one in (errors, rest))
+    np.testing.assert_allclose(plain, tared, atol=1e-4)  # a count is 0.06 um
+
+
 def test_a_slow_load_is_where_it_is_at_rest_and_a_fast_one_swings_around_it(surface: Surface) -> None:
     def away_mm(speed_mm_per_s: float) -> float:
         play = honest.moves(surface, 20, np.random.default_rng(6), speed_mm_per_s=speed_mm_per_s)
@@ -284,6 +317,23 @@ def test_wedges_are_noticed_and_near_contacts_cannot_be(bench: ModelFile) -> Non
     assert near.noticed < 0.2
 
 
+def test_the_wrong_channel_is_named_and_two_contacts_are_not_blamed_on_one(bench: ModelFile, surface: Surface) -> None:
+    play = faults.wedged(surface, 5, np.random.default_rng(12), touched=True)
+    assert play.wrong is not None
+    told = naming(surface, run_of(bench), play, np.random.default_rng(13))
+    assert told == (1.0, 0.0, 5)
+    # Had another channel been wrong, the same answers would blame the wrong one.
+    blamed = naming(surface, run_of(bench), replace(play, wrong=(play.wrong + 1) % 4), np.random.default_rng(13))
+    assert blamed == (0.0, 1.0, 5)
+    two = faults.two_at_the_quarters(surface, 5, np.random.default_rng(14))
+    assert two.wrong is None
+    assert naming(surface, run_of(bench), two, np.random.default_rng(15)) == (0.0, 0.0, 5)
+    fault = Row("row", False, False, 400, None, None, 0, None, 0, None, 1.0, 0.0, 0.0, 0.0, 0.0, None, None)
+    fault = replace(fault, noticed=1.0, power=1.0)
+    assert misses(replace(fault, naming=Naming(0.9, 0.04, 25))) == []  # one of 25
+    assert misses(replace(fault, naming=Naming(0.9, 0.2, 25))) == ["another channel named 20%"]
+
+
 def test_the_same_seed_gives_the_same_rows(bench: ModelFile) -> None:
     case = Case(True, honest.rings)
     first, again, other = (only(bench, case, 10, seed) for seed in (1, 1, 2))
@@ -301,6 +351,9 @@ def test_the_command_prints_both_groups_and_one_json_object(design_sensors_here:
     assert len(set(names)) == len(names) > 50
     assert [row["honest"] for row in found["rows"]] == sorted((row["honest"] for row in found["rows"]), reverse=True)
     assert all(row["power"] is not None for row in found["rows"] if not row["honest"])
+    named = {row["name"]: row["naming"] for row in found["rows"] if row["naming"]}
+    assert named["one channel wedged, no contact"] == {"named": 1.0, "misnamed": 0.0}
+    assert named["two contacts at the quarters"] == {"named": 0.0, "misnamed": 0.0}
     gains = {row["name"]: row["honest"] for row in found["rows"] if row["name"].startswith("gains")}
     assert gains == {"gains 0.3 % off": True, "gains 1 % off": False, "gains 3 % off": False}
     table = design_sensors_here("challenge", bench_model, "--draws", 10)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.model_prior import prior_of_model
-from beamtouch_models.modelfile import Answers, Decider, ModelFile, State, Suspects, Weighed, evidence
+from beamtouch_models.modelfile import Answers, Decider, ModelFile, State, Suspects, Weighed, evidence, is_unchecked
 
 CLEAR, CONTACT, UNEXPLAINED = "clear", "contact", "unexplained"
 
@@ -160,11 +160,20 @@ def test_two_contacts_are_not_taken_for_a_broken_channel(world: World) -> None:
         assert [suspects.step(world.sample(two)) for _ in range(60)] == [None] * 60
 
 
-def test_with_too_few_channels_nothing_is_unexplained(world: World) -> None:
-    two = world.load((100, 8), (300, 8))
+def test_two_channels_take_two_contacts_for_one_but_not_a_pull(world: World) -> None:
     valid = [True, False, False, True, *[False] * (world.channels - 4)]
-    (said,) = evidence(world.metadata, world.run, world.sample(two, valid=valid))
-    assert [world.decider.step(said).state for _ in range(5)] == [State.CONTACT] * 5
+
+    def states(deflection: Floats) -> list[State]:
+        decider = Decider(world.metadata.thresholds)
+        (said,) = evidence(world.metadata, world.run, world.sample(deflection, valid=valid))
+        assert is_unchecked(said)
+        return [decider.step(said).state for _ in range(5)]
+
+    assert states(world.load((100, 8), (300, 8))) == [State.CONTACT] * 5
+    # A pull, and a wedge that lifts one sensor while a contact presses the other.
+    wedge = np.where(np.arange(world.channels) == 3, -0.3, 1.0) * world.load((100, 8))
+    for odd in (world.load((200, -0.5)), wedge):
+        assert states(odd) == [State.CLEAR] * 2 + [State.UNEXPLAINED] * 3
 
 
 def test_a_sample_without_each_channel_shows_which_one_is_wrong(world: World) -> None:

@@ -105,7 +105,7 @@ def _content(name: str, channels: int, min_channels: int, outputs: tuple[str, ..
         thresholds=modelfile.Thresholds(
             touch=[10.0] * channels,
             rest=[30.0] * channels,
-            misfit=[None, None, *[30.0] * channels][:channels],
+            misfit=[1e6, 1e6, *[30.0] * channels][:channels],
             false_contacts_per_day=1 / 30,
         ),
         smallest_force=modelfile.Seen(position_mm=[200.0], force_n=[0.5]),

@@ -17,12 +17,13 @@ from beamtouch_daemon.processing.rest_noise import measured
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import sensor_of
+from beamtouch_models.challenge.noises import COARSE, HIDDEN, coloured_times
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Sensor
 from beamtouch_models.physics.beam import scene_influence
 from beamtouch_models.placement import place
 from beamtouch_models.pricing.effects import required
-from beamtouch_models.pricing.noise import choose_filter
+from beamtouch_models.pricing.noise import choose_filter, step_mm
 from beamtouch_models.rig.surface import counts_of_gap
 from beamtouch_models.scene import Scene, parse_scene
 from beamtouch_models.session import Run, runner
@@ -136,6 +137,25 @@ def held(model: Model, line: Line, surface: Surface) -> tuple[float, float]:
 @pytest.fixture(scope="module")
 def layout() -> Floats:
     return np.array(place(*problem_in(scene_with(noise_mm=0.0045)), CHANNELS, 0).positions_mm)
+
+
+@pytest.mark.parametrize(("steps", "alike"), [(16, 0.7), (8, 0.0)], ids=["coloured", "coarse ADC"])
+def test_the_challenge_states_what_noise_prints(steps: int, alike: float) -> None:
+    count_mm = step_mm((1.0, 4.0), steps)
+    noise_mm = 0.0045 if alike else count_mm / COARSE
+    real = scene_with(noise_mm=noise_mm, adc_bits=steps)
+    line = Line(sensor_of(real), noise_mm, alike, 3)
+    unmeasured = surface_of(real, line.sensor)
+    recording = line.counts(np.zeros(CHANNELS), RECORDED, np.random.default_rng(5).uniform(-0.05, 0.05, CHANNELS))
+    keys = keys_of(measured(at_rest(recording, unmeasured, {}), unmeasured), unmeasured)
+    if alike:
+        expected = noise_mm * coloured_times(alike, choose_filter(real).window)
+        assert keys.daemon_noise_mm == pytest.approx(expected, rel=0.12)  # the noisiest of four channels
+        assert keys.adc_bits is None
+    else:
+        assert keys.daemon_noise_mm == pytest.approx(np.hypot(HIDDEN, 12**-0.5) * count_mm, rel=0.01)
+        assert keys.scene_noise_mm == pytest.approx(HIDDEN * count_mm, rel=0.01)
+        assert keys.adc_bits == steps
 
 
 @pytest.mark.long

@@ -62,7 +62,7 @@ class Evaluation:
     smallest_force_n: tuple[float, float] | None
     """Smallest force of which 95 % of settled samples are a contact: where it is least, and where it is largest."""
     unexplained: Measurement | None
-    """Share of contacts whose misfit exceeds its threshold; None with so few channels that any contact fits."""
+    """Share of contacts whose misfit exceeds its threshold; None for a model that states none."""
 
 
 def evaluate(model: ModelFile, prior: Prior, *, draws: int, seed: int, progress: Fraction = silent) -> Evaluation:
@@ -175,7 +175,6 @@ def _smallest_force_n(model: ModelFile, prior: Prior) -> tuple[float, float] | N
 
 
 def _unexplained(model: ModelFile, answers: dict[str, Floats], weight: Floats) -> Measurement | None:
-    threshold = model.metadata.thresholds.misfit[-1]
-    if "misfit" not in answers or threshold is None:
+    if "misfit" not in answers:
         return None
-    return share_of(answers["misfit"] > threshold, weight)
+    return share_of(answers["misfit"] > model.metadata.thresholds.misfit[-1], weight)

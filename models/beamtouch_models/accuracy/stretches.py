@@ -5,6 +5,11 @@ the thresholds are well below the quantiles of chi-square for a single sample. A
 noise, averaged over zeros within twice their drift. The gain error of a load counts like a zero, because it stays as
 long as the load does.
 
+A contact fits two directions of the errors: its own, and that of its change with the position. Two channels leave no
+direction. But they show contacts within a cone only, between the directions of the contacts at either end of the
+range. At its edge the errors away from the cone count, which are half of those of one direction; so one direction is
+the bound. A cone that is narrow leaves both sides of it.
+
 The rate follows by importance sampling over sequences of samples. The noise that three samples have in common is drawn
 in any direction, at any distance r from the origin, evenly; the zeros are drawn along it. A stretch in which k runs of
 three begin is found k times and counts 1/k.
@@ -14,7 +19,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.special import chdtri, gammaln
+from scipy.special import gammaln
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.touch import SECONDS_PER_DAY, directions, noise_at_rest, shapes_at_rest
@@ -56,23 +61,14 @@ class Sequences:
     """Index of the first of the samples that are drawn large."""
 
 
-def unexplained_thresholds(
-    prior: Prior, rate_hz: float, window: int, seed: int
-) -> tuple[list[float], list[float | None]]:
-    """Return the thresholds of rest and of misfit, by the number of valid channels.
-
-    Two channels or fewer fit any contact: nothing is unexplained, and their threshold of rest is that of one sample.
-    """
+def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int) -> tuple[list[float], list[float]]:
+    """Return the thresholds of rest and of misfit, by the number of valid channels."""
     simulated = int(np.clip(window, *WINDOWS))
     per_sample = max(1.0, window / simulated) / (SECONDS_PER_DAY * rate_hz)
     rate, often = (min(per_day * per_sample, MOST_OFTEN) for per_day in (PER_DAY, PER_DAY_OF_CONTACT))
     noise, whole = noise_at_rest(prior), shapes_at_rest(prior)[::PLACES]
-    rest, misfit = [], list[float | None]()
+    rest, misfit = [], []
     for size in range(1, prior.channels + 1):
-        if size <= 2:
-            rest.append(float(chdtri(size, rate)))
-            misfit.append(None)
-            continue
         contact = contacts(np.full(size, np.sqrt(np.mean(noise**2))), simulated, DRAWS, seed)
         limit = threshold(contact, (contact.sample**2).sum(axis=2), often)
         sets = list(combinations(range(prior.channels), size))
@@ -86,6 +82,11 @@ def unexplained_thresholds(
     return rest, misfit
 
 
+def left_by_contact(channels: int) -> int:
+    """Return the number of directions of the errors that a contact leaves unexplained at most."""
+    return max(1, channels - 2)
+
+
 def at_rest(noise: Floats, window: int, draws: int, seed: int) -> Sequences:
     """Draw sequences at rest whose means are large together; `noise` are deviations (channels,)."""
     basis = np.broadcast_to(np.eye(len(noise)), (draws, len(noise), len(noise)))
@@ -93,9 +94,9 @@ def at_rest(noise: Floats, window: int, draws: int, seed: int) -> Sequences:
 
 
 def contacts(noise: Floats, window: int, draws: int, seed: int) -> Sequences:
-    """Draw what contacts leave unexplained, (draws, samples, channels - 2): errors in any directions but two."""
+    """Draw what contacts leave unexplained, (draws, samples, directions): errors in any directions but two."""
     rng = np.random.default_rng([seed, len(noise)])
-    basis, _ = np.linalg.qr(rng.normal(size=(draws, len(noise), len(noise) - 2)))
+    basis, _ = np.linalg.qr(rng.normal(size=(draws, len(noise), left_by_contact(len(noise)))))
     return _sequences(basis, noise, window, rng)
 
 

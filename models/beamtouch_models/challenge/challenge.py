@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 from scipy.special import bdtrc, chdtrc
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.stretches import MOST_OFTEN, PER_DAY
-from beamtouch_models.accuracy.touch import SECONDS_PER_DAY
+from beamtouch_models.accuracy.stretches import left_by_contact
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge.faults import error_cases, fault_cases
 from beamtouch_models.challenge.honest import honest_cases
 from beamtouch_models.challenge.judge import judge
+from beamtouch_models.challenge.naming import naming
 from beamtouch_models.challenge.play import Case, Play
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
 from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, ghosts, scored
@@ -32,6 +32,8 @@ NOTICED, LIKELY = 0.9, 0.5
 """Least share of the power that is to be noticed, where the power is above LIKELY."""
 NOTED = 0.01
 """Largest share of settled contacts within the ranges that may carry a note."""
+MISNAMED = 0.02
+"""Largest share of unexplained samples of a fault that may name a channel that is not wrong."""
 CHANCE = 0.01
 """Probability that a row which just meets a goal is said to miss it."""
 WIDTH = 1.1
@@ -70,7 +72,7 @@ def rows_of(
     """
     play = case.make(surface, draws, rng)
     readings = surface.readings(play.deflection_mm, play.errors, rng)
-    said = judge(surface, run_of(model), readings)
+    said = judge(surface.stating(play.stated) if play.stated else surface, run_of(model), readings)
     found = []
     for name in dict.fromkeys(name for name, _ in play.rows):
         at = [reading for other, reading in play.rows if other == name]
@@ -83,6 +85,8 @@ def rows_of(
         row = scored(name, part, truth, honest=case.honest, quiet=play.quiet, exact_mm=exact)
         if not case.honest and play.fault_mm is not None:
             row = replace(row, power=_power(surface, play, play.fault_mm, part.valid))
+        if play.naming:
+            row = replace(row, naming=naming(surface, run_of(model), play, rng))
         found.append(row)
     return [*found[:-1], replace(found[-1], ghosts=ghosts(said.said))]
 
@@ -101,9 +105,7 @@ def run_of(model: ModelFile) -> Run:
 
 def _power(surface: Surface, play: Play, fault_mm: Floats, valid: Bools) -> float:
     """Return the power of the test that knows what happened, at the rate of false misfits of single samples."""
-    limit, size = surface.metadata.thresholds.misfit[-1], surface.channels
-    per_day = PER_DAY / (SECONDS_PER_DAY * surface.metadata.sensor.rate_hz)
-    alpha = min(per_day, MOST_OFTEN) if limit is None else float(chdtrc(size - 2, limit))
+    alpha = float(chdtrc(left_by_contact(surface.channels), surface.metadata.thresholds.misfit[-1]))
     if play.noisy is not None:
         return power_of_noise(surface, fault_mm, play.noisy, alpha)
     return power_of_shift(distances(surface, fault_mm, valid), alpha)
@@ -131,6 +133,8 @@ def misses(row: Row) -> list[str]:
     power, noticed = row.power or 0.0, row.noticed or 0.0
     if power > LIKELY and _exceeds(1 - noticed, row.samples, 1 - NOTICED * power):
         found.append(f"noticed {noticed:.0%} of {power:.0%}")
+    if row.naming and row.naming.misnamed and _exceeds(row.naming.misnamed, row.naming.samples, MISNAMED):
+        found.append(f"another channel named {row.naming.misnamed:.0%}")
     return found
 
 

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.challenge.noises import coarse, coloured
 from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
 from beamtouch_models.challenge.surface import SensorErrors, Surface
 from beamtouch_models.physics.beam import influence
@@ -36,6 +37,7 @@ def error_cases(surface: Surface) -> list[Case]:
     noise_mm = surface.metadata.noise.reading_mm
     found = [Case(percent / 100 <= gain + 1e-9, partial(gains_off, percent=percent)) for percent in GAINS_PERCENT]
     found += [Case(noises * noise_mm <= zero_mm + 1e-9, partial(zeros_off, noises=noises)) for noises in ZEROS]
+    found += [Case(False, partial(make, measured=False)) for make in (coloured, coarse)]
     return [*found, Case(surface.scene.sensors.mounting_tolerance_mm >= OFF_MM, places_off)]
 
 
@@ -98,34 +100,33 @@ def places_off(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
 def stuck(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
     """Return contacts while one sensor shows rest, with its noise."""
     position, force = drawn(surface, draws, rng)
-    clean = np.where(_one(surface, draws, rng), 0.0, surface.under(position, force))
-    return _fault(surface, "one channel stuck at rest", clean, rng)
+    one = _one(surface, draws, rng)
+    clean = np.where(one, 0.0, surface.under(position, force))
+    return _fault(surface, "one channel stuck at rest", clean, rng, one=one)
 
 
 def wedged(surface: Surface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
     """Return a sensor that shows a deflection of its own, with or without a contact."""
-    added = _one(surface, draws, rng) * WEDGE * surface.metadata.max_deflection_mm
-    name = f"one channel wedged, {'contact' if touched else 'no contact'}"
-    return _fault(surface, name, added + _clean(surface, draws, rng, touched=touched), rng)
+    one = _one(surface, draws, rng)
+    clean = one * WEDGE * surface.metadata.max_deflection_mm + _clean(surface, draws, rng, touched=touched)
+    return _fault(surface, f"one channel wedged, {'contact' if touched else 'no contact'}", clean, rng, one=one)
 
 
 def drifted(surface: Surface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
     """Return a sensor whose zero has drifted, in either direction, with or without a contact."""
     either = rng.choice([-1.0, 1.0], size=(draws, 1))
-    off = replace(
-        surface.perfect(draws),
-        zero_mm=_one(surface, draws, rng) * either * DRIFT * surface.metadata.noise.reading_mm,
-    )
+    one = _one(surface, draws, rng)
+    off = replace(surface.perfect(draws), zero_mm=one * either * DRIFT * surface.metadata.noise.reading_mm)
     name = f"one channel drifted, {'contact' if touched else 'no contact'}"
-    return _fault(surface, name, _clean(surface, draws, rng, touched=touched), rng, off)
+    return _fault(surface, name, _clean(surface, draws, rng, touched=touched), rng, off, one)
 
 
 def noisy(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
     """Return contacts while one channel is many times as noisy as stated."""
-    louder = np.where(_one(surface, draws, rng), NOISY, 1.0)
-    off = replace(surface.perfect(draws), noise=louder)
-    play = _fault(surface, f"one channel {NOISY:g} times as noisy", _clean(surface, draws, rng, touched=True), rng, off)
-    return replace(play, noisy=louder)
+    one = _one(surface, draws, rng)
+    louder = np.where(one, NOISY, 1.0)
+    off, clean = replace(surface.perfect(draws), noise=louder), _clean(surface, draws, rng, touched=True)
+    return replace(_fault(surface, f"one channel {NOISY:g} times as noisy", clean, rng, off, one), noisy=louder)
 
 
 def pulled(surface: Surface, draws: int, rng: np.random.Generator, *, times: float) -> Play:
@@ -171,13 +172,22 @@ def distributed(surface: Surface, draws: int, rng: np.random.Generator, *, part:
 
 
 def _fault(
-    surface: Surface, name: str, deflection_mm: Floats, rng: np.random.Generator, fault: SensorErrors | None = None
+    surface: Surface,
+    name: str,
+    deflection_mm: Floats,
+    rng: np.random.Generator,
+    fault: SensorErrors | None = None,
+    one: Floats | None = None,
 ) -> Play:
-    """Return a play of a fault, on sensors that have their honest errors as well."""
+    """Return a play of a fault, on sensors that have their honest errors as well.
+
+    `one` is 1 for the channel of each draw that is wrong, and 0 for the others.
+    """
     draws = len(deflection_mm)
     honest, fault = surface.honest(draws, rng), fault or surface.perfect(draws)
     errors = replace(fault, gain=fault.gain * honest.gain, zero_mm=fault.zero_mm + honest.zero_mm)
-    return settled(surface, name, deflection_mm, errors, faulty=fault)
+    play = settled(surface, name, deflection_mm, errors, faulty=fault)
+    return replace(play, naming=True, wrong=None if one is None else np.argmax(one, axis=1))
 
 
 def _clean(surface: Surface, draws: int, rng: np.random.Generator, *, touched: bool) -> Floats:

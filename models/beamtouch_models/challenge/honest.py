@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.challenge.noises import coarse, coloured
 from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
 from beamtouch_models.challenge.surface import Surface
 from beamtouch_models.physics.dynamics import DAMPING_RATIO, GRAVITY
@@ -23,10 +24,6 @@ PARTS = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Parts of that time at which a moving load is judged."""
 STEPS = 8
 """Steps per reading in which a moving load is followed: in one of them it hardly moves."""
-COLOURED = 0.7
-"""Correlation of the noise of consecutive readings."""
-COARSE = 3.0
-"""Step of a coarse ADC over the noise."""
 
 
 def honest_cases(surface: Surface) -> list[Case]:
@@ -44,7 +41,7 @@ def honest_cases(surface: Surface) -> list[Case]:
         for number in (1, 2)
         if surface.channels - number >= surface.metadata.min_channels
     ]
-    makes += [coloured, coarse]
+    makes += [partial(coloured, measured=True), partial(coarse, measured=True)]
     return [Case(True, make) for make in makes]
 
 
@@ -174,19 +171,3 @@ def without(surface: Surface, draws: int, rng: np.random.Generator, *, missing: 
     errors = replace(errors, missing=order < missing)
     name = "one channel missing" if missing == 1 else "two channels missing"
     return settled(surface, name, surface.under(position, force), errors, truth_mm=position, as_assumed=True)
-
-
-def coloured(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
-    """Return contacts measured with noise that is correlated in time."""
-    position, force = drawn(surface, draws, rng)
-    errors = replace(surface.honest(draws, rng), correlation=COLOURED)
-    name = f"noise correlated by {COLOURED:g}"
-    return settled(surface, name, surface.under(position, force), errors, truth_mm=position)
-
-
-def coarse(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
-    """Return contacts measured with an ADC that is coarser than the noise."""
-    position, force = drawn(surface, draws, rng)
-    errors = replace(surface.honest(draws, rng), step_mm=COARSE * surface.metadata.noise.reading_mm)
-    name = f"ADC steps of {COARSE:g} noises"
-    return settled(surface, name, surface.under(position, force), errors, truth_mm=position)

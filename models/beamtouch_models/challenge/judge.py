@@ -11,7 +11,17 @@ from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.surface import Surface
 from beamtouch_models.filters import Chain, Stage, filled, moving_average_stage, spike_stage
 from beamtouch_models.metadata import FilterChoice, Metadata
-from beamtouch_models.modelfile import Decider, Evidence, State, Verdict, Weighed, evidence, is_overload, is_unchecked
+from beamtouch_models.modelfile import (
+    Decider,
+    Evidence,
+    State,
+    Suspects,
+    Verdict,
+    Weighed,
+    evidence,
+    is_overload,
+    is_unchecked,
+)
 from beamtouch_models.session import Run
 
 
@@ -25,6 +35,10 @@ class Said(IntEnum):
     UNEXPLAINED = 3
 
 
+NOBODY = -1
+"""Index of a channel where none is said to be wrong."""
+
+
 class Sample(NamedTuple):
     """The first fields of `Judged`, for one sample."""
 
@@ -34,6 +48,7 @@ class Sample(NamedTuple):
     position_mm: float = math.nan
     low_mm: float = math.nan
     high_mm: float = math.nan
+    suspect: int = NOBODY
 
 
 SILENT = Sample()
@@ -53,6 +68,8 @@ class Judged:
     low_mm: Floats
     high_mm: Floats
     """NaN where nothing is said."""
+    suspect: Indices
+    """Index of the channel that `check-NAME` names; NOBODY if there is none."""
     mean_mm: Floats
     """(draws, samples, channels); 0 for a channel that takes no part."""
     valid: Bools
@@ -72,8 +89,11 @@ def stages(chosen: FilterChoice) -> tuple[Stage, ...]:
     return (*spike, moving_average_stage(chosen.window, filled(chosen.window)))
 
 
-def judge(surface: Surface, run: Run, readings_mm: Floats) -> Judged:
-    """Return what the model of a surface says of each reading (draws, readings, channels); draws begin anew."""
+def judge(surface: Surface, run: Run, readings_mm: Floats, *, naming: bool = False) -> Judged:
+    """Return what the model of a surface says of each reading (draws, readings, channels); draws begin anew.
+
+    With `naming`, suspects are sought as in the service, which takes time.
+    """
     metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
     step_mm = metadata.sensor.gain_mm_per_count
     chain = Chain(stages(metadata.filter), surface.channels, noise_mm, surface.slowest_period, step_mm)
@@ -93,13 +113,20 @@ def judge(surface: Surface, run: Run, readings_mm: Floats) -> Judged:
     )
     rows: list[Sample] = [SILENT] * len(samples.valid)
     enough = np.flatnonzero(samples.valid.sum(axis=1) >= metadata.min_channels)
-    length = readings_mm.shape[1]
-    before, decider = -1, Decider(metadata.thresholds)
+    length, names = readings_mm.shape[1], [channel.name for channel in metadata.layout]
+    before, decider, suspects = -1, Decider(metadata.thresholds), Suspects(metadata, run)
     found = evidence(metadata, run, samples.part(enough)) if len(enough) else []
     for index, one in zip(enough.tolist(), found, strict=True):
         if index // length != before:
             before, decider = index // length, Decider(metadata.thresholds)
-        rows[index] = _row(metadata, one, decider.step(one))
+            suspects.clear()
+        verdict = decider.step(one)
+        rows[index] = _row(metadata, one, verdict)
+        if naming and verdict.state is State.UNEXPLAINED:
+            name = suspects.step(samples.part(np.array([index])))
+            rows[index] = rows[index]._replace(suspect=names.index(name) if name else NOBODY)
+        else:
+            suspects.clear()
     columns = (np.array(column).reshape(valid.shape[:2]) for column in zip(*rows, strict=True))
     by_name = dict(zip(Sample._fields, columns, strict=True))
     return Judged(**by_name, mean_mm=mean, valid=valid)
@@ -110,6 +137,6 @@ def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> Sample:
     if verdict.state is not State.CONTACT:
         return SILENT._replace(said=_SAID[verdict.state], unsteady=verdict.unsteady)
     answer = found.answer
-    other = is_overload(metadata, found) or is_unchecked(metadata, found)
-    place = [answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm")]
-    return Sample(Said.CONTACT, verdict.unsteady, other, *place)
+    other = is_overload(metadata, found) or is_unchecked(found)
+    middle, low, high = (answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm"))
+    return Sample(Said.CONTACT, verdict.unsteady, other, middle, low, high)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.arrays import Floats
-from beamtouch_models.challenge.surface import SensorErrors, Surface
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.challenge.surface import SensorErrors, Stated, Surface
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,12 @@ class Play:
     """Whether the contacts that are judged have settled and are within the ranges of the model."""
     fault_mm: Floats | None = None
     """(draws, channels), what sensors without noise and without honest errors measure of a fault."""
+    stated: Stated | None = None
+    """What the user states of the sensors; None: that they are as the model assumes."""
+    naming: bool = False
+    """Whether it is scored which channel is said to be wrong."""
+    wrong: Indices | None = None
+    """(draws,), the index of the channel that is wrong; None if there is none."""
     noisy: Floats | None = None
     """(draws, channels), noise of each channel over that of the model, if that is the fault."""
 

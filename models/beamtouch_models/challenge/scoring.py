@@ -10,6 +10,7 @@ from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.judge import Judged, Said
+from beamtouch_models.challenge.naming import Naming
 
 LOW, HIGH = 0.025, 0.975
 """Quantiles at the ends of an interval."""
@@ -56,6 +57,8 @@ class Row:
     """Share of a fault's samples that are unexplained or noted; None for honest contacts."""
     power: float | None = None
     """The same for a test that knows what happened, at the same false rate."""
+    naming: Naming | None = None
+    """Which channel is said to be wrong, where that is scored."""
 
 
 def scored(

@@ -38,6 +38,20 @@ class SensorErrors:
     """Of the noise of consecutive readings."""
     step_mm: float | None = None
     """Step of the ADC, instead of the model's."""
+    tare_mm: Floats | float = 0.0
+    """Deflection that the sensors showed at rest, and that the tare takes out."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What `beamtouch-daemon noise` finds of sensors whose noise is not what the model assumes."""
+
+    noise_mm: float
+    """Noise of a reading, in the daemon's configuration."""
+    zero_mm: float
+    """Error of the zero, in the floor of a model that is built again."""
+    step_mm: float
+    """Step of the ADC, in the daemon's configuration."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +114,20 @@ class Surface:
             influence=CubicSpline(loads, influence(beam, sensor_mm, loads, scene.contact.width_mm)),
             modes=modes,
             mode_shapes=None if modes is None else CubicSpline(loads, modes.under(loads)),
+        )
+
+    def stating(self, stated: Stated) -> Self:
+        """Return the surface with what a user states of its sensors."""
+        metadata, channels = self.metadata, self.channels
+        return replace(
+            self,
+            metadata=metadata.model_copy(
+                update={
+                    "noise": metadata.noise.model_copy(update={"reading_mm": stated.noise_mm}),
+                    "floor": metadata.floor.model_copy(update={"zero_mm": [stated.zero_mm] * channels}),
+                    "sensor": metadata.sensor.model_copy(update={"gain_mm_per_count": stated.step_mm}),
+                }
+            ),
         )
 
     @property
@@ -168,7 +196,8 @@ class Surface:
         gap = sensor.offset_mm + np.rint((gap - sensor.offset_mm) / step_mm) * step_mm
         low, high = sensor.range_mm
         good = (gap >= low) & (gap <= high) & ~errors.missing[:, None]
-        return np.where(good, sensor.standoff_mm - gap, np.nan)
+        tare_mm = errors.tare_mm[:, None] if isinstance(errors.tare_mm, np.ndarray) else errors.tare_mm
+        return np.where(good, sensor.standoff_mm - gap - tare_mm, np.nan)
 
     def _stated(self, deflection_mm: Floats) -> Floats:
         if self.departures is None:

@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> None:
     with shown_progress() as progress:
         rows = challenge(model, draws=options.draws, seed=options.seed, progress=progress)
     if options.json:
-        told = [asdict(row) | {"misses": misses(row)} for row in rows]
+        told = [_as_json(row) for row in rows]
         print(json.dumps({"model": model.identity, "draws": options.draws, "seed": options.seed, "rows": told}))
         return
     console = Console(width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL, highlight=False)
@@ -43,6 +43,11 @@ def run(options: argparse.Namespace) -> None:
     console.print(_LEGEND)
     missed = [f"{row.name} ({', '.join(misses(row))})" for row in rows if misses(row)]
     console.print(f"Rows that miss the goals: {'; '.join(missed) or 'none'}.")
+
+
+def _as_json(row: Row) -> dict[str, object]:
+    naming = row.naming and {"named": row.naming.named, "misnamed": row.naming.misnamed}
+    return asdict(row) | {"naming": naming, "misses": misses(row)}
 
 
 def _table(title: str, rows: Sequence[Row], columns: Sequence[Column], *, honest: bool) -> Table:
@@ -90,6 +95,8 @@ _FAULTS: tuple[Column, ...] = (
     *_SAID,
     ("noticed", lambda row: _percent(row.noticed)),
     ("power", lambda row: _percent(row.power)),
+    ("named", lambda row: _percent(row.naming and row.naming.named)),
+    ("misnamed", lambda row: _percent(row.naming and row.naming.misnamed)),
 )
 _LEGEND = """\
 All shares are in percent, and of all samples unless another number is named.
@@ -97,4 +104,5 @@ held: intervals that hold the truth, of contacts without a note; unsteady, other
 silent: no answer, as too few channels are within their range; ghosts: contacts that begin again, of the draws
 misleading: a contact without a note that is not there, or is further off than twice the half-interval
 interval: the median, with or without a note; over exact: without `unsteady`, over that of the exact posterior
-noticed: unexplained, or a contact with a note; power: of the test that knows what happened, at the same false rate"""
+noticed: unexplained, or a contact with a note; power: of the test that knows what happened, at the same false rate
+named: `check-NAME` names the channel that is wrong, of samples that are unexplained for long; misnamed: another one"""

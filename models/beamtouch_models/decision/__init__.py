@@ -7,11 +7,12 @@
 from beamtouch_models.decision.decider import Decider, State, Verdict
 from beamtouch_models.decision.doubts import is_overload, is_unchecked
 from beamtouch_models.decision.evidence import LOG_ODDS, MISFIT, Evidence, Weighed, evidence
-from beamtouch_models.decision.suspects import Suspects
+from beamtouch_models.decision.suspects import SAMPLES, Suspects
 
 __all__ = [
     "LOG_ODDS",
     "MISFIT",
+    "SAMPLES",
     "Decider",
     "Evidence",
     "State",

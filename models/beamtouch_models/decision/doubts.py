@@ -1,6 +1,6 @@
 """What is doubtful about a contact, from its evidence. Pure."""
 
-from beamtouch_models.decision.evidence import Evidence
+from beamtouch_models.decision.evidence import CHECKED, Evidence
 from beamtouch_models.metadata import Metadata
 
 SURELY = 2.0
@@ -15,6 +15,6 @@ def is_overload(metadata: Metadata, evidence: Evidence) -> bool:
     return force_n - SURELY * (force_n - low_n) > metadata.ranges.force_n[1]
 
 
-def is_unchecked(metadata: Metadata, evidence: Evidence) -> bool:
-    """Return whether so few channels took part that any sample could be a contact."""
-    return metadata.thresholds.misfit[evidence.channels - 1] is None
+def is_unchecked(evidence: Evidence) -> bool:
+    """Return whether so few channels took part that much else looks like a contact."""
+    return evidence.channels < CHECKED

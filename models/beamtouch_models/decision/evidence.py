@@ -11,6 +11,8 @@ from beamtouch_models.whitening import whitening
 
 MOVING = 1.5
 """A sample moves if its variance, over all channels, is more than this many times that of its noise."""
+CHECKED = 3
+"""Smallest number of channels that check a contact: two fit one to any sample but a pull and the like."""
 LOG_ODDS, MISFIT = "contact_log_odds", "misfit"
 
 

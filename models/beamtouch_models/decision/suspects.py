@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_models.decision.evidence import Evidence, Weighed, evidence
+from beamtouch_models.decision.evidence import CHECKED, Evidence, Weighed, evidence
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.session import Run
 
@@ -35,7 +35,7 @@ class Suspects:
         self._metadata, self._run = metadata, run
         self._found: deque[str | None] = deque(maxlen=SAMPLES)
         self.without: dict[str, LeftOut] = {}
-        """Channel -> the last sample without it; empty where so few channels are left that they fit any contact."""
+        """Channel -> the last sample without it; empty where fewer channels are left than check a contact."""
 
     def clear(self) -> None:
         """Forget the samples: the stretch that they belong to is over."""
@@ -54,16 +54,14 @@ class Suspects:
         return name if count >= AGREEING * SAMPLES else None
 
     def explained(self, found: Evidence) -> bool:
-        """Return whether rest or a single contact explains a sample, or too few channels are left to contradict."""
+        """Return whether rest or a single contact explains a sample."""
         limits, place = self._metadata.thresholds, found.channels - 1
-        limit = limits.misfit[place]
-        return limit is None or found.misfit <= limit or found.rest_misfit <= limits.rest[place]
+        return found.misfit <= limits.misfit[place] or found.rest_misfit <= limits.rest[place]
 
     def _leave_out(self, sample: Weighed) -> dict[str, LeftOut]:
         """Return what is left of a sample without each of its channels."""
         working = np.flatnonzero(sample.valid[0])
-        limits = self._metadata.thresholds.misfit
-        if len(working) < 2 or limits[len(working) - 2] is None:
+        if len(working) <= CHECKED:
             return {}
         names = [self._metadata.layout[channel].name for channel in working.tolist()]
         each = evidence(self._metadata, self._run, _stacked([sample.without(channel) for channel in working.tolist()]))

@@ -49,7 +49,7 @@ def small_network_graph(prior: Prior, network: Network, *, with_force: bool) -> 
     share = graph.apply("Mul", width, graph.constant(1 / (high - low)))
     share = graph.apply("Max", share, graph.constant(SMALLEST_MASS))
     least = graph.apply("ReduceMin", found.misfit, axes=[1, 2], keepdims=1)
-    misfit = graph.apply("Mul", least, graph.constant(2.0 if prior.channels > 2 else 0.0))
+    misfit = graph.apply("Mul", least, graph.constant(2.0))
     graph.apply("Squeeze", misfit, graph.ints(1, 2), output="misfit")
     outputs = state_answers(graph, prior, found, least, Grid(width, share, low), with_force=with_force)
     return model(graph, prior.channels, outputs)

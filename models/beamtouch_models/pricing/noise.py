@@ -54,18 +54,22 @@ def adc_step_mm(scene: Scene) -> float:
 
 
 def rounding_mm(scene: Scene) -> float:
-    """Standard deviation in mm of the error that rounding to counts leaves in the mean of any number of readings.
+    """Standard deviation in mm of the error that rounding to counts leaves in the mean of any number of readings."""
+    return rounding_of(sensor_noise_mm(scene), adc_step_mm(scene))
+
+
+def rounding_of(noise_mm: float, step_mm: float) -> float:
+    """Return what `rounding_mm` does, for noise before rounding and a step of the ADC; 0 for a step of 0.
 
     The mean of rounded readings deviates from the gap by a periodic function of it, with the harmonics
     q / (pi k) exp(-2 (pi k s / q)^2) for a step of q and noise of s (Widrow & Kollar, 2008, ch. 4). Without noise it is
     q / sqrt(12); at s = q / 2 it is gone. It counts twice, as the rest gap, which `tare` measures, is rounded too.
     """
-    step = adc_step_mm(scene)
-    if step == 0:
+    if step_mm == 0:
         return 0.0
     order = np.arange(1, HARMONICS + 1)
-    decay = np.exp(-np.minimum(2 * (np.pi * order * sensor_noise_mm(scene) / step) ** 2, MAX_EXPONENT))
-    single = step * math.sqrt(float(np.sum((decay / (np.pi * order)) ** 2)) / 2)
+    decay = np.exp(-np.minimum(2 * (np.pi * order * noise_mm / step_mm) ** 2, MAX_EXPONENT))
+    single = step_mm * math.sqrt(float(np.sum((decay / (np.pi * order)) ** 2)) / 2)
     return math.sqrt(2) * single
 
 

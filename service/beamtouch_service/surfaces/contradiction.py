@@ -47,8 +47,8 @@ class Contradiction(BaseModel):
     """How many readings are in the sample; null if its sender does not say."""
     misfit: float | None
     """How badly the best single contact explains the sample."""
-    misfit_limit: float | None
-    """A larger `misfit` is no contact; null where so few channels take part that they fit any contact."""
+    misfit_limit: float
+    """A larger `misfit` is no contact."""
     rest_misfit: float | None
     """How badly rest explains the sample."""
     rest_limit: float

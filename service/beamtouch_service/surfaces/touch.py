@@ -96,4 +96,4 @@ class Follower:
     def _doubts(self, evidence: Evidence) -> list[str]:
         """Return what is doubtful about a contact."""
         found: list[str] = [Doubt.OVERLOAD] if is_overload(self._metadata, evidence) else []
-        return [*found, Doubt.UNCHECKED] if is_unchecked(self._metadata, evidence) else found
+        return [*found, Doubt.UNCHECKED] if is_unchecked(evidence) else found

@@ -17,6 +17,9 @@ QUANTILES = (0.5, 0.025, 0.975)
 SMALLEST_MASS = 1e-26
 """Keeps the place within an empty cell finite, and avoids subnormal numbers, which are slow."""
 
+LEAST_EXPONENT = -50.0
+"""Of a likelihood over the largest one, for the same reason; no quantile depends on smaller ones."""
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -46,6 +49,8 @@ def state_answers(
     mass = mass_of(graph, prior.force_n, root, found.force, widened.widening if widened else None)
     # Sums of exponentials and their logarithm take less time than the operations that do both.
     exponent = graph.apply("Sub", least, found.misfit)
+    if not prior.force_is_known and widened is None:
+        exponent = graph.apply("Max", exponent, graph.constant(LEAST_EXPONENT))
     likely = graph.apply("Mul", graph.apply("Exp", exponent), grid.share)
     state_log_odds(graph, found, likely, least)
     if widened is not None:
@@ -53,6 +58,8 @@ def state_answers(
         likely = graph.apply("Mul", graph.apply("Exp", exponent), grid.share)
     if found.widened is not None:
         likely = graph.apply("Div", likely, found.widened)
+    if not prior.force_is_known:
+        likely = graph.apply("Div", likely, root)
     posterior = graph.apply("LpNormalization", graph.apply("Mul", likely, mass), axis=2, p=1)
     posterior = graph.apply("Max", posterior, graph.constant(SMALLEST_MASS))
     contraction = None if widened is None else widened.contraction(posterior)

@@ -17,7 +17,7 @@ LOUDNESS = (60.0, 600.0)
 LEAST = (128, 192, 256)
 STEP, MOST = 64, 8192
 """The number of cells is a multiple of STEP and at most MOST, which a noise of 1e-4 % of the deflection needs."""
-RESOLVED_STEP = {True: 1.2, False: 3.0}
+RESOLVED_STEP = {True: 1.2, False: 2.5}
 """For known and open force: largest cell, in deviations of the posterior, for which sums need no tempering."""
 UNTEMPERED = 512
 """Largest number of cells in a graph without tempering."""

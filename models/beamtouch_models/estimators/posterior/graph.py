@@ -22,7 +22,8 @@ functions. Each quantile has a row of its own, and the interval reaches to the m
 only on the directions of the influence, not on the size of the covariance.
 
 *Misfit.* The smallest 2 R over the position: a parabola through the best three cells, which are neighbours. For a
-single contact it is chi-square distributed, with two degrees of freedom less than there are channels.
+single contact it is chi-square distributed, with two degrees of freedom less than there are channels. One or two
+channels have a misfit only for a sample outside the cone of all contacts, such as a pull.
 
 Where cells are wider than the posterior, `tempering` widens the likelihood and contracts the quantiles again.
 """
@@ -52,7 +53,7 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
     widened = None
     if design.temper:
         widened = tempered(graph, prior, cells, found.sample, found.shape, found.precision)
-    least = _state_misfit(graph, found, prior.channels)
+    least = _state_misfit(graph, found)
     width = np.diff(cells.edges_mm)
     share = np.maximum(width / width.sum(), np.finfo(np.float32).tiny)
     kind = np.float64 if design.cells > EXACT_SUMS else np.float32
@@ -61,15 +62,11 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
     return model(graph, prior.channels, outputs)
 
 
-def _state_misfit(graph: Graph, scored: Scored, channels: int) -> str:
+def _state_misfit(graph: Graph, scored: Scored) -> str:
     """Add the smallest misfit over the position, from a parabola through the best cell and its neighbours.
 
-    Two channels or fewer fit any contact, so that there is nothing to misfit. Returns the least R of a cell.
+    Returns the least R of a cell.
     """
-    if channels <= 2:
-        least = graph.apply("ReduceMin", scored.misfit, axes=[1, 2], keepdims=1)
-        graph.apply("Mul", graph.apply("Squeeze", least, graph.ints(1, 2)), graph.constant(0.0), output="misfit")
-        return least
     three = graph.top(scored.misfit, 3, 2, largest=False)
     # R, misfit, slope and curvature, scaled so that the parabola is lowest at misfit - slope^2 / curvature.
     parabola: Floats = np.array([[1.0, 2.0, 0.0, -2.0], [0.0, 0.0, -0.5, 1.0], [0.0, 0.0, 0.5, 1.0]])

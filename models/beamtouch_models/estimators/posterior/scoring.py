@@ -90,7 +90,7 @@ def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: boo
 def state_log_odds(graph: Graph, scored: Scored, likely: str, least: str) -> None:
     """Add the log odds of contact; `likely` is s_i exp(least R - R_i)."""
     axes = graph.ints(1, 2)
-    touched = graph.apply("Log", graph.apply("ReduceSum", likely, axes, keepdims=1))
+    touched = graph.apply("ReduceLogSum", likely, axes=[1, 2], keepdims=1)
     rest = graph.apply("ReduceSumSquare", scored.sample, axes=[1, 2], keepdims=1)
     odds = graph.apply("Add", touched, graph.apply("Sub", rest, least))
     graph.apply("Squeeze", odds, axes, output="contact_log_odds")
