@@ -149,7 +149,7 @@ class Watched:
 @contextmanager
 def chromium() -> Iterator[Browser]:
     """Start a browser, and end it."""
-    # The same browser without the parts for a desktop, in half the processor time.
+    # This is the same browser without its desktop parts; it takes half the processor time.
     path = shutil.which("chromium-headless-shell") or require("chromium", "chromium-headless-shell")
     sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
     with sync_playwright() as playwright:

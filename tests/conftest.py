@@ -65,7 +65,10 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Schedul
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """Run a test that is marked `untraced` without counting lines; `no_cover` of pytest-cov has no effect here."""
+    """Run a test that is marked `untraced` without counting its lines.
+
+    The mark `no_cover` of pytest-cov has no effect in the processes of xdist.
+    """
     if item.get_closest_marker("untraced") is None:
         return (yield)
     tracer = sys.gettrace()
@@ -83,6 +86,7 @@ def anyio_backend() -> str:
 
 
 def _build(name: str, folder: Path) -> None:
+    """Write the model of a shipped scene into a folder."""
     scene, text = load_scene(SCENES / f"{name}.toml")
     built = build(scene, text, name, count=None, seed=0, progress=lambda _doing, _done: None)
     (folder / f"{name}.onnx").write_bytes(built.content)

@@ -125,11 +125,8 @@ def _is_output_lost() -> bool:
 
 
 def version() -> str:
-    """Return the installed version, or `0+source` when run from a source tree that is not installed."""
-    try:
-        return metadata.version("beamtouch")
-    except metadata.PackageNotFoundError:
-        return "0+source"
+    """Return the installed version."""
+    return metadata.version("beamtouch")
 
 
 def _text(error: Exception) -> str:

@@ -16,8 +16,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     smoothing = f"{chosen.kind} of {chosen.window} readings, settled after {chosen.settling_ms:g} ms"
     error = f"{accuracy.error_percent:.3f} % +- {accuracy.error_standard_error:.3f}"
     best = f"{accuracy.limit_percent:.3f} % +- {accuracy.limit_standard_error:.3f}"
-    spread = accuracy.ratio_standard_error
-    ratio = f"{accuracy.ratio:.3f}" + ("" if spread is None else f" +- {spread:.3f}")
+    ratio = f"{accuracy.ratio:.3f} +- {accuracy.ratio_standard_error:.3f}"
     lacks = ", ".join(lacking(outputs))
     rows = [
         ("model", f"{identity} ({metadata.estimator}, seed {metadata.seed})"),

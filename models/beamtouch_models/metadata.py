@@ -130,8 +130,8 @@ class Accuracy(_Strict):
     error_standard_error: float
     limit_percent: float
     limit_standard_error: float
-    ratio_standard_error: float | None = None
-    """Standard error of `ratio`, whose terms share their contacts; None in older files."""
+    ratio_standard_error: float
+    """Standard error of `ratio`, whose terms share their contacts."""
 
     @property
     def ratio(self) -> float:

@@ -6,7 +6,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PositiveInt, model_validator
 
 from beamtouch_common.files import parse_toml, read_text
-from beamtouch_models.structure import Beam, Finite, PositiveFinite, Strict
+from beamtouch_models.beam_parts import Finite, PositiveFinite, Strict
+from beamtouch_models.structure import Beam
 
 MIN_SENSORS, MAX_SENSORS = 1, 64
 
@@ -34,11 +35,6 @@ class Contact(Strict):
     def force_range_n(self) -> tuple[float, float]:
         """Smallest and largest force; equal if the force is known."""
         return self.force_n if isinstance(self.force_n, tuple) else (self.force_n, self.force_n)
-
-    @property
-    def force_is_known(self) -> bool:
-        """Whether the scene states a single force."""
-        return self.force_range_n[0] == self.force_range_n[1]
 
 
 class Sensors(Strict):

@@ -104,7 +104,7 @@ def _built(result: dict[str, Any]) -> Found:
     return {
         "error": (accuracy["error_percent"], accuracy["error_standard_error"]),
         "limit": (accuracy["limit_percent"], accuracy["limit_standard_error"]),
-        "error over limit": (accuracy["ratio"], accuracy.get("ratio_standard_error")),
+        "error over limit": (accuracy["ratio"], accuracy["ratio_standard_error"]),
     }
 
 

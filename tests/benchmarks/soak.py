@@ -48,6 +48,8 @@ class Seen:
     """The truth outside of the stated interval."""
     mistaken: int = 0
     """A contact where nothing touched, or none where something did."""
+    unexplained: int = 0
+    """Answers that neither rest nor one contact explains the sample, though it does."""
     memory_mb: dict[str, list[float]] = field(default_factory=dict)
     processor: dict[str, float] = field(default_factory=dict)
     """Cores that each process kept busy."""
@@ -139,7 +141,9 @@ def ask(client: httpx2.Client, truth: Truth, seen: Seen) -> None:
     if load is None:
         return
     seen.compared += 1
-    if (load[0] is not None) != (contact["state"] == "contact"):
+    if contact["state"] == "unexplained":
+        seen.unexplained += 1
+    elif (load[0] is not None) != (contact["state"] == "contact"):
         seen.mistaken += 1
         print(f"mistaken: {load} was told as {contact}", flush=True)
     elif load[0] is not None:
@@ -157,8 +161,9 @@ def counts(client: httpx2.Client) -> dict[str, int]:
     found: dict[str, int] = client.get("/surfaces/soak").json()["samples"]
     page: dict[str, Any] = {"next": None}
     ends: list[str] = []
+    asked: dict[str, str | int] = {"kind": "contact", "limit": 1000}
     while True:
-        page = client.get("/events", params={"limit": 1000} | ({"after": page["next"]} if page["next"] else {})).json()
+        page = client.get("/events", params=asked | ({"after": page["next"]} if page["next"] else {})).json()
         ends += [event["end"] for event in page["events"]]
         if page["next"] is None:
             return found | {"events": len(ends), "not whole": sum(end not in ("lift", "open") for end in ends)}
@@ -169,7 +174,7 @@ def status(seen: Seen) -> str:
     memory = ", ".join(f"{name} {values[-1]:.1f} MB" for name, values in seen.memory_mb.items())
     return (
         f"{seen.asked} asked, {seen.problems.total()} problems, {seen.too_old} too old, "
-        f"{seen.outside} of {seen.compared} outside, {seen.mistaken} mistaken; {memory}"
+        f"{seen.outside} of {seen.compared} outside, {seen.mistaken} mistaken, {seen.unexplained} unexplained; {memory}"
     )
 
 
@@ -193,6 +198,7 @@ def report(seen: Seen, summary: dict[str, int], minutes: float, rate_hz: int) ->
         ("contacts held against the truth", f"{seen.compared:,}"),
         ("of them outside the 95 % interval", f"{seen.outside / max(1, seen.compared):.2%}"),
         ("of them contact for clear, or the other way round", f"{seen.mistaken:,}"),
+        ("of them unexplained", f"{seen.unexplained:,}"),
     ]
     for name, values in seen.memory_mb.items():
         slope = np.polyfit(np.arange(len(values)), values, 1)[0] * 60 if len(values) > 2 else float("nan")

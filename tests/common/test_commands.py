@@ -42,6 +42,7 @@ COMMANDS: list[tuple[str, ...]] = [
 """Each command, and each of its subcommands."""
 READING: dict[tuple[str, ...], list[str]] = {
     ("beamtouch-daemon", "check"): ["PIPE"],
+    ("beamtouch-daemon", "noise"): ["PIPE"],
     ("beamtouch-daemon", "tare"): ["PIPE"],
     ("beamtouch-daemon", "record"): ["PIPE", "-o", "out"],
     ("beamtouch-service", "run"): ["--config", "PIPE"],
@@ -177,6 +178,14 @@ def test_a_command_without_standard_output_does_its_work(command: tuple[str, str
         timeout=60,
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_an_unexpected_error_is_a_traceback() -> None:
+    def work() -> int:
+        return 1 // 0
+
+    with pytest.raises(ZeroDivisionError):
+        exit_code("program", "daemon", work)
 
 
 def test_an_error_of_our_own_is_a_traceback_and_no_missing_extra() -> None:

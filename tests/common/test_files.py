@@ -131,6 +131,13 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path)
     assert (tmp_path / "file").read_bytes() == b"old"
 
 
+def test_a_file_that_cannot_be_replaced_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(IsADirectoryError):
+        write_atomically(tmp_path / "folder", b"new")
+    assert [path.name for path in tmp_path.iterdir()] == ["folder"]
+
+
 @pytest.mark.parametrize("value", ["0x" + "f" * 4000, "[{" + ".".join("b" * 900) + " = 1}]"], ids=["long", "deep"])
 def test_a_value_that_cannot_be_shown_is_refused_all_the_same(tmp_path: Path, value: str) -> None:
     path = tmp_path / "drawing.toml"

@@ -74,8 +74,11 @@ async def test_check_reads_serial_lines(tmp_path: Path) -> None:
                 configs.surface("b", configs.serial(line.path)),
             )
             outcome = await command("check", config, "--json")
+            table = await command("check", config)
     surfaces = json.loads(outcome.out)["surfaces"]
     assert (surfaces["a"]["error"], surfaces["b"]["error"]) == (None, None)
+    assert all(f"a: {limit}" in table.out for limit in surfaces["a"]["limits"])
+    assert surfaces["a"]["limits"]
     assert [channel["counts"] for channel in surfaces["b"]["channels"]] == [20_000, 21_000]
 
 
@@ -85,8 +88,11 @@ async def test_check_reads_two_surfaces_that_share_a_bus(tmp_path: Path) -> None
             one, two = (f"{configs.rtu(bus.path)}\nunit = {unit}\ntimeout_ms = 5000" for unit in (1, 2))
             config = configs.write(tmp_path, configs.surface("a", one), configs.surface("b", two))
             outcome = await command("check", config, "--json")
+            table = await command("check", config)
     surfaces = json.loads(outcome.out)["surfaces"]
     assert (surfaces["a"]["error"], surfaces["b"]["error"]) == (None, None)
+    assert all(f"a: {limit}" in table.out for limit in surfaces["a"]["limits"])
+    assert surfaces["a"]["limits"]
 
 
 async def test_tare_writes_the_rest_gaps_and_check_uses_them(tmp_path: Path) -> None:
@@ -100,6 +106,20 @@ async def test_tare_writes_the_rest_gaps_and_check_uses_them(tmp_path: Path) -> 
     assert content["rest_gap_mm"] == pytest.approx({"s1": 2.45, "s2": 2.4})
     channels = json.loads(checked.out)["surfaces"]["bench"]["channels"]
     assert [channel["deflection_mm"] for channel in channels] == pytest.approx([0, 0])
+
+
+async def test_tare_replaces_a_file_that_cannot_be_used_and_says_what_it_cannot_write(tmp_path: Path) -> None:
+    path = tmp_path / "bench.tare.json"
+    async with pymodbus_server([20_500, 21_000]) as port:
+        config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)))
+        path.write_text("{}")
+        replaced = await command("tare", config)
+        content = json.loads(path.read_text())
+        path.unlink()
+        path.mkdir()
+        refused = await command("tare", config)
+    assert (replaced.code, sorted(content["rest_gap_mm"])) == (0, ["s1", "s2"])
+    assert (refused.code, refused.complaint()) == (1, f"bench: cannot write {path}: Is a directory")
 
 
 async def test_tare_refuses_rest_gaps_that_contradict_the_configuration_or_the_last_tare(tmp_path: Path) -> None:

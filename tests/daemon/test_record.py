@@ -5,12 +5,17 @@ from pathlib import Path
 
 import pytest
 
+from beamtouch_daemon.commands import load_recorder
+from beamtouch_daemon.commands.load_recorder import LoadRecorder, LoadRefusedError
 from beamtouch_daemon.commands.record_dialogue import load_of
+from beamtouch_daemon.commands.record_table import Load
+from beamtouch_daemon.config.file import load_config
+from beamtouch_daemon.tasks import cancel
 
 from . import configs
 from .devices import pymodbus_server
 from .process import command
-from .recording import noisy, on_beam, record, rows_of, stated, talk
+from .recording import noisy, on_beam, record, record_at_terminal, rows_of, stated, talk
 
 pytestmark = pytest.mark.anyio
 
@@ -203,6 +208,57 @@ async def test_wrong_input_is_one_line_and_writes_nothing(
     assert done.code == 2
     assert said in done.complaint()
     assert not path.exists()
+
+
+async def test_of_several_surfaces_one_must_be_chosen(tmp_path: Path) -> None:
+    config = configs.write(tmp_path, configs.surface(), configs.surface("press-7"))
+    done = await command("record", config, "-o", tmp_path / "loads.csv")
+    assert (done.code, done.complaint()) == (2, "--surface: choose one of bench, press-7")
+
+
+async def test_a_file_that_cannot_be_written_is_wrong_input(tmp_path: Path) -> None:
+    path = tmp_path / "absent" / "loads.csv"
+    done = await command("record", configs.write(tmp_path, configs.surface()), "-o", path)
+    assert (done.code, done.complaint()) == (2, f"{path}: No such file or directory")
+
+
+@pytest.mark.parametrize("rows", [b"1.5,1,150.0,10.0,20", b"\xff\xfe\n"], ids=["half a row", "no text"])
+async def test_a_damaged_recording_is_not_appended_to(tmp_path: Path, rows: bytes) -> None:
+    path = tmp_path / "loads.csv"
+    content = ",".join(HEADER).encode() + b"\n" + rows
+    path.write_bytes(content)
+    done = await command("record", configs.write(tmp_path, configs.surface()), "-o", path, "--append")
+    assert (done.code, done.complaint()) == (2, f"{path}: not a recording; write to another file")
+    assert path.read_bytes() == content
+
+
+async def test_a_given_load_is_answered_by_enter_or_a_word(tmp_path: Path) -> None:
+    done = await on_beam("yes\n", tmp_path, "--at", 150, 10)
+    assert done.returncode == 2
+    assert "'yes': press Enter once the load is on, or type undo or accept; 0 loads are recorded" in done.stderr
+
+
+async def test_a_refused_given_load_is_asked_for_again_at_a_terminal(tmp_path: Path) -> None:
+    async with pymodbus_server([20_000, 20_000]) as port:
+        config, path = configs.write(tmp_path, configs.surface(source=configs.tcp(port))), tmp_path / "loads.csv"
+        given = "--seconds", 0.2, "--at", 150, 10, "--at", 250, 5
+        done = await asyncio.to_thread(record_at_terminal, config, path, "\naccept\naccept\n", *given)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("load 1: put 10 N at 150 mm on, then press Enter") == 2
+    assert stated(path) == [("1", "150.0", "10.0"), ("2", "250.0", "5.0")]
+
+
+async def test_a_surface_that_does_not_settle_is_not_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(load_recorder, "GIVE_UP_S", 3.0)
+    async with pymodbus_server([20_000, 20_000], noisy(0, 5.0)) as port:
+        config = load_config(configs.write(tmp_path, configs.surface(source=configs.tcp(port))))
+        recorder = LoadRecorder(config.surfaces["bench"], {})
+        reading = asyncio.create_task(recorder.follow())
+        try:
+            with pytest.raises(LoadRefusedError, match="not settled within 3 s: s2"):
+                await recorder.record(Load(150.0, 10.0), 0.2)
+        finally:
+            await cancel([reading])
 
 
 def test_another_surfaces_file_is_not_appended_to(tmp_path: Path) -> None:

@@ -97,6 +97,5 @@ def test_every_module_is_whole() -> None:
     for name in names():
         module = module_of(name)
         assert module.register_of(module.inputs - 1) + words_of(module.type) - 1 <= 65_535
-        assert module.about
     with pytest.raises(ValueError, match="there is no module nonesuch; choose one of adam-6017, "):
         module_of("nonesuch")

@@ -160,7 +160,9 @@ def test_a_fit_leaves_a_fixity_of_zero(bench: ModelFile) -> None:
     assert fit(theory, loads, tuple(theory.kinds)).error_mm < 2 * metadata.noise.sample_mm
 
 
-def test_the_command_prints_the_departures(bench_model: Path, bench: ModelFile, tmp_path: Path) -> None:
+def test_the_command_prints_the_departures(
+    design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path
+) -> None:
     path = readings(tmp_path, bench, imperfections(3, bench.metadata))
     output = tmp_path / "real.onnx"
     command = [COMMAND, "calibrate", str(bench_model), str(path), "-o", str(output), "--json"]
@@ -171,3 +173,36 @@ def test_the_command_prints_the_departures(bench_model: Path, bench: ModelFile, 
     assert found["standard_errors"]["gain"]
     shown = subprocess.run([COMMAND, "inspect", str(output)], capture_output=True, text=True, check=True)
     assert "calibrated with 10 loads" in shown.stdout
+    table = design_sensors_here("calibrate", bench_model, path, "-o", output)
+    lines = dict(line.split(maxsplit=1) for line in table.stdout.splitlines())
+    assert list(lines) == [
+        *("model", "loads", "rigidity", "gain", "position", "curve", "fixity", "offset", "before", "after", "limit"),
+    ]
+    assert lines["model"] == found["model"]
+    assert [float(number) for number in re.findall(r"s\d (\S+) \+-", lines["gain"])] == pytest.approx(
+        [100 * (gain - 1) for gain in found["calibration"]["departures"]["gain"]], abs=0.006
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--placing-mm", "0"), "--placing-mm 0 is not from "),
+        (("--force-percent", "nan"), "--force-percent nan is not from "),
+        (("--leave-out", "99"), "no load 99 to leave out; the loads are 1, 2, "),
+        (("-o", "absent/real.onnx"), "absent: no such folder; create it first"),
+    ],
+)
+def test_options_that_cannot_be_are_wrong_input(
+    design_sensors_here: Command,
+    bench_model: Path,
+    bench: ModelFile,
+    tmp_path: Path,
+    options: tuple[str, str],
+    said: str,
+) -> None:
+    path = readings(tmp_path, bench, imperfections(3, bench.metadata))
+    done = design_sensors_here("calibrate", bench_model, path, "-o", tmp_path / "real.onnx", *options)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert said in done.stderr
+    assert not (tmp_path / "real.onnx").exists()

@@ -48,6 +48,12 @@ def test_the_product_of_the_leading_eigenvalues_only() -> None:
     assert log_eigenvalue_product(matrix, 2) == pytest.approx(np.log(first_two).sum(), rel=1e-12)
 
 
+@pytest.mark.parametrize(("entry", "said"), [(np.nan, "must be finite"), (np.inf, "must be finite"), (1e200, "scale")])
+def test_a_matrix_without_eigenvalues_in_float64_is_refused(entry: float, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        principal_components(np.full((3, 2), entry))
+
+
 def test_scales_at_which_a_product_would_overflow() -> None:
     matrix = matrix_of(68, 156, 244, 332)
     for scale in (1e-150, 1e150):

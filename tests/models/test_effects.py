@@ -20,13 +20,14 @@ from beamtouch_models.physics.beam import influence_of, max_deflection_mm
 from beamtouch_models.physics.dynamics import first_frequency_hz, ringing_after_filter, sag_mm, slowest_period_ms
 from beamtouch_models.placement import place
 from beamtouch_models.pricing import effects as effects_module
+from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.effects import Physics, effects_of, required
 from beamtouch_models.pricing.noise import choose_filter, noise_of, sensor_noise_mm, window_filter, zero_drift_mm
-from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Requirements, Scene, load_scene
 from beamtouch_models.trade.points import measured_points, windows_of
 from example_scenes import SCENES, paper_scene
+from plain_error import mean_error
 from stated_problems import fewest_mm, problem_in, real_prior
 
 NEW_SCENES = {
@@ -89,7 +90,7 @@ def test_a_barely_negligible_effect_changes_the_accuracy_by_less_than_a_percent(
     # The same contacts with the same noise, estimated with the effect and without it.
     drawn = limit.draw(Prior.of(influence_of(scene), layout, noise), 4000, 1)
     best, without = (
-        limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm)).percent
+        mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm)).percent
         for prior in (Prior.of(influence_of(model), layout, noise) for model in (scene, smaller))
     )
     assert abs(without / best - 1) < 0.01
@@ -331,7 +332,7 @@ def test_shipped_scenes_include_the_effects_they_are_named_after_and_can_be_desi
     prior = Prior.of(influence_of(smaller), layout, noise.sample_mm)
     drawn = limit.draw(prior, 400, 0)
     told = limit.posterior_median_mm(prior, drawn.deflection_mm)
-    assert limit.mean_error(prior, drawn, told).percent < 6
+    assert mean_error(prior, drawn, told).percent < 6
 
 
 @pytest.mark.parametrize("noise", [1e-300, 1e300])

@@ -65,7 +65,7 @@ def test_wide_contacts_agree_with_transfer_matrices(name: str) -> None:
     check(STRUCTURES[name], width=130.0, positions=POSITIONS[1:-1])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25, deadline=None, derandomize=True)
 @given(
     x=st.floats(0, 400),
     a=st.floats(0, 400),
@@ -80,16 +80,8 @@ def test_any_step_in_section_agrees_with_transfer_matrices(
     segments = [{"to_mm": step, "thickness_mm": thickness}, {"to_mm": 400}]
     beam = stated(STEEL, segments=segments, supports=supports, shear_modulus_gpa=modulus)
     points = np.linspace(0, 400, 41)
-    try:
-        found, largest = influence(beam, [x], [a])[0, 0], np.abs(influence(beam, points, points)).max()
-    except SceneError:
-        # A stub that is far stiffer than the rest, or shears far more easily than it bends, leaves too few digits.
-        stubs = [(step, thickness, 30), (400 - step, 30, thickness)]
-        stiffer = max((thick / other * 400 / length) ** 3 for length, thick, other in stubs)
-        softer = max((thick / length) ** 2 * 210 / (modulus or np.inf) for length, thick, _ in stubs)
-        assert stiffer > 1e11 or softer > 1e6
-        return
-    assert abs(found - float(ExactBeam(beam, 80).deflection(x, a))) <= 1e-11 * largest
+    expected = float(ExactBeam(beam, 80).deflection(x, a))
+    assert abs(influence(beam, [x], [a])[0, 0] - expected) <= 1e-11 * np.abs(influence(beam, points, points)).max()
 
 
 def test_a_load_nearly_on_a_support_is_not_refused() -> None:

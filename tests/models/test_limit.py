@@ -8,12 +8,13 @@ from beamtouch_models.physics.beam import influence, influence_of
 from beamtouch_models.pricing.noise import reading_noise_mm
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
+from plain_error import mean_error
 
 
 def limit_of(scene: Scene, *sensors: float, draws: int = 6000) -> limit.MeanError:
     prior = Prior.of(influence_of(scene), np.array(sensors), reading_noise_mm(scene))
     drawn = limit.draw(prior, draws, 1)
-    return limit.mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
+    return mean_error(prior, drawn, limit.posterior_median_mm(prior, drawn.deflection_mm))
 
 
 @pytest.mark.parametrize(("layout", "percent"), [((400 / 3, 800 / 3), 4.50), ((122, 278), 4.12), ((107, 293), 3.78)])

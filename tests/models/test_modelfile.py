@@ -90,6 +90,13 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
         ("beamtouch.schema_version", "1", r"rebuild it .* with `design-sensors build .*changed\.onnx -o"),
         ("beamtouch.floor", '{"gain": [0.1], "zero_mm": [0]}', "thresholds and floor: each list must have 4 entries"),
         ("beamtouch.layout", "[]", "beamtouch.layout"),
+        ("beamtouch.layout", json.dumps([{"name": "s1", "position_mm": 9}] * 4), "two channels have the same name"),
+        ("beamtouch.min_channels", "9", "min_channels: 9 of 4 channels"),
+        (
+            "beamtouch.golden",
+            '{"deflection_mm": [[0, 0]], "whitening_per_mm": [[[0, 0], [0, 0]]], "answers": {}}',
+            "golden: every row of inputs must have 4 channels",
+        ),
         ("beamtouch.noise", None, "beamtouch.noise: Field required"),
         ("beamtouch.noise", "{", "not JSON"),
         ("beamtouch.length_mm", '"long"', "beamtouch.length_mm"),
@@ -250,6 +257,27 @@ def test_a_graph_with_functions_is_refused_unloaded(bench_model: Path, tmp_path:
     for before in (b"", b"\xa3\x06\xa4\x06"):
         with pytest.raises(ModelFileError, match="its graph defines functions"):
             modelfile.load_bytes(before + model.SerializeToString(), "model")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("deflection_mm", "deflections_mm", "inputs deflections_mm, whitening_per_mm; expected deflection_mm, "),
+        ("position_mm", "place_mm", "output position_mm is missing"),
+    ],
+)
+def test_a_graph_with_other_inputs_or_outputs_is_refused(
+    bench_model: Path, tmp_path: Path, old: str, new: str, said: str
+) -> None:
+    model, path = onnx.load(bench_model), tmp_path / "renamed.onnx"
+    for value in (*model.graph.input, *model.graph.output):
+        value.name = new if value.name == old else value.name
+    for node in model.graph.node:
+        node.input[:] = [new if name == old else name for name in node.input]
+        node.output[:] = [new if name == old else name for name in node.output]
+    onnx.save(model, path)
+    with pytest.raises(ModelFileError, match=said):
+        modelfile.load(path)
 
 
 @pytest.mark.parametrize("value", ["[" * 100_000, "9" * 5000])

@@ -5,9 +5,9 @@ import pytest
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
+from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.effects import effects_of, required
 from beamtouch_models.pricing.noise import choose_filter, floor_of, noise_of, reading_noise_mm, rounding_mm, step_mm
-from beamtouch_models.pricing.prices import Effect
 from beamtouch_models.scene import Requirements, Scene
 from example_scenes import paper_scene
 

@@ -10,6 +10,7 @@ from beamtouch_models.placement.placing import SearchName
 from beamtouch_models.placement.position_error import surrogate_of
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
+from plain_error import mean_error
 from stated_problems import problem_in
 
 pytestmark = [pytest.mark.long, pytest.mark.untraced]
@@ -42,7 +43,7 @@ def test_the_limit_of_spread_contacts_is_that_of_random_ones() -> None:
     prior = Prior.of(influence_of(paper_scene()), layout, NOISE_MM)
     drawn = limit.draw(prior, 40_000, 3)
     median = limit.posterior_median_mm(prior, drawn.deflection_mm)
-    plain, spread = limit.mean_error(prior, drawn, median), limit_of(paper_scene(), (107.0, 293.0), draws=16_000)
+    plain, spread = mean_error(prior, drawn, median), limit_of(paper_scene(), (107.0, 293.0), draws=16_000)
     assert abs(plain.percent - spread.percent) < 4 * np.hypot(plain.standard_error, spread.standard_error)
     # Known to a fifth only, and with less than half the contacts.
     assert spread.standard_error < plain.standard_error / 2.5

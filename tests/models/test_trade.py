@@ -25,7 +25,8 @@ from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 from beamtouch_models.trade.front import NotToBeHadError, most_accurate, pareto_front, quickest
 from beamtouch_models.trade.physics import physics_trade
-from beamtouch_models.trade.points import Point, Trade, counts_of, measured_points, windows_of
+from beamtouch_models.trade.point import Point, Trade
+from beamtouch_models.trade.points import counts_of, measured_points, windows_of
 from beamtouch_models.trade.quantised import quantised
 from beamtouch_models.trade.timing import Times
 from example_scenes import PAPER, SCENES

@@ -112,7 +112,11 @@ def _content(name: str, channels: int, min_channels: int, outputs: tuple[str, ..
         drawn=modelfile.Drawn(supports=[], at_mm=[0.0, 400.0], load_mm=[200.0], deflection_mm_per_n=[[0.0, 0.0]]),
         seed=1,
         accuracy=modelfile.Accuracy(
-            error_percent=1, error_standard_error=0.1, limit_percent=1, limit_standard_error=0.1
+            error_percent=1,
+            error_standard_error=0.1,
+            limit_percent=1,
+            limit_standard_error=0.1,
+            ratio_standard_error=0.1,
         ),
         golden=_golden(model, channels),
         scene="",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from beamtouch_models.modelfile import State
 from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.segmenter import Finish
 from beamtouch_service.events.segments import Begin, End, Kind, Segment
@@ -137,6 +138,21 @@ def test_above_the_size_limit_the_oldest_events_are_dropped(store: EventStore, p
     assert newest.first_sequence == 11_990
     kept = [one.first_sequence for _, one in store.read(Selection(limit=10_000))]
     assert kept == list(range(11_990, kept[-1] - 10, -10))
+
+
+def test_a_size_limit_below_an_empty_file_ends_the_pruning(path: Path) -> None:
+    store = EventStore(path, keep_s=DAY_S, max_bytes=0)
+    store.write("press-7", [segment(0, 9, end=End.LIFT)], 0.0)
+    assert (store.prune(0.0), spans(store), store.prune(0.0)) == (1, [], 0)
+    store.close()
+
+
+def test_an_event_goes_on_from_the_state_of_its_last_sample(store: EventStore) -> None:
+    stretch = replace(segment(20, 29, end=End.UNSEEN), kind=Kind.UNEXPLAINED, ends_unexplained=True)
+    lifted = segment(40, 49, end=End.LIFT)
+    store.write("press-7", [segment(0, 9, end=End.UNSEEN), stretch, lifted], 0.0)
+    after = [store.state_after("press-7", "boot-0001", sequence) for sequence in (9, 29, 49, 60)]
+    assert after == [State.CONTACT, State.UNEXPLAINED, None, None]
 
 
 def test_a_failed_write_changes_nothing(store: EventStore) -> None:

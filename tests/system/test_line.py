@@ -25,7 +25,9 @@ SCENE = SCENES / "bench.toml"
 RESTS = 14
 REST_S, LIFTED_S = 0.6, 0.3
 SCRIPT_S = RESTS * (REST_S + LIFTED_S) + 1.5
+"""One pass of the script, and the time until the first load."""
 MAX_PASSES = 6
+"""A busy machine misses some loads in each pass."""
 ENOUGH, CONTACTS = RESTS - 2, 50
 """Positions and contacts that must be compared."""
 SETTLED_S = 0.1
@@ -96,7 +98,7 @@ class Compared:
 def compare(line: Line) -> tuple[list[Compared], list[Any]]:
     """Ask for contacts; returns those of settled loads beside the truth, and those that mistook touch for clear.
 
-    A busy machine misses some loads the first time. The script begins anew, and so they come again.
+    It takes one pass of the script, and further ones until enough loads were compared.
     """
     truth, found = Truth(line.truth("bench")), list[Compared]()
     mistaken: list[Any] = []

@@ -72,11 +72,6 @@ class Spool:
         self._file.close()
 
     @property
-    def put_aside(self) -> Path | None:
-        """New path of a damaged file."""
-        return self._file.put_aside
-
-    @property
     def is_open(self) -> bool:
         """Whether the file is open; on a full disk a new one can be created only once there is room."""
         return self._file.is_open

@@ -51,8 +51,6 @@ class SpoolConnection:
         without: Callable[[], set[int]],
         on_gone: Callable[[], None],
     ) -> None:
-        self.put_aside: Path | None = None
-        """New path of a damaged file."""
         self._path = path
         self._reserve_bytes = reserve_bytes
         self._on_open = on_open
@@ -81,13 +79,7 @@ class SpoolConnection:
     def start_anew(self) -> None:
         """Delete the file and create a new one; SpoolError if that fails."""
         self.close()
-        try:
-            for tail in ("", "-wal", "-journal"):
-                self._path.with_name(self._path.name + tail).unlink(missing_ok=True)
-        except OSError as error:
-            message = f"cannot replace the spool: {error.strerror}"
-            raise SpoolError(message) from error
-        self._connect()
+        self._connect(anew=True)
 
     @contextmanager
     def access(self, doing: str) -> Iterator[sqlite3.Connection]:
@@ -123,9 +115,11 @@ class SpoolConnection:
             self._database.close()
             self._database = None
 
-    def _connect(self) -> sqlite3.Connection:
+    def _connect(self, *, anew: bool = False) -> sqlite3.Connection:
         database: sqlite3.Connection | None = None
         try:
+            for tail in ("", "-wal", "-journal") if anew else ():
+                self._path.with_name(self._path.name + tail).unlink(missing_ok=True)
             database, lost = self._opened()
             self._on_open(database, lost)
         except (sqlite3.DatabaseError, OSError) as error:
@@ -144,7 +138,7 @@ class SpoolConnection:
                 raise spool_file.DamagedError(self._damage)
             return spool_file.opened(self._path), Counter()
         except spool_file.DamagedError as error:
-            aside = self.put_aside = spool_rescue.put_aside(self._path, int(time.time()))
+            aside = spool_rescue.put_aside(self._path, int(time.time()))
             self._damage = None
             words = "the spool is damaged (%s); it is kept as %s, and its readable rows go into a new one"
             _log.error(words, error, aside)

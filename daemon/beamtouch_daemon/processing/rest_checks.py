@@ -7,7 +7,8 @@ import numpy as np
 from beamtouch_daemon.config.settings import Surface, encoding_of
 from beamtouch_daemon.processing import stuck, tare
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
-from beamtouch_daemon.processing.rest_noise import readings_needed, summed_correlations, without_line
+from beamtouch_daemon.processing.correlations import summed_correlations, without_line
+from beamtouch_daemon.processing.rest_noise import readings_needed
 from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Quality
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from beamtouch_daemon.config.settings import Surface, encoding_of
 from beamtouch_daemon.processing.characteristic import Characteristic
+from beamtouch_daemon.processing.correlations import summed_correlations, without_line
 from beamtouch_daemon.processing.filters import stages
 from beamtouch_models.filters import Chain, FloatArray
 
@@ -22,8 +23,6 @@ INDEPENDENT = 100
 MIN_BLOCKS, MAX_BLOCKS = 5, 30
 BLOCK_MEANS = 20
 """Number of independent readings, and of independent filtered values, that a block should hold."""
-WINDOW = 5.0
-"""Correlations are summed over so many correlation times (Sokal, Monte Carlo methods, 1997, sec. 3)."""
 COLOURED = 1.2
 """Effective noise over that of a reading from which noise is not white. A short recording may give white noise 1.1."""
 ROUNDED = 0.3
@@ -139,14 +138,6 @@ def _effective_mm2(residual: FloatArray, number: int, of_block: FloatArray, surf
     return effective
 
 
-def without_line(values: FloatArray) -> FloatArray:
-    """Return values, shape (readings, channels), without their mean and their straight trend."""
-    time = np.arange(len(values)) - (len(values) - 1) / 2
-    centred = values - values.mean(axis=0)
-    residual: FloatArray = centred - time[:, np.newaxis] * (time @ centred / (time @ time))
-    return residual
-
-
 def _blocks_for(residual: FloatArray, window: float) -> int:
     """Return the number of blocks that are long against the filter's window and the correlation of the noise."""
     summed, own = summed_correlations(_blocks(residual, 1))
@@ -156,27 +147,6 @@ def _blocks_for(residual: FloatArray, window: float) -> int:
 
 def _blocks(values: FloatArray, number: int) -> FloatArray:
     return values.reshape(number, -1, values.shape[1])
-
-
-def summed_correlations(blocks: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the sum of the autocovariances over all lags, and the variance within blocks, each of shape (channels,).
-
-    `blocks` has shape (blocks, readings, channels).
-    """
-    length = blocks.shape[1]
-    centred = blocks - blocks.mean(axis=1, keepdims=True)
-    size = 1 << (2 * length - 1).bit_length()
-    power = np.abs(np.fft.rfft(centred, size, axis=1)) ** 2
-    lags = np.fft.irfft(power.mean(axis=0), size, axis=0)[:length]
-    lags /= np.arange(length, 0, -1)[:, np.newaxis]
-    last = np.arange(length // 5)
-    totals = 2 * np.cumsum(lags[: length // 5], axis=0) - lags[0]
-    totals /= (1 - (2 * last + 1) / length)[:, np.newaxis]  # what the means of the blocks took out
-    summed = np.empty(blocks.shape[2])
-    for channel, total in enumerate(totals.T):
-        enough = last * lags[0, channel] >= WINDOW * total
-        summed[channel] = max(total[int(np.argmax(enough)) if enough.any() else -1], 0.0)
-    return summed, lags[0]
 
 
 def _drift_mm(means: FloatArray, variance: FloatArray) -> FloatArray:

@@ -50,22 +50,12 @@ def draw(prior: Prior, count: int, seed: int) -> Draws:
     return Draws(position, force, clean + rng.normal(size=clean.shape) * deviation)
 
 
-def mean_error(prior: Prior, draws: Draws, estimate_mm: Floats) -> MeanError:
-    """Eq. 5 of the paper over all draws."""
-    return _mean_of(np.abs(estimate_mm - draws.position_mm) / prior.length_mm * 100)
-
-
-def _mean_of(percent: Floats) -> MeanError:
-    """Mean of errors in percent of the length, with its standard error from their scatter."""
-    return MeanError(float(percent.mean()), float(percent.std(ddof=1) / np.sqrt(len(percent))))
-
-
 def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
     """Return the accuracy limit, from at least `draws` simulated contacts.
 
-    The mean is that of `mean_error`, with less scatter: each reading counts with the mean |error| over its posterior
-    instead of the one drawn error, and contacts and noise are spread evenly (scrambled Sobol points; Owen 1997,
-    doi 10.1214/aos/1031594731). The standard error comes from the scatter of independent scramblings.
+    The mean is that of eq. 5 of the paper, with less scatter: each reading counts with the mean |error| over its
+    posterior instead of the one drawn error, and contacts and noise are spread evenly (scrambled Sobol points; Owen
+    1997, doi 10.1214/aos/1031594731). The standard error comes from the scatter of independent scramblings.
 
     Raises
     ------
@@ -79,7 +69,8 @@ def accuracy_limit(prior: Prior, draws: int, seed: int) -> MeanError:
         raise SceneError(message)
     drawn = draw_evenly(prior, draws, seed)
     deviation = posterior_quantiles(prior, drawn.deflection_mm)[1] * drawn.weight
-    return _mean_of(deviation.reshape(SCRAMBLINGS, -1).mean(axis=1) / prior.length_mm * 100)
+    percent = deviation.reshape(SCRAMBLINGS, -1).mean(axis=1) / prior.length_mm * 100
+    return MeanError(float(percent.mean()), float(percent.std(ddof=1) / np.sqrt(SCRAMBLINGS)))
 
 
 def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
@@ -124,12 +115,6 @@ def spread_contacts(prior: Prior, draws: int, rng: np.random.Generator) -> tuple
     low, high = prior.position_mm
     weak, strong = prior.force_n
     return low + (high - low) * points[:, 0], weak + (strong - weak) * points[:, 1], ndtri(points[:, 2:])
-
-
-def spread_noise(channels: int, draws: int, rng: np.random.Generator) -> Floats:
-    """Return noise of variance 1 (draws, channels) spread evenly over its distribution; `draws` is a power of two."""
-    noise: Floats = ndtri(_spread(channels, draws, rng))
-    return noise
 
 
 def _spread(dimensions: int, draws: int, rng: np.random.Generator) -> Floats:

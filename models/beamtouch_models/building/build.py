@@ -79,17 +79,7 @@ def build(
     check_scene(scene, chosen, count)
     physics = required(scene, chosen)
     progress("placing the sensors", 0.0)
-    # Physics ends here: layout, estimator and accuracy know only the influence matrix.
-    influence, errors = influence_of(physics.scene), sample_errors(physics.scene, physics.noise.sample_mm)
-    placement = fewest_sensors(
-        influence,
-        sensor_rules(physics.scene),
-        (count, count) if count else scene.sensors.count_range,
-        wanted_mm=scene.requirements.position_error_mm,
-        errors=errors,
-        seed=seed,
-    )
-    prior = Prior.real(influence, np.array(placement.positions_mm), errors)
+    placement, prior = _placed(physics, count, seed)
     made = estimator_of(
         choices.estimator,
         prior,
@@ -122,3 +112,18 @@ def build(
         scene=text,
     )
     return Built(to_bytes(made.graph, metadata), metadata, placement, physics)
+
+
+def _placed(physics: Physics, count: int | None, seed: int) -> tuple[Placement, Prior]:
+    """Place the sensors. Physics ends here: estimator and accuracy know only the influence matrix in the prior."""
+    scene = physics.scene
+    influence, errors = influence_of(scene), sample_errors(scene, physics.noise.sample_mm)
+    placement = fewest_sensors(
+        influence,
+        sensor_rules(scene),
+        (count, count) if count else scene.sensors.count_range,
+        wanted_mm=scene.requirements.position_error_mm,
+        errors=errors,
+        seed=seed,
+    )
+    return placement, Prior.real(influence, np.array(placement.positions_mm), errors)

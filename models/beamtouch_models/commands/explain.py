@@ -12,9 +12,9 @@ from rich.table import Table
 from beamtouch_models.building.checks import check_scene
 from beamtouch_models.physics.beam import load_positions_mm, max_deflection_mm, scene_influence
 from beamtouch_models.physics.mesh import mesh_of
+from beamtouch_models.pricing.effect import NEGLIGIBLE, Effect
 from beamtouch_models.pricing.effects import effects_of
 from beamtouch_models.pricing.noise import choose_filter, noise_of
-from beamtouch_models.pricing.prices import NEGLIGIBLE, Effect
 from beamtouch_models.scene import Scene, load_scene
 
 REPEATS = 5

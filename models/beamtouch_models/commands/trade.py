@@ -25,7 +25,8 @@ from beamtouch_models.estimators.estimator import NAMES
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.trade.front import most_accurate, named, pareto_front, quickest
 from beamtouch_models.trade.physics import LeftOut, physics_trade
-from beamtouch_models.trade.points import Point, Trade, measured_points
+from beamtouch_models.trade.point import Point, Trade
+from beamtouch_models.trade.points import measured_points
 from beamtouch_models.trade.quantised import quantised
 from beamtouch_models.trade.results import HEADINGS, json_of, markdown, plot, row, said
 

@@ -145,7 +145,7 @@ def solve(mesh: Mesh, right: Floats) -> Floats:
         residual[mesh.held] = 0.0
         correction = cho_solve_banded((mesh.factor, True), residual)
         solution = solution + correction
-    # Numbers below the smallest normal one have few digits: they come up for a load that stands nearly on a support.
+    # Numbers below the smallest normal one have few digits. A load that stands nearly on a support gives such numbers.
     rounding = LARGEST_CORRECTION * np.abs(solution).max() + np.finfo(np.float64).tiny
     if not np.abs(correction).max() <= rounding:
         raise SceneError(UNEVEN)

@@ -56,13 +56,6 @@ class Candidates:
         """Return whether each sensor of a layout is fixed, in the shape of `layout`."""
         return np.isin(layout, self.fixed)
 
-    def nearest(self, position_mm: Floats) -> Indices:
-        """Return the candidate nearest to each position, in the shape of `position_mm`."""
-        after = np.clip(np.searchsorted(self.position_mm, position_mm), 1, len(self.position_mm) - 1)
-        left, right = self.position_mm[after - 1], self.position_mm[after]
-        chosen: Indices = np.where(position_mm - left <= right - position_mm, after - 1, after)
-        return chosen
-
     def fitted(self, wanted_mm: Floats) -> Indices | None:
         """Return the allowed layout nearest to wanted positions (sensors,); None if no layout exists."""
         span = self.position_mm[-1] - self.position_mm[0]

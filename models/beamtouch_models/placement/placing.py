@@ -41,8 +41,6 @@ class Placement:
     """Number of layouts scored."""
     convergence: tuple[float, ...]
     """Best score after each step of the winning run: the logarithm above, or minus the mean position error in mm."""
-    trail_mm: tuple[tuple[float, ...], ...] = ()
-    """The layout after each of these steps, as in the paper's figure 5."""
     gap: float | None = None
     """No layout scores more than log_eigenvalue_product + gap. 0: proven the best; None: no bound is known."""
 
@@ -176,14 +174,4 @@ def _total(runs: list[Run]) -> int:
 def _placement(
     rules: Candidates, layout: Indices, score: float, run: Run, evaluations: int, gap: float | None
 ) -> Placement:
-    def in_mm(indices: Indices) -> tuple[float, ...]:
-        return tuple(float(position) for position in np.sort(rules.position_mm[indices]))
-
-    return Placement(
-        in_mm(layout),
-        score,
-        evaluations,
-        tuple(value for value, _ in run.trail),
-        tuple(in_mm(indices) for _, indices in run.trail),
-        gap,
-    )
+    return Placement(tuple(np.sort(rules.position_mm[layout]).tolist()), score, evaluations, run.scores, gap)

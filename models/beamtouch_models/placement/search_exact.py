@@ -30,14 +30,14 @@ class Run:
     """The result of a search from one start."""
 
     layout: Indices
-    trail: tuple[tuple[float, Indices], ...]
-    """Best score and layout after each step, the start first."""
+    scores: tuple[float, ...]
+    """Best score after each step, the start first."""
     evaluations: int
 
     @property
     def score(self) -> float:
         """Score of the found layout."""
-        return self.trail[-1][0]
+        return self.scores[-1]
 
 
 def exact_search(problem: Problem, seed: int) -> list[Run]:
@@ -64,7 +64,7 @@ def exchange(problem: Problem, start: Indices) -> Run:
     """Make the best single exchange until none gains. Only for the product of all eigenvalues."""
     layout = np.sort(start)
     score, gains = _score_and_gains(problem, layout)
-    trail, evaluations = [(score, layout)], gains.size
+    scores, evaluations = [score], gains.size
     for _ in range(MAX_EXCHANGES):
         k, chosen = np.unravel_index(int(gains.argmax()), gains.shape)
         changed = layout.copy()
@@ -73,11 +73,11 @@ def exchange(problem: Problem, start: Indices) -> Run:
         score, gains = _score_and_gains(problem, changed)
         evaluations += gains.size
         # Decide by the score of the changed layout itself: near a singular layout, a gain is mostly rounding.
-        if not score > trail[-1][0] + GAIN:
+        if not score > scores[-1] + GAIN:
             break
         layout = changed
-        trail.append((score, layout))
-    return Run(layout, tuple(trail), evaluations)
+        scores.append(score)
+    return Run(layout, tuple(scores), evaluations)
 
 
 def _score_and_gains(problem: Problem, layout: Indices) -> tuple[float, Floats]:
@@ -127,7 +127,7 @@ def pattern_search(
     before : the run that led to `start`
     """
     layout = start
-    trail = list(before.trail) if before else [(float(score(start[None, :])[0]), start)]
+    scores = list(before.scores) if before else [float(score(start[None, :])[0])]
     evaluations = before.evaluations if before else 1
     step = step or max(1, len(rules.position_mm) // (4 * len(start)))
     while step:
@@ -135,12 +135,12 @@ def pattern_search(
         values = score(trials) if len(trials) else np.array([-np.inf])
         evaluations += len(trials)
         best = int(values.argmax())
-        if values[best] > trail[-1][0] + GAIN:
+        if values[best] > scores[-1] + GAIN:
             layout = np.sort(trials[best])
-            trail.append((float(values[best]), layout))
+            scores.append(float(values[best]))
         else:
             step //= 2
-    return Run(layout, tuple(trail), evaluations)
+    return Run(layout, tuple(scores), evaluations)
 
 
 def _moved(layout: Indices, step: int, candidates: int, rules: Candidates) -> Iterator[Indices]:

@@ -1,7 +1,6 @@
 """The paper's search: clone the best layout, vary the clones, keep the best, shrink the variation when nothing gains.
 
 Scores are logarithms, computed for the whole population at once. Two additions to the paper make it reach the optimum
-from beamtouch_models.arrays import Floats, Indices
 from every seed: it restarts from other layouts, and some clones move one or two sensors instead of all.
 """
 
@@ -44,22 +43,22 @@ def paper_search(
     start : first layout
     rng : random generator of the variations
     """
-    best, trail = start, [(float(score(start[None, :])[0]), start)]
+    best, scores = start, [float(score(start[None, :])[0])]
     increment = len(rules.position_mm) / (2 * len(start))
     evaluations, idle = 1, 0
-    while len(trail) < MAX_GENERATIONS and idle < PATIENCE:
+    while len(scores) < MAX_GENERATIONS and idle < PATIENCE:
         clones = _varied(best, rules, increment, rng)
         values = score(clones)
         evaluations += len(clones)
         winner = int(values.argmax())
-        if values[winner] > trail[-1][0] + GAIN:
+        if values[winner] > scores[-1] + GAIN:
             best, idle = np.sort(clones[winner]), 0
-            trail.append((float(values[winner]), best))
+            scores.append(float(values[winner]))
         else:
             idle += increment <= 0.5
             increment = max(increment * SHRINK, 0.5)
-            trail.append((trail[-1][0], best))
-    return Run(best, tuple(trail), evaluations)
+            scores.append(scores[-1])
+    return Run(best, tuple(scores), evaluations)
 
 
 def _varied(best: Indices, rules: Candidates, increment: float, rng: np.random.Generator) -> Indices:

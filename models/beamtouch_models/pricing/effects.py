@@ -12,8 +12,9 @@ import numpy as np
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice, Noise
 from beamtouch_models.physics.beam import sensor_positions_mm
+from beamtouch_models.pricing.effect import NEGLIGIBLE, Effect, Pricing
 from beamtouch_models.pricing.noise import noise_of, reading_noise_mm, sensor_noise_mm
-from beamtouch_models.pricing.prices import EFFECTS, NEGLIGIBLE, Effect, Pricing
+from beamtouch_models.pricing.prices import EFFECTS
 from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import Scene
 

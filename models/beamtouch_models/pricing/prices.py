@@ -1,18 +1,14 @@
-"""The price of each single physical effect in a scene; `effects` decides which effects are modelled."""
+"""The price of each single physical effect in a scene."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from pydantic import ValidationError
 
-from beamtouch_models.arrays import Floats
-from beamtouch_models.errors import SceneError
-from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import dynamics
-from beamtouch_models.physics.beam import influence_of, load_positions_mm, scene_influence
+from beamtouch_models.physics.beam import influence_of, load_positions_mm
+from beamtouch_models.pricing.effect import NEGLIGIBLE, Effect, Pricing, Verdict, verdict_of
 from beamtouch_models.pricing.noise import adc_step_mm, floor_of, rounding_mm, zero_drift_mm
 from beamtouch_models.pricing.removal import (
     changed,
@@ -23,64 +19,9 @@ from beamtouch_models.pricing.removal import (
     without_tolerance,
     without_width,
 )
-from beamtouch_models.scene import Scene
 
-Verdict = Literal["in", "out", "floor", "not stated", "not modelled"]
-
-NEGLIGIBLE = 0.1
-"""Price, in units of the noise, below which effects are left out."""
 POISSON_RATIO = 0.3
 """Value of most metals; it gives the shear modulus if the scene does not state one."""
-
-
-@dataclass(frozen=True)
-class Effect:
-    """An effect, priced for a scene."""
-
-    name: str
-    price: float | None
-    """In units of the noise of a sample; None if the scene does not state the data for it."""
-    verdict: Verdict
-    """"in" or "out" of the influence matrix; "floor": part of the covariance of every sample; "not modelled": it
-    matters, but no part of the model can include it."""
-    reason: str
-    having: Scene | None = None
-    lacking: Scene | None = None
-    """The scene with and without the effect, if the two differ."""
-    leave_out: Callable[[Scene], Scene] | None = None
-    """Removes the effect from a scene; None if that changes nothing."""
-
-
-@dataclass(frozen=True)
-class Pricing:
-    """The data for pricing the effects of a scene."""
-
-    scene: Scene
-    filter: FilterChoice
-    noise_mm: float
-    """Noise of a sample behind the filter."""
-    sensor_mm: Floats
-
-    def deflection_mm(self, scene: Scene) -> Floats:
-        """Return the deflection (loads, sensors) at the largest force."""
-        return scene.contact.force_range_n[1] * scene_influence(scene, self.sensor_mm, load_positions_mm(scene))
-
-    def price(self, having: Scene, lacking: Scene) -> float:
-        """Return the largest difference in deflection between two scenes, in units of the noise."""
-        return self.in_noise(self.deflection_mm(having) - self.deflection_mm(lacking))
-
-    def in_noise(self, deflection_mm: Floats) -> float:
-        """Return the largest deflection in units of the noise; raises SceneError beyond the range of float64."""
-        with np.errstate(over="ignore"):
-            price = float(np.abs(deflection_mm).max(initial=0.0) / self.noise_mm)
-        if not math.isfinite(price):
-            message = "sensors: the noise is too small next to the deflection to price effects in; state a larger one"
-            raise SceneError(message)
-        return price
-
-
-def _verdict(price: float) -> Verdict:
-    return "out" if price < NEGLIGIBLE else "in"
 
 
 def _shear(pricing: Pricing) -> Effect:
@@ -89,7 +30,7 @@ def _shear(pricing: Pricing) -> Effect:
         lacking = without_shear(scene)
         price = pricing.price(scene, lacking)
         reason = f"shear modulus {beam.shear_modulus_gpa:g} GPa"
-        return Effect("shear", price, _verdict(price), reason, scene, lacking, without_shear)
+        return Effect("shear", price, verdict_of(price), reason, scene, lacking, without_shear)
     if beam.youngs_modulus_gpa is None or any(section.area_mm2 is None for section in beam.sections):
         return Effect("shear", None, "not stated", "give shear_modulus_gpa with width_mm and thickness_mm")
     modulus = beam.youngs_modulus_gpa / (2 * (1 + POISSON_RATIO))
@@ -108,7 +49,7 @@ def _contact_width(pricing: Pricing) -> Effect:
         return Effect("contact width", 0.0, "out", "the scene states a point contact")
     lacking = without_width(scene)
     price = pricing.price(scene, lacking)
-    return Effect("contact width", price, _verdict(price), f"{width:g} mm", scene, lacking, without_width)
+    return Effect("contact width", price, verdict_of(price), f"{width:g} mm", scene, lacking, without_width)
 
 
 def _self_weight(pricing: Pricing) -> Effect:
@@ -143,7 +84,7 @@ def _steps(pricing: Pricing) -> Effect:
         return Effect(
             "steps", price, "in", f"{reason}; included, because shear depends on the sections", having, lacking
         )
-    return Effect("steps", price, _verdict(price), reason, having, lacking, without_steps)
+    return Effect("steps", price, verdict_of(price), reason, having, lacking, without_steps)
 
 
 def _foundation(pricing: Pricing) -> Effect:
@@ -157,7 +98,7 @@ def _foundation(pricing: Pricing) -> Effect:
         whole = pricing.in_noise(pricing.deflection_mm(scene))
         return Effect("foundation", whole, "in", f"{reason}; nothing else supports the beam", scene)
     price = pricing.price(scene, lacking)
-    return Effect("foundation", price, _verdict(price), reason, scene, lacking, without_foundation)
+    return Effect("foundation", price, verdict_of(price), reason, scene, lacking, without_foundation)
 
 
 def _dynamics(pricing: Pricing) -> Effect:
@@ -218,7 +159,7 @@ def _adc_steps(pricing: Pricing) -> Effect:
     reason = f"{1000 * step:.3g} um per count"
     if stays_mm >= NEGLIGIBLE * pricing.noise_mm:
         reason += f"; the noise is too small to average it out, so {1000 * stays_mm:.3g} um stay in every mean"
-    return Effect("ADC steps", price, _verdict(price), reason, leave_out=without_adc)
+    return Effect("ADC steps", price, verdict_of(price), reason, leave_out=without_adc)
 
 
 EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from beamtouch_common.errors import InputError
-from beamtouch_models.trade.points import Point
+from beamtouch_models.trade.point import Point
 
 
 class NotToBeHadError(InputError):

@@ -1,4 +1,4 @@
-"""The points of the trade: estimator, sensors, filter and precision, each with its error and cost."""
+"""Builds and measures the points of the trade."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -23,6 +23,7 @@ from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of,
 from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.scene import MIN_SENSORS, Scene
 from beamtouch_models.session import runner
+from beamtouch_models.trade.point import Failure, Point, Trade
 from beamtouch_models.trade.quantised import quantised
 from beamtouch_models.trade.timing import ROUNDS, Times, inference_times
 
@@ -35,49 +36,6 @@ FIRST_ROUNDS = 5
 """Rounds of timing for intermediate results; at the end all points are timed again, in turns."""
 SERIAL_BAUD, FRAME_BYTES, BYTE_BITS = 1_000_000, 13, 10
 """Transfer of a reading by PROTOCOL.md: FRAME_BYTES and two bytes per channel, of ten bits each."""
-
-
-@dataclass(frozen=True)
-class Point:
-    """One way to build the model of a scene."""
-
-    estimator: Name
-    sensors: int
-    filter: FilterChoice
-    quantised: bool
-    error_percent: Measurement
-    """Mean |position error| in percent of the length."""
-    error_mm: float
-    limit_percent: Measurement
-    """Accuracy limit of this layout and filter, on the same contacts."""
-    ratio: Measurement
-    times: Times
-    poll_ms: float
-    """Time from a reading until the daemon has it."""
-    bytes: int
-    latency_ms: float
-    """Time from a touch to the first answer for it alone: half a period on average, poll, filter, inference."""
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A point, or all points of a layout, that could not be built."""
-
-    estimator: Name | None
-    """None if the layout failed, for every estimator."""
-    sensors: int
-    filter: FilterChoice
-    reason: str
-
-
-@dataclass(frozen=True)
-class Trade:
-    """The points so far."""
-
-    points: tuple[Point, ...]
-    failures: tuple[Failure, ...]
-    planned: int
-    """Number of points at the end, if none fails."""
 
 
 @dataclass(frozen=True)

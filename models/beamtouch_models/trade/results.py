@@ -7,7 +7,7 @@ from typing import Any
 from beamtouch_models.charts import Chart, Series, draw
 from beamtouch_models.drawing import standalone
 from beamtouch_models.trade.physics import LeftOut
-from beamtouch_models.trade.points import Failure, Point, Trade
+from beamtouch_models.trade.point import Failure, Point, Trade
 
 HEADINGS = (
     "front",

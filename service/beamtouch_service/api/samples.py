@@ -49,7 +49,7 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Receipt:
         changes = surface.sender_changes
         receipt = surface.receive(batch, arrival_s)
     except ProblemError as error:
-        known = name if context.registry.find(name) else ""
+        known = name if name in context.registry.names else ""
         context.counts.rejected.labels(known, error.problem.kind.slug).inc()
         raise
     context.counts.batch_s.labels(name).observe(context.clock() - arrival_s)

@@ -119,11 +119,6 @@ class GrowingSegment:
         self._path: list[Point] = []
 
     @property
-    def kind(self) -> Kind:
-        """The kind of the event that it is part of."""
-        return self._first.kind
-
-    @property
     def duration_us(self) -> int:
         """Time from the first sample to the last, by the sender's clock [us]."""
         return abs(self._last[1] - self._first.touched_us)

@@ -31,12 +31,6 @@ class Registry:
             raise ProblemError(Problem(Kind.UNKNOWN_SURFACE, detail, members={"surfaces": self.names}))
         return self._surfaces[name]
 
-    def find(self, name: str | None) -> Surface | None:
-        """Return the surface of that name, or without a name the only one; None if there is none."""
-        if name is None:
-            return next(iter(self)) if len(self._surfaces) == 1 else None
-        return self._surfaces.get(name)
-
     def chosen(self, name: str | None) -> Surface:
         """Return the surface of that name, or without a name the only one; raises ProblemError if there is none."""
         self._require_any()

@@ -41,7 +41,7 @@ def test_contact_degraded_and_too_few_channels(fresh: Service, make_batch: MakeB
     assert seen.text("position-interval") == "149.0 … 151.0 (95 %)"
     cells = seen.page.query_selector_all("#channels td:nth-child(3)")
     assert [cell.inner_text() for cell in cells] == ["0.500", "0.250", "0.125"]
-    assert "drawn" in seen.text("beam-words")
+    assert "times larger" in seen.text("beam-words")
 
     fresh.post(make_batch([0.5, 0.25, None], sequence=2, quality=["good", "good", "stuck"]))
     seen.wait_for_text("detail", "Degraded: without s3")

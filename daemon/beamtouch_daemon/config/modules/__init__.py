@@ -16,7 +16,6 @@ class Module(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
-    about: str
     kind: Literal["modbus-tcp", "modbus-rtu"] | None = None
     """Required kind of source; None: any."""
     inputs: Annotated[int, Field(ge=1)]

@@ -18,7 +18,7 @@ from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import Placement, place, place_by_position_error, score_positions
 from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.placement.layout import Candidates, equal_pitch_mm
-from beamtouch_models.pricing.prices import Effect
+from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 

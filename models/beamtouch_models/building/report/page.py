@@ -9,7 +9,7 @@ from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
 from beamtouch_models.charts import Chart, Series, draw
 from beamtouch_models.description import per_day
 from beamtouch_models.drawing import STYLE
-from beamtouch_models.pricing.prices import NEGLIGIBLE
+from beamtouch_models.pricing.effect import NEGLIGIBLE
 
 MAX_CHARTED = 8
 """Number of components that are drawn: a chart has as many colours."""

@@ -1,0 +1,74 @@
+"""Parts of a beam as a scene states them: supports and segments. Validated strictly."""
+
+from typing import Annotated, Literal, NamedTuple, Self
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Fixity = Annotated[float, Field(ge=0, lt=1)]
+
+
+class Strict(BaseModel):
+    """Base class of the parts of a scene: immutable, refuses unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Support(Strict):
+    """A support: "simple" holds the deflection at zero, "fixed" the slope as well."""
+
+    at_mm: Finite
+    """Position from the left end."""
+    kind: Literal["simple", "fixed"] = "simple"
+    fixity: Fixity = 0.0
+    """Resistance of a simple support to rotation: 1 / (1 + 3 E I / (k L)), with its rotational stiffness k, E I of the
+    stiffest section and the beam's length L. 0 is a hinge; values near 1 approach a fixed end. Monforton & Wu, Matrix
+    analysis of semi-rigidly connected frames, J. Struct. Div. ASCE 89 (1963)."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.kind == "fixed" and self.fixity:
+            message = "a fixed support has no fixity; make it simple, or leave fixity out"
+            raise ValueError(message)
+        return self
+
+    @property
+    def stiffness(self) -> float:
+        """Rotational stiffness in units of E I / L."""
+        return 3 * self.fixity / (1 - self.fixity)
+
+
+class Segment(Strict):
+    """A stretch of the beam with its own section; keys that it omits are those of the beam."""
+
+    to_mm: PositiveFinite
+    """Its end, from the left end of the beam; it begins where the previous segment ends."""
+    width_mm: PositiveFinite | None = None
+    thickness_mm: PositiveFinite | None = None
+    flexural_rigidity_n_mm2: PositiveFinite | None = None
+
+
+class Section(NamedTuple):
+    """A stretch of the beam with its resolved section."""
+
+    to_mm: float
+    rigidity_n_mm2: float
+    area_mm2: float | None
+    """None if the scene does not state width and thickness."""
+
+
+SupportName = Literal["simply-supported", "cantilever", "fixed-fixed", "propped"]
+END_KINDS: dict[str, tuple[Literal["simple", "fixed"] | None, Literal["simple", "fixed"] | None]] = {
+    "simply-supported": ("simple", "simple"),
+    "cantilever": ("fixed", None),
+    "fixed-fixed": ("fixed", "fixed"),
+    "propped": ("fixed", "simple"),
+}
+"""Supports at the left and the right end, by name."""
+
+# The tags keep a bad entry of a list from being reported as a bad name. Their hyphen keeps them out of messages.
+Supports = Annotated[
+    Annotated[SupportName, Tag("a-name")] | Annotated[tuple[Support, ...], Tag("a-list")],
+    Discriminator(lambda value: "a-name" if isinstance(value, str) else "a-list"),
+]
