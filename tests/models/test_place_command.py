@@ -91,7 +91,8 @@ def test_an_open_number_makes_room_for_the_fixed_sensors(design_sensors_here: Co
 
 def test_place_states_the_noise_that_effects_are_priced_in(design_sensors_here: Command) -> None:
     # The ADC of the conveyor is left out of its model, and its steps of 0.9 um stay in its noise.
-    assert "at 0.00135 mm noise per sample" in design_sensors_here("place", SCENES / "conveyor.toml").stdout
+    placed = design_sensors_here("place", SCENES / "conveyor.toml", "--sensors", 2)
+    assert "at 0.00135 mm noise per sample" in placed.stdout
     assert "a sample's noise, 0.00135 mm" in design_sensors_here("explain", SCENES / "conveyor.toml").stdout
 
 
