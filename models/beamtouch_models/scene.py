@@ -43,7 +43,7 @@ class Sensors(Strict):
     count: Literal["auto"] | Annotated[int, Field(ge=MIN_SENSORS, le=MAX_SENSORS)] | tuple[PositiveInt, PositiveInt] = (
         "auto"
     )
-    """Number of sensors; "auto" or a range takes the smallest that meets requirements.position_error_mm."""
+    """Number of sensors; "auto" (2 to 8) or a range takes the smallest that meets requirements.position_error_mm."""
     noise_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Standard deviation of a reading, without the ADC's steps if `adc_bits` states them."""
     noise_percent_of_max: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
@@ -90,10 +90,15 @@ class Sensors(Strict):
 
     @property
     def count_range(self) -> tuple[int, int]:
-        """Smallest and largest number of sensors to consider."""
+        """Smallest and largest number of sensors, as stated; "auto" is 2 to 8."""
         if self.count == "auto":
             return 2, 8
         return self.count if isinstance(self.count, tuple) else (self.count, self.count)
+
+    @property
+    def fewest(self) -> int:
+        """Smallest number of sensors to consider: never less than the fixed ones."""
+        return max(self.count_range[0], len(self.fixed_mm))
 
 
 Descriptor = Literal["position", "force"]
