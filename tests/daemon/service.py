@@ -1,8 +1,9 @@
 """A real HTTP server in the place of the service: it takes batches and answers as it is told."""
 
 import asyncio
+import json
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from time import monotonic
 
@@ -31,6 +32,8 @@ class Service:
         """Which batches are refused for now."""
         self.problem_of: Callable[[Batch, int], tuple[int, str] | None] = lambda _batch, _length: None
         """The status and the type of the problem that a batch of this length in bytes is answered with, if any."""
+        self.unknown_keys: set[str] = set()
+        """Keys that it refuses as an older service does, wherever they are in a batch."""
         # With the protocol named, asyncio turns off the delay of small writes.
         self.listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         self.listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -55,19 +58,35 @@ class Service:
             return Response(status_code=401)
         body = await request.body()
         batch = Batch.model_validate_json(body)
-        status = self.statuses.pop(0) if self.statuses else 200
-        if status != 200:
+        if self.statuses and (status := self.statuses.pop(0)) != 200:
             return Response(status_code=status)
         if problem := self.problem_of(batch, len(body)):
             status, kind = problem
-            if not kind:  # a proxy's
-                return Response("<html>no</html>", status, media_type="text/html")
-            return JSONResponse({"type": f"urn:beamtouch:problem:{kind}", "detail": "No."}, status)
+            return _refused(status, kind)
+        if places := unknown_places(json.loads(body), self.unknown_keys):
+            return _refused(422, "invalid-request", places[:10])
         if self.is_busy_for(batch):
             return JSONResponse({"detail": "Busy; send the batch again."}, 503, {"Retry-After": "1"})
         self.batches.append((request.path_params["name"], batch, monotonic()))
         self._arrived.set()
         return JSONResponse(Receipt(accepted=len(batch.samples), repeated=0).model_dump())
+
+
+def _refused(status: int, kind: str, unknown: Sequence[str] = ()) -> Response:
+    if not kind:  # a proxy's
+        return Response("<html>no</html>", status, media_type="text/html")
+    errors = [{"pointer": place, "detail": "Extra inputs are not permitted"} for place in unknown]
+    return JSONResponse({"type": f"urn:beamtouch:problem:{kind}", "detail": "No.", "errors": errors}, status)
+
+
+def unknown_places(content: object, unknown: set[str], at: str = "#") -> list[str]:
+    """Return pointers to the keys of a JSON document that are unknown, the inner ones first."""
+    if isinstance(content, list):
+        return [one for index, part in enumerate(content) for one in unknown_places(part, unknown, f"{at}/{index}")]
+    if not isinstance(content, dict):
+        return []
+    inner = [one for key, part in content.items() for one in unknown_places(part, unknown, f"{at}/{key}")]
+    return [*inner, *(f"{at}/{key}" for key in content if key in unknown)]
 
 
 @asynccontextmanager

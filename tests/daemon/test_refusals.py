@@ -1,7 +1,6 @@
 """Batches that a real HTTP server refuses: split, kept for another time, or set aside; and nothing waits for them."""
 
 import asyncio
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ from beamtouch_daemon.delivery import late_delivery
 from beamtouch_daemon.delivery.client import MISSING_CHANNELS, NEVER_ACCEPTED, TOO_LARGE
 from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_service.problems import Kind
-from beamtouch_service.samples import Batch, Note
+from beamtouch_service.samples import Batch
 
 from .publishing import SENDER, Bench, put, sequences, taken, until
 from .service import Service, serving
@@ -46,29 +45,6 @@ async def test_a_batch_that_will_never_be_taken_is_kept_aside_and_does_not_stand
         assert (await attempt(spool)).outbox.dropped == 0
         assert (spool.set_aside["bench"], spool.waiting["bench"]) == (3, 0)
     assert sum("set aside: status 422: No." in record.getMessage() for record in caplog.records) == 1
-
-
-async def test_samples_with_a_note_that_the_service_does_not_know_are_delivered_without_it() -> None:
-    service = Service()
-    service.problem_of = lambda batch, _: (422, "invalid-request") if batch.notes else None
-    async with serving(service), Bench(service) as bench:
-        bench.outbox.put([replace(one, notes=(Note.RATE,)) for one in taken(0, 3)])
-        await service.until(3)
-        await bench.finish()
-        assert sequences(service) == [0, 1, 2]
-        assert bench.outbox.dropped == 0
-
-
-async def test_a_service_that_does_not_know_covariances_receives_the_samples_without_them() -> None:
-    service = Service()
-    service.problem_of = lambda batch, _: (422, "invalid-request") if batch.samples[0].readings else None
-    stated = {"readings": 4, "covariance_mm2": [0.01, 0.0, 0.0]}
-    async with serving(service), Bench(service) as bench:
-        bench.outbox.put([replace(one, sample=one.sample.model_copy(update=stated)) for one in taken(0, 3)])
-        await service.until(3)
-        await bench.finish()
-        assert sequences(service) == [0, 1, 2]
-        assert bench.outbox.dropped == 0
 
 
 PROXY = ""

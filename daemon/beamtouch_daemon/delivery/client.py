@@ -10,6 +10,9 @@ from typing import Self
 import aiohttp
 from yarl import URL
 
+from beamtouch_daemon.delivery.known_keys import KnownKeys
+from beamtouch_service.samples import Batch
+
 REQUEST_TIMEOUT_S = 2.0
 MAX_DETAIL = 200
 """Longest explanation of the service in the log, in characters."""
@@ -17,8 +20,11 @@ MAX_DETAIL = 200
 PROBLEM = "urn:beamtouch:problem:"
 TOO_LARGE = PROBLEM + "too-large"
 MISSING_CHANNELS = PROBLEM + "missing-channels"
-NEVER_ACCEPTED = {PROBLEM + "malformed-json", PROBLEM + "invalid-request"}
+INVALID = PROBLEM + "invalid-request"
+NEVER_ACCEPTED = {PROBLEM + "malformed-json", INVALID}
 """Problem types that decide the fate of a batch. Only the service sends them, never a proxy in front of it."""
+UNKNOWN_KEY = "Extra inputs are not permitted"
+"""What every version of the service says of a key that it does not know."""
 
 
 class Verdict(Enum):
@@ -87,6 +93,15 @@ class Answer:
         return Verdict.LATER if takes_nothing else Verdict.ODD
 
     @property
+    def unknown_keys(self) -> set[str]:
+        """Keys of the batch that the service does not know, without their places."""
+        found = self._problem.get("errors")
+        if self.type != INVALID or not isinstance(found, list):
+            return set()
+        unknown = [one for one in found if isinstance(one, dict) and one.get("detail") == UNKNOWN_KEY]
+        return {str(one.get("pointer", "")).rpartition("/")[2] for one in unknown}
+
+    @property
     def explanation(self) -> str:
         """Status and explanation, in one line."""
         if self.status == HTTPStatus.UNAUTHORIZED:
@@ -112,6 +127,7 @@ class ServiceClient:
 
     def __init__(self, url: str, token: str, certificates: str | None = None) -> None:
         self.url = url
+        self._known: dict[str, KnownKeys] = {}
         trusted = ssl.create_default_context(cadata=certificates) if certificates is not None else True
         self._session = aiohttp.ClientSession(
             connector=aiohttp.TCPConnector(ssl=trusted),
@@ -126,6 +142,23 @@ class ServiceClient:
     async def __aexit__(self, *_: object) -> None:
         await self.close()
 
+    async def post_batch(self, surface: str, batch: Batch) -> Answer:
+        """Send a batch, without the keys that the service does not know; raises UnreachableError."""
+        known = self._known.setdefault(surface, KnownKeys(surface))
+        known.ask_again()
+        try:
+            answer = await self.post_samples(surface, _json(known.known_part(batch)))
+            while known.refused(answer.unknown_keys):
+                answer = await self.post_samples(surface, _json(known.known_part(batch)))
+        except UnreachableError:
+            known.forget()
+            raise
+        if answer.is_success:
+            known.taken()
+        elif answer.status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+            known.forget()
+        return answer
+
     async def post_samples(self, surface: str, batch: bytes) -> Answer:
         """Send a batch as JSON; raises UnreachableError."""
         url = URL(f"{self.url.rstrip('/')}/surfaces/{surface}/samples")
@@ -138,3 +171,7 @@ class ServiceClient:
     async def close(self) -> None:
         """Close the connection."""
         await self._session.close()
+
+
+def _json(batch: Batch) -> bytes:
+    return batch.model_dump_json(exclude_defaults=True).encode()

@@ -49,10 +49,7 @@ class Parcel(Generic[_T]):
             part = self._parts[-1]
             batch = self._batch_of(part)
             try:
-                answer = await client.post_samples(surface, _json(batch))
-                if answer.verdict is Verdict.NEVER and (older := _older(batch)) != batch:
-                    # An older service does not know what was added since; it takes the samples without it.
-                    answer = await client.post_samples(surface, _json(older))
+                answer = await client.post_batch(surface, batch)
             except UnreachableError as error:
                 fault.failed(f"no answer from {client.url} ({error}); trying again")
                 return Verdict.LATER
@@ -71,16 +68,6 @@ class Parcel(Generic[_T]):
                 fault.failed(f"the service takes no samples ({answer.explanation}); trying again")
                 return verdict
         return verdict
-
-
-def _older(batch: Batch) -> Batch:
-    """Return a batch in the first format: no notes, no noise, no covariances."""
-    samples = [sample.model_copy(update={"readings": None, "covariance_mm2": None}) for sample in batch.samples]
-    return batch.model_copy(update={"notes": [], "noise_mm": None, "characteristic": None, "samples": samples})
-
-
-def _json(batch: Batch) -> bytes:
-    return batch.model_dump_json(exclude_defaults=True).encode()
 
 
 def _verdict(answer: Answer, samples: int) -> Verdict:
