@@ -11,6 +11,8 @@ from beamtouch_models.errors import SceneError
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Fixity = Annotated[float, Field(ge=0, lt=1)]
+Pair = Annotated[tuple[Finite, Finite], Field(strict=False)]
+PositivePair = Annotated[tuple[PositiveFinite, PositiveFinite], Field(strict=False)]
 SHEAR_COEFFICIENT = 5 / 6
 """Shear coefficient of a rectangular section; Timoshenko & Gere, Mechanics of Materials, 1972, sec. 12.12."""
 SMALLEST_NORMAL = 2.0**-1022
@@ -18,9 +20,9 @@ SMALLEST_NORMAL = 2.0**-1022
 
 
 class Strict(BaseModel):
-    """Base class of the parts of a scene: immutable, refuses unknown keys."""
+    """Base class of the parts of a scene: immutable, refuses unknown keys, converts no types."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class Support(Strict):
@@ -77,7 +79,7 @@ END_KINDS: dict[str, tuple[Literal["simple", "fixed"] | None, Literal["simple", 
 
 # The tags keep a bad entry of a list from being reported as a bad name. Their hyphen keeps them out of messages.
 Supports = Annotated[
-    Annotated[SupportName, Tag("a-name")] | Annotated[tuple[Support, ...], Tag("a-list")],
+    Annotated[SupportName, Tag("a-name")] | Annotated[tuple[Support, ...], Field(strict=False), Tag("a-list")],
     Discriminator(lambda value: "a-name" if isinstance(value, str) else "a-list"),
 ]
 
@@ -96,7 +98,7 @@ class Beam(Strict):
     flexural_rigidity_n_mm2: PositiveFinite | None = None
     """E I; give either this or modulus, width and thickness."""
     density_kg_m3: PositiveFinite | None = None
-    segments: tuple[Segment, ...] = ()
+    segments: Annotated[tuple[Segment, ...], Field(strict=False)] = ()
     """Segments from left to right, up to the beam's end; by default the beam is prismatic."""
     foundation_n_mm2: PositiveFinite | None = None
     """Elastic (Winkler) foundation under the whole beam: reaction in N per mm of beam and mm of deflection."""

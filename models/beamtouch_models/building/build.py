@@ -9,8 +9,8 @@ import onnx
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.drawing import drawn_of
 from beamtouch_models.building.held_limit import check_held
-from beamtouch_models.building.measured import measured
-from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
+from beamtouch_models.building.measured import check_seen, measured
+from beamtouch_models.building.sensor_rules import check_spacing, sample_errors, sensor_rules
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
 from beamtouch_models.export import to_bytes
@@ -18,7 +18,7 @@ from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges, S
 from beamtouch_models.physics.beam import check_small_angles, influence_of, max_deflection_mm, travel_mm
 from beamtouch_models.placement import Placement, fewest_sensors
 from beamtouch_models.pricing.effects import Physics, required
-from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of, step_mm
+from beamtouch_models.pricing.noise import check_errors, choose_filter, noise_of, step_mm
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 
@@ -91,7 +91,9 @@ def build(
         errors=errors,
         seed=seed,
     )
+    check_spacing(scene, placement.positions_mm)
     prior = Prior.real(influence, np.array(placement.positions_mm), errors)
+    check_seen(prior, scene, physics.filter, seed)
     made = estimator_of(
         choices.estimator,
         prior,
@@ -132,7 +134,7 @@ def _physics_of(scene: Scene, chosen: FilterChoice) -> Physics:
     if noise_mm == 0:
         message = "sensors: with a noise of 0 there are no intervals; state the noise of a reading"
         raise SceneError(message)
-    check_scale(noise_mm, max_deflection_mm(scene))
+    check_errors(scene, chosen)
     return required(scene, chosen)
 
 

@@ -8,7 +8,6 @@ from scipy.special import bdtrc, chdtrc
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.stretches import MOST_OFTEN, PER_DAY
-from beamtouch_models.accuracy.touch import SECONDS_PER_DAY
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge.faults import error_cases, fault_cases
@@ -20,6 +19,7 @@ from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, ghosts, 
 from beamtouch_models.challenge.surface import Surface
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Progress, silent
+from beamtouch_models.scene import SECONDS_PER_DAY
 from beamtouch_models.session import CHUNK, Answers, Run
 
 MISLEADING = 0.005

@@ -12,7 +12,7 @@ from rich.table import Table
 from beamtouch_models.physics.beam import check_small_angles, load_positions_mm, max_deflection_mm, scene_influence
 from beamtouch_models.physics.mesh import mesh_of
 from beamtouch_models.pricing.effects import effects_of
-from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of
+from beamtouch_models.pricing.noise import check_errors, choose_filter, noise_of
 from beamtouch_models.pricing.prices import NEGLIGIBLE, Effect
 from beamtouch_models.scene import Scene, load_scene
 
@@ -27,7 +27,7 @@ def run(options: argparse.Namespace) -> None:
     check_small_angles(scene)
     chosen = choose_filter(scene)
     noise = noise_of(scene, chosen)
-    check_scale(noise.sample_mm, max_deflection_mm(scene))
+    check_errors(scene, chosen)
     effects = [(effect, _cost_us(effect)) for effect in effects_of(scene, chosen)]
     if not options.json:
         _print_table(effects, noise.sample_mm)

@@ -13,11 +13,11 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import influence_of, max_deflection_mm
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import Placement, place, place_by_position_error, recommended_count
 from beamtouch_models.pricing.effects import required
-from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of
+from beamtouch_models.pricing.noise import check_errors, choose_filter
 from beamtouch_models.scene import Scene, load_scene
 
 LIMIT_DRAWS = 10_000
@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> None:
     started = time.perf_counter()
     stated, _ = load_scene(options.scene)
     chosen = choose_filter(stated)
-    check_scale(noise_of(stated, chosen).sample_mm, max_deflection_mm(stated))
+    check_errors(stated, chosen)
     physics = required(stated, chosen)
     scene, noise_mm = physics.scene, physics.noise.sample_mm
     influence, rules, errors = influence_of(scene), sensor_rules(scene), sample_errors(scene, noise_mm)
