@@ -26,10 +26,10 @@ from beamtouch_models.accuracy.zeros import DRIFTS, log_tilt, tilted
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measured import thresholds_of
 from beamtouch_models.export import to_bytes
-from beamtouch_models.metadata import FilterChoice, Thresholds
+from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice, Thresholds
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.pricing.noise import choose_filter
-from beamtouch_models.scene import SECONDS_PER_DAY, Scene, load_scene
+from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import Run, runner
 from example_scenes import SCENES
 from posterior_cases import graph_of

@@ -22,10 +22,18 @@ _PositivePair = Annotated[tuple[PositiveFloat, PositiveFloat], Field(strict=Fals
 _GainError = Annotated[float, Field(ge=0, le=1)]
 _Threshold = Annotated[float, Field(ge=1, le=1e6)]
 """Rest exceeds 1 in most samples, whatever the scene allows."""
+MAX_FALSE = 0.01
+"""Largest share of samples at rest that may be taken for a contact; above it, nothing tells a contact from rest."""
+SECONDS_PER_DAY = 86_400
 FIT_ANY_CONTACT = 2
 """Up to this many channels fit any contact, so that there is no threshold of the misfit."""
 MAX_ERROR = 1e3
 """Largest error of a sample, noise or zero, over the largest deflection; a sample carries no information then."""
+
+
+def most_false_per_day(rate_hz: float) -> float:
+    """Return the largest number of false contacts per day that a threshold can be chosen for."""
+    return MAX_FALSE * SECONDS_PER_DAY * rate_hz
 
 
 class _Strict(BaseModel):
@@ -258,6 +266,12 @@ class Metadata(_Strict):
         if any((value is None) != (size <= FIT_ANY_CONTACT) for size, value in enumerate(limits.misfit, start=1)):
             message = f"thresholds.misfit must be null up to {FIT_ANY_CONTACT} channels and a number beyond"
             raise ValueError(message)
+        found = self.calibration.departures if self.calibration else None
+        if found and any(
+            len(values) != len(names) for values in (found.position_offset_mm, found.gain, found.offset_mm)
+        ):
+            message = f"calibration.departures: each list must have {len(names)} entries"
+            raise ValueError(message)
         return self
 
     @model_validator(mode="after")
@@ -277,6 +291,13 @@ class Metadata(_Strict):
             if not all(0 <= position <= self.length_mm for position in positions):
                 message = f"{name}: every position must lie on the beam, 0..{self.length_mm:g} mm"
                 raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _within_reason(self) -> Self:
+        if self.thresholds.false_contacts_per_day > (most := most_false_per_day(self.sensor.rate_hz)):
+            message = f"thresholds.false_contacts_per_day: at {self.sensor.rate_hz:g} Hz at most {most:.6g}"
+            raise ValueError(message)
         errors = {"noise": [self.noise.reading_mm, self.noise.sample_mm], "floor.zero_mm": self.floor.zero_mm}
         for name, values_mm in errors.items():
             if max(values_mm) > MAX_ERROR * self.max_deflection_mm:

@@ -6,12 +6,10 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PositiveInt, model_validator
 
 from beamtouch_common.files import parse_toml, read_text
+from beamtouch_models.metadata import MAX_FALSE, most_false_per_day
 from beamtouch_models.structure import Beam, Finite, Pair, PositiveFinite, PositivePair, Strict
 
 MIN_SENSORS, MAX_SENSORS = 1, 64
-MAX_FALSE = 0.01
-"""Largest share of samples at rest that may be taken for a contact; above it, nothing tells a contact from rest."""
-SECONDS_PER_DAY = 86_400
 
 
 class Contact(Strict):
@@ -152,7 +150,7 @@ class Scene(Strict):
             )
             raise ValueError(message)
         often, rate_hz = self.requirements.false_contacts_per_day, self.sensors.rate_hz
-        if often > (most := MAX_FALSE * SECONDS_PER_DAY * rate_hz):
+        if often > (most := most_false_per_day(rate_hz)):
             message = (
                 f"requirements.false_contacts_per_day = {often:g}: at sensors.rate_hz = {rate_hz:g} at most "
                 f"{most:.6g} a day, one sample in {1 / MAX_FALSE:g}; state less"

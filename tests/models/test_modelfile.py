@@ -19,6 +19,17 @@ DRAWN = {"supports": [], "at_mm": [0, 400], "load_mm": [200], "deflection_mm_per
 """A beam on a foundation."""
 
 
+CALIBRATION = {
+    "departures": {"position_offset_mm": [0] * 4, "gain": [1] * 4, "offset_mm": [0] * 3},
+    "fitted": [],
+    "loads": 10,
+    "unexplained_mm": 0,
+    "error_before_mm": 1,
+    "error_after_mm": 1,
+}
+"""Of a model with four channels, and of three of them the offsets."""
+
+
 def rewritten(source: Path, target: Path, key: str, value: str | None) -> Path:
     """A copy of a model file with one metadata entry changed or taken out."""
     model = onnx.load(source)
@@ -106,6 +117,7 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
             '{"position_mm": [399, 1], "force_n": [2, 20]}',
             r"ranges\.position_mm: the first",
         ),
+        ("beamtouch.calibration", json.dumps(CALIBRATION), r"calibration\.departures: each list must have 4 entries"),
         ("beamtouch.layout", "[]", "beamtouch.layout"),
         ("beamtouch.noise", None, "beamtouch.noise: Field required"),
         ("beamtouch.noise", "{", "not JSON"),

@@ -21,7 +21,7 @@ from beamtouch_models.accuracy.touch import directions, noise_at_rest, shapes_at
 from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.scene import SECONDS_PER_DAY
+from beamtouch_models.metadata import SECONDS_PER_DAY
 
 IN_A_ROW = 3
 """Odd samples in a row with which a stretch begins."""

@@ -19,7 +19,7 @@ from scipy.special import ndtr, ndtri
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Floats
-from beamtouch_models.scene import MAX_FALSE, SECONDS_PER_DAY
+from beamtouch_models.metadata import MAX_FALSE, SECONDS_PER_DAY
 
 PLACES = 129
 """Positions at which a contact is looked for; the odds change little between them."""

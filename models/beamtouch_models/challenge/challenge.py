@@ -17,9 +17,9 @@ from beamtouch_models.challenge.play import Case, Play
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
 from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, ghosts, scored
 from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.metadata import SECONDS_PER_DAY
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Progress, silent
-from beamtouch_models.scene import SECONDS_PER_DAY
 from beamtouch_models.session import CHUNK, Answers, Run
 
 MISLEADING = 0.005
