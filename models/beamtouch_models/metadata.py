@@ -61,8 +61,8 @@ class Ranges(_Strict):
 class Noise(_Strict):
     """Standard deviations in mm."""
 
-    reading_mm: PositiveFloat
-    sample_mm: PositiveFloat
+    reading_mm: _Deviation
+    sample_mm: _Deviation
     """After the filter; the model is made for this noise."""
 
 
@@ -297,6 +297,9 @@ class Metadata(_Strict):
     def _within_reason(self) -> Self:
         if self.thresholds.false_contacts_per_day > (most := most_false_per_day(self.sensor.rate_hz)):
             message = f"thresholds.false_contacts_per_day: at {self.sensor.rate_hz:g} Hz at most {most:.6g}"
+            raise ValueError(message)
+        if min(self.noise.reading_mm, self.noise.sample_mm) == 0:
+            message = "noise: without noise there are no intervals"
             raise ValueError(message)
         errors = {"noise": [self.noise.reading_mm, self.noise.sample_mm], "floor.zero_mm": self.floor.zero_mm}
         for name, values_mm in errors.items():
