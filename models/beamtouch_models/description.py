@@ -1,6 +1,7 @@
 """What a model file is, in words, for every command that describes one."""
 
 from collections.abc import Sequence
+from itertools import groupby
 
 from beamtouch_models.metadata import POSITION_OUTPUTS, Metadata
 
@@ -61,6 +62,20 @@ def _touch(metadata: Metadata) -> str:
     seen, often = metadata.smallest_force.force_n, per_day(metadata.thresholds.false_contacts_per_day)
     ends = f"{seen[0]:.2g} and {seen[-1]:.2g} N at the ends"
     return f"at least {min(seen):.2g} N is seen, {ends} of the range; false contacts at rest: {often}"
+
+
+def unseen(metadata: Metadata) -> str:
+    """Say where the smallest force of the scene is not seen; empty if it is seen all along the range."""
+    weakest, seen = metadata.ranges.force_n[0], metadata.smallest_force
+    pairs = list(zip(seen.position_mm, seen.force_n, strict=True))
+    runs = [list(run) for is_missed, run in groupby(pairs, lambda pair: pair[1] > weakest) if is_missed]
+    if not runs:
+        return ""
+    where = " and ".join(f"{run[0][0]:.4g}..{run[-1][0]:.4g} mm" for run in runs)
+    return (
+        f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {where}: "
+        f"up to {max(seen.force_n):.2g} N is needed there"
+    )
 
 
 def _calibration(metadata: Metadata) -> list[tuple[str, str]]:

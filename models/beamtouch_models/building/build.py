@@ -10,8 +10,8 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.drawing import drawn_of
 from beamtouch_models.building.held_limit import check_held
-from beamtouch_models.building.measured import measured
-from beamtouch_models.building.sensor_rules import sample_errors, sensor_of, sensor_rules
+from beamtouch_models.building.measured import check_seen, measured
+from beamtouch_models.building.sensor_rules import check_spacing, sample_errors, sensor_of, sensor_rules
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges
@@ -126,4 +126,7 @@ def _placed(physics: Physics, count: int | None, seed: int) -> tuple[Placement, 
         errors=errors,
         seed=seed,
     )
-    return placement, Prior.real(influence, np.array(placement.positions_mm), errors)
+    check_spacing(scene, placement.positions_mm)
+    prior = Prior.real(influence, np.array(placement.positions_mm), errors)
+    check_seen(prior, scene, physics.filter, seed)
+    return placement, prior

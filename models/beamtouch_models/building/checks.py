@@ -6,9 +6,9 @@ The same scene is refused for the same reason by each of them.
 from beamtouch_models.building.sensor_rules import sensor_of, sensor_rules
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.physics.beam import check_small_angles, max_deflection_mm
+from beamtouch_models.physics.beam import check_small_angles
 from beamtouch_models.placement.problem import equal_layout
-from beamtouch_models.pricing.noise import check_scale, noise_of
+from beamtouch_models.pricing.noise import check_errors, noise_of
 from beamtouch_models.scene import Scene
 
 
@@ -23,15 +23,15 @@ def check_scene(scene: Scene, chosen: FilterChoice, count: int | None = None) ->
     Raises
     ------
     SceneError
-        The beam deflects too far for small-angle theory or for the sensors' range, the noise is 0 or out of proportion
-        to the deflection, or no layout keeps the rules of sensors.
+        The beam deflects too far for small-angle theory or for the sensors' range, the noise is 0, the noise or the
+        drift of zeros is out of proportion to the deflection, or no layout keeps the rules of sensors.
     """
     check_small_angles(scene)
     noise_mm = noise_of(scene, chosen).sample_mm
     if noise_mm == 0:
         message = "sensors: with a noise of 0 there are no intervals; state the noise of a reading"
         raise SceneError(message)
-    check_scale(noise_mm, max_deflection_mm(scene))
+    check_errors(scene, chosen)
     sensor_of(scene)
     fewest = min(scene.sensors.fewest, scene.sensors.count_range[1])
     equal_layout(sensor_rules(scene), scene.beam.length_mm, count or fewest)

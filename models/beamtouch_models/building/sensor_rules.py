@@ -1,5 +1,7 @@
 """The sensors of a scene: rules for their positions, their errors, their range and ADC."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from beamtouch_models.accuracy.prior import SampleErrors
@@ -50,3 +52,15 @@ def sensor_of(scene: Scene) -> Sensor:
         gain_mm_per_count=gain,
         offset_mm=low - 0.1 * (2**bits - 1) * gain,
     )
+
+
+def check_spacing(scene: Scene, positions_mm: Sequence[float]) -> None:
+    """Raise SceneError if the mounting tolerance lets neighbouring sensors change places."""
+    tolerance_mm = scene.sensors.mounting_tolerance_mm
+    spacing_mm = float(np.diff(np.sort(positions_mm)).min(initial=np.inf))
+    if tolerance_mm >= spacing_mm:
+        message = (
+            f"sensors.mounting_tolerance_mm = {tolerance_mm:g}: two of the sensors are {spacing_mm:.3g} mm apart; "
+            "measure their positions to less than that, or state a larger min_distance_mm"
+        )
+        raise SceneError(message)

@@ -174,7 +174,8 @@ def _calibrated_prior(metadata: Metadata, theory: Theory, found: Fit) -> Prior:
     prior, floor = theory.prior_with(found.departures), metadata.floor
     # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
     zero_mm = np.hypot(floor_of(parse_scene(metadata.scene, metadata.name))[1], _residual_mm(found))
-    return replace(prior, gain=np.array(floor.gain), zero_mm=np.full(prior.channels, zero_mm))
+    # The offsets are what the zeros drifted between the tare and the recording, and the next tare takes them away.
+    return replace(prior, gain=np.array(floor.gain), zero_mm=np.hypot(zero_mm, found.departures.offset_mm))
 
 
 def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Fraction) -> Estimator:

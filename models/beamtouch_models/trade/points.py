@@ -16,10 +16,10 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.physics.beam import influence_of, max_deflection_mm
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place
 from beamtouch_models.pricing.effects import Physics, required
-from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of, window_filter
+from beamtouch_models.pricing.noise import check_errors, choose_filter, window_filter
 from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.scene import MIN_SENSORS, Scene
 from beamtouch_models.session import runner
@@ -92,7 +92,6 @@ def measured_points(
         A build refuses the scene, or no point can be built. If only some points fail, they are listed as failures.
     """
     check_scene(scene, choose_filter(scene))
-    deflection_mm = max_deflection_mm(scene)
     layouts = [(count, chosen) for count in counts_of(scene) for chosen in windows_of(scene)]
     total = len(layouts) * len(estimators)
     physics_of = cache(partial(required, scene))
@@ -101,7 +100,7 @@ def measured_points(
     failures: list[Failure] = []
     for number, (count, chosen) in enumerate(layouts):
         try:
-            check_scale(noise_of(scene, chosen).sample_mm, deflection_mm)
+            check_errors(scene, chosen)
             contacts, prior = _contacts(physics_of(chosen), count, draws, seed)
         except SceneError as error:
             failures.append(Failure(None, count, chosen, str(error)))
