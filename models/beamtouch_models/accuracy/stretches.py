@@ -10,6 +10,7 @@ in any direction, at any distance r from the origin, evenly; the zeros are drawn
 three begin is found k times and counts 1/k.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -17,7 +18,7 @@ import numpy as np
 from scipy.special import chdtri, gammaln
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.touch import SECONDS_PER_DAY, directions, noise_at_rest, shapes_at_rest
+from beamtouch_models.accuracy.touch import SECONDS_PER_DAY, directions, log_odds, noise_at_rest, shapes_at_rest
 from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Bools, Floats
@@ -39,6 +40,10 @@ windows than the largest, false stretches are as frequent per window."""
 DRAWS = 8192
 MAX_SETS = 8
 """Number of sets of channels of one size that are simulated; they hardly differ."""
+FEW_DRAWS = 2048
+"""Sequences for two channels or one, whose threshold of rest seldom follows from them."""
+SELDOM = 1e-3
+"""Part of the samples of a contact that is just no touch which may be odd; three in a row begin a stretch."""
 PLACES = 4
 """Every so many places of a contact are looked at."""
 STEPS = 30
@@ -57,11 +62,12 @@ class Sequences:
 
 
 def unexplained_thresholds(
-    prior: Prior, rate_hz: float, window: int, seed: int
+    prior: Prior, rate_hz: float, window: int, touch: Sequence[float], seed: int
 ) -> tuple[list[float], list[float | None]]:
     """Return the thresholds of rest and of misfit, by the number of valid channels.
 
-    Two channels or fewer fit any contact: nothing is unexplained, and their threshold of rest is that of one sample.
+    `touch` are the thresholds of touch. Two channels or fewer fit most contacts, so that there is no misfit. They are
+    odd if rest is refuted and there is no touch. So their threshold of rest is also above every contact that is no touch.
     """
     simulated = int(np.clip(window, *WINDOWS))
     per_sample = max(1.0, window / simulated) / (SECONDS_PER_DAY * rate_hz)
@@ -70,7 +76,7 @@ def unexplained_thresholds(
     rest, misfit = [], list[float | None]()
     for size in range(1, prior.channels + 1):
         if size <= 2:
-            rest.append(float(chdtri(size, rate)))
+            rest.append(_rest_of_few(whole, noise, simulated, size, touch[size - 1], rate, seed))
             misfit.append(None)
             continue
         contact = contacts(np.full(size, np.sqrt(np.mean(noise**2))), simulated, DRAWS, seed)
@@ -84,6 +90,29 @@ def unexplained_thresholds(
         rest.append((max(each) + min(each)) / 2)
         misfit.append(limit)
     return rest, misfit
+
+
+def _rest_of_few(whole: Floats, noise: Floats, window: int, size: int, touch: float, rate: float, seed: int) -> float:
+    """Return the threshold of rest for two channels or one; `whole` are shapes (places, channels)."""
+    least = []
+    for kept in combinations(range(len(noise)), size):
+        still = at_rest(noise[list(kept)], window, FEW_DRAWS, seed)
+        least.append(threshold(still, (still.sample**2).sum(axis=2), rate))
+        unseen = largest_unseen(directions(whole[:, kept]), touch)
+        # Noise beside the direction of the contact adds to its square, and not to its log odds.
+        least.append(unseen + float(chdtri(size - 1, SELDOM)) * (size > 1))
+    return max(least)
+
+
+def largest_unseen(unit: Floats, touch: float) -> float:
+    """Return the largest sum of squares of a contact in directions (places, channels) that is no touch."""
+    unit = unit[np.linalg.norm(unit, axis=1) > 0]
+    low, high = np.full(len(unit), 2 * touch), np.full(len(unit), 2 * (touch + np.log(max(1, len(unit)))))
+    for _ in range(STEPS):
+        middle = (low + high) / 2
+        seen = log_odds(unit, np.sqrt(middle)[:, None] * unit) > touch
+        low, high = np.where(seen, low, middle), np.where(seen, middle, high)
+    return float(high.max(initial=2 * touch))
 
 
 def at_rest(noise: Floats, window: int, draws: int, seed: int) -> Sequences:

@@ -54,9 +54,10 @@ def measured(estimator: Estimator, prior: Prior, scene: Scene, chosen: FilterCho
 def thresholds_of(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> Thresholds:
     """Return the thresholds for the false contacts per day that a scene allows, behind a filter."""
     per_day, rate_hz = scene.requirements.false_contacts_per_day, scene.sensors.rate_hz
-    rest, misfit = unexplained_thresholds(prior, rate_hz, chosen.window, seed)
+    touch = touch_thresholds(prior, rate_per_sample(per_day, rate_hz, chosen.window), seed)
+    rest, misfit = unexplained_thresholds(prior, rate_hz, chosen.window, touch, seed)
     return Thresholds(
-        touch=touch_thresholds(prior, rate_per_sample(per_day, rate_hz, chosen.window), seed),
+        touch=touch,
         rest=rest,
         misfit=misfit,
         false_contacts_per_day=per_day,

@@ -5,20 +5,22 @@
 """
 
 from beamtouch_models.decision.decider import Decider, State, Verdict
-from beamtouch_models.decision.doubts import is_overload, is_unchecked
+from beamtouch_models.decision.doubts import is_odd, is_overload, is_unchecked
 from beamtouch_models.decision.evidence import LOG_ODDS, MISFIT, Evidence, Weighed, evidence
-from beamtouch_models.decision.suspects import Suspects
+from beamtouch_models.decision.suspects import LeftOut, Suspects
 
 __all__ = [
     "LOG_ODDS",
     "MISFIT",
     "Decider",
     "Evidence",
+    "LeftOut",
     "State",
     "Suspects",
     "Verdict",
     "Weighed",
     "evidence",
+    "is_odd",
     "is_overload",
     "is_unchecked",
 ]

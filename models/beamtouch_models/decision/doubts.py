@@ -1,10 +1,23 @@
-"""What is doubtful about a contact, from its evidence. Pure."""
+"""What is doubtful about a sample, from its evidence. Pure."""
 
 from beamtouch_models.decision.evidence import Evidence
-from beamtouch_models.metadata import Metadata
+from beamtouch_models.metadata import Metadata, Thresholds
 
 SURELY = 2.0
 """The force is said to be beyond the range if it is so by more than this many half-widths of its interval."""
+
+
+def is_odd(thresholds: Thresholds, evidence: Evidence) -> bool:
+    """Return whether neither rest nor a single contact explains a sample.
+
+    Two channels fit most contacts, but none that pulls. There, rest is refuted only by what would be a touch if it had
+    the signs of one.
+    """
+    place = evidence.channels - 1
+    if evidence.rest_misfit <= thresholds.rest[place]:
+        return False
+    limit = thresholds.misfit[place]
+    return evidence.log_odds <= thresholds.touch[place] if limit is None else evidence.misfit > limit
 
 
 def is_overload(metadata: Metadata, evidence: Evidence) -> bool:
@@ -16,5 +29,5 @@ def is_overload(metadata: Metadata, evidence: Evidence) -> bool:
 
 
 def is_unchecked(metadata: Metadata, evidence: Evidence) -> bool:
-    """Return whether so few channels took part that any sample could be a contact."""
+    """Return whether so few channels took part that most samples could be a contact."""
     return metadata.thresholds.misfit[evidence.channels - 1] is None

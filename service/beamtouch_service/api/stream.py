@@ -79,7 +79,8 @@ class StateStream(EventSourceResponse):
             self._streams.open -= 1
             # A client that has not taken the end by now would hold up the stop of the service.
             self._streams.drop(scope)
-            # uvicorn learns of the end of a connection in the next turn of the loop, and logs an error if the stream ends before.
+            # uvicorn learns of the end of a connection in the next turn of the loop, and logs an error if the stream
+            # ends before.
             await sleep(0)
 
     async def _events(self, context: Context, surface: Surface, interval_s: float) -> AsyncIterator[dict[str, str]]:

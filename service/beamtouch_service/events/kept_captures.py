@@ -1,6 +1,17 @@
 """The table of captures: written with the event that they belong to, read and deleted with it."""
 
-from sqlalchemy import ColumnElement, Connection, and_, bindparam, delete, func, insert, select
+from sqlalchemy import (
+    ColumnClause,
+    ColumnElement,
+    Connection,
+    and_,
+    bindparam,
+    delete,
+    func,
+    insert,
+    literal_column,
+    select,
+)
 
 from beamtouch_service.events.captures import MAX_SAMPLES, Capture
 from beamtouch_service.events.schema import CAPTURES, EVENTS
@@ -8,6 +19,9 @@ from beamtouch_service.events.segments import Segment
 from beamtouch_service.surfaces.contradiction import Contradiction
 
 _c, _e = CAPTURES.c, EVENTS.c
+_ROW: ColumnClause[int] = literal_column("rowid")
+"""SQLite counts rows in the order in which they were written."""
+_OF_SENDER = _c.surface, _c.boot_id, _c.model
 _of_model = and_(
     _c.surface == bindparam("of_surface"), _c.boot_id == bindparam("of_boot_id"), _c.model == bindparam("of_model")
 )
@@ -54,6 +68,22 @@ def read(connection: Connection, event: Segment) -> list[Contradiction]:
     key = {"of_surface": event.surface, "of_boot_id": event.boot_id, "of_model": event.model}
     span = {"first": event.first_sequence, "last": event.last_sequence}
     return [Contradiction.model_validate(sample) for sample in connection.scalars(_READ, key | span)]
+
+
+def drop_oldest(connection: Connection, share: int) -> int:
+    """Delete one in `share` of all samples, the oldest first, and the rest of the last event; return how many."""
+    count = connection.scalar(select(func.count()).select_from(CAPTURES)) or 0
+    in_order = select(_ROW, *_OF_SENDER, _c.sequence).order_by(_ROW)
+    last = connection.execute(in_order.offset(min(count - 1, count // share)).limit(1)).first() if count else None
+    if last is None:
+        return 0
+    number, surface, boot_id, model, sequence = last
+    key = {"of_surface": surface, "of_boot_id": boot_id, "of_model": model}
+    event = connection.execute(_EVENT, key | {"at": sequence}).first()
+    removed = connection.execute(delete(CAPTURES).where(number >= _ROW)).rowcount
+    if event:
+        removed += connection.execute(_IN_SPAN, key | {"first": event[0], "last": event[1]}).rowcount
+    return removed
 
 
 def drop(connection: Connection, these: ColumnElement[bool]) -> None:
