@@ -67,7 +67,7 @@ def unexplained_thresholds(
     """Return the thresholds of rest and of misfit, by the number of valid channels.
 
     `touch` are the thresholds of touch. Two channels or fewer fit most contacts, so that there is no misfit. They are
-    odd if rest is refuted and there is no touch. So their threshold of rest is also above every contact that is no touch.
+    odd if rest is refuted and there is no touch, so their threshold of rest is above every contact that is no touch.
     """
     simulated = int(np.clip(window, *WINDOWS))
     per_sample = max(1.0, window / simulated) / (SECONDS_PER_DAY * rate_hz)
@@ -100,7 +100,7 @@ def _rest_of_few(whole: Floats, noise: Floats, window: int, size: int, touch: fl
         least.append(threshold(still, (still.sample**2).sum(axis=2), rate))
         unseen = largest_unseen(directions(whole[:, kept]), touch)
         # Noise beside the direction of the contact adds to its square, and not to its log odds.
-        least.append(unseen + float(chdtri(size - 1, SELDOM)) * (size > 1))
+        least.append(unseen + (float(chdtri(size - 1, SELDOM)) if size > 1 else 0.0))
     return max(least)
 
 

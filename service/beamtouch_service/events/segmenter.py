@@ -84,6 +84,8 @@ class Segmenter:
         self._is_expired = False
         """The event ended as stale; it continues if the next sample arrives."""
         self._was_clear = before is State.CLEAR
+        self._goes_on = before in (State.CONTACT, State.UNEXPLAINED)
+        """Whether an event lasts up to the first sample."""
         self._is_sure = before is not None
         """Whether the state is known: from before the run, or from a sample of it that shows it by itself."""
         self._doubtful: list[Seen] = []
@@ -104,7 +106,7 @@ class Segmenter:
             commands += self._settle(unexplained=state is State.UNEXPLAINED)
         if state is State.CLEAR:
             commands += self._clear(sample.sequence, sample.acquired_unix_us, first_known=first_known)
-        elif state or (seen.held is not State.CLEAR and self._kind):
+        elif state or (seen.held is not State.CLEAR and (self._kind or self._goes_on)):
             commands += self._go_on(seen, unexplained=seen.held is State.UNEXPLAINED)
         else:
             commands += self.interrupt()
@@ -130,7 +132,7 @@ class Segmenter:
         commands = self.flush()
         if self._kind and self.last:
             commands.append(Finish(self.boot_id, self.last.sequence, End.UNSEEN))
-        self._kind, self._was_clear = None, False
+        self._kind, self._was_clear, self._goes_on = None, False, False
         return commands
 
     def end_run(self) -> list[Found]:
@@ -174,7 +176,7 @@ class Segmenter:
         commands = self.flush()
         if self._kind or first_known:
             commands.append(Finish(self.boot_id, sequence - 1, End.LIFT, acquired_us))
-        self._kind, self._was_clear = None, True
+        self._kind, self._was_clear, self._goes_on = None, True, False
         return commands
 
     def _go_on(self, seen: Seen, *, unexplained: bool) -> list[Command]:
