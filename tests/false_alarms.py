@@ -147,8 +147,9 @@ def _stretches_per_day(on: Surface, kept: tuple[int, ...], drawn: Sequences, rea
 
 def _odd(on: Surface, kept: tuple[int, ...], reading: Floats) -> NDArray[np.bool_]:
     answers, misfit = on.answers(kept, reading), on.thresholds.misfit[len(kept) - 1]
-    assert misfit is not None
-    odd: NDArray[np.bool_] = (answers["rest"] > on.thresholds.rest[len(kept) - 1]) & (answers["misfit"] > misfit)
+    no_contact = answers["contact_log_odds"] <= on.thresholds.touch[len(kept) - 1]
+    unlike = no_contact if misfit is None else answers["misfit"] > misfit
+    odd: NDArray[np.bool_] = (answers["rest"] > on.thresholds.rest[len(kept) - 1]) & unlike
     return odd
 
 

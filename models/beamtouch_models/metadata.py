@@ -66,7 +66,8 @@ class Thresholds(_Strict):
     rest: list[PositiveFloat]
     """Rest does not explain a sample if the sum of squares of the whitened sample exceeds this."""
     misfit: list[PositiveFloat | None]
-    """No single contact explains a sample if `misfit` exceeds this; None where so few channels fit any contact."""
+    """No single contact explains a sample if `misfit` exceeds this; None where so few channels fit most contacts.
+    There, what refutes rest and is no touch is unexplained."""
     false_contacts_per_day: PositiveFloat
     """Contacts per day at rest that `touch` was chosen for."""
 

@@ -1,17 +1,6 @@
 """The table of captures: written with the event that they belong to, read and deleted with it."""
 
-from sqlalchemy import (
-    ColumnClause,
-    ColumnElement,
-    Connection,
-    and_,
-    bindparam,
-    delete,
-    func,
-    insert,
-    literal_column,
-    select,
-)
+from sqlalchemy import ColumnElement, Connection, and_, bindparam, delete, exists, func, insert, select
 
 from beamtouch_service.events.captures import MAX_SAMPLES, Capture
 from beamtouch_service.events.schema import CAPTURES, EVENTS
@@ -19,9 +8,7 @@ from beamtouch_service.events.segments import Segment
 from beamtouch_service.surfaces.contradiction import Contradiction
 
 _c, _e = CAPTURES.c, EVENTS.c
-_ROW: ColumnClause[int] = literal_column("rowid")
-"""SQLite counts rows in the order in which they were written."""
-_OF_SENDER = _c.surface, _c.boot_id, _c.model
+_STRETCHES = _e.ends_unexplained | (_e.unexplained_us > 0)
 _of_model = and_(
     _c.surface == bindparam("of_surface"), _c.boot_id == bindparam("of_boot_id"), _c.model == bindparam("of_model")
 )
@@ -71,28 +58,21 @@ def read(connection: Connection, event: Segment) -> list[Contradiction]:
 
 
 def drop_oldest(connection: Connection, share: int) -> int:
-    """Delete one in `share` of all samples, the oldest first, and the rest of the last event; return how many."""
-    count = connection.scalar(select(func.count()).select_from(CAPTURES)) or 0
-    in_order = select(_ROW, *_OF_SENDER, _c.sequence).order_by(_ROW)
-    last = connection.execute(in_order.offset(min(count - 1, count // share)).limit(1)).first() if count else None
-    if last is None:
-        return 0
-    number, surface, boot_id, model, sequence = last
-    key = {"of_surface": surface, "of_boot_id": boot_id, "of_model": model}
-    event = connection.execute(_EVENT, key | {"at": sequence}).first()
-    removed = connection.execute(delete(CAPTURES).where(number >= _ROW)).rowcount
-    if event:
-        removed += connection.execute(_IN_SPAN, key | {"first": event[0], "last": event[1]}).rowcount
-    return removed
+    """Delete the samples of one in `share` of the events that have any, the oldest first; return of how many."""
+    sender = _c.surface == _e.surface, _c.boot_id == _e.boot_id, _c.model == _e.model
+    captured = exists().where(*sender, _c.sequence.between(_e.first_sequence, _e.last_sequence))
+    count = connection.scalar(select(func.count()).select_from(EVENTS).where(_STRETCHES, captured)) or 0
+    oldest = select(_e.id).where(_STRETCHES, captured).order_by(_e.recorded_s).limit(max(1, count // share))
+    return drop(connection, _e.id.in_(oldest))
 
 
-def drop(connection: Connection, these: ColumnElement[bool]) -> None:
-    """Delete the samples of these events, before the events."""
-    stretches = _e.ends_unexplained | (_e.unexplained_us > 0)
+def drop(connection: Connection, these: ColumnElement[bool]) -> int:
+    """Delete the samples of these events, before the events; return how many of them may have had some."""
     columns = (_e.surface, _e.boot_id, _e.model, _e.first_sequence, _e.last_sequence)
     spans = [
         dict(zip(("of_surface", "of_boot_id", "of_model", "first", "last"), row, strict=True))
-        for row in connection.execute(select(*columns).where(these, stretches))
+        for row in connection.execute(select(*columns).where(these, _STRETCHES))
     ]
     if spans:
         connection.execute(_IN_SPAN, spans)
+    return len(spans)

@@ -50,7 +50,7 @@ class Contradiction(BaseModel):
     misfit: float | None
     """How badly the best single contact explains the sample."""
     misfit_limit: float | None
-    """A larger `misfit` is no contact; null where so few channels take part that they fit any contact."""
+    """A larger `misfit` is no contact; null where so few channels take part that they fit most contacts."""
     rest_misfit: float | None
     """How badly rest explains the sample."""
     rest_limit: float
