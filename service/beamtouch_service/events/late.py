@@ -14,8 +14,8 @@ from beamtouch_service.surfaces.touch import Follower
 
 _MAX_EDGES = 4096
 """Edges in memory, some 0.5 MB; without its edge, a late run starts from the stored event before it."""
-_MAX_ASIDE = 512
-"""Runs of doubtful samples in memory, at most some 20 MB; without them, an event may stay in pieces."""
+_MAX_ASIDE = 5000
+"""Doubtful samples in memory, some 15 MB; without them, an event may stay in pieces."""
 
 
 class LateSamples:
@@ -28,6 +28,8 @@ class LateSamples:
         """Doubtful samples, by the number of the first."""
         self._aside_to: dict[tuple[str, str, str, int], int] = {}
         """Number of the last of them -> that of the first."""
+        self._count = 0
+        """Number of doubtful samples."""
 
     def settled(self, surface: str, stale_ms: float, model: ModelFile, found: Iterable[Found]) -> list[Command]:
         """Return the commands in what was found; keep the samples beside gaps, and decide doubtful ones if possible."""
@@ -89,18 +91,21 @@ class LateSamples:
         if doubtful is None:
             return []
         del self._aside_to[*of_sender, doubtful.samples[-1].sequence]
+        self._count -= len(doubtful.samples)
         return doubtful.samples
 
     def _put_aside(self, of_sender: tuple[str, str, str], doubtful: Doubtful) -> None:
         first, last = doubtful.samples[0].sequence, doubtful.samples[-1].sequence
         self._aside[*of_sender, first] = doubtful
         self._aside_to[*of_sender, last] = first
-        while len(self._aside) > _MAX_ASIDE:
+        self._count += len(doubtful.samples)
+        while self._count > _MAX_ASIDE:
             (surface, model, boot_id, oldest), _ = next(iter(self._aside.items()))
             self._take((surface, model, boot_id), oldest)
 
     def _state(self, surface: str, boot_id: str, sequence: int) -> State | None:
         edge = self._edges.get((surface, boot_id, sequence))
-        if edge:
+        if edge and edge.state:
             return edge.state
+        # An undecided sample may be part of an event, too.
         return self._store.state_after(surface, boot_id, sequence)

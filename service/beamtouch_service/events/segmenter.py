@@ -55,8 +55,8 @@ class Doubtful(NamedTuple):
     samples: list[Estimated]
 
 
-MAX_DOUBTFUL = 10
-"""Samples of a run that may be doubtful. After more, the state that is held counts."""
+MAX_DOUBTFUL, MAX_UNDECIDED = 10, 100
+"""Samples of a run that may be doubtful: with a state, and without one. After more, the state that is held counts."""
 ODD_IN_A_ROW = 3
 """Odd samples in a row that are unexplained, whatever comes before them."""
 
@@ -146,7 +146,8 @@ class Segmenter:
 
     def _is_doubtful(self, seen: Seen) -> bool:
         """Return whether the state of a sample at the beginning of a run depends on what comes before the run."""
-        if len(self._doubtful) >= MAX_DOUBTFUL:
+        undecided = sum(one.state is None for one in self._doubtful)
+        if len(self._doubtful) - undecided >= MAX_DOUBTFUL or undecided >= MAX_UNDECIDED:
             return False
         if seen.is_odd:
             row = [*self._doubtful, seen][-ODD_IN_A_ROW:]
