@@ -19,7 +19,7 @@ MAX_READINGS = 1_000_000
 """In a sample."""
 ROUNDING = 1e-9
 """A covariance may miss being positive semi-definite by this part of its largest variance: senders round entries."""
-MAX_NOISE_MM = 1e3
+MAX_NOISE_MM = 1e4
 """Largest standard deviation of a channel. Beyond it a covariance tells nothing, and its figures overflow."""
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
