@@ -263,7 +263,7 @@ def test_undecided_samples_at_the_beginning_of_a_late_run_go_on_in_its_event(
 
 @settings(max_examples=40, deadline=None)
 @given(seed=st.integers(0, 10_000))
-def test_wherever_parts_are_cut_their_order_moves_the_ends_of_events_by_two_samples_at_most(seed: int) -> None:
+def test_wherever_parts_are_cut_their_order_moves_the_ends_of_events_by_three_samples_at_most(seed: int) -> None:
     rng = random.Random(seed)  # noqa: S311  # no secret
     kinds: list[Row] = [RESTING]
     while len(kinds) < 8:
@@ -277,5 +277,5 @@ def test_wherever_parts_are_cut_their_order_moves_the_ends_of_events_by_two_samp
     names = ("kind", "begin", "end")
     assert [[one[name] for name in names] for one in shuffled] == [[one[name] for name in names] for one in straight]
     for one, other in zip(shuffled, straight, strict=True):
-        assert abs(one["dwell_ms"] - other["dwell_ms"]) <= 20
-        assert abs(one["samples"] - other["samples"]) <= 4
+        assert abs(one["dwell_ms"] - other["dwell_ms"]) <= 30
+        assert abs(one["samples"] - other["samples"]) <= 6
