@@ -22,11 +22,13 @@ from beamtouch_models.decision import (
     MISFIT,
     Decider,
     Evidence,
+    LeftOut,
     State,
     Suspects,
     Verdict,
     Weighed,
     evidence,
+    is_odd,
     is_overload,
     is_unchecked,
 )
@@ -59,9 +61,9 @@ from beamtouch_models.whitening import whitening
 __all__ = [
     "FORCE_OUTPUTS", "INPUTS", "LOG_ODDS", "METADATA_PREFIX", "MISFIT", "POSITION_OUTPUTS", "SCHEMA_VERSION",
     "Accuracy", "Answers", "Calibration", "Channel", "Decider", "Departures", "Drawn", "Evidence", "FilterChoice",
-    "Floor", "Golden", "Metadata", "ModelFile", "ModelFileError", "Noise", "Ranges", "Seen", "Sensor", "State",
-    "Suspects", "Thresholds", "Verdict", "Weighed", "evidence", "is_overload", "is_unchecked", "load",
-    "load_bytes", "read", "session_options", "whitening",
+    "Floor", "Golden", "LeftOut", "Metadata", "ModelFile", "ModelFileError", "Noise", "Ranges", "Seen", "Sensor",
+    "State", "Suspects", "Thresholds", "Verdict", "Weighed", "evidence", "is_odd", "is_overload", "is_unchecked",
+    "load", "load_bytes", "read", "session_options", "whitening",
 ]  # fmt: skip
 
 GOLDEN_TOLERANCE = 1e-3

@@ -21,7 +21,7 @@ from sqlalchemy.schema import CreateIndex, CreateTable
 
 from beamtouch_service.events.segments import Begin, End, Kind
 
-FORMAT = 3
+FORMAT = 4
 """The format of a database of this version of the service; 0 is an empty one."""
 
 
@@ -53,6 +53,7 @@ EVENTS = Table(
     Column("kind", _words(Kind), nullable=False, server_default=Kind.CONTACT),
     Column("unexplained_us", BigInteger, nullable=False, server_default="0"),
     Column("ends_unexplained", Boolean, nullable=False, server_default="0"),
+    Column("unsteady", Boolean, nullable=False, server_default="0"),
     sqlite_autoincrement=True,
 )
 """A row per event: the fields of a `Segment`, and when it was last written [s since 1970, by the service's clock]."""
@@ -84,6 +85,7 @@ _UPGRADES: dict[int, list[Executable]] = {
         text("ALTER TABLE events ADD COLUMN ends_unexplained BOOLEAN DEFAULT '0' NOT NULL"),
         CreateTable(CAPTURES),
     ],
+    3: [text("ALTER TABLE events ADD COLUMN unsteady BOOLEAN DEFAULT '0' NOT NULL")],
 }
 """Format -> statements that turn it into the next format."""
 

@@ -17,7 +17,7 @@ from beamtouch_service.events.writing import CONTENT, Numbered
 from beamtouch_service.surfaces.contradiction import Contradiction
 
 _PRUNE_SHARE = 20
-"""Prune 1/20 of the events at a time."""
+"""Prune 1/20 of the captures, or of the events, at a time."""
 _WITHOUT_PATH = [column for column in CONTENT if column is not EVENTS.c.path]
 _c = EVENTS.c
 
@@ -97,9 +97,17 @@ class EventStore:
         return State.UNEXPLAINED if ends_unexplained else State.CONTACT
 
     def prune(self, now_s: float) -> int:
-        """Delete events too old at `now_s` [s since 1970], then the oldest above the size limit; return how many."""
+        """Delete events too old at `now_s` [s since 1970]; return how many.
+
+        Above the size limit, the oldest captures go first, so that a faulty sensor does not push out the contacts. Only
+        then go the oldest events.
+        """
         with self._engine.begin() as connection:
             deleted = _delete(connection, _c.recorded_s < now_s - self._keep_s)
+        while self.used_bytes() > self._max_bytes:
+            with self._engine.begin() as connection:
+                if not kept_captures.drop_oldest(connection, _PRUNE_SHARE):
+                    break
         while self.used_bytes() > self._max_bytes:
             with self._engine.begin() as connection:
                 count = connection.scalar(select(func.count()).select_from(EVENTS)) or 0

@@ -1,7 +1,7 @@
 """Runs the model on all samples of a batch in one call. Pure: no clock, no state, no I/O."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,18 @@ class Estimated:
     """The samples that were weighed together."""
     row: int
     """Which of them is this one."""
+
+    def alone(self) -> "Estimated":
+        """Return the same without the samples around it, to be kept for long."""
+        evidence = self.evidence
+        if isinstance(evidence, Evidence):
+            evidence = replace(
+                evidence,
+                deflection_mm=evidence.deflection_mm.copy(),
+                whitening_per_mm=evidence.whitening_per_mm.copy(),
+                still_whitening_per_mm=evidence.still_whitening_per_mm.copy(),
+            )
+        return replace(self, evidence=evidence, weighed=self.weighed.part(np.array([self.row])), row=0)
 
 
 def estimate(

@@ -190,7 +190,7 @@ class Surface:
         if self._follower is None or self._follower[0] != boot_id:
             self._follower = boot_id, Follower(served.file, served.inference.ask, self.name, self.stale_ms)
         follower = self._follower[1]
-        seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch, fresh, ask)]
+        seen = follower.follow(estimate(model, self.name, batch, fresh, ask))
         newest_us = fresh[-1].acquired_unix_us
         for one in seen:
             self.stretches.add(one, acquired_s - (newest_us - one.estimated.acquired_unix_us) / 1e6)
