@@ -157,17 +157,26 @@ class Departures(_Strict):
 
 
 class Calibration(_Strict):
-    """A fit to recorded loads. Errors are means over the loads, in mm."""
+    """A fit to recorded loads, to unlabelled contacts, or to the ones and then to the others."""
 
     departures: Departures
     fitted: list[str]
-    """Kinds of departures that the loads support; the others are as in the scene."""
-    loads: int
+    """Kinds of departures that were fitted; the others are as in the scene."""
+    loads: int = Field(ge=0)
     residual_mm: float = Field(ge=0, alias="unexplained_mm")
     """Standard deviation that a fit leaves in the deflections of a left-out load, beyond noise; part of the noise."""
-    error_before_mm: float
-    error_after_mm: float
-    """Error of each load by a fit without it."""
+    error_before_mm: float | None = None
+    """Mean position error of the loads; None without loads."""
+    error_after_mm: float | None = None
+    """Mean position error of the loads, each by a fit without it."""
+    contacts: int = Field(default=0, ge=0)
+    """Number of unlabelled contacts."""
+    misfit_before: float | None = None
+    """Median misfit of the contacts, without the floor; None without contacts."""
+    misfit_after: float | None = None
+    """The same, each by a fit without it."""
+    force_error: _Deviation = 0.0
+    """Relative error of all forces together, which unlabelled contacts leave; part of the intervals of the force."""
 
 
 class Golden(_Strict):
