@@ -9,6 +9,8 @@ import numpy as np
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.contacts import Contacts
+from beamtouch_models.calibration.places import places
+from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig.imperfections import Imperfections
@@ -78,3 +80,14 @@ def write_contacts(path: Path, model: ModelFile, contacts: Contacts, characteris
             cells = [f"{value:.9f}" for value in row]
             writer.writerow([number, time, model.identity, characteristic, 4, *cells])
     return path
+
+
+def missed_mm(theory: Theory, vector: Floats, metadata: Metadata, real: Imperfections) -> float:
+    """Mean distance of contacts without noise from where a surface with fitted departures places them."""
+    prior = true_prior(metadata, real)
+    low, high = prior.position_mm
+    margin = 0.05 * (high - low)
+    position = np.linspace(low + margin, high - margin, 60)
+    stated = prior.stated(np.mean(prior.force_n) * prior.influence_at(position))
+    found, _ = places(theory, vector, stated, np.full(stated.shape, metadata.noise.sample_mm))
+    return float(np.abs(found - position).mean())

@@ -96,14 +96,14 @@ def measured(model: ModelFile, real: Imperfections, number: int, kind: Kind, see
     new = answered(made, prior, reading)
     best = limit.posterior_median_mm(truth, fresh.deflection_mm)
 
-    def error(estimate_mm: np.ndarray) -> float:
+    def mean_error(estimate_mm: np.ndarray) -> float:
         return float(np.abs(estimate_mm - fresh.position_mm).mean() / metadata.length_mm * 100)
 
     sides, forces = "position_low_mm position_high_mm", "force_low_n force_high_n"
     return Measured(
-        error(old["position_mm"]),
-        error(new["position_mm"]),
-        error(best),
+        mean_error(old["position_mm"]),
+        mean_error(new["position_mm"]),
+        mean_error(best),
         held(old, sides, fresh.position_mm),
         held(new, sides, fresh.position_mm),
         held(old, forces, fresh.force_n),

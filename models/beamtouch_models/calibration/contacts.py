@@ -61,7 +61,6 @@ def read_contacts(path: Path, metadata: Metadata) -> Contacts:
     """
     channels = [channel.name for channel in metadata.layout]
     try:
-        # Of the rows, those of a file that grows without bound are refused unread.
         if path.stat().st_size > MAX_BYTES:
             message = f"{path}: it is larger than {MAX_BYTES >> 20} MiB; fetch fewer contacts, with ?limit="
             raise ContactsError(message)
@@ -74,7 +73,7 @@ def read_contacts(path: Path, metadata: Metadata) -> Contacts:
         raise ContactsError(message) from None
     _check_columns(path, names, channels)
     if not given:
-        message = f"{path}: no contacts; fetch them with GET /surfaces/NAME/calibration-data of the service"
+        message = f"{path}: no contacts; fetch them with GET /surfaces/NAME/calibration-data"
         raise ContactsError(message)
     rows = {}
     for line, row in enumerate(given, start=2):
@@ -95,7 +94,8 @@ def _check_columns(path: Path, names: Sequence[str], channels: list[str]) -> Non
         message = f"{path}: column {missing[0]} is missing; fetch the contacts of this model's surface"
         raise ContactsError(message)
     others = [name.removesuffix("_sd_mm") for name in names if name.endswith("_sd_mm")]
-    foreign = [name for name in others if name not in channels]
+    # A column such as s1_rest_sd_mm says more of a known channel.
+    foreign = [name for name in others if not f"{name}_".startswith(tuple(f"{channel}_" for channel in channels))]
     if foreign:
         message = f"{path}: it has a channel {foreign[0]}, which this model has not; fetch the contacts of its surface"
         raise ContactsError(message)

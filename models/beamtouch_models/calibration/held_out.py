@@ -28,15 +28,16 @@ class HeldOut:
     expected: float
     """Median of contacts on a surface that is exactly as the model says."""
     beyond: float
-    """Sum of the misfits of single contacts over the largest that their noise, the fit and the given floor allow."""
+    """Sum of the misfits of single contacts over the largest that is allowed."""
 
 
-def held_out(fit: ContactFit, contacts: Contacts, zero_mm: Floats, gain: Floats) -> HeldOut:
+def held_out(fit: ContactFit, contacts: Contacts, zero_mm: Floats, most: float) -> HeldOut:
     """Leave out one part of the contacts at a time, spread over time.
 
     Parameters
     ----------
-    zero_mm, gain : (channels,) floor of the given model
+    zero_mm : (channels,) standard deviation of the zeros
+    most : relative error of deflections that may stay unexplained
     """
     theory, count = fit.theory, len(contacts)
     after, allowed = np.empty(count), np.empty(count)
@@ -44,7 +45,7 @@ def held_out(fit: ContactFit, contacts: Contacts, zero_mm: Floats, gain: Floats)
         left_out = np.arange(count) % PARTS == part
         rest = fit_contacts(theory, fit.start, contacts[~left_out], fit.kinds, zero_mm, like=fit, rounds=ROUNDS)
         after[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, 0.0, None)
-        allowed[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, float(gain.mean()), rest.covariance)
+        allowed[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, most, rest.covariance)
     before = _misfits(fit, fit.start, contacts, zero_mm, 0.0, None)
     degrees = degrees_of(theory)
     most = float(chi2.isf(CHANCE, degrees * fit.single.sum()))

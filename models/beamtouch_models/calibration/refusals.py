@@ -36,10 +36,10 @@ def check_contacts(theory: Theory, count: int) -> None:
         raise NotGoodEnoughError(message)
 
 
-def check_single(fit: ContactFit, gain: Floats) -> None:
-    """Raise NotGoodEnoughError if contacts do not fit this surface; `gain` (channels,) is the given model's floor."""
+def check_single(fit: ContactFit, most: float) -> None:
+    """Raise NotGoodEnoughError if contacts do not fit this surface; `most` may stay unexplained of deflections."""
     other = 1 - float(fit.single.mean())
-    if other > MOST_NOT_SINGLE or fit.unexplained > gain.mean():
+    if other > MOST_NOT_SINGLE or fit.unexplained > most:
         left = f"leaves {fit.unexplained:.1%} of the deflections unexplained"
         shown = f"{other:.0%} of them are no single contacts on this beam" if other > MOST_NOT_SINGLE else left
         message = (

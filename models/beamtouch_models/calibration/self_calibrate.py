@@ -22,6 +22,7 @@ from beamtouch_models.calibration.theory import GAIN, Theory
 from beamtouch_models.calibration.unlabelled import ContactFit, fit_contacts
 from beamtouch_models.metadata import Calibration, Metadata
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.pricing.noise import GAIN_ERROR
 from beamtouch_models.progress import Progress
 
 KINDS = ("gain", "position", "curve", "offset")
@@ -54,13 +55,15 @@ def self_fit(model: ModelFile, contacts: Contacts, progress: Progress) -> SelfFi
     theory = Theory.of(physics_of(metadata), metadata)
     check_contacts(theory, len(contacts))
     zero_mm, gain = np.array(metadata.floor.zero_mm), np.array(metadata.floor.gain)
+    # A wide floor of gains that were never calibrated is no excuse for another beam.
+    most = min(float(gain.mean()), GAIN_ERROR)
     start = np.zeros(theory.size)
     if metadata.calibration is not None:
         start = theory.vector_of(metadata.calibration.departures)
     progress("fitting", 0.0)
     fit = fit_contacts(theory, start, contacts, KINDS, zero_mm)
     covariance = fit.covariance
-    check_single(fit, gain)
+    check_single(fit, most)
     check_spread(fit)
     if FIXITY in theory.kinds:
         progress("looking for another beam", 0.3)
@@ -71,7 +74,7 @@ def self_fit(model: ModelFile, contacts: Contacts, progress: Progress) -> SelfFi
     noise_mm = np.hypot(metadata.noise.sample_mm, zero_mm)
     check_determined(fit, LeftOpen(fit, fit.covariance, noise_mm), gain)
     progress("leaving out a part of the contacts at a time", 0.5)
-    left_out = held_out(fit, contacts, zero_mm, gain)
+    left_out = held_out(fit, contacts, zero_mm, most)
     check_held_out(left_out)
     return SelfFit(fit, LeftOpen(fit, covariance, noise_mm), left_out)
 
