@@ -155,7 +155,7 @@ def test_two_channels_are_too_few(built_model: Callable[[str], Path]) -> None:
     model = modelfile.load(built_model("bench"))
     layout = model.metadata.layout[:2]
     two = dataclasses.replace(model, metadata=model.metadata.model_copy(update={"layout": layout}))
-    with pytest.raises(NotGoodEnoughError, match="2 channels fit a contact of any place and force.* it takes 3"):
+    with pytest.raises(NotGoodEnoughError, match=r"2 channels fit a contact of any place and force.* it takes 3"):
         self_fit(two, Contacts(np.ones((50, 2)), np.ones((50, 2))), quiet)
 
 
@@ -193,7 +193,7 @@ def test_it_goes_on_from_a_calibrated_model(bench: ModelFile, tmp_path: Path) ->
 
 
 def test_wider_forces_leave_the_rest_as_it_is(bench: ModelFile) -> None:
-    graph = graph_of(prior_of_model(bench.metadata), with_force=True)
+    graph = graph_of(prior_of_model(bench.metadata))
     plain, wide = (runner(to_bytes(one)) for one in (graph, with_force_error(graph, 0.02)))
     golden = bench.metadata.golden
     inputs = np.array(golden.deflection_mm, np.float32), np.array(golden.whitening_per_mm, np.float32)
@@ -256,7 +256,7 @@ def test_rows_of_the_newest_characteristic_count_and_each_event_once(bench: Mode
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda text: "", "column event is missing"),
+        (lambda _text: "", "column event is missing"),
         (lambda text: text.splitlines()[0], "no contacts"),
         (lambda text: text.replace("s3_sd_mm", "other"), "column s3_sd_mm is missing"),
         (lambda text: text.replace("s4_mm", "s5_mm").replace("s4_sd", "s5_sd"), "column s4_mm is missing"),
@@ -283,7 +283,7 @@ def test_wrong_files_are_refused_in_one_line(
 ) -> None:
     path = write_contacts(tmp_path / "contacts.csv", bench, Contacts(np.full((3, 4), 0.1), np.full((3, 4), 0.001)))
     path.write_text(change(path.read_text().replace("\r", "").rstrip("\n")))
-    with pytest.raises(ContactsError, match="contacts.csv"):
+    with pytest.raises(ContactsError, match=r"contacts\.csv"):
         read_contacts(path, bench.metadata)
     done = design_sensors_here("calibrate", bench_model, "--events", path, "-o", tmp_path / "new.onnx")
     assert done.returncode == 2
