@@ -121,6 +121,7 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
             "thresholds": fields.thresholds,
             "smallest_force": fields.smallest_force,
             "floor": fields.floor,
+            "influence": fields.influence,
             "accuracy": fields.accuracy,
             "golden": fields.golden,
             "calibration": calibration,
