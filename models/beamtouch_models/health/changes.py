@@ -1,8 +1,8 @@
 """Changes of single channels in a history of contacts: a likelihood ratio for every channel and time of change.
 
-The gain errors g of the beginning have the floor of the model as their prior. A change adds one unknown to the gain of a
-channel, from some block on. The unknown is fitted together with all others, so its likelihood ratio counts only what
-neither the other channels' first errors nor earlier changes explain.
+The gain errors g of the beginning have the floor of the model as their prior. A change adds one unknown to the gain of
+a channel, from some block on. It is fitted together with all others, so its likelihood ratio counts only what neither
+the other channels' first errors nor earlier changes explain.
 """
 
 from collections.abc import Sequence

@@ -10,8 +10,8 @@ from beamtouch_models.health.curve import Curve
 from beamtouch_models.metadata import Metadata
 
 SCATTER = 1 / 3
-"""Deviation of what differs from contact to contact, over the floor. It keeps a mean of very many readings from counting
-for more than the beam itself repeats."""
+"""Deviation of what differs from contact to contact, over the floor. It keeps a mean of very many readings from
+counting for more than the beam itself repeats."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.arrays import Floats
+from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.health.contacts import SCATTER, BestSample
 from beamtouch_models.health.history import History
 
@@ -12,8 +12,10 @@ NEWEST = 8
 """Contacts whose rests say where a zero is now."""
 LEAST = 3
 """Contacts before which it must have been there."""
+DRIFT = 4.0
+"""A change is none within this many standard deviations of the drift that the floor states."""
 CERTAIN = 28.0
-"""Square of a change over its variance that counts as certain, as for gains."""
+"""Square of what exceeds that, over its variance, that counts as certain."""
 EXACT_MM = 1e-7
 """Smallest standard deviation of a zero; a scene may state none."""
 NORMAL = 1.959964
@@ -47,30 +49,39 @@ def rest_block(sample: BestSample, offset_mm: Floats, zero_mm: Floats) -> tuple[
 def zero_of(history: History, channel: int, zero_mm: float) -> tuple[Estimate, int] | None:
     """Return how the zero of a channel has changed, and the block with which it began; None if no rest was seen.
 
-    A zero drifts by `zero_mm` (standard deviation) between two tares. What is within that is no change.
+    A zero drifts by `zero_mm` (standard deviation) after a tare.
     """
     weight, total = history.since("rest_weight")[:, channel], history.since("rest_sum")[:, channel]
     if not weight[0] > 0:
         return None
-    after = history.after()
-    seen = weight > 0
+    after, seen = history.after(), weight > 0
     # Before the first contact the zero was where the tare put it, up to its drift.
     weight_before = weight[0] - weight + 1 / max(zero_mm, EXACT_MM) ** 2
     before = (total[0] - total) / weight_before
     mean = np.divide(total, weight, out=np.zeros_like(total), where=seen)
-    variance = np.divide(1.0, weight, out=np.full_like(weight, np.inf), where=seen) + 1 / weight_before + zero_mm**2
-    ratio = np.where(after >= LEAST, (mean - before) ** 2 / variance, 0.0)
-    newest = _last(after, seen, min(NEWEST, max(1.0, after[0] / 2)))
-    change = int(ratio.argmax())
-    moved = mean[newest] - before[change]
-    spread = 1 / weight[newest] + 1 / weight_before[change]
-    certain = ratio[change] > CERTAIN and moved**2 > CERTAIN * (spread + zero_mm**2)
-    if not certain:
-        change = _last(after, seen, max(1.0, after[0] / 2))
-        moved, spread = mean[newest] - before[change], 1 / weight[newest] + 1 / weight_before[change]
-    return interval(float(moved), float(np.sqrt(spread)), changed=bool(certain)), change
+    variance = np.divide(1.0, weight, out=np.full_like(weight, np.inf), where=seen)
+    ratio = np.where(after >= LEAST, _beyond(mean - before, zero_mm) ** 2 / (variance + 1 / weight_before), 0.0)
+    change, newest = int(ratio.argmax()), _last(after, seen, min(NEWEST, after[0] / 2))
+
+    def moved(first: int) -> tuple[float, float]:
+        """Return how far the zero is now from where it was before a block, with its variance."""
+        return float(mean[newest] - before[first]), float(variance[newest] + 1 / weight_before[first])
+
+    # A zero that creeps has moved before it is seen to: it is compared with the first half of what was before.
+    value, spread = moved(_last(after, seen, (after[0] + after[change]) / 2))
+    if min(ratio[change], _beyond(np.array(value), zero_mm) ** 2 / spread) > CERTAIN:
+        return interval(value, spread**0.5, changed=True), change
+    half = _last(after, seen, after[0] / 2)
+    value, spread = moved(half)
+    return interval(value, spread**0.5, changed=False), half
 
 
-def _last(after: Floats, seen: np.ndarray, contacts: float) -> int:
+def _beyond(moved_mm: Floats, zero_mm: float) -> Floats:
+    """Return how far changes exceed the drift."""
+    beyond: Floats = np.maximum(np.abs(moved_mm) - DRIFT * zero_mm, 0.0)
+    return beyond
+
+
+def _last(after: Floats, seen: Bools, contacts: float) -> int:
     """Return the last block with so many contacts from it on, and a rest."""
     return int(np.flatnonzero((after >= contacts) & seen)[-1])
