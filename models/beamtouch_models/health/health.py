@@ -15,9 +15,8 @@ from beamtouch_models.health.history import Block, History
 from beamtouch_models.health.zeros import Estimate, interval, rest_block, zero_of
 from beamtouch_models.metadata import Metadata
 
-INFLUENCE, DOUBTFUL = 20.0, 14.0
-"""Largest ratio of likelihoods (its logarithm, twice) that a contact can give, and a sample that no single contact
-explains. A change takes more than one contact, and more than two of the others."""
+INFLUENCE = 20.0
+"""Largest ratio of likelihoods (its logarithm, twice) that a contact can give; a change takes more than one contact."""
 POSSIBLE = 8.0
 """From this ratio on, the intervals of the other channels allow for a change of a channel that is not certain."""
 CHUNK = 16
@@ -90,8 +89,7 @@ class Health:
         off = found.left - np.einsum("nij,j->ni", found.shape, gains)
         inverse = np.linalg.inv(wide)
         misfit = np.einsum("ni,nij,nj->n", off, inverse, off)
-        most = np.where(is_contact, INFLUENCE, DOUBTFUL)
-        weight = most / np.maximum(misfit, most)
+        weight = INFLUENCE / np.maximum(misfit, INFLUENCE)
         limit = [None, *self._metadata.thresholds.misfit][len(gains) - 1]
         along = np.einsum("nij,nik,nk->nj", found.shape, inverse, off)
         square = np.einsum("nij,nik,nkj->nj", found.shape, inverse, found.shape)
