@@ -91,6 +91,13 @@ class Drawn(_Strict):
     """For each position of the contact, the deflection along the beam."""
 
 
+class Influence(_Strict):
+    """The influence at the sensors, as the estimator knows it: with gains and positions of a calibration."""
+
+    mm_per_n: list[list[FiniteFloat]] = Field(min_length=4)
+    """For evenly spaced positions of the contact from end to end of the range, the deflection at each sensor."""
+
+
 class Seen(_Strict):
     """The smallest force that a settled sample shows along the beam, with all channels."""
 
@@ -210,6 +217,8 @@ class Metadata(_Strict):
     """Unused if the graph gives neither log odds nor a misfit."""
     smallest_force: Seen
     drawn: Drawn
+    influence: Influence | None = None
+    """None in older files: without it, nothing is known of how the sensors change."""
     seed: int
     accuracy: Accuracy
     calibration: Calibration | None = None
@@ -236,6 +245,9 @@ class Metadata(_Strict):
         each: list[list[Any]] = [limits.touch, limits.rest, limits.misfit, self.floor.gain, self.floor.zero_mm]
         if any(len(values) != len(names) for values in each):
             message = f"thresholds and floor: each list must have {len(names)} entries"
+            raise ValueError(message)
+        if self.influence and any(len(row) != len(names) for row in self.influence.mm_per_n):
+            message = f"influence: every row must have {len(names)} channels"
             raise ValueError(message)
         return self
 

@@ -33,6 +33,7 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
             "thresholds": fields.thresholds,
             "smallest_force": fields.smallest_force,
             "floor": fields.floor,
+            "influence": fields.influence,
             "accuracy": fields.accuracy,
             "golden": fields.golden,
             "calibration": calibration,

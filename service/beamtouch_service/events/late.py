@@ -44,7 +44,7 @@ class LateSamples:
             follower = Follower(served.file, runner(served.file), surface, stale_ms, state=before or State.CLEAR)
             after = self._edges.get((surface, batch.boot_id, run[-1].sequence + 1))
             # Only new samples open an event.
-            segmenter = Segmenter(surface, served.file.identity, batch.boot_id, before, End.UNSEEN)
+            segmenter = Segmenter(surface, served.file, batch.boot_id, before, End.UNSEEN)
             commands += segment_late_run(segmenter, map(follower.step, run), after)
         return commands
 

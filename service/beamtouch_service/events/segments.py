@@ -10,6 +10,7 @@ contact from there on, with all unexplained stretches that follow it.
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from beamtouch_service.events.best_samples import Best
 from beamtouch_service.surfaces.contact import Figures
 
 MAX_POINTS = 200
@@ -99,6 +100,8 @@ class Segment:
     degraded: bool = False
     """At least one sample lacked channels or could not be decided."""
     path: list[Point] = field(default_factory=list)
+    best: Best | None = None
+    """None if no sample was steady with all channels."""
 
 
 class GrowingSegment:
@@ -117,6 +120,8 @@ class GrowingSegment:
         """Whether the last sample is unexplained."""
         self._degraded = False
         self._path: list[Point] = []
+        self.best: Best | None = None
+        """The best sample so far."""
 
     @property
     def kind(self) -> Kind:
@@ -162,6 +167,7 @@ class GrowingSegment:
             ends_unexplained=self._is_unexplained,
             degraded=self._degraded,
             path=list(self._path),
+            best=self.best,
         )
 
 
