@@ -82,7 +82,7 @@ def test_the_steps_of_the_readme_calibrate_a_surface(tmp_path: Path) -> None:
     (tmp_path / "models").symlink_to(SCENES.parent)
     rig, service = free_port(), free_port()
     begin = begin.replace("beamtouch-service run", f"beamtouch-service run --port {service}").replace("5020", str(rig))
-    # The daemon's configuration has the ports of the commands as they stand, and a rate that a busy machine cannot keep.
+    # The daemon's configuration has the ports of the commands as they stand, and a rate too high for a busy machine.
     changes = f"s/5020/{rig}/; s/8420/{service}/; s/^rate_hz = .*/rate_hz = {RATE_HZ}/"
     begin = begin.replace("beamtouch-daemon run", f"sed -i '{changes}' daemon.toml\nbeamtouch-daemon run")
     with typed(begin, tmp_path):
