@@ -10,16 +10,16 @@ doi 10.1137/0710036). Three things are estimated together with the departures, b
 """
 
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
-from scipy.optimize import brentq, lsq_linear
+from scipy.optimize import brentq
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.calibration.contacts import Contacts
 from beamtouch_models.calibration.errors import Deflections, Errors
 from beamtouch_models.calibration.fit import bounds_of
 from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.normal import Normal
 from beamtouch_models.calibration.places import places
 from beamtouch_models.calibration.theory import GAIN, OFFSET_NOISES, Theory
 
@@ -27,8 +27,6 @@ ROUNDS = 12
 """Number of rounds of a fit; after eight, nothing changes by a tenth of its error."""
 SMALLEST_SIZE, LARGEST_SIZE = 0.02, 1.5
 """Bounds of the size of the departures, in units of plausible ones."""
-LARGEST_STEP = 2.0
-"""Bound of a step of a departure, in units of plausible ones: far off, the slopes are those of another surface."""
 MISFITS = (4.0, 16.0, 64.0, 256.0)
 """Residuals of what is not a single contact, in units of the errors; each is as probable as the others."""
 SHARES = (0.01, 0.5)
@@ -141,7 +139,7 @@ def fit_contacts(
         slopes = theory.slopes(vector, at.loads, kinds)[..., free]
         about = _prior_deviation(theory, kinds, size, zero_mm)
         weighed = np.sqrt(single)[:, None, None] * whitening
-        normal = _Normal.of(weighed @ slopes, np.einsum("lcd,ld->lc", weighed, at.left_mm))
+        normal = Normal.of(weighed @ slopes, np.einsum("lcd,ld->lc", weighed, at.left_mm))
         normal = normal.with_prior((vector - start)[free], about)
         step = normal.step(*(bound - vector[free] for bound in bounds_of(theory, free)))
         covariance = np.linalg.inv(normal.precision)
@@ -189,30 +187,6 @@ def _prior_deviation(theory: Theory, kinds: tuple[str, ...], size: float, zero_m
     about[theory.kinds["offset"]] = zero_mm / (OFFSET_NOISES * theory.prior.noise_mm)
     fitted: Floats = about[free_of(theory, kinds)]
     return np.maximum(fitted, SMALLEST_SIZE**2)
-
-
-@dataclass(frozen=True)
-class _Normal:
-    """Normal equations of the departures."""
-
-    precision: Floats
-    pull: Floats
-
-    @classmethod
-    def of(cls, slopes: Floats, left: Floats) -> Self:
-        """Equations of whitened slopes (contacts, channels, departures) and residuals (contacts, channels)."""
-        return cls(np.einsum("lcv,lcw->vw", slopes, slopes), np.einsum("lcv,lc->v", slopes, left))
-
-    def with_prior(self, moved: Floats, deviation: Floats) -> Self:
-        """Add the prior of departures that are now `moved` away from its middle."""
-        return replace(self, precision=self.precision + np.diag(deviation**-2), pull=self.pull - moved / deviation**2)
-
-    def step(self, low: Floats, high: Floats) -> Floats:
-        """Return the best step between bounds."""
-        root = np.linalg.cholesky(self.precision)
-        bounds = np.clip(low, -LARGEST_STEP, -1e-9), np.clip(high, 1e-9, LARGEST_STEP)
-        found: Floats = lsq_linear(root.T, np.linalg.solve(root, self.pull), bounds, method="bvls").x
-        return found
 
 
 def _unexplained(theory: Theory, at: Linear, left_mm: Floats, single: Floats, degrees: float) -> float:

@@ -59,10 +59,7 @@ def _lines(found: SelfCalibrated, contacts: Contacts, identity: str, given: Mode
     shown = departures_in_words(metadata, departures, _standard_errors(found))
     held, force = fit.held_out, found.metadata.calibration.force_error if found.metadata.calibration else 0.0
     not_single = len(contacts) - fit.fit.single.sum()
-    before, after = (
-        f"{100 * min(values):.2g}..{100 * max(values):.2g} %"
-        for values in (given.metadata.floor.gain, metadata.floor.gain)
-    )
+    before, after = (_percent(one.floor.gain) for one in (given.metadata, metadata))
     return [
         ("model", identity),
         ("contacts", f"{len(contacts)}, of which about {not_single:.0f} are not single contacts"),
@@ -87,6 +84,12 @@ def _standard_errors(found: SelfCalibrated) -> dict[str, Floats]:
     fit = found.found.fit
     spread = np.sqrt(np.diag(found.found.left_open.relative))
     return fit.theory.standard_errors(fit.vector, spread)
+
+
+def _percent(values: list[float]) -> str:
+    """Return relative errors as one number, or as their range."""
+    low, high = (f"{100 * end(values):.2g}" for end in (min, max))
+    return f"{low} %" if low == high else f"{low}..{high} %"
 
 
 def _rms(values: Floats) -> float:
