@@ -110,14 +110,15 @@ def found_changes(history: History, floor: Floats) -> list[Change]:
     changes: list[Change] = []
     if not history.blocks:
         return changes
-    shown = (history.after() >= LEAST)[:, None]
+    after = history.after()
     certain = CERTAIN + 2 * np.log(max(1.0, len(floor) / 4))
     while len(changes) < 2 * len(floor):
         found = Gains(history, floor, changes).candidates()
-        ratio = np.where(shown & (np.abs(found.gain) >= floor), found.ratio, 0.0)
+        ratio = np.where(np.abs(found.gain) >= floor, found.ratio, 0.0)
         block, channel = (int(place) for place in np.unravel_index(int(ratio.argmax()), ratio.shape))
         others = np.delete(ratio.max(axis=0), channel)
-        if ratio[block, channel] <= certain or ratio[block, channel] - others.max(initial=0.0) < APART:
+        most = ratio[block, channel]
+        if most <= certain or most - others.max(initial=0.0) < APART or after[block] < LEAST:
             break
         changes.append(Change(block, channel))
     return changes

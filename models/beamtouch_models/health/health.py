@@ -69,7 +69,10 @@ class Health:
         return self._history.to_json()
 
     def add(self, samples: Sequence[BestSample]) -> None:
-        """Add the best samples of contacts, in any order of their times."""
+        """Add the best samples of contacts, in any order of their times.
+
+        A sample that neither a single contact nor a change of one channel explains is left out.
+        """
         for begin in range(0, len(samples), CHUNK):
             self._add(samples[begin : begin + CHUNK])
 
@@ -78,6 +81,8 @@ class Health:
         weight = self._weights(found, np.array([sample.is_contact for sample in samples]))
         boundaries = {self._history.blocks[one.block].first_us for one in self._changes}
         for sample, shape, left, part in zip(samples, found.shape, found.left, weight, strict=True):
+            if part == 0:
+                continue
             rest = rest_block(sample, self._curve.offset_mm, self._zero_mm)
             self._history.add(Block(sample.at_us, 1, part * shape.T @ shape, part * shape.T @ left, *rest), boundaries)
         self._changes = found_changes(self._history, self._floor)
