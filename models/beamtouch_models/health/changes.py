@@ -20,6 +20,8 @@ APART = 7.0
 """The ratio of a channel that is named exceeds that of every other channel by this much: odds of 30."""
 LEAST = 3
 """Contacts that show a change which is named."""
+NEAR = 2.0
+"""Times of a change whose ratios differ by less than this are about as likely."""
 LARGEST = 0.5
 """Standard deviation of the prior of a change of a gain; it bounds intervals of channels of which nothing is seen."""
 EXACT = 1e-4
@@ -118,7 +120,9 @@ def found_changes(history: History, floor: Floats) -> list[Change]:
         block, channel = (int(place) for place in np.unravel_index(int(ratio.argmax()), ratio.shape))
         others = np.delete(ratio.max(axis=0), channel)
         most = ratio[block, channel]
-        if most <= certain or most - others.max(initial=0.0) < APART or after[block] < LEAST:
+        # A contact near a support says little of any gain, so the change may as well have begun before it.
+        likely = np.flatnonzero(ratio[:, channel] > most - NEAR)
+        if most <= certain or most - others.max(initial=0.0) < APART or after[likely[0]] < LEAST:
             break
         changes.append(Change(block, channel))
     return changes
