@@ -44,8 +44,8 @@ class Residuals:
     """(contacts, channels)"""
 
 
-def residuals(metadata: Metadata, curve: Curve, samples: Sequence[BestSample]) -> Residuals:
-    """Return what contacts say of the gains."""
+def residuals(metadata: Metadata, curve: Curve, samples: Sequence[BestSample], gains: Floats) -> Residuals:
+    """Return what contacts say of the gains; `gains` (channels,) are the errors as far as they are known."""
     gain, zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
     measured = np.array([one.deflection_mm for one in samples])
     deviation = np.array([one.deviation_mm for one in samples])
@@ -55,7 +55,7 @@ def residuals(metadata: Metadata, curve: Curve, samples: Sequence[BestSample]) -
     linear = curve.linear_mm(measured - rest)
     floor = (gain * linear) ** 2 + zero_mm**2
     variance = deviation**2 + unseen**2 + SCATTER**2 * floor
-    position, force = _places(curve, linear, 1 / (variance + floor))
+    position, force = _places(curve, linear / (1 + gains), 1 / (variance + floor))
     influence, slope = curve.at(position)
     weight = 1 / np.sqrt(variance)
     expected = force[:, None] * influence
