@@ -1,11 +1,12 @@
 """Best samples of contacts drawn from the scene of a model, on sensors with the errors that its floor states."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.decision import Weighed, evidence
-from beamtouch_models.modelfile import BestSample, ModelFile
+from beamtouch_models.modelfile import Answers, BestSample, ModelFile
 
 REST_READINGS = 32
 
@@ -56,7 +57,7 @@ class Drawn:
         each = evidence(self.metadata, self._run, samples)
         return [one.misfit <= (limits.misfit[-1] or np.inf) or one.rest_misfit <= limits.rest[-1] for one in each]
 
-    def _run(self, deflection_mm: Floats, whitening_per_mm: Floats) -> dict[str, Floats]:
+    def _run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
         return self.model.estimate(deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32))
 
     def _noise(self, count: int, deviation_mm: float) -> Floats:

@@ -156,7 +156,7 @@ def test_a_history_is_read_again_as_it_was(drawn: Drawn) -> None:
     assert again.channels() == health.channels()
     assert changed(again) == [(2, "gain")]
     with pytest.raises(ValueError, match="another layout"):
-        Health(drawn.metadata, History(3, [_block(0, 3)]).to_json())
+        Health(drawn.metadata, {"blocks": History(3, [_block(0, 3)]).to_json(), "changes": []})
 
 
 def test_a_long_history_takes_few_blocks_and_loses_nothing() -> None:
@@ -172,6 +172,28 @@ def test_a_long_history_takes_few_blocks_and_loses_nothing() -> None:
     # A late contact has its place in time.
     history.add(_block(19_990, 2), set())
     assert [block.first_us for block in history.blocks] == sorted(block.first_us for block in history.blocks)
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+def test_two_channels_or_fewer_show_no_gain(bench: ModelFile, channels: int) -> None:
+    said, table = bench.metadata, bench.metadata.influence
+    assert table is not None
+    floor = said.floor.model_copy(update={"gain": [0.003] * channels, "zero_mm": [0.001] * channels})
+    rows = [row[:channels] for row in table.mm_per_n]
+    few = said.model_copy(
+        update={
+            "layout": said.layout[:channels], "floor": floor, "influence": table.model_copy(update={"mm_per_n": rows})
+        }
+    )  # fmt: skip
+    health = Health(few)
+    random = np.random.default_rng(1)
+    for at_us in range(40):
+        values = np.array(rows[random.integers(len(rows))]) * random.uniform(2, 20)
+        health.add([BestSample(at_us, values.tolist(), [0.002] * channels, [0.0] * channels, [0.001] * channels)])
+    assert changed(health) == []
+    for one in health.channels():
+        assert one.gain.low < -0.5
+        assert one.gain.high > 0.5
 
 
 def test_a_model_without_the_table_is_refused(bench: ModelFile) -> None:

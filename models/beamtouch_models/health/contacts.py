@@ -14,6 +14,10 @@ SCATTER = 1 / 3
 counting for more than the beam itself repeats."""
 
 
+WRONG = 9.0
+"""What leaving out a channel takes from the misfit before the contact is placed without that channel."""
+
+
 @dataclass(frozen=True)
 class BestSample:
     """The mean of one rested stretch of a contact, and the rest before it. Lists are in the order of the layout."""
@@ -40,8 +44,8 @@ class Residuals:
     """(contacts, channels)"""
 
 
-def residuals(metadata: Metadata, curve: Curve, samples: Sequence[BestSample]) -> Residuals:
-    """Return what contacts say of the gains."""
+def residuals(metadata: Metadata, curve: Curve, samples: Sequence[BestSample], gains: Floats) -> Residuals:
+    """Return what contacts say of the gains; `gains` (channels,) are the errors as far as they are known."""
     gain, zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
     measured = np.array([one.deflection_mm for one in samples])
     deviation = np.array([one.deviation_mm for one in samples])
@@ -51,7 +55,7 @@ def residuals(metadata: Metadata, curve: Curve, samples: Sequence[BestSample]) -
     linear = curve.linear_mm(measured - rest)
     floor = (gain * linear) ** 2 + zero_mm**2
     variance = deviation**2 + unseen**2 + SCATTER**2 * floor
-    position, force = curve.best_contacts(linear, 1 / (variance + floor))
+    position, force = _places(curve, linear / (1 + gains), 1 / (variance + floor))
     influence, slope = curve.at(position)
     weight = 1 / np.sqrt(variance)
     expected = force[:, None] * influence
@@ -63,3 +67,27 @@ def residuals(metadata: Metadata, curve: Curve, samples: Sequence[BestSample]) -
     whitened = np.concatenate([shape, left[:, :, None]], axis=2)
     whitened -= span @ (span.transpose(0, 2, 1) @ whitened)
     return Residuals(whitened[:, :, :-1], whitened[:, :, -1])
+
+
+def _places(curve: Curve, linear_mm: Floats, weight: Floats) -> tuple[Floats, Floats]:
+    """Return position and force of contacts (contacts,), by weights (contacts, channels).
+
+    The equations are linear about them. A channel whose gain is far off would move them too far for that, so they are
+    found without it.
+    """
+
+    def fitted(weight: Floats) -> tuple[Floats, Floats, Floats]:
+        position, force = curve.best_contacts(linear_mm, weight)
+        misfit = (weight * (linear_mm - force[:, None] * curve.at(position)[0]) ** 2).sum(axis=1)
+        return position, force, misfit
+
+    position, force, misfit = fitted(weight)
+    least, channels = misfit - WRONG, weight.shape[1]
+    # Without one of three channels every contact fits.
+    for channel in range(channels if channels > 3 else 0):
+        found = fitted(weight * (np.arange(channels) != channel))
+        better = found[2] < least
+        position, force, least = (
+            np.where(better, new, old) for new, old in zip(found, (position, force, least), strict=True)
+        )
+    return position, force

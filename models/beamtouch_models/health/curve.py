@@ -10,6 +10,10 @@ from beamtouch_models.metadata import Metadata
 
 STEPS = 3
 """Steps of Gauss and Newton from the best entry of the table; each squares the distance to the best contact."""
+SINGULAR = 1e-9
+"""Smallest part of the precision of a position that does not depend on the force."""
+SINGULAR = 1e-9
+"""Smallest part of the precision of a position that does not depend on the force."""
 _TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -77,9 +81,9 @@ class Curve:
             moved = force[:, None] * slope
             left = linear_mm - force[:, None] * shape
             aa, bb, ab = (_dot(weight, *pair) for pair in ((shape, shape), (moved, moved), (shape, moved)))
-            step = (aa * _dot(weight, moved, left) - ab * _dot(weight, shape, left)) / np.maximum(
-                aa * bb - ab**2, _TINY
-            )
+            # One channel, or a contact on a support, does not say where the contact is.
+            determinant = np.maximum(aa * bb - ab**2, SINGULAR * aa * bb + _TINY)
+            step = (aa * _dot(weight, moved, left) - ab * _dot(weight, shape, left)) / determinant
             position = np.clip(position + step, low, high)
             shape, _ = self.at(position)
             force = _dot(weight, shape, linear_mm) / np.maximum(_dot(weight, shape, shape), _TINY)

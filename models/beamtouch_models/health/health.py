@@ -1,5 +1,6 @@
 """The health of the channels of a surface: how each gain and zero has changed since a baseline, with intervals."""
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -40,15 +41,15 @@ class ChannelHealth:
 class Health:
     """What contacts say of the channels since a baseline began."""
 
-    def __init__(self, metadata: Metadata, history: list[list[Any]] | None = None) -> None:
-        """Begin without contacts, or with a history from `to_json`.
+    def __init__(self, metadata: Metadata, kept: dict[str, Any] | None = None) -> None:
+        """Begin without contacts, or with what `to_json` gave.
 
         Raises
         ------
         ModelFileError
             The model file does not hold the influence.
         ValueError
-            The history is not one of this layout.
+            What was kept is not of this layout.
         """
         curve = Curve.of(metadata)
         if curve is None:
@@ -56,35 +57,54 @@ class Health:
             raise ModelFileError(message)
         self._metadata, self._curve = metadata, curve
         self._floor, self._zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
-        self._history = History.from_json(len(metadata.layout), history or [])
-        self._changes = found_changes(self._history, self._floor)
+        kept = kept or {"blocks": [], "changes": []}
+        self._history = History.from_json(len(metadata.layout), kept["blocks"])
+        self._known: list[tuple[int, int]] = [(int(at_us), int(channel)) for at_us, channel in kept["changes"]]
+        """Time of the first contact and channel of each change."""
+        self._changes: list[Change] = []
+        self._search()
 
     @property
     def contacts(self) -> int:
         """Number of contacts."""
         return self._history.contacts
 
-    def to_json(self) -> list[list[Any]]:
-        """Return the history as JSON values."""
-        return self._history.to_json()
+    def to_json(self) -> dict[str, Any]:
+        """Return what is known as JSON values."""
+        return {"blocks": self._history.to_json(), "changes": [list(one) for one in self._known]}
 
     def add(self, samples: Sequence[BestSample]) -> None:
-        """Add the best samples of contacts, in any order of their times."""
+        """Add the best samples of contacts, in any order of their times.
+
+        A sample that neither a single contact nor a change of one channel explains is left out.
+        """
         for begin in range(0, len(samples), CHUNK):
             self._add(samples[begin : begin + CHUNK])
 
     def _add(self, samples: Sequence[BestSample]) -> None:
-        found = residuals(self._metadata, self._curve, samples)
-        weight = self._weights(found, np.array([sample.is_contact for sample in samples]))
-        boundaries = {self._history.blocks[one.block].first_us for one in self._changes}
+        known = Gains(self._history, self._floor, self._changes).now()
+        found = residuals(self._metadata, self._curve, samples, known[0])
+        weight = self._weights(found, np.array([sample.is_contact for sample in samples]), *known)
+        boundaries = {at_us for at_us, _ in self._known}
         for sample, shape, left, part in zip(samples, found.shape, found.left, weight, strict=True):
+            if part == 0:
+                continue
             rest = rest_block(sample, self._curve.offset_mm, self._zero_mm)
             self._history.add(Block(sample.at_us, 1, part * shape.T @ shape, part * shape.T @ left, *rest), boundaries)
-        self._changes = found_changes(self._history, self._floor)
+        self._search()
 
-    def _weights(self, found: Residuals, is_contact: Bools) -> Floats:
-        """Return the weights of contacts: bounded, and 0 for one that no change of a single channel explains."""
-        gains, covariance = Gains(self._history, self._floor, self._changes).now()
+    def _search(self) -> None:
+        """Find the changes again, beginning with the known ones."""
+        begins = [block.first_us for block in self._history.blocks]
+        known = [Change(max(0, bisect_right(begins, at_us) - 1), channel) for at_us, channel in self._known]
+        self._changes = found_changes(self._history, self._floor, known)
+        self._known = [(begins[one.block], one.channel) for one in self._changes]
+
+    def _weights(self, found: Residuals, is_contact: Bools, gains: Floats, covariance: Floats) -> Floats:
+        """Return the weights of contacts: bounded, and 0 for one that no change of a single channel explains.
+
+        `gains` (channels,) are the errors as far as they are known, with their covariance.
+        """
         wide = np.eye(len(gains)) + found.shape @ covariance @ found.shape.transpose(0, 2, 1)
         off = found.left - np.einsum("nij,j->ni", found.shape, gains)
         inverse = np.linalg.inv(wide)
@@ -116,7 +136,7 @@ class Health:
         own = [one.block for one in self._changes if one.channel == channel]
         if own:
             value, deviation = Gains(self._history, self._floor, self._changes).changed(channel)
-            certain = value**2 > CERTAIN * deviation**2 and abs(value) >= self._floor[channel]
+            certain = bool(value**2 > CERTAIN * deviation**2 and abs(value) >= self._floor[channel])
             return interval(value, deviation, changed=certain), min(own)
         return self._unnamed(channel), 0
 

@@ -45,7 +45,7 @@ class Baseline:
     """The newest event in it."""
     newest_us: int
     """Time of the newest sample in it [us since 1970]."""
-    history: list[list[Any]]
+    history: dict[str, Any]
 
 
 def contacts(

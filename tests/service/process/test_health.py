@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import signal
+import time
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
@@ -27,8 +28,9 @@ DAY = datetime(2026, 3, 3, 12, tzinfo=UTC)
 
 
 def health_of(service: Service) -> dict[str, Any]:
-    found: dict[str, Any] = service.get("/surfaces/press-7").json()["health"]
-    return found
+    # Null until the service has read what it kept.
+    found: dict[str, Any] | None = service.get("/surfaces/press-7").json()["health"]
+    return found or {}
 
 
 def post(service: Service, batch: dict[str, Any]) -> None:
@@ -36,8 +38,18 @@ def post(service: Service, batch: dict[str, Any]) -> None:
     assert answer.status_code == 200, answer.text
 
 
+def settled(service: Service) -> dict[str, Any]:
+    """Return the health once it has been the same for two seconds: all events have been read."""
+    found, since_s = health_of(service), time.monotonic()
+    while time.monotonic() < since_s + 2:
+        time.sleep(0.1)
+        if (now := health_of(service)) != found:
+            found, since_s = now, time.monotonic()
+    return found
+
+
 def contacts_of(service: Service) -> int:
-    return int((health_of(service) or {"s1": {"contacts": 0}})["s1"]["contacts"])
+    return int(health_of(service).get("s1", {"contacts": 0})["contacts"])
 
 
 @pytest.fixture
@@ -70,8 +82,7 @@ def test_a_gain_that_falls_is_named_with_its_day_and_survives_a_kill(
     touches.gain[1] = 0.95
     post(service, touches.batch(CHANGED, DAY))
     wait_for(lambda: health_of(service)["s2"]["changed"])
-    wait_for(lambda: health_of(service)["s2"]["contacts"] >= CHANGED)
-    found = health_of(service)
+    found = settled(service)
     assert [name for name, one in found.items() if one["changed"]] == ["s2"]
     assert found["s2"]["changes"] == ["gain"]
     assert found["s2"]["gain_low_percent"] < -5 < found["s2"]["gain_high_percent"] < -3
@@ -94,10 +105,9 @@ def test_a_gain_that_falls_is_named_with_its_day_and_survives_a_kill(
 
     service.process.kill()
     again = start()
-    wait_for(lambda: contacts_of(again) == BASELINE + CHANGED or health_of(again)["s2"]["changed"])
-    wait_for(lambda: health_of(again)["s2"]["contacts"] == found["s2"]["contacts"])
-    # After a kill, contacts may be read again in other groups, which weighs them by another estimate.
-    found = {name: dict(one) for name, one in health_of(again).items()}
+    # Contacts are read again in other groups, so that they may weigh a little more or less.
+    wait_for(lambda: any(one["changed"] for one in health_of(again).values()))
+    found = settled(again)
     assert [name for name, one in found.items() if one["changed"]] == ["s2"]
     assert found["s2"]["since"].startswith("2026-03-03")
     assert again.stop(signal.SIGTERM)[0] == 0
