@@ -83,5 +83,15 @@ def _calibration(metadata: Metadata) -> list[tuple[str, str]]:
     if found is None:
         return []
     kinds = ", ".join(found.fitted) or "no departures"
-    errors = f"{found.error_before_mm:.3g} mm before, {found.error_after_mm:.3g} mm after"
-    return [("real", f"calibrated with {found.loads} loads: {kinds}; mean error of the loads {errors}")]
+    told = []
+    if found.loads:
+        told.append(
+            f"{found.loads} loads, mean error {found.error_before_mm:.3g} mm before, "
+            f"{found.error_after_mm:.3g} mm after"
+        )
+    if found.contacts:
+        told.append(
+            f"{found.contacts} unlabelled contacts, median misfit {found.misfit_before:.3g} before, "
+            f"{found.misfit_after:.3g} after"
+        )
+    return [("real", f"calibrated with {'; then with '.join(told)}; fitted: {kinds}")]

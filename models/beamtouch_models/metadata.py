@@ -117,6 +117,13 @@ class Drawn(_Strict):
         return self
 
 
+class Influence(_Strict):
+    """The influence at the sensors, as the estimator knows it: with gains and positions of a calibration."""
+
+    mm_per_n: list[list[FiniteFloat]] = Field(min_length=4)
+    """For evenly spaced positions of the contact from end to end of the range, the deflection at each sensor."""
+
+
 class Seen(_Strict):
     """The smallest force that a settled sample shows along the beam, with all channels."""
 
@@ -190,17 +197,26 @@ class Departures(_Strict):
 
 
 class Calibration(_Strict):
-    """A fit to recorded loads. Errors are means over the loads, in mm."""
+    """A fit to recorded loads, to unlabelled contacts, or to the ones and then to the others."""
 
     departures: Departures
     fitted: list[str]
-    """Kinds of departures that the loads support; the others are as in the scene."""
-    loads: int
+    """Kinds of departures that were fitted; the others are as in the scene."""
+    loads: int = Field(ge=0)
     residual_mm: float = Field(ge=0, alias="unexplained_mm")
     """Standard deviation that a fit leaves in the deflections of a left-out load, beyond noise; part of the noise."""
-    error_before_mm: float
-    error_after_mm: float
-    """Error of each load by a fit without it."""
+    error_before_mm: float | None = None
+    """Mean position error of the loads; None without loads."""
+    error_after_mm: float | None = None
+    """Mean position error of the loads, each by a fit without it."""
+    contacts: int = Field(default=0, ge=0)
+    """Number of unlabelled contacts."""
+    misfit_before: float | None = None
+    """Median misfit of the contacts, without the floor; None without contacts."""
+    misfit_after: float | None = None
+    """The same, each by a fit without it."""
+    force_error: _Deviation = 0.0
+    """Relative error of all forces together, which unlabelled contacts leave; part of the intervals of the force."""
 
 
 class Golden(_Strict):
@@ -234,6 +250,8 @@ class Metadata(_Strict):
     """Unused if the graph gives neither log odds nor a misfit."""
     smallest_force: Seen
     drawn: Drawn
+    influence: Influence | None = None
+    """None in older files: without it, nothing is known of how the sensors change."""
     seed: int
     accuracy: Accuracy
     calibration: Calibration | None = None
@@ -260,6 +278,9 @@ class Metadata(_Strict):
         each: list[list[Any]] = [limits.touch, limits.rest, limits.misfit, self.floor.gain, self.floor.zero_mm]
         if any(len(values) != len(names) for values in each):
             message = f"thresholds and floor: each list must have {len(names)} entries"
+            raise ValueError(message)
+        if self.influence and any(len(row) != len(names) for row in self.influence.mm_per_n):
+            message = f"influence: every row must have {len(names)} channels"
             raise ValueError(message)
         found = self.calibration.departures if self.calibration else None
         if found and any(

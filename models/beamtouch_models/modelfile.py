@@ -33,6 +33,7 @@ from beamtouch_models.decision import (
     is_unchecked,
 )
 from beamtouch_models.errors import ModelFileError
+from beamtouch_models.health import BestSample, ChannelHealth, Health
 from beamtouch_models.metadata import (
     FORCE_OUTPUTS,
     INPUTS,
@@ -48,6 +49,7 @@ from beamtouch_models.metadata import (
     FilterChoice,
     Floor,
     Golden,
+    Influence,
     Metadata,
     Noise,
     Ranges,
@@ -60,10 +62,11 @@ from beamtouch_models.whitening import whitening
 
 __all__ = [
     "FORCE_OUTPUTS", "INPUTS", "LOG_ODDS", "METADATA_PREFIX", "MISFIT", "POSITION_OUTPUTS", "SCHEMA_VERSION",
-    "Accuracy", "Answers", "Calibration", "Channel", "Decider", "Departures", "Drawn", "Evidence", "FilterChoice",
-    "Floor", "Golden", "LeftOut", "Metadata", "ModelFile", "ModelFileError", "Noise", "Ranges", "Seen", "Sensor",
-    "State", "Suspects", "Thresholds", "Verdict", "Weighed", "evidence", "is_odd", "is_overload", "is_unchecked",
-    "load", "load_bytes", "read", "session_options", "whitening",
+    "Accuracy", "Answers", "BestSample", "Calibration", "Channel", "ChannelHealth", "Decider", "Departures",
+    "Drawn", "Evidence", "FilterChoice", "Floor", "Golden", "Health", "Influence", "LeftOut", "Metadata", "ModelFile",
+    "ModelFileError", "Noise", "Ranges", "Seen", "Sensor", "State", "Suspects", "Thresholds", "Verdict",
+    "Weighed", "evidence", "is_odd", "is_overload", "is_unchecked", "load", "load_bytes", "read", "session_options",
+    "whitening",
 ]  # fmt: skip
 
 GOLDEN_TOLERANCE = 1e-3

@@ -189,7 +189,7 @@ def columns(path: Path) -> dict[str, list[tuple[str, str, int, str | None]]]:
     with closing(sqlite3.connect(path)) as file:
         return {
             table: sorted(row[1:5] for row in file.execute(f"PRAGMA table_info({table})"))
-            for table in ("events", "captures")
+            for table in ("events", "captures", "baselines")
         }
 
 

@@ -106,6 +106,7 @@ def build(
         thresholds=found.thresholds,
         smallest_force=found.smallest_force,
         drawn=drawn_of(scene),
+        influence=found.influence,
         seed=seed,
         accuracy=found.accuracy,
         golden=found.golden,

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from beamtouch_service.events.best_samples import better
 from beamtouch_service.events.segments import AFTER_CLEAR, BEFORE_CLEAR, End, Kind, Segment, sums_of, thin
 
 _ENDS_OF_CONTACT = {End.CLEAR: End.UNEXPLAINED, End.CONTACT: End.UNSEEN}
@@ -52,5 +53,6 @@ def joined(left: Segment, right: Segment) -> Segment:
         unexplained_us=left.unexplained_us + between_us + added.unexplained_us,
         ends_unexplained=later.ends_unexplained,
         degraded=left.degraded or right.degraded,
+        best=better(left.best, right.best),
         path=thin(sorted({point[0]: point for point in [*left.path, *right.path]}.values())),
     )

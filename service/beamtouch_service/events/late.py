@@ -76,7 +76,7 @@ class LateSamples:
         before = self._state(surface, boot_id, run[0].sequence - 1)
         after = self._edges.get((surface, boot_id, run[-1].sequence + 1))
         # Only new samples open an event.
-        segmenter = Segmenter(surface, model.identity, boot_id, before, End.UNSEEN)
+        segmenter = Segmenter(surface, model, boot_id, before, End.UNSEEN)
         follower = Follower(model, runner(model), surface, stale_ms, state=before)
         found = segment_late_run(segmenter, follower.follow(run), after)
         for one in found:

@@ -17,6 +17,7 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_service.events.health import HealthKeeper
 from beamtouch_service.events.late import LateSamples
 from beamtouch_service.events.losses import Losses
 from beamtouch_service.events.segmenter import Command, Found, Loss, Segmenter
@@ -52,6 +53,11 @@ class Recorder:
         # After a restart, the service before this one may still be stopping.
         self._store = EventStore(path, keep_days * 86_400, int(max_mb * 1e6), _FILE_WAIT_S)
         self._late = LateSamples(self._store)
+        self._health = HealthKeeper(self._store)
+        self._watched: dict[str, Surface] = {}
+        self._to_update: set[str] = set()
+        """Surfaces whose health is about to be updated."""
+        self._is_closing = False
         self._worker = Worker("events")
         self._free_writes = BoundedSemaphore(_MAX_WRITES)
         # Counts of late samples, each changed by one thread only.
@@ -72,6 +78,11 @@ class Recorder:
         """Count of writes that were lost."""
         return self._losses.count
 
+    def watch(self, surface: Surface) -> None:
+        """State the health of a surface, now and after each of its events."""
+        self._watched[surface.name] = surface
+        self._heed(surface.name)
+
     def fresh(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
         """Record new samples, in order."""
         self._stale.discard(surface.name)
@@ -79,11 +90,10 @@ class Recorder:
         commands: list[Found] = []
         if segmenter is None or (segmenter.boot_id, segmenter.model) != (boot_id, model.identity):
             commands = segmenter.end_run() if segmenter else []
-            segmenter = self._segmenters[surface.name] = Segmenter(surface.name, model.identity, boot_id)
+            segmenter = self._segmenters[surface.name] = Segmenter(surface.name, model, boot_id)
         for one in seen:
             commands += segmenter.add(one)
         name, stale_ms = surface.name, surface.stale_ms
-        # What is doubtful is decided in the worker thread.
         if commands:
             # The worker thread decides doubtful samples.
             self._submit(name, lambda: self._late.settled(name, stale_ms, model, commands))
@@ -140,12 +150,13 @@ class Recorder:
         """Write what can be written in a second, and close the file."""
         lost = self.lost
         self._flush()
-        self._losses.end_s = time.monotonic() + STOP_S
+        self._losses.end_s, self._is_closing = time.monotonic() + STOP_S, True
         self._worker.close()
         if self.lost > lost:
             _log.warning("%d writes were lost at the stop", self.lost - lost)
         self._check_place()
         try:
+            self._health.close()
             self._store.close()
         except DBAPIError as error:
             _log.warning("cannot close the file of events properly: %s", error.orig)
@@ -157,6 +168,24 @@ class Recorder:
         dropped = self._store.prune(time.time())
         if dropped:
             _log.info("%d events were dropped: too old, or above the size limit", dropped)
+
+    def _heed(self, name: str) -> None:
+        """Update the health of a surface soon."""
+        if self._is_closing or name not in self._watched or name in self._to_update:
+            return
+        self._to_update.add(name)
+
+        def run() -> None:
+            self._to_update.discard(name)
+            try:
+                if self._health.update(self._watched[name]):
+                    self._heed(name)
+            except DBAPIError as error:
+                self._losses.warn(f"the health of sensors cannot be updated: {error.orig}")
+            except Exception:  # noqa: BLE001  # the health of sensors must not cost events
+                _log.exception("surface %s: the health of its sensors cannot be updated", name)
+
+        self._worker.late(run)
 
     def _check_place(self) -> None:
         if self._in_place and not self._store.is_in_place():
@@ -208,3 +237,4 @@ class Recorder:
     def _write(self, name: str, commands: Sequence[Command]) -> None:
         if commands:
             self._store.write(name, commands, time.time())
+            self._heed(name)

@@ -4,7 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from beamtouch_models.modelfile import State
+from beamtouch_models.modelfile import ModelFile, State
+from beamtouch_service.events.best_samples import BestSamples
 from beamtouch_service.events.captures import Capture
 from beamtouch_service.events.segments import Begin, End, GrowingSegment, Kind, Segment
 from beamtouch_service.surfaces.contact import Decision, Figures
@@ -68,16 +69,17 @@ class Segmenter:
     """Makes segments from the samples of one surface, sender and model, in the order of their sequence numbers."""
 
     def __init__(
-        self, surface: str, model: str, boot_id: str, before: State | None = None, end: End = End.OPEN
+        self, surface: str, model: ModelFile, boot_id: str, before: State | None = None, end: End = End.OPEN
     ) -> None:
         """Begin after a sample of state `before`; a segment whose end is not known yet gets `end`."""
-        self.model, self.boot_id = model, boot_id
+        self.model, self.boot_id = model.identity, boot_id
         self.last: Edge | None = None
         """The last sample."""
         self._surface = surface
         self._pending: GrowingSegment | None = None
         self._captured: list[Contradiction] = []
         """Samples that have yet to be written."""
+        self._best = BestSamples(model)
         self._end = end
         self._kind: Kind | None = None
         """Of the event that continues."""
@@ -106,6 +108,7 @@ class Segmenter:
             commands += self._settle(unexplained=state is State.UNEXPLAINED)
         if state is State.CLEAR:
             commands += self._clear(sample.sequence, sample.acquired_unix_us, first_known=first_known)
+            self._best.clear(seen)
         elif state or (seen.held is not State.CLEAR and (self._kind or self._goes_on)):
             commands += self._go_on(seen, unexplained=seen.held is State.UNEXPLAINED)
         else:
@@ -175,6 +178,8 @@ class Segmenter:
 
     def _clear(self, sequence: int, acquired_us: int, *, first_known: bool) -> list[Command]:
         commands = self.flush()
+        if self._kind:
+            self._best.lift()
         if self._kind or first_known:
             commands.append(Finish(self.boot_id, sequence - 1, End.LIFT, acquired_us))
         self._kind, self._was_clear, self._goes_on = None, True, False
@@ -196,6 +201,7 @@ class Segmenter:
         self._pending.add(
             sequence, acquired_us, figures, unexplained=unexplained, degraded=degraded, unsteady=seen.is_unsteady
         )
+        self._pending.best = self._best.best(self._pending.best, seen)
         # Write an event at once when it begins or resumes, then at intervals.
         due = is_new or self._is_expired or self._pending.duration_us >= FLUSH_US
         self._kind, self._was_clear, self._is_expired = kind, False, False

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import NamedTuple
 
+from beamtouch_service.events.best_samples import Best
 from beamtouch_service.surfaces.contact import Figures
 
 MAX_POINTS = 200
@@ -102,6 +103,8 @@ class Segment:
     path: list[Point] = field(default_factory=list)
     unsteady: bool = False
     """Samples, position and peak are those of unsteady samples, as there are no others."""
+    best: Best | None = None
+    """None if no sample was steady with all channels."""
 
 
 class Sums(NamedTuple):
@@ -148,6 +151,8 @@ class GrowingSegment:
         """Whether the last sample is unexplained."""
         self._degraded = False
         self._path: list[Point] = []
+        self.best: Best | None = None
+        """The best sample so far."""
 
     @property
     def duration_us(self) -> int:
@@ -190,6 +195,7 @@ class GrowingSegment:
             ends_unexplained=self._is_unexplained,
             degraded=self._degraded,
             path=list(self._path),
+            best=self.best,
         )
 
 
