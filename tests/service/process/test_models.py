@@ -110,11 +110,11 @@ def test_a_model_of_another_beam_takes_a_word_or_a_restart(
     assert service.get("/surfaces/press-7").json()["model_error"] is None
     assert service.get("/surfaces/press-7/model").json()["length_mm"] == 603.0
 
-    path.write_bytes(other_beam(path, 200.0))
+    path.write_bytes(other_beam(path, 500.0))
     wait_for(lambda: service.get("/surfaces/press-7").json()["model_error"] is not None)
     service.stop(signal.SIGTERM)
     service = start(start_service, tmp_path, path)
-    assert service.get("/surfaces/press-7/model").json()["length_mm"] == 200.0
+    assert service.get("/surfaces/press-7/model").json()["length_mm"] == 500.0
 
 
 def test_a_file_that_is_too_large_is_refused_unread(
