@@ -189,9 +189,8 @@ def test_the_command_prints_the_departures(
     assert "calibrated with 10 loads" in shown.stdout
     table = design_sensors_here("calibrate", bench_model, path, "-o", output)
     lines = dict(line.split(maxsplit=1) for line in table.stdout.splitlines())
-    fixity = ["fixity"] if any(found["calibration"]["departures"]["fixity"]) else []
     assert list(lines) == [
-        *("model", "loads", "rigidity", "gain", "position", "curve", *fixity, "offset", "before", "after", "limit"),
+        *("model", "loads", "rigidity", "gain", "position", "curve", "offset", "fixity", "before", "after", "limit"),
     ]
     assert lines["model"] == found["model"]
     assert [float(number) for number in re.findall(r"s\d (\S+) \+-", lines["gain"])] == pytest.approx(
