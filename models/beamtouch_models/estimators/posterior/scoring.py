@@ -5,11 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.accuracy.forces import HIGHEST
+from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.metadata import INPUTS
 
 LEAST_PRECISION = np.pi / HIGHEST**2
 """Added to a, over the square of the largest force: a cell that says nothing of the force has a best force, too."""
+FLATTEST = 1e-26
+"""Smallest curvature of a parabola, so that nothing is divided by 0."""
 WIDEST = 1e4
 """Samples are clipped to this multiple of the largest deflection, so that nothing overflows."""
 
@@ -85,6 +88,27 @@ def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: boo
     force = graph.apply("Clip", force, graph.constant(0.0), graph.constant(HIGHEST * largest_n))
     residual = graph.apply("Sub", sample, graph.apply("Mul", force, shape))
     return precision, force, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
+
+
+@dataclass(frozen=True)
+class Lowest:
+    """Names of the smallest of a row of squares, (batch, 1, 1)."""
+
+    cell: str
+    """The smallest at the middle of a cell."""
+    twice: str
+    """Twice the smallest over the position: that of a parabola through the best three cells, which are neighbours."""
+
+
+def lowest_of(graph: Graph, squares: str) -> Lowest:
+    """Return the smallest of squares (batch, 1, N)."""
+    three = graph.top(squares, 3, 2, largest=False)
+    # Least value, twice that, slope and curvature, scaled so that the parabola is lowest at 2 R - slope^2 / curvature.
+    parabola: Floats = np.array([[1.0, 2.0, 0.0, -2.0], [0.0, 0.0, -0.5, 1.0], [0.0, 0.0, 0.5, 1.0]])
+    least, value, slope, curvature = graph.split(graph.apply("MatMul", three, graph.constant(parabola)), 4, 2)
+    curvature = graph.apply("Max", curvature, graph.constant(FLATTEST))
+    drop = graph.apply("Div", graph.apply("Mul", slope, slope), curvature)
+    return Lowest(least, graph.apply("Sub", value, drop))
 
 
 def state_log_odds(graph: Graph, scored: Scored, likely: str, least: str) -> None:
