@@ -55,8 +55,12 @@ def state_answers(
     state_log_odds(graph, found, likely, lowest.cell)
     other = None
     if prior.force_is_known:
-        known = known_force(graph, force_n[1], found, root, lowest, grid.share, widened)
-        likely, other = known.likely, known.other
+        known = known_force(graph, force_n[1], found, root, lowest, widened)
+        both = graph.apply("Add", known.known, known.tails)
+        if with_force or widened is not None:
+            other = graph.apply("Div", known.tails, both)
+        likely = graph.apply("Mul", both, likely if widened is None else grid.share)
+        likely = graph.apply("Div", likely, found.widened) if found.widened else likely
     else:
         likely = _of_open_force(graph, force_n, found, root, exponent, likely, grid, widened)
     posterior = graph.apply("LpNormalization", likely, axis=2, p=1)

@@ -23,7 +23,8 @@ def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, w
     prior of the median and one for each end of the interval. `widening` is that of the likelihood, if it is tempered.
     """
     cautious = cautious_forces(force_n)
-    ends, error = _normal(graph, cautious, root, force)
+    ends, offset = _offset(graph, cautious, root, force)
+    error = graph.apply("Erf", offset)
     # Between the ends of a piece, the difference of erf is at most 2; the masses are 1 within the range.
     rows = np.stack([_densities(forces_of(force_n), ends), *[_densities(cautious, ends)] * 2])
     total = _weighted(graph, error, 0.5 * rows / rows[:, 2:3])
@@ -33,19 +34,21 @@ def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, w
     return total
 
 
-def tails_of(graph: Graph, known_n: float, root: str, force: str) -> str:
-    """Return the mass of the tails of a known force, over the share of that force."""
+def known_and_tails(graph: Graph, known_n: float, root: str, force: str) -> tuple[str, str]:
+    """Return -a (F - f)^2 of a known force, and the mass of its tails over its share, each (batch, 1, N)."""
     forces = forces_of((known_n, known_n))
-    ends, error = _normal(graph, forces, root, force)
+    ends, offset = _offset(graph, forces, root, force)
     stated = _densities(forces, ends)[None] / forces[1].share
-    return graph.apply("Div", _weighted(graph, error, stated * np.sqrt(np.pi) / 2), root)
+    tails = _weighted(graph, graph.apply("Erf", offset), stated * np.sqrt(np.pi) / 2)
+    square = graph.apply("Mul", offset, offset)
+    known = graph.apply("MatMul", graph.constant(-(ends == known_n)[None].astype(np.float64)), square)
+    return known, graph.apply("Div", tails, root)
 
 
-def _normal(graph: Graph, forces: Forces, root: str, force: str) -> tuple[Floats, str]:
-    """Return the ends of all pieces, and erf of their distances from the best force of each cell."""
+def _offset(graph: Graph, forces: Forces, root: str, force: str) -> tuple[Floats, str]:
+    """Return the ends of all pieces, and their distances from the best force of each cell, in root-2 deviations."""
     ends = np.unique([end for piece in forces for end in (piece.low_n, piece.high_n)])
-    offset = graph.apply("Mul", graph.apply("Sub", graph.constant(ends[:, None]), force), root)
-    return ends, graph.apply("Erf", offset)
+    return ends, graph.apply("Mul", graph.apply("Sub", graph.constant(ends[:, None]), force), root)
 
 
 def _densities(forces: Forces, ends: Floats) -> Floats:

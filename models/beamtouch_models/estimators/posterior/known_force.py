@@ -13,7 +13,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.forces import HIGHEST
 from beamtouch_models.estimators.onnx_graph import Graph
-from beamtouch_models.estimators.posterior.force import NORMAL, WIDER, tails_of
+from beamtouch_models.estimators.posterior.force import NORMAL, WIDER, known_and_tails
 from beamtouch_models.estimators.posterior.scoring import Lowest, Scored, lowest_of
 from beamtouch_models.estimators.posterior.tempering import Tempered
 from beamtouch_models.metadata import FORCE_OUTPUTS
@@ -26,35 +26,25 @@ FARTHEST = -60.0
 class KnownForce:
     """Names of likelihoods, (batch, 1, N)."""
 
-    likely: str
-    """Of the known force and the tails together, up to a factor."""
-    other: str
-    """Part of it that the tails have."""
+    known: str
+    """Of the known force, up to a factor."""
+    tails: str
+    """Of the tails, up to the same factor."""
 
 
 def known_force(
-    graph: Graph, known_n: float, found: Scored, root: str, lowest: Lowest, share: str, widened: Tempered | None
+    graph: Graph, known_n: float, found: Scored, root: str, lowest: Lowest, widened: Tempered | None
 ) -> KnownForce:
-    """Return the likelihoods of each cell; `share` is s."""
-    offset = graph.apply("Mul", graph.apply("Sub", found.force, graph.constant(known_n)), root)
-    square = graph.apply("Mul", offset, offset)
-    tails = tails_of(graph, known_n, root, found.force)
+    """Return the likelihoods of each cell; untempered, they are yet to be multiplied by exp(-R)."""
+    distance, tails = known_and_tails(graph, known_n, root, found.force)
     if widened is None:
-        known = _bounded_exp(graph, graph.apply("Neg", square))
-        both = graph.apply("Add", known, tails)
-        above = graph.apply("Exp", graph.apply("Sub", lowest.cell, found.misfit))
-        likely = graph.apply("Mul", above, both)
-    else:
-        misfit = graph.apply("Add", found.misfit, square)
-        least = lowest_of(graph, misfit)
-        worse = graph.apply("Mul", graph.apply("Sub", lowest.twice, least.twice), graph.constant(0.5))
-        known = _widened(graph, misfit, least.cell, widened.widening, worse)
-        tails = graph.apply("Mul", tails, _widened(graph, found.misfit, lowest.cell, widened.turning, None))
-        both = likely = graph.apply("Add", known, tails)
-    likely = graph.apply("Mul", likely, share)
-    if found.widened is not None:
-        likely = graph.apply("Div", likely, found.widened)
-    return KnownForce(likely, graph.apply("Div", tails, both))
+        return KnownForce(_bounded_exp(graph, distance), tails)
+    misfit = graph.apply("Sub", found.misfit, distance)
+    least = lowest_of(graph, misfit)
+    worse = graph.apply("Mul", graph.apply("Sub", lowest.twice, least.twice), graph.constant(0.5))
+    known = _widened(graph, misfit, least.cell, widened.widening, worse)
+    above = _widened(graph, found.misfit, lowest.cell, widened.turning, None)
+    return KnownForce(known, graph.apply("Mul", tails, above))
 
 
 def _bounded_exp(graph: Graph, exponent: str) -> str:
@@ -71,7 +61,10 @@ def _widened(graph: Graph, misfit: str, least: str, widening: str, worse: str | 
 def state_known_force(
     graph: Graph, known_n: float, scored: Scored, posterior: str, other: str, contraction: str | None
 ) -> None:
-    """Add the known force, or the one that the sample shows instead, and its interval."""
+    """Add the known force, or the one that the sample shows instead, and its interval.
+
+    `other` is the part of each cell that the tails have.
+    """
     axis, known = graph.ints(2), graph.constant(known_n)
 
     def mean_of(values: str, weights: str) -> str:
