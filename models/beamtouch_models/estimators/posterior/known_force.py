@@ -14,7 +14,7 @@ import numpy as np
 from beamtouch_models.accuracy.forces import HIGHEST
 from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.estimators.posterior.force import NORMAL, WIDER, known_and_tails
-from beamtouch_models.estimators.posterior.scoring import Lowest, Scored, lowest_of
+from beamtouch_models.estimators.posterior.scoring import FLATTEST, Lowest, Scored
 from beamtouch_models.estimators.posterior.tempering import Tempered
 from beamtouch_models.metadata import FORCE_OUTPUTS
 
@@ -40,11 +40,26 @@ def known_force(
     if widened is None:
         return KnownForce(_bounded_exp(graph, distance), tails)
     misfit = graph.apply("Sub", found.misfit, distance)
-    least = lowest_of(graph, misfit)
-    worse = graph.apply("Mul", graph.apply("Sub", lowest.twice, least.twice), graph.constant(0.5))
-    known = _widened(graph, misfit, least.cell, widened.widening, worse)
+    cell = graph.apply("ReduceMin", misfit, axes=[2], keepdims=1)
+    lowest_r = graph.apply("Mul", lowest.twice, graph.constant(0.5))
+    worse = graph.apply("Sub", lowest_r, _lowest_misfit(graph, known_n, found, widened.change))
+    # No place explains a sample better with the known force than with the best one, but for rounding.
+    worse = graph.apply("Min", worse, graph.constant(0.0))
+    known = _widened(graph, misfit, cell, widened.widening, worse)
     above = _widened(graph, found.misfit, lowest.cell, widened.turning, None)
     return KnownForce(known, graph.apply("Mul", tails, above))
+
+
+def _lowest_misfit(graph: Graph, known_n: float, found: Scored, change: str) -> str:
+    """Return the smallest Q over the position, (batch, 1, 1); within a cell the reading changes along a line."""
+    left = graph.apply("Sub", found.own, graph.apply("Mul", found.shape, graph.constant(known_n)))
+    along = graph.apply("ReduceSum", graph.apply("Mul", left, change), graph.ints(1), keepdims=1)
+    square = graph.apply("Max", graph.apply("ReduceSumSquare", change, axes=[1], keepdims=1), graph.constant(FLATTEST))
+    # H and y are over the root of 2, the change is not. A cell ends half of its change from the middle.
+    end = 0.5 / np.sqrt(2)
+    place = graph.apply("Clip", graph.apply("Div", along, square), graph.constant(-end), graph.constant(end))
+    left = graph.apply("Sub", left, graph.apply("Mul", place, change))
+    return graph.apply("ReduceMin", graph.apply("ReduceSumSquare", left, axes=[1], keepdims=1), axes=[2], keepdims=1)
 
 
 def _bounded_exp(graph: Graph, exponent: str) -> str:

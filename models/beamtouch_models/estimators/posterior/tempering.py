@@ -39,6 +39,8 @@ class Tempered:
     """Error of the centre, in units of the widened deviation."""
     turning: str = ""
     """t of the tails of a known force, (batch, 1, N)."""
+    change: str = ""
+    """Change of the whitened reading across each cell under a known force, (batch, channels, N)."""
 
     def contraction(self, posterior: str, other: str | None = None) -> str:
         """Return rho^2, (batch, 1, 1); `other` is the part of each cell that the tails of a known force have."""
@@ -96,7 +98,7 @@ def tempered(graph: Graph, prior: Prior, cells: Cells, found: Scored) -> Tempere
         graph.apply("Max", graph.apply("Sub", square, graph.constant(RESOLVED**2)), graph.constant(0.0))
         for square in (step2, turned)
     )
-    return Tempered(graph, cells, _widening(graph, step2, error), error, _widening(graph, turned, error))
+    return Tempered(graph, cells, _widening(graph, step2, error), error, _widening(graph, turned, error), change)
 
 
 def _widening(graph: Graph, step2: str, centre_error: float) -> str:
