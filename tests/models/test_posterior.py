@@ -12,6 +12,7 @@ from beamtouch_models.accuracy.forces import Forces, cautious_forces, forces_of
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import IR_VERSION, OPSET
+from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.channels import fewest_channels
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes
@@ -171,6 +172,25 @@ def test_a_graph_has_few_operations() -> None:
     # Each takes about 0.4 us, whatever it does.
     assert len(graph_of(surface("bench").prior).graph.node) <= 66
     assert len(graph_of(surface("paper").prior).graph.node) <= 54
+
+
+OTHER_FORCES = ((100.0, 0.2), (100.0, 0.5), (140.0, 0.8), (300.0, 0.9), (250.0, 1.0), (60.0, 1.3), (200.0, 3.0))
+"""Positions, and forces over the known one."""
+
+
+def test_where_cells_are_wide_another_force_than_the_known_one_is_weighed_as_it_is() -> None:
+    # Tempering flattens the likelihood about its top. It must not raise that of the known force where that is far off.
+    prior, rng = prior_of("bench", 4, 0.1, known=True), np.random.default_rng(7)
+    assert design_for(prior).temper
+    graph, forces = graph_of(prior), forces_of(prior.force_n)
+    for position_mm, part in OTHER_FORCES:
+        reading = part * prior.force_n[1] * prior.influence_at(np.array([position_mm]))
+        reading = reading + rng.normal(0, prior.noise_mm, reading.shape)
+        mass = plain_posterior(prior, reading[0], forces)
+        expected = quantiles_of(prior, mass, 0.5, 0.025, 0.975)
+        answers = answers_of(graph, prior, reading)
+        found = [answers[name][0] for name in ("position_mm", "position_low_mm", "position_high_mm")]
+        assert found == pytest.approx(expected, abs=0.2 * (expected[2] - expected[1]))
 
 
 def test_a_known_force_stays_known_within_the_floor() -> None:

@@ -19,7 +19,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph, model
 from beamtouch_models.estimators.posterior.answers import SMALLEST_MASS, Grid, state_answers
-from beamtouch_models.estimators.posterior.scoring import Whitened, scored, whitened
+from beamtouch_models.estimators.posterior.scoring import Lowest, Whitened, scored, whitened
 from beamtouch_models.estimators.small_network import FAINT, Network
 
 CELLS, OUTER = {True: 192, False: 64}, 32
@@ -51,7 +51,8 @@ def small_network_graph(prior: Prior, network: Network, *, with_force: bool) -> 
     least = graph.apply("ReduceMin", found.misfit, axes=[1, 2], keepdims=1)
     misfit = graph.apply("Mul", least, graph.constant(2.0))
     graph.apply("Squeeze", misfit, graph.ints(1, 2), output="misfit")
-    outputs = state_answers(graph, prior, found, least, Grid(width, share, low), with_force=with_force)
+    lowest = Lowest(least, misfit)
+    outputs = state_answers(graph, prior, found, lowest, Grid(width, share, low), with_force=with_force)
     return model(graph, prior.channels, outputs)
 
 

@@ -7,8 +7,9 @@ from numpy.typing import DTypeLike
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.onnx_graph import Graph
-from beamtouch_models.estimators.posterior.force import mass_of, state_force, state_known_force
-from beamtouch_models.estimators.posterior.scoring import Scored, state_log_odds
+from beamtouch_models.estimators.posterior.force import mass_of, state_force
+from beamtouch_models.estimators.posterior.known_force import known_force, state_known_force
+from beamtouch_models.estimators.posterior.scoring import Lowest, Scored, state_log_odds
 from beamtouch_models.estimators.posterior.tempering import Tempered
 from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 
@@ -38,39 +39,61 @@ def state_answers(
     graph: Graph,
     prior: Prior,
     found: Scored,
-    least: str,
+    lowest: Lowest,
     grid: Grid,
     widened: Tempered | None = None,
     *,
     with_force: bool,
 ) -> list[str]:
-    """Add every answer except for the misfit, and return the names of all outputs; `least` is the least R of a cell."""
-    root = graph.apply("Sqrt", found.precision)
-    mass = mass_of(graph, prior.force_n, root, found.force, widened.widening if widened else None)
+    """Add every answer except for the misfit, and return the names of all outputs."""
+    root, force_n = graph.apply("Sqrt", found.precision), prior.force_n
     # Sums of exponentials and their logarithm take less time than the operations that do both.
-    exponent = graph.apply("Sub", least, found.misfit)
+    exponent = graph.apply("Sub", lowest.cell, found.misfit)
     if not prior.force_is_known and widened is None:
         exponent = graph.apply("Max", exponent, graph.constant(LEAST_EXPONENT))
     likely = graph.apply("Mul", graph.apply("Exp", exponent), grid.share)
-    state_log_odds(graph, found, likely, least)
-    if widened is not None:
-        exponent = graph.apply("Div", exponent, widened.widening)
-        likely = graph.apply("Mul", graph.apply("Exp", exponent), grid.share)
-    if found.widened is not None:
-        likely = graph.apply("Div", likely, found.widened)
-    if not prior.force_is_known:
-        likely = graph.apply("Div", likely, root)
-    posterior = graph.apply("LpNormalization", graph.apply("Mul", likely, mass), axis=2, p=1)
+    state_log_odds(graph, found, likely, lowest.cell)
+    other = None
+    if prior.force_is_known:
+        known = known_force(graph, force_n[1], found, root, lowest, widened)
+        both = graph.apply("Add", known.known, known.tails)
+        if with_force or widened is not None:
+            other = graph.apply("Div", known.tails, both)
+        likely = graph.apply("Mul", both, likely if widened is None else grid.share)
+        likely = graph.apply("Div", likely, found.widened) if found.widened else likely
+    else:
+        likely = _of_open_force(graph, force_n, found, root, exponent, likely, grid, widened)
+    posterior = graph.apply("LpNormalization", likely, axis=2, p=1)
     posterior = graph.apply("Max", posterior, graph.constant(SMALLEST_MASS))
-    contraction = None if widened is None else widened.contraction(posterior)
+    contraction = None if widened is None else widened.contraction(posterior, other)
     _state_position(graph, grid, posterior, widened, contraction)
     if not with_force:
         return list(POSITION_OUTPUTS)
-    if prior.force_is_known:
-        state_known_force(graph, prior.force_n, found, root, posterior, contraction)
+    if other is not None:
+        state_known_force(graph, force_n[1], found, posterior, other, contraction)
     else:
-        state_force(graph, prior.force_n, found, posterior, contraction)
+        state_force(graph, force_n, found, posterior, contraction)
     return [*POSITION_OUTPUTS, *FORCE_OUTPUTS]
+
+
+def _of_open_force(
+    graph: Graph,
+    force_n: tuple[float, float],
+    found: Scored,
+    root: str,
+    exponent: str,
+    likely: str,
+    grid: Grid,
+    widened: Tempered | None,
+) -> str:
+    """Return the likelihood of each cell for the median and for each end of the interval, (batch, 3, N)."""
+    mass = mass_of(graph, force_n, root, found.force, widened.widening if widened else None)
+    if widened is not None:
+        likely = graph.apply("Exp", graph.apply("Div", exponent, widened.widening))
+        likely = graph.apply("Mul", likely, grid.share)
+    if found.widened is not None:
+        likely = graph.apply("Div", likely, found.widened)
+    return graph.apply("Mul", graph.apply("Div", likely, root), mass)
 
 
 def _state_position(

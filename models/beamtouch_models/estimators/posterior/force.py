@@ -12,34 +12,21 @@ NORMAL = 1.959964
 """97.5 % quantile of the normal distribution."""
 WIDER = 1.08
 """Factor that widens the interval where the posterior is tempered."""
-BEYOND = 2.5
-"""Distance of a cell's best force from the known one, in root-2 deviations, from which it counts as another; at about
-this distance the tail of the prior outweighs the known force."""
-FARTHEST = 60.0
-"""Bound of an exponent, which avoids subnormal numbers; they are slow."""
 NARROW = 1e4
 """Ratio of the densities of range and tail above which float32 cannot take their differences as one sum."""
 
 
 def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, widening: str | None) -> str:
-    """Return m, up to a factor, from the best force of each cell and the root of its precision.
+    """Return m of an open force, up to a factor, from the best force of each cell and the root of its precision.
 
-    If the force is open, it is yet to be divided by that root, which takes less time for the one row of likelihoods.
-    It has a row for the prior of the median and one for each end of the interval if the force is open, one for all
-    if it is known. `widening` is that of the likelihood, if it is tempered.
+    It is yet to be divided by that root, which takes less time for the one row of likelihoods. It has a row for the
+    prior of the median and one for each end of the interval. `widening` is that of the likelihood, if it is tempered.
     """
-    known = force_n[0] == force_n[1]
-    cautious = forces_of(force_n) if known else cautious_forces(force_n)
-    ends = np.unique([end for piece in cautious for end in (piece.low_n, piece.high_n)])
-    offset = graph.apply("Mul", graph.apply("Sub", graph.constant(ends[:, None]), force), root)
+    cautious = cautious_forces(force_n)
+    ends, offset = _offset(graph, cautious, root, force)
     error = graph.apply("Erf", offset)
-    stated = _densities(forces_of(force_n), ends)
-    if known:
-        in_known = stated[None] / forces_of(force_n)[1].share
-        tails = graph.apply("Div", _weighted(graph, error, in_known * np.sqrt(np.pi) / 2), root)
-        return graph.apply("Add", tails, _known(graph, offset, widening))
     # Between the ends of a piece, the difference of erf is at most 2; the masses are 1 within the range.
-    rows = np.stack([stated, *[_densities(cautious, ends)] * 2])
+    rows = np.stack([_densities(forces_of(force_n), ends), *[_densities(cautious, ends)] * 2])
     total = _weighted(graph, error, 0.5 * rows / rows[:, 2:3])
     if widening is not None:
         # Next to an end of the range a wide cell may lie beyond it, although the narrow posterior does not.
@@ -47,12 +34,21 @@ def mass_of(graph: Graph, force_n: tuple[float, float], root: str, force: str, w
     return total
 
 
-def _known(graph: Graph, offset: str, widening: str | None) -> str:
-    """Return the mass of a known force, over its share."""
+def known_and_tails(graph: Graph, known_n: float, root: str, force: str) -> tuple[str, str]:
+    """Return -a (F - f)^2 of a known force, and the mass of its tails over its share, each (batch, 1, N)."""
+    forces = forces_of((known_n, known_n))
+    ends, offset = _offset(graph, forces, root, force)
+    stated = _densities(forces, ends)[None] / forces[1].share
+    tails = _weighted(graph, graph.apply("Erf", offset), stated * np.sqrt(np.pi) / 2)
     square = graph.apply("Mul", offset, offset)
-    below = graph.apply("MatMul", graph.constant([[0.0, -1.0, 0.0]]), square)
-    below = graph.apply("Div", below, widening) if widening else below
-    return graph.apply("Exp", graph.apply("Max", below, graph.constant(-FARTHEST)))
+    known = graph.apply("MatMul", graph.constant(-(ends == known_n)[None].astype(np.float64)), square)
+    return known, graph.apply("Div", tails, root)
+
+
+def _offset(graph: Graph, forces: Forces, root: str, force: str) -> tuple[Floats, str]:
+    """Return the ends of all pieces, and their distances from the best force of each cell, in root-2 deviations."""
+    ends = np.unique([end for piece in forces for end in (piece.low_n, piece.high_n)])
+    return ends, graph.apply("Mul", graph.apply("Sub", graph.constant(ends[:, None]), force), root)
 
 
 def _densities(forces: Forces, ends: Floats) -> Floats:
@@ -96,39 +92,3 @@ def state_force(
     graph.apply("Squeeze", first, graph.ints(1), output=FORCE_OUTPUTS[0])
     graph.apply("ReduceMin", value, axes=[1, 2], keepdims=0, output=FORCE_OUTPUTS[1])
     graph.apply("ReduceMax", value, axes=[1, 2], keepdims=0, output=FORCE_OUTPUTS[2])
-
-
-def state_known_force(
-    graph: Graph,
-    force_n: tuple[float, float],
-    scored: Scored,
-    root: str,
-    posterior: str,
-    contraction: str | None,
-) -> None:
-    """Add a known force, or the one that the sample shows instead.
-
-    A best force that is hardly beyond the known one is taken for it. The cells hold the known force, and there is no
-    deviation within them.
-    """
-    known, axis, force = graph.constant(force_n[1]), graph.ints(2), scored.force
-    beyond = graph.apply("Mul", graph.apply("Sub", force, known), root)
-    far = graph.apply("Greater", graph.apply("Abs", beyond), graph.constant(BEYOND))
-    seen = graph.apply("Where", far, force, known)
-    mean = graph.apply("ReduceSum", graph.apply("Mul", posterior, seen), axis, keepdims=1)
-    off = graph.apply("Sub", seen, mean)
-    square = graph.apply("Mul", off, off)
-    square = graph.apply("Mul", square, contraction) if contraction else square
-    variance = graph.apply("ReduceSum", graph.apply("Mul", posterior, square), axis, keepdims=1)
-    both = np.array([-NORMAL, NORMAL]) * (WIDER if contraction else 1.0)
-    interval = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both)))
-    interval = graph.apply("Clip", interval, graph.constant(0.0), graph.constant(HIGHEST * force_n[1]))
-    least, most = graph.split(interval, 2, 2)
-    _state(graph, mean, least, most)
-
-
-def _state(graph: Graph, middle: str, least: str, most: str) -> None:
-    """Add the outputs, (batch, 1, 1) each; the force lies within its interval."""
-    middle = graph.apply("Min", graph.apply("Max", middle, least), most)
-    for name, value in zip(FORCE_OUTPUTS, (middle, least, most), strict=True):
-        graph.apply("Squeeze", value, graph.ints(1, 2), output=name)

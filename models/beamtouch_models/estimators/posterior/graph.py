@@ -25,18 +25,18 @@ only on the directions of the influence, not on the size of the covariance.
 single contact it is chi-square distributed, with two degrees of freedom less than there are channels. One or two
 channels have a misfit only for a sample outside the cone of all contacts, such as a pull.
 
-Where cells are wider than the posterior, `tempering` widens the likelihood and contracts the quantiles again.
+Where cells are wider than the posterior, `tempering` widens the likelihood and contracts the quantiles again. A known
+force and its tails are widened apart, as `known_force` says.
 """
 
 import numpy as np
 import onnx
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph, model
-from beamtouch_models.estimators.posterior.answers import SMALLEST_MASS, Grid, state_answers
+from beamtouch_models.estimators.posterior.answers import Grid, state_answers
 from beamtouch_models.estimators.posterior.cells import Design, cells_of, design_for
-from beamtouch_models.estimators.posterior.scoring import Scored, scored, whitened
+from beamtouch_models.estimators.posterior.scoring import lowest_of, scored, whitened
 from beamtouch_models.estimators.posterior.tempering import tempered
 
 EXACT_SUMS = 512
@@ -50,29 +50,13 @@ def posterior_graph(prior: Prior, *, with_force: bool, design: Design | None = N
     uncertain = None if cells.uncertain is None else graph.constant(cells.uncertain.T**2)
     seen = whitened(graph, largest_n * float(np.abs(cells.influence).max()))
     found = scored(graph, seen, largest_n, graph.constant(cells.influence.T), uncertain)
-    widened = None
-    if design.temper:
-        widened = tempered(graph, prior, cells, found.sample, found.shape, found.precision)
-    least = _state_misfit(graph, found)
+    widened = tempered(graph, prior, cells, found) if design.temper else None
+    lowest = lowest_of(graph, found.misfit)
+    # Rounding may put the bottom below 0.
+    graph.apply("ReduceL1", lowest.twice, axes=[1, 2], keepdims=0, output="misfit")
     width = np.diff(cells.edges_mm)
     share = np.maximum(width / width.sum(), np.finfo(np.float32).tiny)
     kind = np.float64 if design.cells > EXACT_SUMS else np.float32
     grid = Grid(graph.constant(width), graph.constant(share), float(cells.edges_mm[0]), kind)
-    outputs = state_answers(graph, prior, found, least, grid, widened, with_force=with_force)
+    outputs = state_answers(graph, prior, found, lowest, grid, widened, with_force=with_force)
     return model(graph, prior.channels, outputs)
-
-
-def _state_misfit(graph: Graph, scored: Scored) -> str:
-    """Add the smallest misfit over the position, from a parabola through the best cell and its neighbours.
-
-    Returns the least R of a cell.
-    """
-    three = graph.top(scored.misfit, 3, 2, largest=False)
-    # R, misfit, slope and curvature, scaled so that the parabola is lowest at misfit - slope^2 / curvature.
-    parabola: Floats = np.array([[1.0, 2.0, 0.0, -2.0], [0.0, 0.0, -0.5, 1.0], [0.0, 0.0, 0.5, 1.0]])
-    least, value, slope, curvature = graph.split(graph.apply("MatMul", three, graph.constant(parabola)), 4, 2)
-    curvature = graph.apply("Max", curvature, graph.constant(SMALLEST_MASS))
-    drop = graph.apply("Div", graph.apply("Mul", slope, slope), curvature)
-    # Rounding may put the bottom below 0.
-    graph.apply("ReduceL1", graph.apply("Sub", value, drop), axes=[1, 2], keepdims=0, output="misfit")
-    return least

@@ -5,11 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.accuracy.forces import HIGHEST
+from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.metadata import INPUTS
 
 LEAST_PRECISION = np.pi / HIGHEST**2
 """Added to a, over the square of the largest force: a cell that says nothing of the force has a best force, too."""
+FLATTEST = 1e-26
+"""Smallest curvature or square of a change, so that nothing is divided by 0."""
 WIDEST = 1e4
 """Samples are clipped to this multiple of the largest deflection, so that nothing overflows."""
 
@@ -32,6 +35,8 @@ class Scored:
 
     sample: str
     """y, (batch, channels, 1)"""
+    own: str
+    """y as each cell sees it, (batch, channels, 1) or (batch, channels, N): in the deviations of the cell."""
     shape: str
     """H, (batch, channels, N)"""
     precision: str
@@ -61,7 +66,7 @@ def scored(graph: Graph, seen: Whitened, largest_n: float, influence: str, uncer
     """
     sample, shape = seen.sample, graph.apply("MatMul", seen.whitening, influence)
     if uncertain is None:
-        return Scored(sample, shape, *_fitted(graph, sample, shape, largest_n), None)
+        return Scored(sample, sample, shape, *_fitted(graph, sample, shape, largest_n), None)
     # The likeliest force says how much the mounting of the sensors adds to the variance of each channel.
     _, force, _ = _fitted(graph, sample, shape, largest_n)
     given = INPUTS[1]
@@ -69,8 +74,9 @@ def scored(graph: Graph, seen: Whitened, largest_n: float, influence: str, uncer
     moved = graph.apply("Mul", moved, graph.apply("Mul", force, force))
     wider = graph.apply("Sqrt", graph.apply("Add", moved, graph.constant(1.0)))
     shape = graph.apply("Div", shape, wider)
-    found = _fitted(graph, graph.apply("Div", sample, wider), shape, largest_n, own=True)
-    return Scored(sample, shape, *found, graph.apply("ReduceProd", wider, axes=[1], keepdims=1))
+    each = graph.apply("Div", sample, wider)
+    found = _fitted(graph, each, shape, largest_n, own=True)
+    return Scored(sample, each, shape, *found, graph.apply("ReduceProd", wider, axes=[1], keepdims=1))
 
 
 def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: bool = False) -> tuple[str, str, str]:
@@ -85,6 +91,28 @@ def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: boo
     force = graph.apply("Clip", force, graph.constant(0.0), graph.constant(HIGHEST * largest_n))
     residual = graph.apply("Sub", sample, graph.apply("Mul", force, shape))
     return precision, force, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
+
+
+@dataclass(frozen=True)
+class Lowest:
+    """Names of the smallest of a row of squares, (batch, 1, 1)."""
+
+    cell: str
+    """The smallest at the middle of a cell."""
+    twice: str
+    """Twice the smallest over the position: that of a parabola through the best three cells, which are neighbours."""
+
+
+def lowest_of(graph: Graph, squares: str) -> Lowest:
+    """Return the smallest of squares (batch, 1, N)."""
+    three = graph.top(squares, 3, 2, largest=False)
+    # Least value, twice that, slope and curvature, scaled so that the parabola is lowest at 2 R - slope^2 / curvature.
+    parabola: Floats = np.array([[1.0, 2.0, 0.0, -2.0], [0.0, 0.0, -0.5, 1.0], [0.0, 0.0, 0.5, 1.0]])
+    least, value, slope, curvature = graph.split(graph.apply("MatMul", three, graph.constant(parabola)), 4, 2)
+    # Of the smallest of three, the curvature is at least twice the slope, but for rounding.
+    curvature = graph.apply("Max", curvature, slope, graph.constant(FLATTEST))
+    drop = graph.apply("Mul", slope, graph.apply("Div", slope, curvature))
+    return Lowest(least, graph.apply("Sub", value, drop))
 
 
 def state_log_odds(graph: Graph, scored: Scored, likely: str, least: str) -> None:

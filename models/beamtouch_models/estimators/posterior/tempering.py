@@ -13,6 +13,7 @@ import numpy as np
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.estimators.posterior.cells import Cells
+from beamtouch_models.estimators.posterior.scoring import Scored
 from beamtouch_models.metadata import INPUTS
 
 RESOLVED = 0.5
@@ -36,11 +37,19 @@ class Tempered:
     """t, (batch, 1, N)"""
     centre_error: float
     """Error of the centre, in units of the widened deviation."""
+    turning: str = ""
+    """t of the tails of a known force, (batch, 1, N)."""
+    change: str = ""
+    """Change of the whitened reading across each cell under a known force, (batch, channels, N)."""
 
-    def contraction(self, posterior: str) -> str:
-        """Return rho^2, (batch, 1, 1)."""
+    def contraction(self, posterior: str, other: str | None = None) -> str:
+        """Return rho^2, (batch, 1, 1); `other` is the part of each cell that the tails of a known force have."""
         graph = self.graph
-        rho2 = graph.apply("ReduceSum", graph.apply("Div", posterior, self.widening), graph.ints(2), keepdims=1)
+        narrowed = graph.apply("Reciprocal", self.widening)
+        if other is not None:
+            turned = graph.apply("Sub", graph.apply("Reciprocal", self.turning), narrowed)
+            narrowed = graph.apply("Add", narrowed, graph.apply("Mul", other, turned))
+        rho2 = graph.apply("ReduceSum", graph.apply("Mul", posterior, narrowed), graph.ints(2), keepdims=1)
         return graph.apply("Add", rho2, graph.constant(self.centre_error**2))
 
     def centre(self, posterior: str, median: str) -> str:
@@ -67,24 +76,32 @@ class Tempered:
         return graph.apply("Where", narrow, mean, median)
 
 
-def tempered(graph: Graph, prior: Prior, cells: Cells, sample: str, shape: str, precision: str) -> Tempered:
+def tempered(graph: Graph, prior: Prior, cells: Cells, found: Scored) -> Tempered:
     """Return the widening of each cell, from the change of the reading across it."""
-    known = prior.force_is_known
-    crossed = cells.change.T * (prior.force_n[1] if known else 1.0)
+    crossed = cells.change.T * (prior.force_n[1] if prior.force_is_known else 1.0)
     change = graph.apply("MatMul", INPUTS[1], graph.constant(crossed))
-    if known:
-        step2 = graph.apply("ReduceSumSquare", change, axes=[1], keepdims=1)
-        step2 = graph.apply("Max", graph.apply("Sub", step2, graph.constant(RESOLVED**2)), graph.constant(0.0))
-    else:
-        # A change along the deflection itself is one of the force; the rest turns the reading.
-        along = graph.apply("ReduceSum", graph.apply("Mul", change, shape), graph.ints(1), keepdims=1)
-        along = graph.apply("Mul", graph.apply("Div", along, precision), shape)
-        turned = graph.apply("ReduceSumSquare", graph.apply("Sub", change, along), axes=[1], keepdims=1)
-        size = graph.apply("ReduceSumSquare", sample, axes=[1], keepdims=1)
-        turned = graph.apply("Min", graph.apply("Div", turned, precision), graph.constant(MOST_TURNED))
-        step2 = graph.apply("Mul", turned, size)
-    # Slightly more than t, so that rho^2 including the error of the centre is at most 1.
-    error = CENTRE_ERROR[known]
-    unit = graph.constant(1 / (1 - error**2))
-    widening = graph.apply("Add", graph.apply("Mul", step2, unit), unit)
-    return Tempered(graph, cells, widening, error)
+    # Of a change along the deflection itself a force makes up; the rest turns the reading.
+    along = graph.apply("ReduceSum", graph.apply("Mul", change, found.shape), graph.ints(1), keepdims=1)
+    along = graph.apply("Mul", graph.apply("Div", along, found.precision), found.shape)
+    turned = graph.apply("ReduceSumSquare", graph.apply("Sub", change, along), axes=[1], keepdims=1)
+    if not prior.force_is_known:
+        size = graph.apply("ReduceSumSquare", found.sample, axes=[1], keepdims=1)
+        turned = graph.apply("Min", graph.apply("Div", turned, found.precision), graph.constant(MOST_TURNED))
+        error = CENTRE_ERROR[False]
+        return Tempered(graph, cells, _widening(graph, graph.apply("Mul", turned, size), error), error)
+    error = CENTRE_ERROR[True]
+    step2 = graph.apply("ReduceSumSquare", change, axes=[1], keepdims=1)
+    # A cell is turned by as much more as its force is more than the known one.
+    part = graph.apply("Div", found.force, graph.constant(prior.force_n[1]))
+    turned = graph.apply("Mul", turned, graph.apply("Mul", part, part))
+    step2, turned = (
+        graph.apply("Max", graph.apply("Sub", square, graph.constant(RESOLVED**2)), graph.constant(0.0))
+        for square in (step2, turned)
+    )
+    return Tempered(graph, cells, _widening(graph, step2, error), error, _widening(graph, turned, error), change)
+
+
+def _widening(graph: Graph, step2: str, centre_error: float) -> str:
+    """Return t: slightly more than 1 + step^2, so that rho^2 including the error of the centre is at most 1."""
+    unit = graph.constant(1 / (1 - centre_error**2))
+    return graph.apply("Add", graph.apply("Mul", step2, unit), unit)
