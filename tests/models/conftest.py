@@ -1,12 +1,20 @@
-"""The commands of the models without processes of their own."""
+"""What tests of the models share: commands without processes of their own, and a simulated surface."""
 
 import pytest
 
 from beamtouch_models import cli
 from beamtouch_models.accuracy import evaluation
+from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig import cli as rig_cli
 from beamtouch_models.trade import points, timing
 from in_process import Command, command_of
+
+
+@pytest.fixture(scope="module")
+def surface(bench: ModelFile) -> Surface:
+    """The surface of the bench, as `challenge` simulates it."""
+    return Surface.of(bench.metadata)
 
 
 @pytest.fixture

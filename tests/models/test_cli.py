@@ -2,10 +2,8 @@
 
 import json
 import re
-import signal
 import subprocess
 import sys
-import time
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
@@ -16,6 +14,7 @@ import pytest
 from beamtouch_models import modelfile
 from example_scenes import PAPER, SCENES
 from in_process import Command
+from waiting import interrupted
 
 
 def design_sensors(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -158,15 +157,7 @@ def test_wrong_arguments_are_one_line_and_exit_2(arguments: tuple[str, ...], sai
 
 
 def test_ctrl_c_is_130_and_leaves_no_model(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "beamtouch_models.cli", "reproduce", "-o", str(tmp_path / "figures")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        try:
-            while not (tmp_path / "figures").is_dir():
-                assert process.poll() is None
-                time.sleep(0.05)
-            process.send_signal(signal.SIGINT)
-            said = process.communicate(timeout=60)
-        finally:
-            process.kill()
-    assert (process.returncode, said) == (130, ("", "design-sensors: interrupted\n"))
-    assert list((tmp_path / "figures").iterdir()) == []
+    figures = tmp_path / "figures"
+    command = [sys.executable, "-m", "beamtouch_models.cli", "reproduce", "-o", str(figures)]
+    assert interrupted(command, lambda _pid: figures.is_dir()) == (130, "", "design-sensors: interrupted\n")
+    assert list(figures.iterdir()) == []

@@ -180,7 +180,9 @@ def test_structures_rules_and_priors_are_equal_to_themselves_only() -> None:
     one, other = InfluenceFunction(**GOOD), InfluenceFunction(**GOOD)
     priors = [Prior.of(one, np.array([122.0, 278.0]), NOISE_MM) for _ in range(2)]
     for first, second in ((one, other), (RULES, replace(RULES)), priors):
-        assert first == first  # noqa: PLR0124  # arrays in it have no truth value
+        same = first
+        # A comparison of the arrays in it would have no truth value.
+        assert first == same
         assert first != second
         assert len({first, second, first}) == 2
 

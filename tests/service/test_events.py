@@ -101,9 +101,8 @@ def test_a_contact_in_late_samples_only_is_recorded(bench: Bench, make_batch: Ma
 
 
 @settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 10_000))
-def test_the_order_of_delivery_does_not_change_the_record(seed: int) -> None:
-    rng = random.Random(seed)  # noqa: S311  # no secret
+@given(rng=st.randoms(use_true_random=True))
+def test_the_order_of_delivery_does_not_change_the_record(rng: random.Random) -> None:
     rows: list[Row] = [RESTING]
     while len(rows) < 60:
         rows += [rng.choice([TOUCHING, HARDER, RESTING])] * rng.randint(1, 8)

@@ -171,9 +171,8 @@ def _share(make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBat
 
 
 @settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 10_000))
-def test_the_order_of_delivery_does_not_change_the_record(seed: int) -> None:
-    rng = random.Random(seed)  # noqa: S311  # no secret
+@given(rng=st.randoms(use_true_random=True))
+def test_the_order_of_delivery_does_not_change_the_record(rng: random.Random) -> None:
     kinds: list[Row] = [RESTING]
     while len(kinds) < 12:
         kinds.append(rng.choice([one for one in (TOUCHING, HARDER, RESTING, ODD, ODD) if one is not kinds[-1]]))
@@ -262,9 +261,10 @@ def test_undecided_samples_at_the_beginning_of_a_late_run_go_on_in_its_event(
 
 
 @settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 10_000))
-def test_wherever_parts_are_cut_their_order_moves_the_ends_of_events_by_three_samples_at_most(seed: int) -> None:
-    rng = random.Random(seed)  # noqa: S311  # no secret
+@given(rng=st.randoms(use_true_random=True))
+def test_wherever_parts_are_cut_their_order_moves_the_ends_of_events_by_three_samples_at_most(
+    rng: random.Random,
+) -> None:
     kinds: list[Row] = [RESTING]
     while len(kinds) < 8:
         kinds.append(rng.choice([one for one in (TOUCHING, RESTING, ODD, ODD) if one is not kinds[-1]]))

@@ -6,7 +6,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +21,7 @@ from beamtouch_models.rig.imperfections import load_imperfections
 from example_scenes import SCENES
 from plain_http import TIMEOUT_S
 from unlabelled_contacts import missed_mm
+from waiting import wait_until
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
@@ -62,18 +62,13 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PATH": f"{PROGRAMS}:{os.environ['PATH']}"}
 
 
-def wait_for_contacts(url: str) -> None:
-    """Wait until the service has kept enough contacts."""
-    deadline, rows = time.monotonic() + PATIENCE_S, 0
-    while rows < ENOUGH:
-        assert time.monotonic() < deadline, f"{rows} contacts"
-        time.sleep(1)
-        try:
-            answer = httpx2.get(f"{url}/surfaces/bench/calibration-data", timeout=TIMEOUT_S)
-        except httpx2.TransportError:  # it is not up yet
-            continue
-        if answer.is_success:
-            rows = len(answer.text.splitlines()) - 1
+def has_enough_contacts(url: str) -> bool:
+    """Return whether the service has kept enough contacts."""
+    try:
+        answer = httpx2.get(f"{url}/surfaces/bench/calibration-data", timeout=TIMEOUT_S)
+    except httpx2.TransportError:  # it is not up yet
+        return False
+    return answer.is_success and len(answer.text.splitlines()) > ENOUGH
 
 
 def test_the_steps_of_the_readme_calibrate_a_surface(tmp_path: Path) -> None:
@@ -86,7 +81,7 @@ def test_the_steps_of_the_readme_calibrate_a_surface(tmp_path: Path) -> None:
     changes = f"s/5020/{rig}/; s/8420/{service}/; s/^rate_hz = .*/rate_hz = {RATE_HZ}/"
     begin = begin.replace("beamtouch-daemon run", f"sed -i '{changes}' daemon.toml\nbeamtouch-daemon run")
     with typed(begin, tmp_path):
-        wait_for_contacts(f"http://127.0.0.1:{service}")
+        wait_until(lambda: has_enough_contacts(f"http://127.0.0.1:{service}"), PATIENCE_S, pause_s=1)
         done = subprocess.run(
             ["bash", "-ec", later.replace("8420", str(service))],
             cwd=tmp_path,

@@ -182,10 +182,8 @@ class Recorder:
                     self._heed(name)
             except DBAPIError as error:
                 self._losses.warn(f"the health of sensors cannot be updated: {error.orig}")
-            except Exception:  # noqa: BLE001  # the health of sensors must not cost events
-                _log.exception("surface %s: the health of its sensors cannot be updated", name)
 
-        self._worker.late(run)
+        self._worker.late(run).add_done_callback(partial(_log_failure, name))
 
     def _check_place(self) -> None:
         if self._in_place and not self._store.is_in_place():
@@ -209,11 +207,13 @@ class Recorder:
             return
 
         def run() -> None:
-            if not self._losses.attempt(partial(self._write_new, name, commands)):
-                self._unsettled.add(name)
-            self._free_writes.release()
+            try:
+                if not self._losses.attempt(partial(self._write_new, name, commands)):
+                    self._unsettled.add(name)
+            finally:
+                self._free_writes.release()
 
-        self._worker.prompt(run)
+        self._worker.prompt(run).add_done_callback(partial(_log_failure, name))
 
     def _maintain(self) -> None:
         try:
@@ -238,3 +238,10 @@ class Recorder:
         if commands:
             self._store.write(name, commands, time.time())
             self._heed(name)
+
+
+def _log_failure(name: str, done: "Future[None]") -> None:
+    """Log an error that a task of the worker thread did not foresee; nobody waits for its result."""
+    error = done.exception()
+    if error:
+        _log.error("surface %s: its events or the health of its sensors cannot be updated", name, exc_info=error)

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +19,7 @@ from plain_http import NO_TLS, TIMEOUT_S
 from service.conftest import READ_TOKEN, TOKEN, BuildModel, batch_of
 from service.process.beam_page import Bench
 from service.small_model import write_model
+from waiting import wait_until
 
 COMMAND = "beamtouch_service.cli"
 CLI = ("-m", COMMAND)
@@ -121,14 +121,7 @@ def start_service(command: Command, token_file: Path) -> StartService:
 @pytest.fixture
 def wait_for() -> Wait:
     """Poll until a condition holds, 60 s at most."""
-
-    def wait(condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 60
-        while not condition():
-            assert time.monotonic() < deadline, "it did not come true within 60 s"
-            time.sleep(0.01)
-
-    return wait
+    return wait_until
 
 
 @pytest.fixture

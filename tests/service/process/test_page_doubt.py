@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -121,9 +120,10 @@ def test_a_note_that_comes_and_goes_is_announced_once(start_bench: StartBench, o
     )
     seen.watch()
     for _ in range(10):
-        for force in (40, 15):
-            bench.load((150, force))
-            time.sleep(0.25)
+        bench.load((150, 40))
+        seen.wait_for_text("detail", "beyond the range")
+        bench.load((150, 15))
+        seen.page.wait_for_function("() => !document.getElementById('detail').textContent.includes('beyond')")
     bench.load((150, 40))
     seen.wait_for_text("status", "beyond the range")
     said = seen.page.evaluate("() => window.said")
