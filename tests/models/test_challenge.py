@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2, norm
 
+from beamtouch_models import modelfile
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge import faults, honest, noises
 from beamtouch_models.challenge.challenge import misses, rows_of, run_of
@@ -361,6 +363,14 @@ def test_the_command_prints_both_groups_and_one_json_object(design_sensors_here:
     assert "one contact, honestly measured" in table.stdout
     assert "faults and other worlds" in table.stdout
     assert "Rows that miss the goals" in table.stdout
+
+
+@pytest.mark.parametrize("name", ["bench", "cantilever", "paper"])
+def test_a_beam_that_rings_after_a_lift_is_not_touched(name: str, built_model: Callable[[str], Path]) -> None:
+    """Readings beyond the range on the bench, replaced ones on the cantilever, single ones on the paper's beam."""
+    *_, last = only(modelfile.load(built_model(name)), Case(True, honest.lifts), 60)
+    assert last.ghosts is not None
+    assert last.ghosts <= 1 / 60
 
 
 def test_a_model_without_a_stated_mass_is_challenged_without_ringing(bench: ModelFile) -> None:

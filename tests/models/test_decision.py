@@ -84,7 +84,28 @@ def test_a_beam_that_rings_after_a_lift_is_not_touched_by_that(world: World) -> 
     swings = [world.step(part * load, 0.05 * load) for part in (0.0, 0.08, -0.08, 0.05, -0.05)]
     assert swings == [CLEAR + "*"] * 5
     # Once it has lain still, it is touched by the same deflection.
-    assert [world.step(0 * load), world.step(0.05 * load)] == [CLEAR, CONTACT]
+    assert [world.step(0 * load) for _ in range(5)] == [CLEAR] * 5
+    assert world.step(0.05 * load) == CONTACT
+
+
+def test_one_still_sample_is_no_rest_while_a_beam_rings_after_a_lift(world: World) -> None:
+    load = world.load((100, 8))
+    world.step(load)
+    swings = [world.step(part * load, *[0.05 * load] * moves) for part, moves in ((0.0, 1), (0.0, 0), (0.08, 1))]
+    assert swings == [CLEAR + "*", CLEAR, CLEAR + "*"]
+    # A crest that looks still is a swing, and a load that stays is a contact.
+    small = 0.025 * load
+    assert [world.step(small), world.step(0 * load, small)] == [CLEAR, CLEAR + "*"]
+    assert [world.step(small) for _ in range(3)] == [CLEAR, CLEAR, CONTACT]
+
+
+def test_a_beam_that_rings_about_a_load_is_not_lifted_by_one_swing(world: World) -> None:
+    load = world.load((100, 8))
+    world.step(load)
+    mode = world.load((200, 5))
+    # Each swing lies within the covariance, and alone it could be a lift.
+    assert [world.step(0.6 * mode, mode), world.step(load + 0.2 * mode, mode)] == [CONTACT + "*"] * 2
+    assert [world.step(0.6 * mode, mode) for _ in range(3)] == [CONTACT + "*"] * 2 + [CLEAR + "*"]
 
 
 def test_a_beam_that_rings_can_be_touched(world: World) -> None:

@@ -202,6 +202,13 @@ def test_a_mode_near_the_rate_of_the_readings_seems_slow_for_as_long_as_it_rings
     assert slowest_period_ms(scene) == pytest.approx(166, rel=0.01)
 
 
+def test_a_mode_near_half_the_rate_of_the_readings_seems_to_fade_slowly() -> None:
+    # The paper's beam swings at 43.975 Hz. At 100 readings per second these alternate between two sides, and their
+    # amplitude has a period of 1 / (50 - 43.975) s, so that two readings in a row may agree while the beam rings.
+    scene, _ = load_scene(SCENES / "paper.toml")
+    assert slowest_period_ms(scene) == pytest.approx(1e3 / (50 - 43.9749), rel=1e-3)
+
+
 def test_without_a_mass_the_slowest_period_is_not_known() -> None:
     assert slowest_period_ms(scene_with({"beam": {"density_kg_m3": None}})) is None
 

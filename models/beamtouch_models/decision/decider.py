@@ -19,7 +19,12 @@ deflection that began it. A load that stands exactly at the threshold of touch f
 its samples, and a beam at rest is below it in most of them.
 """
 PERSISTENCE = 3
-"""Samples in a row that a contradiction, or its end, must last."""
+"""Samples in a row that a contradiction, or its end, must last; likewise a lift that only a large covariance allows,
+and a weak touch of a beam that has not come to rest."""
+CLEARLY = 4
+"""Log odds of a touch that is not weak, over those of any touch: twice the deflection."""
+REST = 5
+"""Still samples in a row after which a beam lies still: one may be taken as the beam swings back."""
 
 
 class State(StrEnum):
@@ -49,6 +54,10 @@ class Decider:
         """Whether the beam lay still since the last contact. Then nothing but a touch moves it."""
         self._run = 0
         """Samples in a row that contradict the state, if it is about what is unexplained."""
+        self._still = 0
+        """Still samples in a row since the last contact."""
+        self._changing = 0
+        """Samples in a row that could be a lift, or a touch of a beam that has not come to rest."""
         self._seen_mm: Floats | None = None
         """The last deflection that the state stands on."""
         self._seen_misfit = 0.0
@@ -77,16 +86,27 @@ class Decider:
     def _follow(self, evidence: Evidence) -> None:
         """Let a contact begin or end."""
         touch = self._touch(evidence)
-        if evidence.log_odds > touch:
-            self.state = State.CONTACT
-            self._stand_on(evidence)
-        elif self.state is State.CLEAR:
-            if self._armed and evidence.still_log_odds > touch:
-                self.state = State.CONTACT
+        if self.state is State.CLEAR:
+            self._changing = self._changing + 1 if evidence.log_odds > touch else 0
+            if self._touches(evidence, touch):
+                self.state, self._changing = State.CONTACT, 0
                 self._stand_on(evidence)
-            self._armed |= not evidence.moves
-        elif evidence.log_odds <= LIFT_FRACTION * touch and self._shows(evidence):
-            self._clear(evidence)
+            self._rest(evidence)
+        elif evidence.log_odds > touch:
+            self._changing = 0
+            self._stand_on(evidence)
+        elif evidence.log_odds > LIFT_FRACTION * touch or not self._shows(evidence):
+            self._changing = 0
+        else:
+            self._changing += 1
+            if evidence.still_log_odds <= touch or self._changing >= PERSISTENCE:
+                self._clear(evidence)
+
+    def _touches(self, evidence: Evidence, touch: float) -> bool:
+        """Return whether a clear beam is touched; while it rings from a lift, one sample shows only a strong touch."""
+        if self._armed:
+            return max(evidence.log_odds, evidence.still_log_odds) > touch
+        return evidence.log_odds > CLEARLY * touch or self._changing >= PERSISTENCE
 
     def _settle(self, evidence: Evidence) -> None:
         """Leave the state `unexplained`."""
@@ -99,7 +119,14 @@ class Decider:
 
     def _clear(self, evidence: Evidence) -> None:
         # A beam that still rings from the lift is not touched by that.
-        self.state, self._armed = State.CLEAR, not evidence.moves
+        self.state, self._armed = State.CLEAR, False
+        self._still = self._changing = 0
+        self._rest(evidence)
+
+    def _rest(self, evidence: Evidence) -> None:
+        """Follow a beam that comes to rest."""
+        self._still = 0 if evidence.moves else self._still + 1
+        self._armed |= self._still >= REST
 
     def _stand_on(self, evidence: Evidence) -> None:
         self._seen_mm, self._seen_misfit = evidence.deflection_mm, evidence.still_misfit

@@ -143,7 +143,7 @@ class Chain:
         self._scatter: Scatter | None = None
         if self._noise_mm is not None:
             usual_mm = np.maximum(self._noise_mm, np.asarray(step_mm) / 2)
-            self._scatter = Scatter(averaging.span, slowest_period, usual_mm)
+            self._scatter = Scatter(averaging.span, slowest_period, usual_mm, restarts=averaging.restarts)
         longest = max([1, *(stage.memory for stage in chosen), self._scatter.memory if self._scatter else 0])
         self._block = max(1, BLOCK_VALUES // (longest * channels))
         self.restart()

@@ -2,23 +2,32 @@
 
 The deviations of the last readings from their mean are compared with quantiles of the chi-square distribution, in three
 ways: by their sum of squares, which shows ringing; by the difference between the last 1, 2, 4, ... readings and the
-rest, which shows a touch within the window; and by their slope, which shows a load that moves slowly. At rest each way
+rest, which shows a touch within the window; and by their slopes, which show a load that moves slowly. At rest each way
 finds something in at most `FALSE` of the samples.
+
+Once something has been found, less is enough to find it again: `LINGERS`. Ringing swings through readings that agree,
+and a load that moves may pass a place where the deflection hardly changes.
 """
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters.means import FloatArray
 
-FALSE = 0.002
+FALSE = 0.001
+LINGERS = 0.015
+"""As `FALSE`, in the samples after one in which something was found."""
 LINEAR = 0.001
 """A slope counts if the scatter about it is below this quantile: a step is no slope."""
+LONGER_SLOPES = (1, 2)
+"""Lengths over which slopes are looked for, relative to the shortest. A slope over twice as many readings has an eighth
+of the variance; but a way that is not straight shows in the shorter one."""
 
 
 def chi_square_quantile(freedom: int, beyond: float) -> float:
@@ -34,28 +43,53 @@ def chi_square_quantile(freedom: int, beyond: float) -> float:
 
 
 @dataclass(frozen=True)
+class Limits:
+    """Limits of squares, by the number of working channels."""
+
+    scatter: FloatArray
+    """Of the sum of squares, shape (channels + 1,)."""
+    contrasts: FloatArray
+    """Of the slopes and of the differences, shape (channels + 1, contrasts)."""
+
+    def passed(self, within: FloatArray, tested: FloatArray, working: NDArray[np.intp] | int) -> NDArray[np.bool_]:
+        """Return whether a sum of squares (samples,) or of a contrast (samples, contrasts) is above its limit."""
+        above: NDArray[np.bool_] = (tested > self.contrasts[working]).any(axis=1) | (within > self.scatter[working])
+        return above
+
+
+class Found(NamedTuple):
+    """What the tests find in samples."""
+
+    moves: NDArray[np.bool_]
+    """Whether the readings move, shape (samples,)."""
+    lingers: NDArray[np.bool_]
+    """Whether they still move, if they moved before, shape (samples,)."""
+    squares: FloatArray
+    """Sums of squares about the mean, in units of the noise, shape (samples,)."""
+    slopes: FloatArray
+    """The most significant slope per reading, in units of the noise, shape (samples, channels); 0 if none counts."""
+
+
+@dataclass(frozen=True)
 class Look:
     """Contrasts between the last readings, and the limits of their squares."""
 
-    readings: int
-    """Number of readings that are compared."""
-    for_slope: int
-    """Number of readings in the slope."""
     contrasts: FloatArray
-    """Shape (contrasts, rows), newest row last: mean of `readings`, mean of `for_slope`, slope, then the differences.
-    Each has unit length."""
+    """Shape (contrasts, rows), newest row last: the mean of the readings that are compared, the means for each slope,
+    the slopes, then the differences. Each has unit length."""
     members: FloatArray
-    """Shape (2, rows): 1 for the rows in `readings`, and in `for_slope`."""
-    scatter_limit: FloatArray
-    linear_limit: FloatArray
-    """Limits, shape (channels + 1,), by the number of working channels."""
-    newest_limit: FloatArray
+    """Shape (1 + slopes, rows): 1 for the rows that are compared, and for those in each slope."""
+    slope_lengths: FloatArray
+    """Length of each slope's contrast before it was scaled, shape (slopes,)."""
+    surely: Limits
+    lingering: Limits
+    linear: FloatArray
+    """Limits of the scatter about each slope, shape (channels + 1, slopes)."""
+    newest: FloatArray
     """Limit of the square of the newest deviation, shape (channels + 1,)."""
-    contrast_limits: FloatArray
-    """Limits of the slope and of the differences, shape (channels + 1, contrasts - 2)."""
 
-    def scatter(self, deviations: FloatArray, working: NDArray[np.intp] | int) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Return whether the readings move, and their sum of squares about their mean, each of shape (samples,).
+    def find(self, deviations: FloatArray, working: NDArray[np.intp] | int, *, moved: bool) -> Found:
+        """Return what the tests find.
 
         Parameters
         ----------
@@ -63,46 +97,58 @@ class Look:
             Deviations from any constant, in units of the noise, shape (samples, rows, channels); 0 if missing.
         working
             Number of working channels, shape (samples,), or the same for all.
+        moved
+            Whether something was found before these samples. If not, nothing lingers before anything moves.
         """
-        squares = ((self.contrasts @ deviations) ** 2).sum(axis=2)
+        slopes = len(self.slope_lengths)
+        projected = self.contrasts @ deviations
+        squares = (projected * projected).sum(axis=2)
         total = (self.members @ (deviations * deviations)).sum(axis=2)
         within: FloatArray = total[:, 0] - squares[:, 0]
-        beyond = squares[:, 2:] > self.contrast_limits[working]
-        if beyond[:, 0].any():
-            beyond[:, 0] &= total[:, 1] - squares[:, 1] - squares[:, 2] < self.linear_limit[working]
-        return beyond.any(axis=1) | (within > self.scatter_limit[working]), within
+        tested = squares[:, 1 + slopes :]
+        about = total[:, 1:] - squares[:, 1 : 1 + slopes] - tested[:, :slopes]
+        tested[:, :slopes] *= about < self.linear[working]
+        moves = self.surely.passed(within, tested, working)
+        if not moved and not moves.any():
+            return Found(moves, moves, within, np.zeros_like(projected[:, 0]))
+        best, at = tested[:, :slopes].argmax(axis=1), np.arange(len(tested))
+        counts = tested[at, best] > self.lingering.contrasts[working, 0]
+        slope = projected[at, 1 + slopes + best] * (counts / self.slope_lengths[best])[:, np.newaxis]
+        return Found(moves, self.lingering.passed(within, tested, working), within, slope)
 
 
 @lru_cache(maxsize=256)
 def look_at(readings: int, for_slope: int, rows: int, channels: int) -> Look:
-    """Return the contrasts between the last `readings` and the slope of the last `for_slope`, out of `rows` rows."""
+    """Return the contrasts between the last `readings`, and the slopes of the last `for_slope` and more, of `rows`."""
     ages = np.arange(rows)[::-1]
-    members = np.stack([ages < readings, ages < for_slope], axis=1).astype(np.float64)
-    centred = np.where(ages < for_slope, ages - (for_slope - 1) / 2, 0.0)
-    slope = centred / (np.linalg.norm(centred) or 1.0)
+    lengths = [times * for_slope for times in LONGER_SLOPES]
+    centred = np.array([np.where(ages < length, (length - 1) / 2 - ages, 0.0) for length in lengths])
+    norms = np.maximum(np.linalg.norm(centred, axis=1), np.finfo(np.float64).tiny)
     news = [2**power for power in range(readings.bit_length()) if 2**power < readings]
     differences = [
         np.where(ages < new, readings - new, np.where(ages < readings, -new, 0.0))
         / math.sqrt(new * (readings - new) * readings)
         for new in news
     ]
-    contrasts = np.stack(
-        [members[:, 0] / math.sqrt(readings), members[:, 1] / math.sqrt(for_slope), slope, *differences]
-    )
+    members = np.array([ages < number for number in (readings, *lengths)], dtype=np.float64)
+    means = members / np.sqrt([[readings], *([length] for length in lengths)])
     working = range(channels + 1)
-    has_slope = for_slope > 3
 
     def limits(freedom: int, beyond: float) -> FloatArray:
         return np.array([chi_square_quantile(number * freedom, beyond) for number in working])
 
-    slope_limit, difference_limit = limits(int(has_slope), FALSE), limits(1, FALSE / max(1, len(news)))
+    def level(beyond: float) -> Limits:
+        slope = limits(int(for_slope > 3), beyond / len(lengths))
+        difference = limits(1, beyond / max(1, len(news)))
+        each = [*[slope] * len(lengths), *[difference] * len(news)]
+        return Limits(limits(readings - 1, beyond), np.stack(each, axis=1))
+
     return Look(
-        readings,
-        for_slope,
-        contrasts,
-        np.ascontiguousarray(members.T),
-        scatter_limit=limits(readings - 1, FALSE),
-        linear_limit=limits(for_slope - 2, LINEAR),
-        newest_limit=limits(1, FALSE),
-        contrast_limits=np.stack([slope_limit, *[difference_limit] * len(news)], axis=1),
+        contrasts=np.concatenate([means, centred / norms[:, np.newaxis], np.reshape(differences, (-1, rows))]),
+        members=members,
+        slope_lengths=norms,
+        surely=level(FALSE),
+        lingering=level(LINGERS),
+        linear=np.stack([limits(length - 2, LINEAR) for length in lengths], axis=1),
+        newest=limits(1, FALSE),
     )

@@ -57,7 +57,8 @@ def slowest_period_ms(scene: Scene) -> float | None:
     A weight on the beam makes it slower. The largest force of the scene is taken as a weight where the beam yields
     most; the squares of the periods of the beam and of the weight add up (Dunkerley, On the whirling and vibration of
     shafts, Phil. Trans. A 185, 1894), which is never too short. A mode that swings faster than half the rate of the
-    readings seems to swing at the difference to a multiple of that rate, for as long as it rings.
+    readings seems to swing at the difference to a multiple of that rate, for as long as it rings. Close to half the
+    rate, readings fall on alternate sides, and their amplitude seems to swing at the difference to half the rate.
     """
     beam, rate_hz = scene.beam, scene.sensors.rate_hz
     mass, first_hz = _line_mass(beam), first_frequency_hz(beam)
@@ -70,7 +71,9 @@ def slowest_period_ms(scene: Scene) -> float | None:
     for frequency_hz in (first_hz, *_frequencies_hz(beam, mass)[1:MODES].tolist()):
         rings_s = 1 / (DAMPING_RATIO * 2 * math.pi * frequency_hz)
         apparent_hz = abs(frequency_hz - round(frequency_hz / rate_hz) * rate_hz)
-        periods_s.append(1 / frequency_hz if 2 * frequency_hz <= rate_hz else min(1 / max(apparent_hz, 1e-9), rings_s))
+        beat_hz = max(min(apparent_hz, rate_hz / 2 - apparent_hz), 1e-9)
+        followed = 2 * frequency_hz <= rate_hz
+        periods_s.append(max(min(1 / beat_hz, rings_s), 1 / frequency_hz if followed else 0.0))
     return 1e3 * max(periods_s)
 
 
