@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters import means
+from beamtouch_models.filters.growing import GrowingMean
 from beamtouch_models.filters.means import FloatArray
 from beamtouch_models.filters.scatter import Scatter
 
@@ -23,6 +24,8 @@ could make a beam at rest look touched.
 LOW_PASS_SPAN = 8
 """A low-pass spans this many times 1 / a readings: exp(-8) of a step remains after them, a sixth of the noise of a
 reading if the step was 500 times that noise."""
+MOST_COMPARED = 16
+"""Readings of a growing mean whose scatter is looked at. The mean itself shows slower motion."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,8 @@ class Stage:
     """Number of readings from which a value can be made; 1 if the filter averages nothing."""
     restarts: bool = False
     """Whether the mean restarts at a step, so that the span is that of the readings in it."""
+    lone_spike_mm: float | None = None
+    """Distance of a lone spike from the median, if the filter leaves out spikes itself; None: it does not."""
 
 
 def spike_stage(limit_mm: float) -> Stage:
@@ -62,6 +67,13 @@ def low_pass_stage(factor: float) -> Stage:
 def adaptive_stage(window: int, step_mm: float) -> Stage:
     """Return `adaptive` as a stage."""
     return Stage(window, partial(means.adaptive, window=window, step_mm=step_mm), window, restarts=True)
+
+
+def growing_mean_stage(longest: int, unit_mm: FloatArray, spike_mm: float | None = None) -> Stage:
+    """Return a growing mean as a stage; it leaves out spikes itself. `unit_mm` is the noise of each channel."""
+    growing = GrowingMean(longest, unit_mm, spike_mm)
+    spike = math.inf if spike_mm is None else spike_mm
+    return Stage(growing.memory, growing.step, min(longest, MOST_COMPARED), restarts=True, lone_spike_mm=spike)
 
 
 @dataclass(frozen=True)
@@ -143,7 +155,9 @@ class Chain:
         self._scatter: Scatter | None = None
         if self._noise_mm is not None:
             usual_mm = np.maximum(self._noise_mm, np.asarray(step_mm) / 2)
-            self._scatter = Scatter(averaging.span, slowest_period, usual_mm, restarts=averaging.restarts)
+            self._scatter = Scatter(
+                averaging.span, slowest_period, usual_mm, restarts=averaging.restarts, spike_mm=averaging.lone_spike_mm
+            )
         longest = max([1, *(stage.memory for stage in chosen), self._scatter.memory if self._scatter else 0])
         self._block = max(1, BLOCK_VALUES // (longest * channels))
         self.restart()
