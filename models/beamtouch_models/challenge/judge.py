@@ -9,7 +9,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.surface import Surface
-from beamtouch_models.filters import Chain, Stage, filled, moving_average_stage, spike_stage
+from beamtouch_models.filters import Chain, Stage, filled, growing_mean_stage, moving_average_stage, spike_stage, unit_of
 from beamtouch_models.metadata import FilterChoice, Metadata
 from beamtouch_models.modelfile import (
     Decider,
@@ -81,8 +81,12 @@ class Judged:
         return Judged(*(part.reshape(-1, *part.shape[2:]) for part in parts))
 
 
-def stages(chosen: FilterChoice) -> tuple[Stage, ...]:
+def stages(metadata: Metadata, channels: int) -> tuple[Stage, ...]:
     """Return the filters of the daemon for the choice of a model."""
+    chosen: FilterChoice = metadata.filter
+    if chosen.kind == "growing-mean":
+        unit_mm = unit_of(metadata.noise.reading_mm, metadata.sensor.gain_mm_per_count, channels)
+        return (growing_mean_stage(chosen.most, unit_mm, chosen.spike_mm),)
     spike = () if chosen.spike_mm is None else (spike_stage(chosen.spike_mm),)
     if chosen.kind == "none":
         return spike
@@ -96,7 +100,7 @@ def judge(surface: Surface, run: Run, readings_mm: Floats, *, naming: bool = Fal
     """
     metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
     step_mm = metadata.sensor.gain_mm_per_count
-    chain = Chain(stages(metadata.filter), surface.channels, noise_mm, surface.slowest_period, step_mm)
+    chain = Chain(stages(metadata, surface.channels), surface.channels, noise_mm, surface.slowest_period, step_mm)
     filtered = []
     for readings in readings_mm:
         chain.restart()

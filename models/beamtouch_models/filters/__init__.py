@@ -20,6 +20,7 @@ from beamtouch_models.filters.chain import (
     low_pass_stage,
     moving_average_stage,
     spike_stage,
+    unit_of,
 )
 from beamtouch_models.filters.means import FloatArray, smoothing
 
@@ -35,4 +36,5 @@ __all__ = [
     "moving_average_stage",
     "smoothing",
     "spike_stage",
+    "unit_of",
 ]

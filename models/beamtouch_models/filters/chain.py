@@ -69,6 +69,12 @@ def adaptive_stage(window: int, step_mm: float) -> Stage:
     return Stage(window, partial(means.adaptive, window=window, step_mm=step_mm), window, restarts=True)
 
 
+def unit_of(noise_mm: float | FloatArray, step_mm: float | FloatArray, channels: int) -> FloatArray:
+    """Return the deviation (channels,) that readings at rest reach: their noise, or half a step of the ADC."""
+    unit: FloatArray = np.broadcast_to(np.maximum(noise_mm, np.abs(step_mm) / 2), (channels,))
+    return unit
+
+
 def growing_mean_stage(longest: int, unit_mm: FloatArray, spike_mm: float | None = None) -> Stage:
     """Return a growing mean as a stage; it leaves out spikes itself. `unit_mm` is the noise of each channel."""
     growing = GrowingMean(longest, unit_mm, spike_mm)
@@ -154,7 +160,7 @@ class Chain:
         self._restarts = averaging.restarts
         self._scatter: Scatter | None = None
         if self._noise_mm is not None:
-            usual_mm = np.maximum(self._noise_mm, np.asarray(step_mm) / 2)
+            usual_mm = unit_of(self._noise_mm, step_mm, channels)
             self._scatter = Scatter(
                 averaging.span, slowest_period, usual_mm, restarts=averaging.restarts, spike_mm=averaging.lone_spike_mm
             )
