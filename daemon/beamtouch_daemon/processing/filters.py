@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from beamtouch_daemon.config.settings import Surface, encoding_of
-from beamtouch_daemon.config.signal import Adaptive, GrowingMean, LowPass, MovingAverage
+from beamtouch_daemon.config.signal import Adaptive, Filter, GrowingMean, LowPass, MovingAverage
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models import filters
 from beamtouch_models.filters import Chain, FloatArray, Stage
@@ -13,12 +13,13 @@ from beamtouch_models.filters import Chain, FloatArray, Stage
 
 def chain_of(surface: Surface) -> Chain:
     """Return the configured filters of a surface, with its noise, its steps and the period of its slowest motion."""
+    channels, steps = len(surface.channels), steps_mm(surface)
     return Chain(
-        stages(surface),
-        len(surface.channels),
+        stages(surface.filter, surface.rate_hz, filters.unit_of(surface.noise_mm or 0.0, steps, channels)),
+        channels,
         surface.noise_mm,
         (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3,
-        steps_mm(surface),
+        steps,
     )
 
 
@@ -31,11 +32,9 @@ def steps_mm(surface: Surface) -> FloatArray:
     return np.where([encoding_of(surface.source, channel) == "f32" for channel in surface.channels], 0.0, steps)
 
 
-def stages(surface: Surface) -> tuple[Stage, ...]:
-    """Return the configured filters of a surface, in the order in which they apply."""
-    settings, rate_hz = surface.filter, surface.rate_hz
+def stages(settings: Filter, rate_hz: float, unit_mm: FloatArray) -> tuple[Stage, ...]:
+    """Return the configured filters, in the order in which they apply; `unit_mm` is the noise of each channel."""
     if isinstance(settings, GrowingMean):
-        unit_mm = filters.unit_of(surface.noise_mm or 0.0, steps_mm(surface), len(surface.channels))
         return (filters.growing_mean_stage(settings.longest(rate_hz), unit_mm, settings.spike_mm),)
     chosen = [] if settings.spike_mm is None else [filters.spike_stage(settings.spike_mm)]
     if isinstance(settings, MovingAverage):

@@ -81,11 +81,9 @@ class Judged:
         return Judged(*(part.reshape(-1, *part.shape[2:]) for part in parts))
 
 
-def stages(metadata: Metadata, channels: int) -> tuple[Stage, ...]:
-    """Return the filters of the daemon for the choice of a model."""
-    chosen: FilterChoice = metadata.filter
+def stages(chosen: FilterChoice, unit_mm: Floats) -> tuple[Stage, ...]:
+    """Return the filters of the daemon for the choice of a model; `unit_mm` is the noise of each channel."""
     if chosen.kind == "growing-mean":
-        unit_mm = unit_of(metadata.noise.reading_mm, metadata.sensor.gain_mm_per_count, channels)
         return (growing_mean_stage(chosen.most, unit_mm, chosen.spike_mm),)
     spike = () if chosen.spike_mm is None else (spike_stage(chosen.spike_mm),)
     if chosen.kind == "none":
@@ -100,7 +98,8 @@ def judge(surface: Surface, run: Run, readings_mm: Floats, *, naming: bool = Fal
     """
     metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
     step_mm = metadata.sensor.gain_mm_per_count
-    chain = Chain(stages(metadata, surface.channels), surface.channels, noise_mm, surface.slowest_period, step_mm)
+    unit_mm = unit_of(noise_mm, step_mm, surface.channels)
+    chain = Chain(stages(metadata.filter, unit_mm), surface.channels, noise_mm, surface.slowest_period, step_mm)
     filtered = []
     for readings in readings_mm:
         chain.restart()
