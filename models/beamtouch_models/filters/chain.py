@@ -40,6 +40,8 @@ class Stage:
     """Number of readings from which a value can be made; 1 if the filter averages nothing."""
     restarts: bool = False
     """Whether the mean restarts at a step, so that the span is that of the readings in it."""
+    fresh: Callable[[int], FloatArray] | None = None
+    """Returns the initial state for so many channels; None: rows of NaN."""
     lone_spike_mm: float | None = None
     """Distance of a lone spike from the median, if the filter leaves out spikes itself; None: it does not."""
 
@@ -79,7 +81,8 @@ def growing_mean_stage(longest: int, unit_mm: FloatArray, spike_mm: float | None
     """Return a growing mean as a stage; it leaves out spikes itself. `unit_mm` is the noise of each channel."""
     growing = GrowingMean(longest, unit_mm, spike_mm)
     spike = math.inf if spike_mm is None else spike_mm
-    return Stage(growing.memory, growing.step, min(longest, MOST_COMPARED), restarts=True, lone_spike_mm=spike)
+    span = min(longest, MOST_COMPARED)
+    return Stage(longest, growing.step, span, restarts=True, fresh=growing.fresh, lone_spike_mm=spike)
 
 
 @dataclass(frozen=True)
@@ -170,7 +173,10 @@ class Chain:
 
     def restart(self) -> None:
         """Reset all states, so that no earlier value affects a later one."""
-        self._states = [means.fresh(stage.memory, self._channels) for stage in self._stages]
+        self._states = [
+            stage.fresh(self._channels) if stage.fresh else means.fresh(stage.memory, self._channels)
+            for stage in self._stages
+        ]
         if self._scatter:
             self._past = self._scatter.fresh(self._channels)
 

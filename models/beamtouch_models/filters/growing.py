@@ -10,6 +10,7 @@ docs/decisions/017-mean-since-touch.md explains the form and has the measurement
 """
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,51 +19,66 @@ from numpy.typing import NDArray
 from beamtouch_models.filters.means import FloatArray
 from beamtouch_models.filters.significance import chi_square_quantile
 
+OLDEST = (1, 4)
+"""Numbers of oldest readings of a window that are compared with the others."""
 RATIO = 1.3
 """Between the lengths of windows; the split between two lengths is found to the reading."""
 CHANGES = 0.002
 """Share of samples at rest in which some window of a size seems to hold a change."""
 SHARP = 1e-6
-"""Probability at rest of a difference between the last reading before a change and the mean since it."""
+"""Probability at rest of a sharp change between two readings."""
+CLEARLY = 1e-4
+"""Quantile of the chi-square distribution by which a step must explain more than a slope does."""
+STEP_PART = 0.12
+"""The same, over what the step explains: of a step a slope explains three quarters, of a bend more than a step does."""
 DRIFT_PART = 4
 """One reading in this many counts where something drifts."""
 FINE = 2.0**16
 """Readings are rounded to this part of their noise, so that sums of them are exact however a stream is split."""
 BEFORE = 3
-"""Readings before the longest window that decide which of its readings are spikes."""
+"""Readings that decide which of the last ones are spikes."""
+LARGEST = 2.0**50
+"""Sums above it begin anew; those of 2**53 would not be exact."""
+SMALLEST_MM = 1e-9
+"""Readings without noise are compared with this, so that rounding errors are no change."""
 
 
-class Lengths(NamedTuple):
-    """The windows that are compared."""
+class Pairs(NamedTuple):
+    """Pairs of windows whose means are compared: the newest readings of a window with all of it."""
 
     windows: NDArray[np.intp]
-    """Ascending, from 1 to the longest."""
-    newest: NDArray[np.intp]
-    """Places of 1, 2, 4, ... in them."""
-    shorter: NDArray[np.bool_]
-    """Whether a number of newest readings is less than a window, shape (windows, newest)."""
+    """Lengths of the windows that a mean may have, ascending, from 1 to the longest."""
+    lengths: NDArray[np.intp]
+    """All lengths whose means are needed."""
+    part: NDArray[np.intp]
+    """Place of the shorter one of each pair in `lengths`."""
+    whole: NDArray[np.intp]
+    """Place of the longer one, ascending."""
+    tests: int
+    """Largest number of pairs with the same window."""
 
 
-def lengths(longest: int) -> Lengths:
-    """Return the windows up to `longest` readings."""
-    powers = [2**power for power in range(longest.bit_length()) if 2**power <= longest]
-    found = {*powers, longest}
-    length = 1
-    while length < longest:
-        found.add(length)
-        length = max(length + 1, int(length * RATIO))
-    windows = np.array(sorted(found))
-    newest = np.searchsorted(windows, powers[: max(1, len(powers))])
-    return Lengths(windows, newest, windows[newest] < windows[:, np.newaxis])
-
-
-class Sums(NamedTuple):
-    """Sums of the readings before each row, so that the difference of two of them is the sum of the rows between."""
-
-    values: FloatArray
-    """In units of the noise over FINE, shape (rows + 1, channels)."""
-    numbers: FloatArray | None
-    """How many readings there are, of the same shape; None: as many as rows."""
+def pairs_of(longest: int) -> Pairs:
+    """Return the pairs up to `longest` readings."""
+    windows = [1]
+    while windows[-1] < longest:
+        windows.append(min(longest, max(windows[-1] + 1, int(windows[-1] * RATIO))))
+    pairs: list[tuple[int, int]] = []
+    for shorter, window in pairwise(windows):
+        newest = {2**power for power in range(window.bit_length())}
+        # What differs among the oldest readings hardly changes the mean of the newest ones.
+        oldest = {shorter, *(window - few for few in OLDEST)}
+        pairs += [(part, window) for part in sorted(newest | oldest) if 0 < part < window]
+    needed = sorted({1, longest, *(length for pair in pairs for length in pair)})
+    part, whole = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+    most = max((sum(window == other for _, other in pairs) for window in windows), default=1)
+    return Pairs(
+        np.array(windows),
+        np.array(needed),
+        np.searchsorted(needed, part),
+        np.searchsorted(needed, whole),
+        max(1, most),
+    )
 
 
 def lone_spikes(values: FloatArray, spike_mm: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray]:
@@ -88,6 +104,9 @@ def lone_spikes(values: FloatArray, spike_mm: float) -> tuple[NDArray[np.bool_],
 class GrowingMean:
     """Finds the mean since the last change of the load.
 
+    Its state has shape (rows, 2, channels): for the last rows the sums and numbers of all readings before them, then
+    the last BEFORE readings as they came, of which the newest is in no sum yet.
+
     Parameters
     ----------
     longest
@@ -100,111 +119,120 @@ class GrowingMean:
     """
 
     def __init__(self, longest: int, unit_mm: FloatArray, spike_mm: float | None = None) -> None:
-        self.memory = longest + BEFORE
         self._longest = longest
-        self._quantum_mm = unit_mm / FINE
+        self._quantum_mm = np.maximum(unit_mm, SMALLEST_MM) / FINE
         self._spike_mm = math.inf if spike_mm is None else spike_mm
-        self._lengths = lengths(longest)
-        tests = max(1, len(self._lengths.newest))
+        self._pairs = pairs_of(longest)
         working = range(len(unit_mm) + 1)
-        self._agree = np.array([chi_square_quantile(number, CHANGES / tests) for number in working]) * FINE**2
+        alike = CHANGES / self._pairs.tests
+        self._agree = np.array([chi_square_quantile(number, alike) for number in working]) * FINE**2
         self._sharp = np.array([chi_square_quantile(number, SHARP) for number in working]) * FINE**2
-        spans = self._lengths.windows.astype(np.float64)
-        inverse = 1 / spans
-        with np.errstate(divide="ignore"):
-            self._scale = np.where(
-                self._lengths.shorter, 1 / (inverse[self._lengths.newest] - inverse[:, np.newaxis]), 0.0
-            )
+        self._clearly = chi_square_quantile(len(unit_mm), CLEARLY) * FINE**2
+        self._inverse = 1 / self._pairs.lengths[:, np.newaxis]
+        self._limits = self._agree[-1] * (self._inverse[self._pairs.part, 0] - self._inverse[self._pairs.whole, 0])
+        """Of the squared distance between the means of each pair."""
+
+    def fresh(self, channels: int) -> FloatArray:
+        """Return the initial state."""
+        state = np.zeros((2 * self._longest + 1 + BEFORE, 2, channels))
+        state[-BEFORE:] = np.nan
+        return state
 
     def step(self, signal: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return means and their relative variance, and the next state: the last readings as they came."""
-        rows = np.concatenate([state, signal])
-        values = rows[:, 0]
-        count = len(signal)
+        """Return means and their relative variance, and the next state."""
+        if not len(signal):
+            return signal, state
+        rows = np.concatenate([state[-BEFORE:], signal])
+        count, values = len(signal), rows[:, 0]
+        waits, spikes, _ = lone_spikes(values, self._spike_mm)
+        waits = waits[BEFORE:]
         whole = np.rint(values / self._quantum_mm)
-        held, spikes, _ = lone_spikes(values, self._spike_mm)
-        ends = np.arange(len(values) - count, len(values))
+        good = ~np.isnan(whole)
+        pairs = np.stack([np.where(good, whole, 0.0), good], axis=1)
+        settled = np.where(spikes[:, np.newaxis], 0.0, pairs)[BEFORE - 1 : -1]
+        # Sums of whole numbers are exact, so it does not matter where they began.
+        begun = state[:-BEFORE]
+        begun = begun - begun[0] * (np.abs(begun[-1]).max() > LARGEST)
+        sums = np.concatenate([begun, begun[-1] + np.cumsum(settled, axis=0)])
         # A doubtful reading waits for the next one, in all channels: a step moves them together.
-        waits = held[ends]
-        ends = ends - waits
-        newest = whole[ends]
-        whole[spikes] = np.nan
-        newest[waits] = whole[ends[waits]]
-        sums = _sums(whole)
-        readings = self._readings(sums, ends, newest)
-        total, number = _window(sums, ends, newest, readings)
-        mean = np.full_like(newest, np.nan)
-        np.divide(total, number, out=mean, where=number > 0)
-        mean *= self._quantum_mm
-        variance = np.full_like(mean, np.nan)
-        np.divide(1.0, number, out=variance, where=number > 0)
-        missing = np.isnan(signal[:, 0])
-        mean[missing] = variance[missing] = np.nan
-        return np.stack([mean, variance], axis=1), rows[len(rows) - self.memory :]
+        at = np.arange(len(begun), len(begun) + count)
+        until = sums[at] + np.where(waits[:, np.newaxis, np.newaxis], 0.0, pairs[BEFORE:])
+        starts = at + 1 - waits
+        total = until - sums[starts - self._sizes(sums, until, starts)]
+        there = (total[:, 1] > 0) & good[BEFORE:]
+        result = np.full_like(total, np.nan)
+        np.divide(total[:, 0] * self._quantum_mm, total[:, 1], out=result[:, 0], where=there)
+        np.divide(1.0, total[:, 1], out=result[:, 1], where=there)
+        return result, np.concatenate([sums[len(sums) - len(begun) :], rows[len(rows) - BEFORE :]])
 
-    def _readings(self, sums: Sums, ends: NDArray[np.intp], newest: FloatArray) -> NDArray[np.intp]:
-        """Return how many rows up to each end are in its mean, shape (ends,)."""
-        windows, places, shorter = self._lengths
-        total, number = _window(sums, ends[:, np.newaxis], newest[:, np.newaxis], windows)
-        if sums.numbers is None:
-            means = total / number
-            apart = means[:, np.newaxis, places] - means[:, :, np.newaxis]
-            changed = (np.einsum("ewnc,ewnc->ewn", apart, apart) * self._scale > self._agree[-1]).any(axis=2)
+    def _sizes(self, sums: FloatArray, until: FloatArray, starts: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return how many rows are in each mean.
+
+        Parameters
+        ----------
+        sums
+            Sums and numbers of the readings before each row, shape (rows, 2, channels).
+        until
+            The same up to each mean, shape (means, 2, channels).
+        starts
+            The row after the last one in each mean, shape (means,).
+        """
+        windows, needed, part, whole, _ = self._pairs
+        total = until[:, np.newaxis] - sums[starts[:, np.newaxis] - needed]
+        if total[:, -1, 1].min() == self._longest:
+            means = total[:, :, 0] * self._inverse
+            apart = means[:, part] - means[:, whole]
+            changed = np.einsum("epc,epc->ep", apart, apart) > self._limits
         else:
-            means = total / np.maximum(number, 1)
-            few, many = number[:, np.newaxis, places], number[:, :, np.newaxis]
-            tested = (few > 0) & (few < many)
-            apart = means[:, np.newaxis, places] - means[:, :, np.newaxis]
-            scale = np.where(tested, few * many / np.maximum(many - few, 1), 0.0)
-            limits = self._agree[tested.sum(axis=3)]
-            changed = (((apart * apart * scale).sum(axis=3) > limits) & shorter).any(axis=2)
-        first = np.where(changed.any(axis=1), changed.argmax(axis=1), len(windows))
-        found = np.full(len(ends), self._longest)
-        for index in np.flatnonzero(first < len(windows)).tolist():
-            reached, fails = int(windows[first[index] - 1]), int(windows[first[index]])
-            found[index] = self._since(sums, int(ends[index]), newest[index], reached, fails)
+            changed = self._changed(total)
+        found = np.full(len(starts), self._longest)
+        if changed.any():
+            for index in np.flatnonzero(changed.any(axis=1)).tolist():
+                place = int(np.searchsorted(windows, needed[whole[changed[index].argmax()]]))
+                reached, fails = int(windows[place - 1]), int(windows[place])
+                found[index] = self._since(sums, until[index], int(starts[index]), reached, fails)
         return found
 
-    def _since(self, sums: Sums, end: int, newest: FloatArray, reached: int, fails: int) -> int:
+    def _changed(self, total: FloatArray) -> NDArray[np.bool_]:
+        """Return which pairs differ, (means, pairs), where some windows lack readings.
+
+        The sums and numbers of the readings in them have shape (means, lengths, 2, channels).
+        """
+        _, _, part, whole, _ = self._pairs
+        number = total[:, :, 1]
+        means = total[:, :, 0] / np.maximum(number, 1)
+        few, many = number[:, part], number[:, whole]
+        tested = (few > 0) & (few < many)
+        apart = means[:, part] - means[:, whole]
+        scale = np.where(tested, few * many / np.maximum(many - few, 1), 0.0)
+        changed: NDArray[np.bool_] = (apart * apart * scale).sum(axis=2) > self._agree[tested.sum(axis=2)]
+        return changed
+
+    def _since(self, sums: FloatArray, until: FloatArray, start: int, reached: int, fails: int) -> int:
         """Return how many rows count of a window that holds a change, where a window of `reached` rows holds none."""
-        after = np.arange(max(1, reached // 2), fails)
-        total, number = _window(sums, np.array(end), newest, np.append(after, fails))
-        rest = number[-1] - number[:-1]
-        since = total[:-1] / np.maximum(number[:-1], 1)
-        before = (total[-1] - total[:-1]) / np.maximum(rest, 1)
-        weight = number[:-1] * rest / np.maximum(number[-1], 1)
-        place = int((((since - before) ** 2) * weight).sum(axis=1).argmax())
-        size = int(after[place])
-        last = sums.values[end - size + 1] - sums.values[end - size]
-        there = np.broadcast_to(number[place] > 0, last.shape)
-        if sums.numbers is not None:
-            there = there & (sums.numbers[end - size + 1] > sums.numbers[end - size])
-        apart = (last - since[place])[there]
-        share = (1 + 1 / np.maximum(np.broadcast_to(number[place], last.shape), 1))[there]
-        is_sharp = float((apart * apart / share).sum()) > self._sharp[len(apart)]
-        return size if is_sharp else -(-size // DRIFT_PART)
+        sizes = np.arange(max(1, reached // 2), fails)
+        before = sums[start - fails : start - sizes[0] + 1][::-1]
+        since, whole = until - before[:-1], until - before[-1]
+        first = whole - since
+        apart = since[:, 0] / np.maximum(since[:, 1], 1) - first[:, 0] / np.maximum(first[:, 1], 1)
+        place = int((apart * apart * (since[:, 1] * first[:, 1] / np.maximum(whole[1], 1))).sum(axis=1).argmax())
+        size = int(sizes[place])
+        # The readings on both sides of the change.
+        newer = (until if size == 1 else sums[start - size + 1]) - sums[start - size]
+        older = before[place] - before[place + 1]
+        jump = (newer[0] - older[0])[(newer[1] > 0) & (older[1] > 0)]
+        is_sharp = float(jump @ jump) / 2 > self._sharp[len(jump)]
+        return size if is_sharp or self._is_step(sums, until, start, size) else -(-size // DRIFT_PART)
 
-
-def _sums(whole: FloatArray) -> Sums:
-    """Return the sums of readings, shape (rows, channels); NaN is none."""
-    values = np.zeros((len(whole) + 1, whole.shape[1]))
-    good = ~np.isnan(whole)
-    if good.all():
-        np.cumsum(whole, axis=0, out=values[1:])
-        return Sums(values, None)
-    np.cumsum(np.where(good, whole, 0.0), axis=0, out=values[1:])
-    numbers = np.zeros_like(values)
-    np.cumsum(good, axis=0, out=numbers[1:])
-    return Sums(values, numbers)
-
-
-def _window(
-    sums: Sums, ends: NDArray[np.intp], newest: FloatArray, sizes: NDArray[np.intp]
-) -> tuple[FloatArray, FloatArray]:
-    """Return sum and number of the readings in the last `sizes` rows up to `ends`; `newest` are the rows there."""
-    starts = ends - sizes + 1
-    good = ~np.isnan(newest)
-    total = sums.values[ends] - sums.values[starts] + np.where(good, newest, 0.0)
-    if sums.numbers is None:
-        return total, sizes[..., np.newaxis].astype(np.float64)
-    return total, sums.numbers[ends] - sums.numbers[starts] + good
+    def _is_step(self, sums: FloatArray, until: FloatArray, start: int, size: int) -> bool:
+        """Return whether the last `size` rows and as many before them differ like a step, and not like a slope."""
+        rows = 2 * size
+        ages = np.arange(rows)
+        each = np.diff(np.concatenate([until[np.newaxis], sums[start - 1 - ages]]), axis=0)
+        values, number = -each[:, 0], -each[:, 1]
+        shapes = np.stack([ages < size, ages / rows])[:, :, np.newaxis]
+        count = np.maximum(number.sum(axis=0), 1)
+        centred = (shapes - (shapes * number).sum(axis=1, keepdims=True) / count) * number
+        squares = np.maximum((centred * centred).sum(axis=1), np.finfo(np.float64).tiny)
+        step, slope = ((centred * values).sum(axis=1) ** 2 / squares).sum(axis=1)
+        return bool(step - slope > max(self._clearly, STEP_PART * step))

@@ -75,8 +75,6 @@ class Scatter:
         self._restarts = restarts
         self._excess = Excess(noise_mm, self._unit_mm, half)
         self._spike_mm = spike_mm
-        self._kept = self._rows - 1 + (0 if spike_mm is None else BEFORE)
-        """Rows that the state holds."""
 
     @property
     def memory(self) -> int:
@@ -85,7 +83,7 @@ class Scatter:
 
     def fresh(self, channels: int) -> Past:
         """Return the initial state."""
-        rows = np.full((self._kept, channels), np.nan)
+        rows = np.full((self._rows - 1, channels), np.nan)
         return Past(rows, rows, np.full((self._means, channels), np.nan), moved=False)
 
     def excess(
@@ -114,16 +112,17 @@ class Scatter:
         past
             The state.
         """
-        rows, clean = np.concatenate([past.readings, readings]), np.concatenate([past.cleaned, cleaned])
-        means = np.concatenate([past.means, mean])
-        changed: NDArray[np.bool_] = np.any(np.abs(rows - clean) > 0, axis=1)  # False for NaN
-        newest = changed[len(rows) - len(mean) :]
-        last = slice(len(rows) - self._kept, None)
-        kept = rows[last], clean[last]
-        if self._spike_mm is not None:
-            held, spikes, medians = lone_spikes(rows, self._spike_mm)
-            rows, clean = rows[BEFORE:], np.where(spikes, medians, rows)[BEFORE:]
-            changed, newest = spikes.any(axis=1)[BEFORE:], held[len(held) - len(mean) :]
+        rows, means = np.concatenate([past.readings, readings]), np.concatenate([past.means, mean])
+        if self._spike_mm is None:
+            clean = np.concatenate([past.cleaned, cleaned])
+            changed: NDArray[np.bool_] = np.any(np.abs(rows - clean) > 0, axis=1)  # False for NaN
+            newest = changed[len(rows) - len(mean) :]
+        else:
+            # Whether a reading was a spike shows when the next one has come.
+            held, spikes, medians = lone_spikes(rows[-len(mean) - BEFORE :], self._spike_mm)
+            judged = np.where(spikes, medians, rows[-len(mean) - BEFORE :])
+            clean = np.concatenate([past.cleaned[:-1], judged[BEFORE - 1 :]])
+            changed, newest = np.any(np.abs(rows - clean) > 0, axis=1), held[BEFORE:]
         moves, view, unfair, moved = self._moves(rows, clean, mean, spans, changed, newest, moved=past.moved)
         moving = np.flatnonzero(moves)
         excess = np.empty((len(moving), mean.shape[1], mean.shape[1]))
@@ -152,7 +151,8 @@ class Scatter:
                     self._still,
                 )
                 excess[steps] = np.diag(self._unit_mm**2)
-        return moves, excess, Past(*kept, means[len(means) - self._means :], moved)
+        kept = slice(len(rows) - self._rows + 1, None)
+        return moves, excess, Past(rows[kept], clean[kept], means[len(means) - self._means :], moved)
 
     def _moves(
         self,
