@@ -42,13 +42,13 @@ Course = Callable[[Surface, int, np.random.Generator], tuple[Floats, Floats, Boo
 """Position and force at each reading of each draw, NaN without a contact, and which readings are judged."""
 
 
-def made(scene: str, gain_percent: float, folder: Path) -> ModelFile:
-    """Return the model of a scene whose gains are as far off."""
+def made(scene: str, gain_percent: float, folder: Path, *, perfect_zeros: bool) -> ModelFile:
+    """Return the model of a scene whose gains are as far off; its zeros are perfect, or drift as the scene states."""
     text = (SCENES / f"{scene}.toml").read_text()
     text = re.sub(r"gain_error_percent = \S+", f"gain_error_percent = {gain_percent}", text)
-    if gain_percent == 0:
+    if perfect_zeros:
         text = re.sub(r"zero_drift_mm = \S+", "zero_drift_mm = 0.0", text)
-    path = folder / f"{scene}-{gain_percent}.onnx"
+    path = folder / f"{scene}-{gain_percent}-{perfect_zeros}.onnx"
     if not path.exists():
         path.write_bytes(build(parse_scene(text, scene), text, scene, count=None, seed=0, progress=silent).content)
     return load(path)
@@ -71,7 +71,7 @@ def since_touch(model: ModelFile, draws: int, seed: int) -> Iterator[dict[str, o
         rate_hz = model.metadata.sensor.rate_hz
         position, force = drawn(surface, draws, rng)
         before = 50
-        at = {ms: before + round(ms * 1e-3 * rate_hz) for ms in SINCE_MS if (ms * 1e-3 * rate_hz) % 1 == 0}
+        at = {ms: before + round(ms * 1e-3 * rate_hz - 1e-9) for ms in SINCE_MS}
         there = np.arange(max(at.values()) + 1) >= before
         deflection = surface.under(position, force)[:, None] * there[:, None]
         readings = surface.readings(deflection, surface.honest(draws, rng), rng)
@@ -214,13 +214,15 @@ def main() -> int:
     parser.add_argument("--scenes", nargs="+", default=["bench", "conveyor"], metavar="SCENE")
     parser.add_argument("--gains", nargs="+", type=float, default=GAINS_PERCENT, metavar="PERCENT")
     parser.add_argument("--models", type=Path, default=Path(), metavar="FOLDER", help="where models are kept")
+    parser.add_argument("--perfect-zeros", action="store_true", help="zeros without drift; always with perfect gains")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--part", choices=("touch", "moving"), help="only this part")
     parser.add_argument("--only", default="", metavar="TEXT", help="only courses with this in their name")
     options = parser.parse_args()
     for scene in options.scenes:
         for gain in options.gains:
-            model = made(scene, gain, options.models)
+            perfect = options.perfect_zeros or gain == 0
+            model = made(scene, gain, options.models, perfect_zeros=perfect)
             if options.part != "moving":
                 for row in since_touch(model, options.draws, options.seed):
                     print(said_of({"scene": scene, "gains": gain} | row), flush=True)

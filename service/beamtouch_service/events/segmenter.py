@@ -152,7 +152,14 @@ class Segmenter:
         if self._pending is None:
             self._pending = GrowingSegment(self._first(kind, sequence, acquired_us))
         degraded = bool(seen.estimated.bad) or seen.state is None
-        self._pending.add(sequence, acquired_us, _figures(seen), unexplained=unexplained, degraded=degraded)
+        self._pending.add(
+            sequence,
+            acquired_us,
+            _figures(seen),
+            unexplained=unexplained,
+            degraded=degraded,
+            readings=seen.estimated.readings or 1,
+        )
         # Write an event at once when it begins or resumes, then at intervals.
         due = is_new or self._is_expired or self._pending.duration_us >= FLUSH_US
         self._kind, self._was_clear, self._is_expired = kind, False, False

@@ -10,6 +10,7 @@ contact from there on, with all unexplained stretches that follow it.
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from beamtouch_service.events.disjoint_mean import DisjointMean
 from beamtouch_service.surfaces.contact import Figures
 
 MAX_POINTS = 200
@@ -89,6 +90,7 @@ class Segment:
     samples: int = 0
     """Number of samples with a position."""
     position_sum_mm: float = 0.0
+    """Number of samples times the mean position, over samples that share no readings."""
     peak_force_n: float | None = None
     peak_position_mm: float | None = None
     """Position at the peak force."""
@@ -109,7 +111,7 @@ class GrowingSegment:
         self._first = first
         self._last = first.first_sequence, first.touched_us
         self._samples = 0
-        self._position_sum_mm = 0.0
+        self._position = DisjointMean()
         self._peak: tuple[float | None, float | None] = None, None
         """Force [N] and its position [mm]."""
         self._unexplained_us = 0
@@ -124,9 +126,16 @@ class GrowingSegment:
         return abs(self._last[1] - self._first.touched_us)
 
     def add(
-        self, sequence: int, acquired_us: int, figures: Figures | None, *, unexplained: bool, degraded: bool
+        self,
+        sequence: int,
+        acquired_us: int,
+        figures: Figures | None,
+        *,
+        unexplained: bool,
+        degraded: bool,
+        readings: int = 1,
     ) -> None:
-        """Add the next sample; `figures` is None if it is unexplained, or could not be decided."""
+        """Add the next sample, the mean of `readings`; `figures` is None if it is unexplained or undecided."""
         if self._is_unexplained:
             self._unexplained_us += max(0, acquired_us - self._last[1])
         self._last = sequence, acquired_us
@@ -136,7 +145,7 @@ class GrowingSegment:
             return
         position_mm, force_n = figures.position_mm, figures.force_n
         self._samples += 1
-        self._position_sum_mm += position_mm
+        self._position.add(sequence, readings, position_mm)
         if force_n is not None and (self._peak[0] is None or force_n > self._peak[0]):
             self._peak = force_n, position_mm
         self._path.append((acquired_us, position_mm, force_n))
@@ -150,7 +159,7 @@ class GrowingSegment:
             last_sequence=self._last[0],
             last_us=self._last[1],
             samples=self._samples,
-            position_sum_mm=self._position_sum_mm,
+            position_sum_mm=self._samples * self._position.mean_mm,
             peak_force_n=self._peak[0],
             peak_position_mm=self._peak[1],
             unexplained_us=self._unexplained_us,
