@@ -91,10 +91,10 @@ def stages(chosen: FilterChoice, unit_mm: Floats) -> tuple[Stage, ...]:
     return (*spike, moving_average_stage(chosen.window, filled(chosen.window)))
 
 
-def judge(surface: Surface, run: Run, readings_mm: Floats, *, naming: bool = False) -> Judged:
+def judge(surface: Surface, run: Run, readings_mm: Floats, first: int = 0, *, naming: bool = False) -> Judged:
     """Return what the model of a surface says of each reading (draws, readings, channels); draws begin anew.
 
-    With `naming`, suspects are sought as in the service, which takes time.
+    Nothing is said of the readings before number `first`. With `naming`, suspects are sought as in the service, which takes time.
     """
     metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
     step_mm = metadata.sensor.gain_mm_per_count
@@ -115,7 +115,8 @@ def judge(surface: Surface, run: Run, readings_mm: Floats, *, naming: bool = Fal
         np.concatenate(valid),
     )
     rows: list[Sample] = [SILENT] * len(samples.valid)
-    enough = np.flatnonzero(samples.valid.sum(axis=1) >= metadata.min_channels)
+    asked = np.arange(len(samples.valid)) % readings_mm.shape[1] >= first
+    enough = np.flatnonzero(asked & (samples.valid.sum(axis=1) >= metadata.min_channels))
     length, names = readings_mm.shape[1], [channel.name for channel in metadata.layout]
     before, decider, suspects = -1, Decider(metadata.thresholds), Suspects(metadata, run)
     found = evidence(metadata, run, samples.part(enough)) if len(enough) else []

@@ -138,7 +138,12 @@ class Surface:
     @property
     def look_back(self) -> int:
         """Number of readings after which nothing before them is in a sample or in the state of the surface."""
-        return self.metadata.filter.most + self.metadata.filter.window + int(np.ceil(self.slowest_period)) + SPARE
+        return self.metadata.filter.most + self.decided
+
+    @property
+    def decided(self) -> int:
+        """Number of readings after which the state of the surface has followed a settled filter."""
+        return 2 * self.metadata.filter.window + int(np.ceil(self.slowest_period)) + SPARE
 
     def expected(self, position_mm: Floats, order: int = 0) -> Floats:
         """Return what the model expects of one newton at positions (...), (..., channels) in mm, or its derivative.
