@@ -15,7 +15,6 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.stretches import FARTHEST, IN_A_ROW, Sequences, at_rest, stretches
 from beamtouch_models.accuracy.touch import (
-    SECONDS_PER_DAY,
     directions,
     noise_at_rest,
     rate_per_sample,
@@ -27,7 +26,7 @@ from beamtouch_models.accuracy.zeros import DRIFTS, log_tilt, tilted
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measured import thresholds_of
 from beamtouch_models.export import to_bytes
-from beamtouch_models.metadata import FilterChoice, Thresholds
+from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice, Thresholds
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import Scene, load_scene

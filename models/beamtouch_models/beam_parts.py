@@ -7,12 +7,14 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_val
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Fixity = Annotated[float, Field(ge=0, lt=1)]
+Pair = Annotated[tuple[Finite, Finite], Field(strict=False)]
+PositivePair = Annotated[tuple[PositiveFinite, PositiveFinite], Field(strict=False)]
 
 
 class Strict(BaseModel):
-    """Base class of the parts of a scene: immutable, refuses unknown keys."""
+    """Base class of the parts of a scene: immutable, refuses unknown keys, converts no types."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class Support(Strict):
@@ -69,6 +71,6 @@ END_KINDS: dict[str, tuple[Literal["simple", "fixed"] | None, Literal["simple", 
 
 # The tags keep a bad entry of a list from being reported as a bad name. Their hyphen keeps them out of messages.
 Supports = Annotated[
-    Annotated[SupportName, Tag("a-name")] | Annotated[tuple[Support, ...], Tag("a-list")],
+    Annotated[SupportName, Tag("a-name")] | Annotated[tuple[Support, ...], Field(strict=False), Tag("a-list")],
     Discriminator(lambda value: "a-name" if isinstance(value, str) else "a-list"),
 ]

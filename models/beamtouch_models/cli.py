@@ -35,7 +35,7 @@ def _parser() -> Parser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, add_arguments, text in (
         ("build", _add_build, "place the sensors, make the estimator and write the model file"),
-        ("calibrate", _add_calibrate, "fit a model to a real beam, using recorded loads"),
+        ("calibrate", _add_calibrate, "fit a model to a real beam, using recorded loads or unlabelled contacts"),
         ("challenge", _add_challenge, "put a model through touches, ringing, motion, sensor errors and faults"),
         ("evaluate", _add_evaluate, "measure a model and compare it with the accuracy limit"),
         ("explain", _add_explain, "print how much each physical effect matters in a scene"),
@@ -70,8 +70,15 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
 
 def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
-    parser.add_argument(
-        "readings", type=Path, metavar="READINGS.csv", help="loads recorded by `beamtouch-daemon record`"
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument(
+        "readings", type=Path, nargs="?", metavar="READINGS.csv", help="loads recorded by `beamtouch-daemon record`"
+    )
+    source.add_argument(
+        "--events",
+        type=Path,
+        metavar="FILE",
+        help="instead: contacts of unknown place and force, from the service's /surfaces/NAME/calibration-data (CSV)",
     )
     parser.add_argument(
         "--leave-out",

@@ -1,6 +1,7 @@
 """What a model file is, in words, for every command that describes one."""
 
 from collections.abc import Sequence
+from itertools import groupby
 
 from beamtouch_models.metadata import POSITION_OUTPUTS, Metadata
 
@@ -63,10 +64,34 @@ def _touch(metadata: Metadata) -> str:
     return f"at least {min(seen):.2g} N is seen, {ends} of the range; false contacts at rest: {often}"
 
 
+def unseen(metadata: Metadata) -> str:
+    """Say where the smallest force of the scene is not seen; empty if it is seen all along the range."""
+    weakest, seen = metadata.ranges.force_n[0], metadata.smallest_force
+    pairs = list(zip(seen.position_mm, seen.force_n, strict=True))
+    runs = [list(run) for is_missed, run in groupby(pairs, lambda pair: pair[1] > weakest) if is_missed]
+    if not runs:
+        return ""
+    where = " and ".join(f"{run[0][0]:.4g}..{run[-1][0]:.4g} mm" for run in runs)
+    return (
+        f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {where}: "
+        f"up to {max(seen.force_n):.2g} N is needed there"
+    )
+
+
 def _calibration(metadata: Metadata) -> list[tuple[str, str]]:
     found = metadata.calibration
     if found is None:
         return []
     kinds = ", ".join(found.fitted) or "no departures"
-    errors = f"{found.error_before_mm:.3g} mm before, {found.error_after_mm:.3g} mm after"
-    return [("real", f"calibrated with {found.loads} loads: {kinds}; mean error of the loads {errors}")]
+    told = []
+    if found.loads:
+        told.append(
+            f"{found.loads} loads, mean error {found.error_before_mm:.3g} mm before, "
+            f"{found.error_after_mm:.3g} mm after"
+        )
+    if found.contacts:
+        told.append(
+            f"{found.contacts} unlabelled contacts, median misfit {found.misfit_before:.3g} before, "
+            f"{found.misfit_after:.3g} after"
+        )
+    return [("real", f"calibrated with {'; then with '.join(told)}; fitted: {kinds}")]

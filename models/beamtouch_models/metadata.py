@@ -17,11 +17,26 @@ FORCE_OUTPUTS = ("force_n", "force_low_n", "force_high_n")
 
 _NAME = r"^[A-Za-z0-9_.-]{1,64}$"
 _Deviation = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
+_PositivePair = Annotated[tuple[PositiveFloat, PositiveFloat], Field(strict=False)]
+_GainError = Annotated[float, Field(ge=0, le=1)]
+_Threshold = Annotated[float, Field(ge=1, le=1e6)]
+"""Rest exceeds 1 in most samples, whatever the scene allows."""
+MAX_FALSE = 0.01
+"""Largest share of samples at rest that may be taken for a contact; above it, nothing tells a contact from rest."""
+SECONDS_PER_DAY = 86_400
+MAX_ERROR = 1e3
+"""Largest error of a sample, noise or zero, over the largest deflection; a sample carries no information then."""
+
+
+def most_false_per_day(rate_hz: float) -> float:
+    """Return the largest number of false contacts per day that a threshold can be chosen for."""
+    return MAX_FALSE * SECONDS_PER_DAY * rate_hz
 
 
 class _Strict(BaseModel):
     model_config = ConfigDict(
-        extra="forbid", frozen=True, validate_by_name=True, validate_by_alias=True, serialize_by_alias=True
+        extra="forbid", strict=True, frozen=True, validate_by_name=True, validate_by_alias=True, serialize_by_alias=True
     )
 
 
@@ -36,23 +51,23 @@ class Channel(_Strict):
 class Ranges(_Strict):
     """The ranges that the model was made for; outside them its answers mean nothing."""
 
-    position_mm: tuple[FiniteFloat, FiniteFloat]
-    force_n: tuple[PositiveFloat, PositiveFloat]
+    position_mm: _Pair
+    force_n: _PositivePair
     """Equal if the force is known."""
 
 
 class Noise(_Strict):
     """Standard deviations in mm."""
 
-    reading_mm: float = Field(ge=0)
-    sample_mm: float = Field(ge=0)
+    reading_mm: _Deviation
+    sample_mm: _Deviation
     """After the filter; the model is made for this noise."""
 
 
 class Floor(_Strict):
     """Errors that calibration leaves and that never average away: standard deviations per channel."""
 
-    gain: list[_Deviation]
+    gain: list[_GainError]
     """Relative error of the gain."""
     zero_mm: list[_Deviation]
     """Error of the zero."""
@@ -61,11 +76,11 @@ class Floor(_Strict):
 class Thresholds(_Strict):
     """Thresholds for any covariance, by the number of valid channels; the first entries are for one channel."""
 
-    touch: list[FiniteFloat]
+    touch: list[_Threshold]
     """A sample is a contact if `contact_log_odds` exceeds this."""
-    rest: list[PositiveFloat]
+    rest: list[_Threshold]
     """Rest does not explain a sample if the sum of squares of the whitened sample exceeds this."""
-    misfit: list[PositiveFloat]
+    misfit: list[_Threshold]
     """No single contact explains a sample if `misfit` exceeds this."""
     false_contacts_per_day: PositiveFloat
     """Contacts per day at rest that `touch` was chosen for."""
@@ -83,20 +98,45 @@ class Drawn(_Strict):
 
     supports: list[DrawnSupport]
     """From left to right."""
-    at_mm: list[FiniteFloat]
-    """Positions along the beam at which the deflection is given."""
-    load_mm: list[FiniteFloat]
+    at_mm: Annotated[list[FiniteFloat], Field(min_length=2)]
+    """Positions along the beam at which the deflection is given, ascending."""
+    load_mm: Annotated[list[FiniteFloat], Field(min_length=1)]
     """Positions of the contact for which it is given."""
     deflection_mm_per_n: list[list[FiniteFloat]]
     """For each position of the contact, the deflection along the beam."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        rows = [len(row) for row in self.deflection_mm_per_n]
+        if rows != [len(self.at_mm)] * len(self.load_mm):
+            message = f"deflection_mm_per_n must hold {len(self.load_mm)} rows of {len(self.at_mm)} values"
+            raise ValueError(message)
+        if any(list(values) != sorted(set(values)) for values in (self.at_mm, self.load_mm)):
+            message = "at_mm and load_mm must ascend"
+            raise ValueError(message)
+        return self
+
+
+class Influence(_Strict):
+    """The influence at the sensors, as the estimator knows it: with gains and positions of a calibration."""
+
+    mm_per_n: list[list[FiniteFloat]] = Field(min_length=4)
+    """For evenly spaced positions of the contact from end to end of the range, the deflection at each sensor."""
 
 
 class Seen(_Strict):
     """The smallest force that a settled sample shows along the beam, with all channels."""
 
-    position_mm: list[FiniteFloat]
+    position_mm: Annotated[list[FiniteFloat], Field(min_length=1)]
     force_n: list[PositiveFloat]
     """Of 100 settled samples at this force, 95 are a contact."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if len(self.force_n) != len(self.position_mm):
+            message = f"{len(self.position_mm)} positions with {len(self.force_n)} forces"
+            raise ValueError(message)
+        return self
 
 
 class FilterChoice(_Strict):
@@ -122,7 +162,7 @@ class Sensor(_Strict):
     """The sensor and ADC of every channel."""
 
     rate_hz: PositiveFloat
-    range_mm: tuple[PositiveFloat, PositiveFloat]
+    range_mm: _PositivePair
     standoff_mm: PositiveFloat
     """Gap at rest."""
     adc_bits: int = Field(ge=6, le=16)
@@ -158,24 +198,33 @@ class Departures(_Strict):
     """Measured deflection at rest."""
     curve_per_mm: FiniteFloat = 0.0
     """Curvature of the characteristic: y + curve y^2 is proportional to the deflection; y is measured minus offset."""
-    fixity: tuple[FiniteFloat, FiniteFloat] = (0.0, 0.0)
+    fixity: _Pair = (0.0, 0.0)
     """Fixity of the leftmost and the rightmost support."""
     rigidity: PositiveFloat = 1.0
     """Factor on E I."""
 
 
 class Calibration(_Strict):
-    """A fit to recorded loads. Errors are means over the loads, in mm."""
+    """A fit to recorded loads, to unlabelled contacts, or to the ones and then to the others."""
 
     departures: Departures
     fitted: list[str]
-    """Kinds of departures that the loads support; the others are as in the scene."""
-    loads: int
+    """Kinds of departures that were fitted; the others are as in the scene."""
+    loads: int = Field(ge=0)
     residual_mm: float = Field(ge=0, alias="unexplained_mm")
     """Standard deviation that a fit leaves in the deflections of a left-out load, beyond noise; part of the noise."""
-    error_before_mm: float
-    error_after_mm: float
-    """Error of each load by a fit without it."""
+    error_before_mm: float | None = None
+    """Mean position error of the loads; None without loads."""
+    error_after_mm: float | None = None
+    """Mean position error of the loads, each by a fit without it."""
+    contacts: int = Field(default=0, ge=0)
+    """Number of unlabelled contacts."""
+    misfit_before: float | None = None
+    """Median misfit of the contacts, without the floor; None without contacts."""
+    misfit_after: float | None = None
+    """The same, each by a fit without it."""
+    force_error: _Deviation = 0.0
+    """Relative error of all forces together, which unlabelled contacts leave; part of the intervals of the force."""
 
 
 class Golden(_Strict):
@@ -209,6 +258,8 @@ class Metadata(_Strict):
     """Unused if the graph gives neither log odds nor a misfit."""
     smallest_force: Seen
     drawn: Drawn
+    influence: Influence | None = None
+    """None in older files: without it, nothing is known of how the sensors change."""
     seed: int
     accuracy: Accuracy
     calibration: Calibration | None = None
@@ -236,6 +287,49 @@ class Metadata(_Strict):
         if any(len(values) != len(names) for values in each):
             message = f"thresholds and floor: each list must have {len(names)} entries"
             raise ValueError(message)
+        if self.influence and any(len(row) != len(names) for row in self.influence.mm_per_n):
+            message = f"influence: every row must have {len(names)} channels"
+            raise ValueError(message)
+        found = self.calibration.departures if self.calibration else None
+        if found and any(
+            len(values) != len(names) for values in (found.position_offset_mm, found.gain, found.offset_mm)
+        ):
+            message = f"calibration.departures: each list must have {len(names)} entries"
+            raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _within_the_beam(self) -> Self:
+        ranges, drawn, seen = self.ranges, self.drawn, self.smallest_force
+        for name, values in (("position_mm", ranges.position_mm), ("force_n", ranges.force_n)):
+            if values[0] > values[1]:
+                message = f"ranges.{name}: the first must not exceed the second"
+                raise ValueError(message)
+        placed = {
+            "layout": [channel.position_mm for channel in self.layout],
+            "ranges.position_mm": list(ranges.position_mm),
+            "drawn": [*(support.at_mm for support in drawn.supports), *drawn.at_mm, *drawn.load_mm],
+            "smallest_force": seen.position_mm,
+        }
+        for name, positions in placed.items():
+            if not all(0 <= position <= self.length_mm for position in positions):
+                message = f"{name}: every position must lie on the beam, 0..{self.length_mm:g} mm"
+                raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _within_reason(self) -> Self:
+        if self.thresholds.false_contacts_per_day > (most := most_false_per_day(self.sensor.rate_hz)):
+            message = f"thresholds.false_contacts_per_day: at {self.sensor.rate_hz:g} Hz at most {most:.6g}"
+            raise ValueError(message)
+        if min(self.noise.reading_mm, self.noise.sample_mm) == 0:
+            message = "noise: without noise there are no intervals"
+            raise ValueError(message)
+        errors = {"noise": [self.noise.reading_mm, self.noise.sample_mm], "floor.zero_mm": self.floor.zero_mm}
+        for name, values_mm in errors.items():
+            if max(values_mm) > MAX_ERROR * self.max_deflection_mm:
+                message = f"{name} hides the largest deflection, {self.max_deflection_mm:.3g} mm"
+                raise ValueError(message)
         return self
 
     def to_entries(self) -> dict[str, str]:

@@ -22,15 +22,18 @@ from beamtouch_models.decision import (
     MISFIT,
     Decider,
     Evidence,
+    LeftOut,
     State,
     Suspects,
     Verdict,
     Weighed,
     evidence,
+    is_odd,
     is_overload,
     is_unchecked,
 )
 from beamtouch_models.errors import ModelFileError
+from beamtouch_models.health import BestSample, ChannelHealth, Health
 from beamtouch_models.metadata import (
     FORCE_OUTPUTS,
     INPUTS,
@@ -46,6 +49,7 @@ from beamtouch_models.metadata import (
     FilterChoice,
     Floor,
     Golden,
+    Influence,
     Metadata,
     Noise,
     Ranges,
@@ -58,10 +62,11 @@ from beamtouch_models.whitening import whitening
 
 __all__ = [
     "FORCE_OUTPUTS", "INPUTS", "LOG_ODDS", "METADATA_PREFIX", "MISFIT", "POSITION_OUTPUTS", "SCHEMA_VERSION",
-    "Accuracy", "Answers", "Calibration", "Channel", "Decider", "Departures", "Drawn", "Evidence", "FilterChoice",
-    "Floor", "Golden", "Metadata", "ModelFile", "ModelFileError", "Noise", "Ranges", "Seen", "Sensor", "State",
-    "Suspects", "Thresholds", "Verdict", "Weighed", "evidence", "is_overload", "is_unchecked", "load",
-    "load_bytes", "read", "session_options", "whitening",
+    "Accuracy", "Answers", "BestSample", "Calibration", "Channel", "ChannelHealth", "Decider", "Departures",
+    "Drawn", "Evidence", "FilterChoice", "Floor", "Golden", "Health", "Influence", "LeftOut", "Metadata", "ModelFile",
+    "ModelFileError", "Noise", "Ranges", "Seen", "Sensor", "State", "Suspects", "Thresholds", "Verdict",
+    "Weighed", "evidence", "is_odd", "is_overload", "is_unchecked", "load", "load_bytes", "read", "session_options",
+    "whitening",
 ]  # fmt: skip
 
 GOLDEN_TOLERANCE = 1e-3

@@ -6,7 +6,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, PositiveInt, model_validator
 
 from beamtouch_common.files import parse_toml, read_text
-from beamtouch_models.beam_parts import Finite, PositiveFinite, Strict
+from beamtouch_models.beam_parts import Finite, Pair, PositiveFinite, PositivePair, Strict
+from beamtouch_models.metadata import MAX_FALSE, most_false_per_day
 from beamtouch_models.structure import Beam
 
 MIN_SENSORS, MAX_SENSORS = 1, 64
@@ -15,9 +16,9 @@ MIN_SENSORS, MAX_SENSORS = 1, 64
 class Contact(Strict):
     """The contacts that the surface is designed for, uniform over their ranges."""
 
-    force_n: PositiveFinite | tuple[PositiveFinite, PositiveFinite]
+    force_n: PositiveFinite | PositivePair
     """One number if the force is known, else its range."""
-    position_mm: tuple[Finite, Finite]
+    position_mm: Pair
     width_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     """Length over which a contact presses evenly, centred at its position; 0 is a point."""
 
@@ -40,10 +41,12 @@ class Contact(Strict):
 class Sensors(Strict):
     """The proximity sensors under the beam, all of the same kind."""
 
-    count: Literal["auto"] | Annotated[int, Field(ge=MIN_SENSORS, le=MAX_SENSORS)] | tuple[PositiveInt, PositiveInt] = (
-        "auto"
-    )
-    """Number of sensors; "auto" or a range takes the smallest that meets requirements.position_error_mm."""
+    count: (
+        Literal["auto"]
+        | Annotated[int, Field(ge=MIN_SENSORS, le=MAX_SENSORS)]
+        | Annotated[tuple[PositiveInt, PositiveInt], Field(strict=False)]
+    ) = "auto"
+    """Number of sensors; "auto" (2 to 8) or a range takes the smallest that meets requirements.position_error_mm."""
     noise_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Standard deviation of a reading, without the ADC's steps if `adc_bits` states them."""
     noise_percent_of_max: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
@@ -55,14 +58,14 @@ class Sensors(Strict):
     mounting_tolerance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     """Standard deviation of each sensor's position along the beam."""
     rate_hz: PositiveFinite = 100.0
-    range_mm: tuple[PositiveFinite, PositiveFinite] = (1.0, 4.0)
+    range_mm: PositivePair = (1.0, 4.0)
     """Smallest and largest gap between which the sensor is linear."""
     standoff_mm: PositiveFinite | None = None
     """Gap at rest; by default the travel of the beam is centred in the range."""
     adc_bits: Annotated[int, Field(ge=6, le=16)] | None = None
     """Bits of the ADC; by default its steps are not modelled. Rounding that the noise does not average out stays."""
     min_distance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    keep_out_mm: list[tuple[Finite, Finite]] = Field(default_factory=list)
+    keep_out_mm: list[Pair] = Field(default_factory=list)
     """Stretches of the beam without sensors; a sensor may stand at their ends."""
     fixed_mm: list[Finite] = Field(default_factory=list)
     """Positions of sensors that are already decided."""
@@ -90,10 +93,15 @@ class Sensors(Strict):
 
     @property
     def count_range(self) -> tuple[int, int]:
-        """Smallest and largest number of sensors to consider."""
+        """Smallest and largest number of sensors, as stated; "auto" is 2 to 8."""
         if self.count == "auto":
             return 2, 8
         return self.count if isinstance(self.count, tuple) else (self.count, self.count)
+
+    @property
+    def fewest(self) -> int:
+        """Smallest number of sensors to consider: never less than the fixed ones."""
+        return max(self.count_range[0], len(self.fixed_mm))
 
 
 Descriptor = Literal["position", "force"]
@@ -110,7 +118,7 @@ class Requirements(Strict):
     """Time for which the mean of a contact at rest may grow on."""
     false_contacts_per_day: PositiveFinite = 1 / 30
     """Contacts per day that may be stated although nothing touches; by default one a month."""
-    descriptors: tuple[Descriptor, ...] = ("position",)
+    descriptors: Annotated[tuple[Descriptor, ...], Field(strict=False)] = ("position",)
 
 
 class Scene(Strict):
@@ -132,6 +140,24 @@ class Scene(Strict):
             raise ValueError(message)
         if self.sensors.count != "auto" and self.sensors.count_range[0] > self.sensors.count_range[1]:
             message = "sensors.count: the first must not exceed the second"
+            raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _within_reason(self) -> Self:
+        tolerance, fewest = self.sensors.mounting_tolerance_mm, self.sensors.count_range[0]
+        if tolerance >= (spacing := self.beam.length_mm / fewest):
+            message = (
+                f"sensors.mounting_tolerance_mm = {tolerance:g}: {fewest} sensors on {self.beam.length_mm:g} mm are "
+                f"{spacing:.3g} mm apart; measure their positions to less than that"
+            )
+            raise ValueError(message)
+        often, rate_hz = self.requirements.false_contacts_per_day, self.sensors.rate_hz
+        if often > (most := most_false_per_day(rate_hz)):
+            message = (
+                f"requirements.false_contacts_per_day = {often:g}: at sensors.rate_hz = {rate_hz:g} at most "
+                f"{most:.6g} a day, one sample in {1 / MAX_FALSE:g}; state less"
+            )
             raise ValueError(message)
         return self
 

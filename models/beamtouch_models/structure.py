@@ -2,9 +2,9 @@
 
 import math
 from itertools import pairwise
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
-from pydantic import ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from beamtouch_models.beam_parts import END_KINDS, PositiveFinite, Section, Segment, Strict, Support, Supports
 from beamtouch_models.errors import SceneError
@@ -29,7 +29,7 @@ class Beam(Strict):
     flexural_rigidity_n_mm2: PositiveFinite | None = None
     """E I; give either this or modulus, width and thickness."""
     density_kg_m3: PositiveFinite | None = None
-    segments: tuple[Segment, ...] = ()
+    segments: Annotated[tuple[Segment, ...], Field(strict=False)] = ()
     """Segments from left to right, up to the beam's end; by default the beam is prismatic."""
     foundation_n_mm2: PositiveFinite | None = None
     """Elastic (Winkler) foundation under the whole beam: reaction in N per mm of beam and mm of deflection."""

@@ -22,6 +22,7 @@ class Kind(Enum):
     STALE = ("stale", 503, "The newest sample is too old")
     TOO_FEW_CHANNELS = ("too-few-channels", 503, "Too few working channels")
     UNUSABLE_ESTIMATE = ("unusable-estimate", 503, "The model gave no usable answer")
+    CHANGED_CHANNELS = ("changed-channels", 503, "Sensors of the surface have changed")
     NOT_READY = ("not-ready", 503, "The service is not ready")
     UNAUTHORIZED = ("unauthorized", 401, "A valid bearer token is required")
     FORBIDDEN = ("forbidden", 403, "The token is for another purpose")

@@ -19,10 +19,13 @@ MAX_READINGS = 1_000_000
 """In a sample."""
 ROUNDING = 1e-9
 """A covariance may miss being positive semi-definite by this part of its largest variance: senders round entries."""
+MAX_NOISE_MM = 1e4
+"""Largest standard deviation of a channel. Beyond it a covariance tells nothing, and its figures overflow."""
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 ChannelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
-Noise = Annotated[FiniteFloat, Field(gt=0)]
+Noise = Annotated[FiniteFloat, Field(gt=0, le=MAX_NOISE_MM)]
+Covariance = Annotated[FiniteFloat, Field(ge=-(MAX_NOISE_MM**2), le=MAX_NOISE_MM**2)]
 SurfaceName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
 
 
@@ -62,7 +65,7 @@ class Sample(BaseModel):
     """One quality per channel."""
     readings: int | None = Field(default=None, ge=1, le=MAX_READINGS)
     """How many readings are in it. Null: the sender states no noise, and the sample counts as a settled one."""
-    covariance_mm2: list[FiniteFloat] | None = Field(default=None, max_length=MAX_CHANNELS * (MAX_CHANNELS + 1) // 2)
+    covariance_mm2: list[Covariance] | None = Field(default=None, max_length=MAX_CHANNELS * (MAX_CHANNELS + 1) // 2)
     """Covariance of the deflections [mm^2]: the lower triangle by rows, 0 for a channel that is not good.
 
     Null: the noise of a reading squared over `readings` on the diagonal, and nothing else.

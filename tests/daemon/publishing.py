@@ -40,11 +40,12 @@ class Bench:
         batch_s: float = 0.02,
         token: str = TOKEN,
         spool: Spool | None = None,
+        sender: Sender = SENDER,
     ) -> None:
         self.outbox = Outbox(max_samples, "bench")
         self._client = ServiceClient(service.url, token)
         self.disk = Disk(spool) if spool else None
-        self.publisher = Publisher(self._client, SENDER, self.outbox, batch_s, self.disk)
+        self.publisher = Publisher(self._client, sender, self.outbox, batch_s, self.disk)
 
     async def __aenter__(self) -> "Bench":
         self._task = asyncio.create_task(self.publisher.run())

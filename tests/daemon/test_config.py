@@ -1,14 +1,17 @@
 """The configuration: what it is, and one clear line for everything that is wrong with it."""
 
+import tomllib
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from beamtouch_common.errors import InputError
 from beamtouch_daemon.config.file import load_config, require_ports
 from beamtouch_daemon.config.settings import Config, place_of
 from beamtouch_daemon.config.signal import Adaptive, GrowingMean, LowPass, MovingAverage, NoFilter, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
+from wrong_numbers import with_wrong_numbers
 
 from . import configs
 
@@ -264,3 +267,95 @@ def test_the_error_of_a_key_that_was_renamed_names_the_new_one(tmp_path: Path, t
     path.write_text(f"{path.read_text()}\n{table}\n")
     with pytest.raises(InputError, match=rf"{old}; {old} is now {new} "):
         load_config(path)
+
+
+NUMBERS = """
+[publish]
+url = "http://127.0.0.1:8420"
+token_file = "beamtouch.token"
+batch_ms = 4
+queue_samples = 1000
+spool_mb = 10
+[surfaces.a]
+rate_hz = 200
+noise_mm = 0.005
+slowest_period_ms = 30
+[surfaces.a.source]
+kind = "modbus-tcp"
+host = "127.0.0.1"
+port = 502
+unit = 1
+timeout_ms = 200
+max_registers = 20
+bridge_registers = 2
+function = 3
+[surfaces.a.filter]
+kind = "adaptive"
+window = 4
+step_mm = 0.1
+spike_mm = 0.1
+[surfaces.a.zero_tracking]
+band_mm = 0.02
+rate_mm_per_min = 0.01
+max_mm = 0.1
+[[surfaces.a.channels]]
+name = "s1"
+register = 0
+unit = 2
+gain_mm_per_count = -0.0001
+offset_mm = 4.5
+rest_gap_mm = 2.5
+range_mm = [1, 4]
+adc_bits = 16
+counts_range = [0, 65535]
+stuck_after_ms = 100
+[surfaces.b]
+rate_hz = 100
+[surfaces.b.source]
+kind = "modbus-rtu"
+port = "/dev/ttyS0"
+baud = 9600
+stop_bits = 2
+unit = 1
+timeout_ms = 100
+silence_ms = 2
+[surfaces.b.filter]
+kind = "low-pass"
+cutoff_hz = 5
+[[surfaces.b.channels]]
+name = "s1"
+register = 0
+table = [[0, 1], [65535, 4]]
+rest_gap_mm = 2.5
+range_mm = [1, 4]
+[surfaces.c]
+rate_hz = 100
+[surfaces.c.source]
+kind = "serial"
+port = "/dev/ttyS1"
+baud = 1000000
+oversampling = 2
+[surfaces.c.filter]
+kind = "moving-average"
+window = 4
+[[surfaces.c.channels]]
+name = "s1"
+register = 0
+gain_mm_per_count = -0.0001
+offset_mm = 4.5
+rest_gap_mm = 2.5
+range_mm = [1, 4]
+"""
+
+
+def test_only_a_number_is_a_number() -> None:
+    content, context = tomllib.loads(NUMBERS), {"directory": Path()}
+    Config.model_validate(content, context=context)
+    taken = []
+    for what, wrong in with_wrong_numbers(content):
+        try:
+            Config.model_validate(wrong, context=context)
+        except ValidationError:
+            continue
+        taken.append(what)
+    assert not taken

@@ -48,6 +48,16 @@ def test_a_beam_that_is_touched_or_moves_is_refused(motion_mm: FloatArray, said:
     assert message.endswith("; take everything off the beam, leave it alone and try again")
 
 
+@pytest.mark.parametrize("touched_s", [30.0, 30.0125, 30.025, 30.05, 30.06, 12.337, 48.871])
+def test_a_light_touch_is_refused_wherever_it_begins(touched_s: float) -> None:
+    for size in (1.5, 3.8):
+        message = refusal(moved_by(np.where(touched_s <= TIME_S, 2 * size * NOISE_MM, 0.0)))
+        found = re.search(r"moved by (\S+) mm after (\S+) s", message)
+        assert found, message
+        assert float(found[1]) == pytest.approx(2 * size * NOISE_MM, rel=0.6)
+        assert float(found[2]) == pytest.approx(touched_s, abs=0.5)
+
+
 def test_a_load_that_lies_on_the_beam_is_refused() -> None:
     assert refusal(moved_by(np.full(MINUTE, 0.35))) == (
         "s2 -0.350 mm from its rest_gap_mm; take everything off the beam, or tare it again if its sensors were moved"

@@ -1,5 +1,6 @@
 """The report of a build: one complete page with true statements and without requests to the network."""
 
+import json
 import re
 from argparse import Namespace
 from collections.abc import Iterator
@@ -40,12 +41,14 @@ def built_of(path: Path, model: ModelFile, scene: Scene) -> Built:
 @pytest.fixture(scope="module", autouse=True)
 def searched_once() -> Iterator[None]:
     """The search by position error takes seconds; here the same question is asked several times."""
-    found: dict[str, Placement] = {}
+    found: dict[object, Placement] = {}
 
     def search(
         influence: InfluenceFunction, rules: Candidates, count: int, seed: int, errors: SampleErrors
     ) -> Placement:
-        key = f"{influence!r} {rules!r} {count} {seed} {errors}"
+        # The scene as the search sees it: all deflections at the places that its rules allow.
+        scene = influence.matrix(rules.position_mm).tobytes(), rules.fixed.tobytes(), rules.min_distance_mm
+        key = (scene, influence.force_n, influence.position_mm, count, seed, errors)
         found[key] = found.get(key) or place_by_position_error(influence, rules, count, seed, errors)
         return found[key]
 
@@ -259,3 +262,28 @@ def test_a_report_in_a_missing_folder_is_refused_before_the_build(design_sensors
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "no such folder" in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_explain_and_build_agree_if_the_noise_comes_from_the_adc_alone(
+    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(facts_module, "PROFILE_DRAWS", 500)
+    monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 200)
+    scene, report = tmp_path / "deep.toml", tmp_path / "deep.html"
+    text = PAPER.replace("thickness_mm = 3", "thickness_mm = 12").replace(
+        "force_n = 10.0", "force_n = 20.0\nwidth_mm = 2"
+    )
+    scene.write_text(text.replace("noise_percent_of_max = 2", "noise_mm = 0.0\nadc_bits = 12"))
+    explained = json.loads(design_sensors_here("explain", scene, "--json").stdout)
+    done = design_sensors_here("build", scene, "-o", tmp_path / "deep.onnx", "--report", report, "--json")
+    assert done.returncode == 0, done.stderr
+    shear = explained["effects"][0]
+    assert shear["verdict"] == "not modelled"
+    assert f"note:    shear is {shear['price']:.2g} times the noise but not modelled" in done.stderr
+    assert json.loads(done.stdout)["noise"]["sample_mm"] == explained["noise_mm"]
+    cells = [cell.strip() for cell in Tags(report.read_text(encoding="utf-8")).text]
+    for effect in explained["effects"]:
+        row = cells.index(effect["name"], cells.index("shear"))
+        price = "-" if effect["price"] is None else f"{effect['price']:.3g}"
+        words = [cell for cell in cells[row + 1 :] if cell][:3]
+        assert words == [price, effect["verdict"], effect["reason"]]

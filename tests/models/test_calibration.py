@@ -83,7 +83,7 @@ def test_the_file_says_what_was_fitted_and_rebuilds_from_itself(calibrated: Cali
     prior = prior_of_model(fresh.metadata)
     # What the fit leaves is no noise: it stays when readings are averaged.
     assert prior.noise_mm == bench.metadata.noise.sample_mm
-    floor = np.hypot(bench.metadata.floor.zero_mm, calibration.residual_mm)
+    floor = np.hypot(np.hypot(bench.metadata.floor.zero_mm, calibration.residual_mm), calibration.departures.offset_mm)
     assert prior.zero_mm == pytest.approx(floor)
     assert fresh.metadata.floor.zero_mm == pytest.approx(floor.tolist())
     drawn = limit.draw(prior, 16_000, 3)  # the ratio below scatters by 0.4 %
@@ -94,6 +94,20 @@ def test_the_file_says_what_was_fitted_and_rebuilds_from_itself(calibrated: Cali
     reading = prior.stated(drawn.deflection_mm) - np.array(calibration.departures.offset_mm)
     linear = reading + calibration.departures.curve_per_mm * reading**2
     assert linear == pytest.approx(drawn.deflection_mm, abs=1e-12)
+
+
+def test_a_beam_rests_before_and_after_its_next_tare(bench: ModelFile) -> None:
+    rng = np.random.default_rng(1)
+    drifted_mm = np.array([0.008, -0.006, 0.01, 0.004])
+    loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng, count=12)
+    metadata = calibrate(bench, dataclasses.replace(loads, stated_mm=loads.stated_mm + drifted_mm), silent).metadata
+    assert metadata.calibration is not None
+    assert metadata.calibration.departures.offset_mm == pytest.approx(drifted_mm.tolist(), abs=0.001)
+    noise_mm2 = np.full(4, metadata.noise.sample_mm**2)
+    for rest_mm in (drifted_mm, np.zeros(4)):
+        from_rest = rest_mm - np.array(metadata.calibration.departures.offset_mm)
+        misfit = np.sum(from_rest**2 / (noise_mm2 + np.array(metadata.floor.zero_mm) ** 2))
+        assert misfit < metadata.thresholds.rest[-1] / 4
 
 
 def test_a_perfect_surface_has_little_to_fit(bench: ModelFile, tmp_path: Path) -> None:

@@ -11,8 +11,9 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import mean_of
-from beamtouch_models.building.build import Choices, build, sensor_of
+from beamtouch_models.building.build import Choices, build
 from beamtouch_models.building.model_prior import physics_of
+from beamtouch_models.building.sensor_rules import sensor_of
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import influence_of, max_deflection_mm
@@ -21,7 +22,7 @@ from beamtouch_models.placement import place
 from beamtouch_models.pricing import effects as effects_module
 from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.effects import Physics, effects_of, required
-from beamtouch_models.pricing.noise import choose_filter, noise_of, sensor_noise_mm, window_filter
+from beamtouch_models.pricing.noise import choose_filter, noise_of, sensor_noise_mm, window_filter, zero_drift_mm
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Requirements, Scene, load_scene
 from beamtouch_models.trade.points import measured_points, windows_of
@@ -37,6 +38,8 @@ NEW_SCENES = {
     "short-deep": {"shear"},
     "wide-contact": {"contact width"},
 }
+COUNT_NOISE_MM = 3 / (0.8 * 4095) / math.sqrt(12)
+"""Standard deviation of rounding to a count of 12 bits over a range of 3 mm."""
 SOFT_MIDDLE = [{"to_mm": 150, "thickness_mm": 3}, {"to_mm": 200, "thickness_mm": 2.99}, {"to_mm": 400}]
 STATED: dict[str, dict[str, dict[str, Any]]] = {
     "shear": {"beam": {"shear_modulus_gpa": 80.0}},
@@ -94,13 +97,13 @@ def test_a_barely_negligible_effect_changes_the_accuracy_by_less_than_a_percent(
 
 
 def test_barely_negligible_adc_steps_change_the_noise_by_less_than_a_percent() -> None:
-    # A count is 3 mm / (0.8 x 4095); the standard deviation of its rounding is a count over the root of 12.
-    count = 3 / (0.8 * 4095)
-    scene = scene_with(STATED["ADC steps"], noise_percent_of_max=None, noise_mm=count / math.sqrt(12) / 0.0995)
+    scene = scene_with(STATED["ADC steps"], noise_percent_of_max=None, noise_mm=COUNT_NOISE_MM / 0.0995)
     assert price(scene, "ADC steps") == pytest.approx(0.0995 / math.hypot(1, 0.0995), rel=1e-12)
     smaller = physics(scene)
     assert smaller.sensors.adc_bits is None
-    assert sensor_noise_mm(smaller) == pytest.approx(noise_of(scene, choose_filter(scene)).sample_mm, rel=0.006)
+    # What is left out is that the steps are not noise; their size stays in the noise.
+    assert sensor_noise_mm(smaller) == noise_of(scene, choose_filter(scene)).sample_mm
+    assert sensor_noise_mm(smaller) == pytest.approx(sensor_noise_mm(scene), rel=0.006)
 
 
 def test_the_prices_of_the_effects_left_out_sum_to_less_than_a_tenth() -> None:
@@ -122,6 +125,38 @@ def test_a_scene_without_negligible_effects_is_unchanged() -> None:
     assert physics(silent) is silent
     with pytest.raises(SceneError, match="a noise of 0"):
         effects(silent)
+
+
+def test_noise_that_comes_from_the_adc_alone_prices_effects_like_any_noise() -> None:
+    parts = ({"beam": {"thickness_mm": 12.0}}, {"contact": {"width_mm": 2.0}})
+    exact, rough = (scene_with(*parts, noise_percent_of_max=None, noise_mm=n, adc_bits=12) for n in (0.0, 1e-12))
+    found = required(exact, choose_filter(exact))
+    assert {effect.name: effect.verdict for effect in found.effects} == {
+        effect.name: effect.verdict for effect in effects(rough)
+    }
+    assert found.effects == effects(exact)
+    judged = {effect.name: effect for effect in found.effects}
+    # F l / (4 k G A) under a point; over 2 mm, a share of 2 / (2 l) less. The steps are worth 0.26 um of noise.
+    shear_mm = 20 * 400 / (4 * 5 / 6 * 210e3 / 2.6 * 300) * (1 - 2 / 800)
+    assert judged["shear"].verdict == "not modelled"
+    assert price(exact, "shear") == pytest.approx(shear_mm / COUNT_NOISE_MM, rel=1e-6)
+    # Without other noise the rounding is never averaged: that of a reading, and that of the rest gap in every mean.
+    assert judged["ADC steps"].verdict == "in"
+    assert price(exact, "ADC steps") == pytest.approx(3**0.5, rel=1e-3)
+    assert judged["contact width"].verdict == "out"
+    assert (found.scene.contact.width_mm, found.scene.sensors.adc_bits) == (0, 12)
+    assert found.noise.sample_mm == pytest.approx(COUNT_NOISE_MM)
+
+
+@pytest.mark.parametrize("name", ["conveyor", "bench", "stepped"])
+def test_the_noise_of_a_model_is_the_noise_that_its_effects_are_priced_in(name: str) -> None:
+    scene, _ = load_scene(SCENES / f"{name}.toml")
+    chosen = choose_filter(scene)
+    found = required(scene, chosen)
+    assert found.noise == noise_of(scene, chosen)
+    assert zero_drift_mm(found.scene) == zero_drift_mm(scene)
+    if name == "conveyor":  # its ADC is left out
+        assert (scene.sensors.adc_bits, found.scene.sensors.adc_bits) == (12, None)
 
 
 def test_noise_in_percent_of_the_deflection_keeps_its_value_in_mm() -> None:

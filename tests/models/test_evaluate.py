@@ -8,11 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.evaluation import at_noise, evaluate
 from beamtouch_models.building.model_prior import prior_of_model
+from beamtouch_models.description import unseen
 from beamtouch_models.modelfile import ModelFile
 from in_process import Command
 
@@ -136,3 +138,20 @@ def test_an_evaluation_takes_little_memory_for_each_contact(bench_model: Path) -
         assert process.returncode == 0
         peaks_kb.append(used.ru_maxrss)
     assert (peaks_kb[1] - peaks_kb[0]) / (16_384 - 1024) < 4  # kB; what is kept of a contact takes 2
+
+
+def test_a_force_of_the_scene_that_is_missed_is_noted(
+    design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path
+) -> None:
+    assert not unseen(bench.metadata)
+    model = onnx.load(bench_model)
+    weakest, seen = bench.metadata.ranges.force_n[0], bench.metadata.smallest_force
+    force = [2.4 * weakest if position > 350 else weakest for position in seen.position_mm]
+    (entry,) = [entry for entry in model.metadata_props if entry.key == "beamtouch.smallest_force"]
+    entry.value = json.dumps({"position_mm": seen.position_mm, "force_n": force})
+    onnx.save(model, tmp_path / "weak.onnx")
+    done = design_sensors_here("evaluate", tmp_path / "weak.onnx", "--draws", 200, "--json")
+    assert json.loads(done.stdout)["evaluations"]
+    first, last = (min(at for at in seen.position_mm if at > 350), max(seen.position_mm))
+    assert f"note:    the scene's smallest force, {weakest:g} N, is missed" in done.stderr
+    assert f"at {first:.4g}..{last:.4g} mm: up to {2.4 * weakest:.2g} N is needed there" in done.stderr

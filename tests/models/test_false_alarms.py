@@ -25,6 +25,12 @@ def test_false_stretches_come_once_a_day_at_rest_and_during_contacts(name: str, 
     assert 0.2 < false_stretches_of_contacts_per_day(on, kept, 4096) < 2
 
 
+@pytest.mark.parametrize(("name", "kept"), [("bench", (0, 3)), ("bench", (2,)), ("cantilever", (0, 1))])
+def test_on_few_channels_false_stretches_at_rest_are_no_more_frequent(name: str, kept: tuple[int, ...]) -> None:
+    on = surface(name)
+    assert false_stretches_per_day(on, kept, 4096) < 2
+
+
 def test_three_odd_samples_in_a_row_allow_lower_thresholds_than_one() -> None:
     on = surface("bench")
     rest, misfit = on.thresholds.rest, on.thresholds.misfit

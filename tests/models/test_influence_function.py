@@ -1,6 +1,8 @@
 """Placement, limits and estimators of structures that were measured and that no scene describes."""
 
+from dataclasses import replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import fewest_sensors, place, place_by_position_error, recommended_count
 from beamtouch_models.placement.layout import Candidates
+from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from posterior_cases import answers_of
 from stated_problems import problem_in
@@ -88,7 +91,10 @@ def test_a_measured_beam_gets_the_sensors_of_its_scene() -> None:
     noiseless = RectBivariateSpline(at_mm, at_mm, stated.at(at_mm, at_mm))
 
     def at(sensor_mm: Floats, load_mm: Floats) -> NDArray[np.float64]:
-        found: Floats = noiseless(load_mm, sensor_mm)
+        # A table answers only within the length; the loads of an accuracy limit come in no order.
+        assert min(sensor_mm.min(), load_mm.min()) >= 0
+        assert max(sensor_mm.max(), load_mm.max()) <= 400
+        found: Floats = noiseless(load_mm[:, None], sensor_mm[None, :], grid=False)
         return found
 
     measured = InfluenceFunction(400.0, stated.load_mm, (10.0, 10.0), at, stated.unit_mm_per_n)
@@ -96,6 +102,18 @@ def test_a_measured_beam_gets_the_sensors_of_its_scene() -> None:
         theirs, ours = place(stated, rules, count, 0), place(measured, rules, count, 0)
         assert ours.positions_mm == theirs.positions_mm
         assert ours.log_eigenvalue_product == pytest.approx(theirs.log_eigenvalue_product, abs=1e-4)
+    sensor_mm, errors = np.array([122.0, 278.0]), SampleErrors(NOISE_MM, 0.003, 0.004, 0.5)
+    theirs_percent, ours_percent = (
+        limit.accuracy_limit(Prior.real(influence, sensor_mm, errors), 500, 0).percent
+        for influence in (stated, measured)
+    )
+    assert ours_percent == pytest.approx(theirs_percent, rel=1e-3)
+    assert recommended_count(measured, NOISE_MM) == recommended_count(stated, NOISE_MM)
+    coarse = replace(rules, position_mm=np.arange(40.0, 400.0, 40.0))
+    theirs, ours = (
+        place_by_position_error(influence, coarse, 2, 0, SampleErrors(NOISE_MM)) for influence in (stated, measured)
+    )
+    assert ours.positions_mm == theirs.positions_mm
 
 
 def test_the_influence_function_of_a_scene_holds_its_ranges_and_its_unit() -> None:
@@ -107,3 +125,114 @@ def test_the_influence_function_of_a_scene_holds_its_ranges_and_its_unit() -> No
     middle = float(influence.at(np.array([200.0]), np.array([200.0]))[0, 0])
     assert middle == pytest.approx(influence.unit_mm_per_n / 48)
     assert influence.matrix(np.array([122.0, 278.0])).shape == (399, 2)
+
+
+LOADS_MM = np.linspace(25.0, 475.0, 91)
+GOOD: dict[str, Any] = {
+    "length_mm": LENGTH_MM,
+    "load_mm": LOADS_MM,
+    "force_n": (1.0, 2.0),
+    "at": sag_mm,
+    "unit_mm_per_n": 1.0,
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("length_mm", float("nan")),
+        ("length_mm", 0.0),
+        ("load_mm", np.array([])),
+        ("load_mm", LOADS_MM[:1]),
+        ("load_mm", LOADS_MM[:, None]),
+        ("load_mm", np.array([25.0, float("nan"), 475.0])),
+        ("load_mm", LOADS_MM[::-1]),
+        ("load_mm", np.concatenate([np.linspace(25.0, 50.0, 90), [475.0]])),
+        ("load_mm", LOADS_MM + 100),
+        ("load_mm", LOADS_MM - 100),
+        ("force_n", (0.0, 1.0)),
+        ("force_n", (2.0, 1.0)),
+        ("force_n", (1.0, float("nan"))),
+        ("unit_mm_per_n", 0.0),
+        ("unit_mm_per_n", float("inf")),
+        ("at", lambda sensor_mm, load_mm: sag_mm(sensor_mm, load_mm).T),
+        ("at", lambda load_mm, sensor_mm: sag_mm(sensor_mm, load_mm)),
+        ("at", lambda sensor_mm, load_mm: sag_mm(sensor_mm, load_mm) * float("nan")),
+    ],
+)
+def test_a_bad_field_is_refused_by_its_name(name: str, value: object) -> None:
+    with pytest.raises(ValueError, match=f"^{name} of an influence function must"):
+        InfluenceFunction(**{**GOOD, name: value})
+
+
+def test_what_was_made_does_not_follow_the_arrays_of_its_caller() -> None:
+    loads_mm, sensor_mm = LOADS_MM.copy(), np.array([122.0, 278.0])
+    string = InfluenceFunction(**{**GOOD, "load_mm": loads_mm})
+    prior = Prior.real(string, sensor_mm, SampleErrors(NOISE_MM, mounting_mm=1.0))
+    assert prior.uncertain_at is not None
+    at_mm = np.array([100.0])
+    before = string.position_mm, prior.influence_at(at_mm).tolist(), prior.uncertain_at(at_mm).tolist()
+    loads_mm[:], sensor_mm[:] = 30.0, 200.0
+    assert (string.position_mm, prior.influence_at(at_mm).tolist(), prior.uncertain_at(at_mm).tolist()) == before
+
+
+def test_structures_rules_and_priors_are_equal_to_themselves_only() -> None:
+    one, other = InfluenceFunction(**GOOD), InfluenceFunction(**GOOD)
+    priors = [Prior.of(one, np.array([122.0, 278.0]), NOISE_MM) for _ in range(2)]
+    for first, second in ((one, other), (RULES, replace(RULES)), priors):
+        assert first == first  # noqa: PLR0124  # arrays in it have no truth value
+        assert first != second
+        assert len({first, second, first}) == 2
+
+
+def scene_of(beam: dict[str, Any], width_mm: float = 0.0) -> Scene:
+    """The paper's scene with other values in its beam."""
+    stated = paper_scene().model_dump()
+    return Scene.model_validate(
+        {**stated, "beam": {**stated["beam"], **beam}, "contact": {**stated["contact"], "width_mm": width_mm}}
+    )
+
+
+PLACES_MM = np.array([37.0, 200.0, 311.0])
+EI = 210e3 * 25 * 27 / 12
+
+
+def test_a_wide_contact_is_the_mean_of_point_contacts_over_its_width() -> None:
+    wide, point = influence_of(scene_of({}, 120.0)), influence_of(scene_of({}))
+    # The middles of 20000 equal parts; the contact at 37 mm reaches beyond the end of the beam.
+    parts = (np.arange(20_000) + 0.5) / 20_000
+    for load, low, high in ((37.0, 0.0, 97.0), (200.0, 140.0, 260.0), (311.0, 251.0, 371.0)):
+        mean = point.at(PLACES_MM, low + (high - low) * parts).mean(axis=0)
+        assert wide.at(PLACES_MM, np.array([load]))[0] == pytest.approx(mean, rel=1e-7)
+        assert wide.at(PLACES_MM, np.array([load]))[0] != pytest.approx(
+            point.at(PLACES_MM, np.array([load]))[0], rel=1e-3
+        )
+
+
+def test_a_foundation_is_in_the_influence_function() -> None:
+    # Sine series of a simply supported beam on a Winkler foundation k; Hetenyi, Beams on Elastic Foundation, 1946.
+    k, order = 0.5, np.arange(1, 4000)[:, None]
+
+    def sines(x: Floats) -> Floats:
+        found: Floats = np.sin(order * np.pi * x / 400)
+        return found
+
+    stiffness = EI * (order * np.pi / 400) ** 4 + k
+    expected = 2 / 400 * (sines(PLACES_MM) / stiffness).T @ sines(PLACES_MM)
+    found = influence_of(scene_of({"foundation_n_mm2": k})).at(PLACES_MM, PLACES_MM)
+    assert found == pytest.approx(expected, rel=1e-7)
+    assert found != pytest.approx(influence_of(scene_of({})).at(PLACES_MM, PLACES_MM), rel=0.1)
+
+
+def test_a_step_is_in_the_influence_function() -> None:
+    # Unit load method: the integral of M m / (EI) over a beam that is twice as thick from 150 mm on.
+    segments = [{"to_mm": 150, "thickness_mm": 3}, {"to_mm": 400, "thickness_mm": 6}]
+    x = (np.arange(400_000) + 0.5) / 1000
+
+    def moment(load: float) -> Floats:
+        return np.where(x < load, x * (400 - load), load * (400 - x)) / 400
+
+    rigidity = np.where(x < 150, EI, 8 * EI)
+    expected = [[float(np.sum(moment(a) * moment(b) / rigidity)) / 1000 for b in PLACES_MM] for a in PLACES_MM]
+    found = influence_of(scene_of({"segments": segments})).at(PLACES_MM, PLACES_MM)
+    assert found == pytest.approx(np.array(expected), rel=1e-6)

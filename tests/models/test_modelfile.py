@@ -15,6 +15,20 @@ from onnx import helper
 from beamtouch_models import modelfile, session
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 
+DRAWN = {"supports": [], "at_mm": [0, 400], "load_mm": [200], "deflection_mm_per_n": [[0, 0]]}
+"""A beam on a foundation."""
+
+
+CALIBRATION = {
+    "departures": {"position_offset_mm": [0] * 4, "gain": [1] * 4, "offset_mm": [0] * 3},
+    "fitted": [],
+    "loads": 10,
+    "unexplained_mm": 0,
+    "error_before_mm": 1,
+    "error_after_mm": 1,
+}
+"""Of a model with four channels, and of three of them the offsets."""
+
 
 def rewritten(source: Path, target: Path, key: str, value: str | None) -> Path:
     """A copy of a model file with one metadata entry changed or taken out."""
@@ -89,6 +103,21 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
         ("beamtouch.schema_version", "3", "beamtouch.schema_version"),
         ("beamtouch.schema_version", "1", r"rebuild it .* with `design-sensors build .*changed\.onnx -o"),
         ("beamtouch.floor", '{"gain": [0.1], "zero_mm": [0]}', "thresholds and floor: each list must have 4 entries"),
+        ("beamtouch.floor", '{"gain": [1e200, 0, 0, 0], "zero_mm": [0, 0, 0, 0]}', r"floor\.gain\.0: .* less than or"),
+        ("beamtouch.floor", '{"gain": [0, 0, 0, 0], "zero_mm": [0, 1e9, 0, 0]}', "floor.zero_mm hides the largest"),
+        ("beamtouch.drawn", json.dumps(DRAWN | {"at_mm": []}), r"drawn\.at_mm: List should have at least 2 items"),
+        ("beamtouch.drawn", json.dumps(DRAWN | {"load_mm": [1, 2]}), "drawn: .* must hold 2 rows of 2 values"),
+        ("beamtouch.drawn", json.dumps(DRAWN | {"at_mm": [400, 0]}), "drawn: at_mm and load_mm must ascend"),
+        ("beamtouch.drawn", json.dumps(DRAWN | {"load_mm": [1e300]}), "drawn: every position must lie on the beam"),
+        ("beamtouch.smallest_force", '{"position_mm": [1, 2], "force_n": [1]}', "smallest_force: 2 positions with 1"),
+        ("beamtouch.noise", '{"reading_mm": 0, "sample_mm": 0}', "noise: without noise there are no intervals"),
+        ("beamtouch.noise", '{"reading_mm": "1", "sample_mm": true}', r"noise\.reading_mm: .* valid number"),
+        (
+            "beamtouch.ranges",
+            '{"position_mm": [399, 1], "force_n": [2, 20]}',
+            r"ranges\.position_mm: the first",
+        ),
+        ("beamtouch.calibration", json.dumps(CALIBRATION), r"calibration\.departures: each list must have 4 entries"),
         ("beamtouch.layout", "[]", "beamtouch.layout"),
         ("beamtouch.layout", json.dumps([{"name": "s1", "position_mm": 9}] * 4), "two channels have the same name"),
         ("beamtouch.min_channels", "9", "min_channels: 9 of 4 channels"),
@@ -107,6 +136,24 @@ def test_metadata_that_is_wrong_is_named(
 ) -> None:
     with pytest.raises(ModelFileError, match=said):
         modelfile.load(rewritten(bench_model, tmp_path / "changed.onnx", key, value))
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("touch", [-5, -5, -5, -5], r"thresholds\.touch\.0: .* greater than or equal to 1"),
+        ("rest", [1e-300, 30, 30, 30], r"thresholds\.rest\.0: .* greater than or equal to 1"),
+        ("rest", [30, 30, 30, 1e300], r"thresholds\.rest\.3: .* less than or equal to"),
+        ("misfit", [None, None, 25, 25], r"thresholds\.misfit\.0: .* number"),
+        ("touch", [17, 17, 17], "thresholds and floor: each list must have 4 entries"),
+    ],
+)
+def test_thresholds_that_decide_nothing_are_refused(
+    tmp_path: Path, bench_model: Path, bench: ModelFile, name: str, values: list[float | None], said: str
+) -> None:
+    stated = json.dumps(bench.metadata.thresholds.model_dump() | {name: values})
+    with pytest.raises(ModelFileError, match=said):
+        modelfile.load(rewritten(bench_model, tmp_path / "changed.onnx", "beamtouch.thresholds", stated))
 
 
 def test_the_door_is_light() -> None:

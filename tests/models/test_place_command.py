@@ -1,15 +1,17 @@
 """`design-sensors place`, run as a user runs it."""
 
 import json
-import math
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from beamtouch_models.pricing.noise import choose_filter, noise_of
+from beamtouch_models.scene import load_scene
 from example_scenes import PAPER, SCENES
 from in_process import Command
+from stated_problems import fewest_mm
 
 KEYS = {
     "positions_mm", "log_eigenvalue_product", "accuracy_limit_percent", "standard_error", "proven", "gap",
@@ -64,20 +66,40 @@ def test_position_error_has_no_gap(design_sensors_here: Command) -> None:
     assert (found["proven"], found["gap"]) == (False, None)
 
 
-def test_without_noise_there_is_a_layout_and_no_limit(design_sensors_here: Command, tmp_path: Path) -> None:
-    scene = tmp_path / "quiet.toml"
-    scene.write_text(PAPER.replace("noise_percent_of_max = 2", "noise_mm = 0"))
-    found = json.loads(design_sensors_here("place", scene, "--json").stdout)
+def test_an_open_number_is_that_of_a_build_and_the_option_overrides_it(
+    design_sensors_here: Command, tmp_path: Path
+) -> None:
+    path = tmp_path / "open.toml"
+    path.write_text(PAPER.replace("count = 2", "count = [2, 5]") + "\n[requirements]\nposition_error_mm = 15\n")
+    scene, _ = load_scene(path)
+    built = fewest_mm(scene, noise_of(scene, choose_filter(scene)).sample_mm)
+    assert len(built) == 3
+    found = json.loads(design_sensors_here("place", path, "--json").stdout)
+    assert found["positions_mm"] == built.tolist()
+    found = json.loads(design_sensors_here("place", path, "--sensors", 2, "--json").stdout)
     assert found["positions_mm"] == [122, 278]
-    assert found["accuracy_limit_percent"] is found["standard_error"] is None
-    assert math.isfinite(found["log_eigenvalue_product"])
-    assert "without noise there is no accuracy limit" in design_sensors_here("place", scene).stdout
+
+
+def test_an_open_number_makes_room_for_the_fixed_sensors(design_sensors_here: Command, tmp_path: Path) -> None:
+    path = tmp_path / "fixed.toml"
+    text = PAPER.replace("count = 2", 'count = "auto"\nfixed_mm = [50, 200, 333]')
+    path.write_text(text + "\n[requirements]\nposition_error_mm = 20\n")
+    done = design_sensors_here("place", path, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert {50, 200, 333} <= set(json.loads(done.stdout)["positions_mm"])
+
+
+def test_place_states_the_noise_that_effects_are_priced_in(design_sensors_here: Command) -> None:
+    # The ADC of the conveyor is left out of its model, and its steps of 0.9 um stay in its noise.
+    placed = design_sensors_here("place", SCENES / "conveyor.toml", "--sensors", 2)
+    assert "at 0.00135 mm noise per sample" in placed.stdout
+    assert "a sample's noise, 0.00135 mm" in design_sensors_here("explain", SCENES / "conveyor.toml").stdout
 
 
 @pytest.mark.parametrize(
     ("old", "new", "arguments", "said"),
     [
-        ("count = 2", 'count = "auto"', (), "give --sensors N"),
+        ("count = 2", 'count = "auto"', (), "give requirements.position_error_mm, or --sensors N"),
         ("count = 2", "count = 2\nmin_distance_mm = 399", (), "no layout of 2 sensors keeps the rules"),
         ("count = 2", "count = 2", ("--components", 3), "no more than 2 components"),
         ("noise_percent_of_max = 2", "noise_mm = 0", ("--criterion", "position-error"), "state the noise"),

@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.prior import SampleErrors
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
+from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import fewest_sensors, place, recommended_count, score_positions
 from beamtouch_models.placement.placing import SearchName
 from beamtouch_models.scene import Scene
@@ -64,6 +66,25 @@ def test_layouts_keep_keep_outs_fixed_sensors_grid_and_distance(search: SearchNa
     assert np.all(np.diff(found) >= 40)
     others = found[found != 200.5]
     assert np.all(others % 5 == 0)
+
+
+def test_an_open_number_starts_at_the_number_of_fixed_sensors() -> None:
+    problem, errors = problem_in(paper_scene(fixed_mm=[50, 200, 333])), SampleErrors(0.004)
+    easy = fewest_sensors(*problem, (2, 8), wanted_mm=100.0, errors=errors, seed=0)
+    assert easy.positions_mm == (50, 200, 333)
+    few_mm = limit_mm(problem[0], easy.positions_mm, errors)
+    harder = fewest_sensors(*problem, (2, 8), wanted_mm=0.8 * few_mm, errors=errors, seed=0)
+    assert len(harder.positions_mm) > 3
+    assert {50, 200, 333} < set(harder.positions_mm)
+    with pytest.raises(SceneError, match="not even 3 sensors reach"):
+        fewest_sensors(*problem, (2, 3), wanted_mm=0.8 * few_mm, errors=errors, seed=0)
+    with pytest.raises(SceneError, match="3 sensors, more than the 2 to be placed"):
+        fewest_sensors(*problem, (1, 2), wanted_mm=100.0, errors=errors, seed=0)
+
+
+def limit_mm(influence: InfluenceFunction, sensor_mm: tuple[float, ...], errors: SampleErrors) -> float:
+    """Accuracy limit of a layout in mm, on a beam of 400 mm."""
+    return 4 * accuracy_limit(Prior.real(influence, np.array(sensor_mm), errors), 1_000, 0).percent
 
 
 @pytest.mark.parametrize("search", ["exact", "paper"])

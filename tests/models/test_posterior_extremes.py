@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.building.build import sensor_of
 from beamtouch_models.building.held_limit import check_held
+from beamtouch_models.building.sensor_rules import sensor_of
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.posterior.cells import Design

@@ -130,6 +130,13 @@ def test_without_noise_every_beam_rings() -> None:
     assert ringing(type(scene).model_validate(quiet)) is not None
 
 
+def test_ringing_below_the_steps_of_an_adc_is_left_out_also_without_other_noise() -> None:
+    stiff = scene.model_dump()
+    stiff["sensors"] |= {"noise_percent_of_max": None, "noise_mm": 0.0, "adc_bits": 6}
+    stiff["beam"] |= {"thickness_mm": 40.0}
+    assert ringing(Scene.model_validate(stiff)) is None
+
+
 @pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_shipped_scene_can_ring(path: Path) -> None:
     other, _ = load_scene(path)

@@ -40,6 +40,20 @@ def test_rigidity_of_a_rectangular_section() -> None:
         ("position_mm = [1, 399]", "position_mm = [399, 1]", "the first must be less than the second"),
         ("force_n = 10.0", "force_n = [20.0, 2.0]", "the first must not exceed the second"),
         ("force_n = 10.0", "force_n = 0", "contact.force_n"),
+        ("count = 2", "count = 4\nmounting_tolerance_mm = 100", "4 sensors on 400 mm are 100 mm apart"),
+        ("count = 2", "count = 4\nmounting_tolerance_mm = 399", "mounting_tolerance_mm = 399: 4 sensors"),
+        ("count = 2", "count = 2\nmounting_tolerance_mm = 1e9", "mounting_tolerance_mm = 1e+09: 2 sensors"),
+        (
+            "count = 2",
+            "count = 2\nmounting_tolerance_mm = true",
+            "mounting_tolerance_mm: Input should be a valid",
+        ),
+        ("count = 2", 'count = 2\nzero_drift_mm = "1"', "zero_drift_mm: Input should be a valid number (given: '1')"),
+        (
+            "[sensors]",
+            "[requirements]\nfalse_contacts_per_day = 86401\n[sensors]",
+            "false_contacts_per_day = 86401: at sensors.rate_hz = 100 at most 86400 a day, one sample in 100",
+        ),
         ("thickness_mm = 3", "", "give youngs_modulus_gpa, width_mm and thickness_mm, or flexural_rigidity_n_mm2"),
         ("width_mm = 25", "width_mm = 25\nsegments = [{to_mm = 300}, {to_mm = 200}]", "must ascend"),
         (

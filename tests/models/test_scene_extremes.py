@@ -134,6 +134,8 @@ def test_extreme_numbers_give_a_figure_or_one_line(command: str, examples: int, 
         ("sensors", "noise_mm", 1e-310, "less than 1e-4 % of the largest deflection"),
         ("sensors", "noise_mm", 1e-6, "less than 1e-4 % of the largest deflection"),
         ("sensors", "noise_mm", 1e5, "hides the largest deflection"),
+        ("sensors", "zero_drift_mm", 1e200, "zero_drift_mm = 1e+200 hides the largest deflection"),
+        ("sensors", "zero_drift_mm", 5.0, "no contact of the scene is seen, as at least"),
         ("sensors", "fixed_mm", [100.0, 200.0, 100.0], "fixed_mm names 100 mm twice"),
         ("requirements", "latency_ms", math.inf, "requirements.latency_ms: Input should be a finite number"),
         ("requirements", "latency_ms", 1e300, "more than 10000 readings"),
@@ -169,7 +171,7 @@ def test_a_deflection_beyond_every_number_is_refused_by_place(
     stated[part][key] = value
     code, out, err = run("place", str(written(tmp_path / "scene.toml", stated)), "--json")
     check_answered(code, out, err)
-    assert "mm, which no sensor measures" in err
+    assert "beyond the 0.1 rad of small-angle theory" in err
 
 
 @pytest.mark.parametrize("command", ["explain", "trade"])

@@ -21,7 +21,8 @@ from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.pricing.noise import choose_filter
-from beamtouch_models.scene import load_scene, parse_scene
+from beamtouch_models.pricing.removal import changed
+from beamtouch_models.scene import Scene, load_scene, parse_scene
 from beamtouch_models.trade.front import NotToBeHadError, most_accurate, pareto_front, quickest
 from beamtouch_models.trade.physics import physics_trade
 from beamtouch_models.trade.point import Point, Trade
@@ -136,6 +137,42 @@ def test_leaving_out_an_expensive_effect_costs_accuracy() -> None:
     assert found["shear"].verdict == "in"
     assert found["shear"].error_over_limit.value > 1.5
     assert found["shear"].influence_ms > 0
+
+
+def test_a_row_of_physics_is_one_effect() -> None:
+    scene, _ = load_scene(SCENES / "short-deep.toml")
+    stated = scene.model_dump()
+    length, thickness = scene.beam.length_mm, scene.beam.thickness_mm or 0.0
+    # Steps of half the noise, in a beam whose shear is worth 50 times the noise.
+    stated["beam"]["segments"] = [
+        {"to_mm": length / 3, "thickness_mm": 1.002 * thickness},
+        {"to_mm": length, "thickness_mm": thickness},
+    ]
+    found = {one.effect: one for one in physics_trade(Scene.model_validate(stated), draws=400, seed=0)}
+    assert found["shear"].error_over_limit.value > 1.5
+    assert found["steps"].error_over_limit.value < 1.05
+
+
+def test_an_estimator_without_the_steps_of_the_adc_takes_the_noise_to_be_without_them() -> None:
+    scene, _ = load_scene(SCENES / "conveyor.toml")
+    # Steps of 60 um beside a noise of 3 um: an estimator that does not know of them trusts its samples too much.
+    coarse = changed(scene, "sensors", adc_bits=6)
+    found = {one.effect: one for one in physics_trade(coarse, draws=400, seed=0)}
+    assert found["ADC steps"].error_over_limit.value > 1.05
+    assert found["shear"].error_over_limit.value < 1.01
+
+
+def test_noise_from_the_adc_alone_has_a_row_for_each_other_effect() -> None:
+    scene, _ = load_scene(SCENES / "conveyor.toml")
+    quiet = changed(scene, "sensors", noise_mm=0.0)
+    assert [one.effect for one in physics_trade(quiet, draws=100, seed=0)] == ["shear"]
+
+
+def test_fixed_sensors_raise_the_least_number_of_sensors() -> None:
+    scene = parse_scene(PAPER.replace("count = 2", "count = [2, 5]\nfixed_mm = [50, 200, 333]"), "fixed")
+    assert counts_of(scene) == [3, 4, 5]
+    loaded = changed(scene, "contact", width_mm=20.0)
+    assert [one.effect for one in physics_trade(loaded, draws=100, seed=0)] == ["contact width"]
 
 
 @pytest.mark.long

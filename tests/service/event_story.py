@@ -13,6 +13,8 @@ Row = list[float | None]
 TOUCHING: Row = [0.5, 0.25, 0.125]
 HARDER: Row = [0.5, 0.5, 0.25]
 RESTING: Row = [0.0, 0.0, 0.0]
+BETWEEN: Row = [0.05, 0.0, 0.0]
+"""It ends no contact, and begins none."""
 ODD: Row = [0.5, 0.25, 0.75]
 """Neither rest nor a single contact. The state follows from the third in a row, and for two more samples."""
 

@@ -92,7 +92,9 @@ def _content(name: str, channels: int, min_channels: int, outputs: tuple[str, ..
         name=name,
         estimator="tiny",
         length_mm=400,
-        layout=[modelfile.Channel(name=f"{prefix}{i + 1}", position_mm=100.0 * (i + 1)) for i in range(channels)],
+        layout=[
+            modelfile.Channel(name=f"{prefix}{i + 1}", position_mm=min(100.0 * (i + 1), 400.0)) for i in range(channels)
+        ],
         min_channels=min_channels,
         ranges=modelfile.Ranges(position_mm=(1, 399), force_n=(1, 20)),
         max_deflection_mm=1,

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_service.events.captures import MAX_SAMPLES, WHOLE, Capture, is_kept
+from beamtouch_service.events.captures import MAX_SAMPLES, Capture
 from beamtouch_service.events.segments import Begin, End, Kind, Segment
 from beamtouch_service.events.store import EventStore, Selection
 from beamtouch_service.surfaces.contradiction import Contradiction
+from beamtouch_service.surfaces.stretch_samples import WHOLE, is_kept
 from beamtouch_service.surfaces.surface import Surface
 from service.event_story import ODD, RESTING, TOUCHING, Row, Story
 
@@ -150,17 +151,22 @@ def test_captures_stay_with_events_that_are_joined_and_go_with_those_that_are_dr
     store.close()
 
 
-def test_captures_count_in_the_size_limit(tmp_path: Path) -> None:
+def test_above_the_size_limit_the_oldest_captures_go_and_the_events_stay(tmp_path: Path) -> None:
     store = EventStore(tmp_path / "events.db", keep_s=30 * DAY_S, max_bytes=1_000_000)
+    contacts = [stretch(n * 10, n * 10 + 5, kind=Kind.CONTACT, ends_unexplained=False) for n in range(100)]
+    store.write("press-7", contacts, 0.0)
     for number in range(60):
-        first = number * 1000
+        first = (number + 1) * 1000
         store.write("press-7", [stretch(first, first + 299), capture(first, first + 299)], float(number))
         store.prune(float(number))
 
     assert store.used_bytes() <= 1_000_000
-    kept = store.read(Selection(limit=1000, path=False))
-    assert 1 <= len(kept) < 60
-    assert all(len(store.capture(event)) == 300 for _, event in kept)
+    assert len(store.read(Selection(limit=1000, kind=Kind.CONTACT))) == 100
+    kept = store.read(Selection(limit=1000, kind=Kind.UNEXPLAINED))
+    lengths = [len(store.capture(event)) for _, event in kept]
+    assert lengths == sorted(lengths, reverse=True)
+    assert len(lengths) == 60
+    assert set(lengths) == {0, 300}
     store.close()
 
 

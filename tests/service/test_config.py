@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from beamtouch_common.errors import InputError
 from beamtouch_service.config import load_settings, load_token
+from beamtouch_service.config_sections import ConfigFile
 from beamtouch_service.settings import EventSettings, Settings
+from wrong_numbers import with_wrong_numbers
 
 EXAMPLE = Path(__file__).parents[2] / "service" / "service.example.toml"
 
@@ -175,3 +179,32 @@ def test_the_example_is_a_config(tmp_path: Path) -> None:
     settings = load(tmp_path, EXAMPLE.read_text())
 
     assert [entry.name for entry in settings.surfaces] == ["press-7"]
+
+
+NUMBERS = """
+[server]
+port = 8420
+max_clients = 100
+max_clients_per_address = 50
+max_batches_per_s = 100
+max_streams = 10
+[events]
+keep_days = 30
+max_mb = 100
+[surfaces.bench]
+stale_ms = 500
+unexplained_after_s = 60
+"""
+
+
+def test_only_a_number_is_a_number() -> None:
+    content = tomllib.loads(NUMBERS)
+    ConfigFile.model_validate(content)
+    taken = []
+    for what, wrong in with_wrong_numbers(content):
+        try:
+            ConfigFile.model_validate(wrong)
+        except ValidationError:
+            continue
+        taken.append(what)
+    assert not taken

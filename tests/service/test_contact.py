@@ -50,7 +50,7 @@ def test_what_is_not_finite_is_never_an_answer(name: str, value: float) -> None:
 def test_nothing_is_decided_on_what_is_not_finite(name: str, value: float) -> None:
     answer = ESTIMATE | {"contact_log_odds": 3.0, "misfit": 1.0, name: value}
     with pytest.raises(UnusableEstimateError, match=f"{name} is not a finite number"):
-        require_usable(Evidence(np.zeros(3), np.eye(3), answer, 3, 0.0, False, 0.0, 0.0))
+        require_usable(Evidence(np.zeros(3), np.eye(3), answer, 3, 0.0, False, 0.0, np.eye(3)))
 
 
 def test_a_position_beyond_the_end_is_an_answer_only_while_its_interval_meets_the_beam() -> None:

@@ -95,9 +95,9 @@ def operations_of(description: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def test_operations_have_names_that_a_generated_client_can_use(description: dict[str, Any]) -> None:
     assert sorted(operations_of(description)) == [
-        "get_beam", "get_contact", "get_event", "get_event_capture", "get_events", "get_live", "get_metrics",
-        "get_model", "get_ready", "get_stream", "get_surface", "get_surface_contact", "get_surface_stream",
-        "get_surfaces", "post_reload", "post_samples",
+        "get_beam", "get_calibration_data", "get_contact", "get_event", "get_event_capture", "get_events", "get_live",
+        "get_metrics", "get_model", "get_ready", "get_stream", "get_surface", "get_surface_contact",
+        "get_surface_stream", "get_surfaces", "post_reload", "post_samples",
     ]  # fmt: skip
     assert len(operations_of(description)) == sum(len(one) for one in description["paths"].values())
     assert all(len(operation["tags"]) == 1 for operation in operations_of(description).values())

@@ -180,7 +180,7 @@ def test_a_file_of_an_older_format_keeps_its_events(path: Path, old_format: int)
     assert [number for number, _ in store.read(Selection())] == [9, 8, 7]
     store.close()
     with closing(sqlite3.connect(path)) as file:
-        assert file.execute("PRAGMA user_version").fetchone() == (3,)
+        assert file.execute("PRAGMA user_version").fetchone() == (4,)
         assert file.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'by_open'").fetchone() == (1,)
 
 
@@ -189,7 +189,7 @@ def columns(path: Path) -> dict[str, list[tuple[str, str, int, str | None]]]:
     with closing(sqlite3.connect(path)) as file:
         return {
             table: sorted(row[1:5] for row in file.execute(f"PRAGMA table_info({table})"))
-            for table in ("events", "captures")
+            for table in ("events", "captures", "baselines")
         }
 
 

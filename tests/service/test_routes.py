@@ -163,6 +163,7 @@ def test_the_summary_of_a_surface(bench: Bench, make_batch: MakeBatch) -> None:
         "notes": [],
         "model_error": None,
         "samples": {"accepted": 1, "repeated": 0, "lost": 0},
+        "health": None,
     }
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from beamtouch_models import modelfile
 from beamtouch_service.surfaces.surface import Surface
-from service.event_story import HARDER, ODD, RESTING, START_US, TOUCHING, Row, Story
+from service.event_story import BETWEEN, HARDER, ODD, RESTING, START_US, TOUCHING, Row, Story
 
 if TYPE_CHECKING:
     from service.conftest import Bench, BuildModel, MakeBatch
@@ -199,3 +199,83 @@ def _record(rows: list[Row], parts: list[tuple[int, int]]) -> list[dict[str, Any
         story.deliver(first, last, age_ms=0.0 if last > newest else 60_000.0)
         newest = max(newest, last)
     return story.events
+
+
+def begun(story: Story) -> list[tuple[str, str, str]]:
+    return [one[:3] for one in told(story)]
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        # Neither shows by itself what came before the gap.
+        (ODD, [RESTING] * 2),
+        (TOUCHING, [ODD] * 2),
+        (TOUCHING, [BETWEEN]),
+        (TOUCHING, [BETWEEN, ODD, BETWEEN]),
+    ],
+    ids=["rest after a stretch", "odd after a contact", "weak after a contact", "changing after a contact"],
+)
+def test_the_first_samples_after_a_gap_make_no_event_by_themselves(
+    bench: Bench, make_batch: MakeBatch, before: Row, after: list[Row]
+) -> None:
+    story = Story(bench, make_batch, [RESTING, *[before] * 5, RESTING, *after])
+    story.deliver(0, 6)
+    story.deliver(7, 7 + len(after))
+
+    kind, begin = ("contact", "touch") if before is TOUCHING else ("unexplained", "clear")
+    assert begun(story) == [(kind, begin, "unseen")]
+
+
+@pytest.mark.parametrize("before", [RESTING, TOUCHING])
+def test_odd_samples_that_come_one_by_one_before_their_neighbours_are_one_stretch(
+    bench: Bench, make_batch: MakeBatch, before: Row
+) -> None:
+    story = Story(bench, make_batch, [RESTING, *[before] * 2, *[ODD] * 6, *[RESTING] * 4])
+    story.deliver(0, 1)
+    story.deliver(12, 13)
+    for number in (5, 4, 7, 6, 10, 8, 3, 9, 2, 11, 1):
+        story.deliver(number, number + 1, age_ms=60_000)
+
+    (late,) = told(story)
+    Story(bench, make_batch, story.rows).deliver(0, 13, boot_id="boot-0002")
+    _, straight = told(story)
+    assert late[:3] == straight[:3]
+    assert late[3:] == pytest.approx(straight[3:], abs=10)
+
+
+def test_undecided_samples_at_the_beginning_of_a_late_run_go_on_in_its_event(
+    bench: Bench, make_batch: MakeBatch
+) -> None:
+    few: Row = [0.5, None, None]
+    story = Story(bench, make_batch, [RESTING, *[ODD] * 4, *[few] * 3, *[RESTING] * 4])
+    story.deliver(0, 5)
+    story.deliver(8, 12)
+    body = make_batch(*[few] * 3, sequence=5, quality=["good", "missing", "missing"], age_ms=60_000)
+    for offset, sample in enumerate(body["samples"]):
+        sample["acquired_unix_us"] = START_US + (5 + offset) * 5000
+    assert bench.post(body).status_code == 200
+
+    (event,) = told(story)
+    assert event[:3] == ("unexplained", "clear", "clear")
+    assert event[3] == pytest.approx(35, abs=10)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_wherever_parts_are_cut_their_order_moves_the_ends_of_events_by_three_samples_at_most(seed: int) -> None:
+    rng = random.Random(seed)  # noqa: S311  # no secret
+    kinds: list[Row] = [RESTING]
+    while len(kinds) < 8:
+        kinds.append(rng.choice([one for one in (TOUCHING, RESTING, ODD, ODD) if one is not kinds[-1]]))
+    rows = [row for row in [*kinds, RESTING] for _ in range(rng.randint(9, 14))]
+    parts = list(pairwise([0, *sorted(rng.sample(range(1, len(rows)), 20)), len(rows)]))
+    straight = _record(rows, parts)
+    rng.shuffle(parts)
+    shuffled = _record(rows, parts)
+
+    names = ("kind", "begin", "end")
+    assert [[one[name] for name in names] for one in shuffled] == [[one[name] for name in names] for one in straight]
+    for one, other in zip(shuffled, straight, strict=True):
+        assert abs(one["dwell_ms"] - other["dwell_ms"]) <= 30
+        assert abs(one["samples"] - other["samples"]) <= 6

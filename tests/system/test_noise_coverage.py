@@ -16,7 +16,7 @@ from beamtouch_daemon.processing.rest_checks import at_rest
 from beamtouch_daemon.processing.rest_noise import measured
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.build import sensor_of
+from beamtouch_models.building.sensor_rules import sensor_of
 from beamtouch_models.challenge.noises import COARSE, HIDDEN, coloured_times
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Sensor

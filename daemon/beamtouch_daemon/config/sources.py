@@ -78,7 +78,7 @@ class ModbusRtu(Modbus):
     """Path of the serial device."""
     baud: Baud = 115_200
     parity: Literal["none", "even", "odd"] = "none"
-    stop_bits: Literal[1, 2] = 1
+    stop_bits: Annotated[int, Field(ge=1, le=2)] = 1
     unit: Annotated[int, Field(ge=1, le=247)] = 1
     timeout_ms: Milliseconds = 100.0
     """Timeout of each reply. A unit that does not answer is asked again after 13 timeouts."""

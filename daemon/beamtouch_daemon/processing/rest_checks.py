@@ -21,8 +21,12 @@ more values than an ADC that is coarser than the noise gives."""
 JUMP_S = 0.1
 JUMP_READINGS = 4
 """Means over the longer of this time and this number of readings show whether the beam is touched."""
+LONGER = 4
+FEWEST_MEANS = 30
+"""Light touches show in means that are this many times longer, and so on, while the recording holds enough of them."""
 MAX_JUMP = 8.0
-"""Largest change between two such means, relative to their usual change; noise does not reach it in a year."""
+"""Largest change between two adjacent means, wherever they meet, relative to their usual change; noise does not reach
+it in a year."""
 VIBRATION_S = 0.5
 VIBRATION_READINGS = 20
 """Vibrations are sought within the longer of this time and this number of readings; slower changes are drift."""
@@ -102,13 +106,9 @@ def _motion(gaps: FloatArray, surface: Surface) -> str:
     together = _together(residual, surface)
     for index, (name, channel) in enumerate(zip(surface.channel_names, surface.channels, strict=True)):
         width = max(JUMP_READINGS, round(JUMP_S * surface.rate_hz))
-        means = _means(_without_spikes(residual[:, index]), width)
-        change = np.abs(np.diff(means))
-        usual = float(np.median(change)) / 0.6745  # of Gaussian changes, half are smaller than 0.6745 deviations
-        if (largest := float(change.max())) > MAX_JUMP * usual + float(steps[index]):
-            return (
-                f"{name} moved by {largest:.2g} mm after {(int(change.argmax()) + 1) * width / surface.rate_hz:.3g} s"
-            )
+        if jump := _jump(_without_spikes(residual[:, index]), width, float(steps[index])):
+            at, size_mm = jump
+            return f"{name} moved by {size_mm:.2g} mm after {at / surface.rate_hz:.3g} s"
         slow = _means(gaps[:, index], len(gaps) // 5)
         if (drift := float(np.ptp(slow))) > tare.DRIFTS_WITHIN * (channel.range_mm[1] - channel.range_mm[0]):
             return f"{name} drifted by {drift:.2g} mm"
@@ -132,6 +132,19 @@ def _together(residual: FloatArray, surface: Surface) -> str:
         return ""
     one, other = (surface.channel_names[int(varying[at])] for at in (first, second))
     return f"{one} and {other} move together (correlation {alike[first, second]:.2f}), so the beam moves"
+
+
+def _jump(values: FloatArray, width: int, step: float) -> tuple[int, float] | None:
+    """Return place and size of the largest change of values (readings,) that is no noise; None if there is none."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    longest = max(width, len(values) // FEWEST_MEANS)
+    while width <= longest:
+        change = np.abs(total[2 * width :] - 2 * total[width:-width] + total[: -2 * width]) / width
+        usual = float(np.median(change)) / 0.6745  # of Gaussian changes, half are smaller than 0.6745 deviations
+        if (largest := float(change.max())) > MAX_JUMP * usual + step:
+            return int(change.argmax()) + width, largest
+        width *= LONGER
+    return None
 
 
 def _means(values: FloatArray, width: int) -> FloatArray:

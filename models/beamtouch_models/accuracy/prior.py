@@ -32,7 +32,7 @@ class SampleErrors:
     """Of a sensor's position along the beam."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Prior:
     """The range of contacts, uniform in position and force, and the deflections that the sensors measure."""
 
@@ -64,14 +64,15 @@ class Prior:
             force_n=influence.force_n,
             noise_mm=noise_mm,
             channels=len(sensor_mm),
-            influence_at=partial(influence.at, sensor_mm),
+            influence_at=partial(influence.at, np.array(sensor_mm)),  # a copy: the caller may change its array
         )
 
     @classmethod
     def real(cls, influence: InfluenceFunction, sensor_mm: Floats, errors: SampleErrors) -> Self:
         """Like `of`, with all errors of samples."""
         mounting_mm = errors.mounting_mm
-        uncertain_at = partial(influence.deviation, sensor_mm, tolerance_mm=mounting_mm) if mounting_mm else None
+        at_mm = np.array(sensor_mm)
+        uncertain_at = partial(influence.deviation, at_mm, tolerance_mm=mounting_mm) if mounting_mm else None
         perfect = cls.of(influence, sensor_mm, errors.noise_mm)
         return replace(perfect, gain=errors.gain, zero_mm=errors.zero_mm, uncertain_at=uncertain_at)
 

@@ -19,6 +19,7 @@ from scipy.special import ndtr, ndtri
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Floats
+from beamtouch_models.metadata import MAX_FALSE, SECONDS_PER_DAY
 
 PLACES = 129
 """Positions at which a contact is looked for; the odds change little between them."""
@@ -27,9 +28,6 @@ MAX_SETS = 40
 """Up to this many sets of channels of one size are all simulated; of more, an even choice."""
 BETWEEN = np.log(2.0)
 """Largest excess of a set's threshold over that of its size, in nats: a factor of two in the rate."""
-SECONDS_PER_DAY = 86_400
-MOST_OFTEN = 0.01
-"""Largest rate per sample; above it, log odds no longer tell a contact from rest."""
 SURELY = 1.645
 """Deviations of a sample that a force must exceed the threshold by, so that 95 % of the samples do."""
 FLAT = 1e-6
@@ -62,7 +60,7 @@ def rate_per_sample(per_day: float, rate_hz: float, window: int) -> float:
     the overshoot of a random walk (Siegmund, Sequential Analysis, 1985, sec. 8.4).
     """
     wanted = per_day / (SECONDS_PER_DAY * rate_hz)
-    rate = min(wanted, MOST_OFTEN)
+    rate = min(wanted, MAX_FALSE)
     for _ in range(4):
         height = -float(ndtri(rate))
         # Half of what the height times the change between two samples comes to, in deviations of the mean.
@@ -70,7 +68,7 @@ def rate_per_sample(per_day: float, rate_hz: float, window: int) -> float:
         density = np.exp(-(half**2) / 2) / np.sqrt(2 * np.pi)
         overshoot = (ndtr(half) - 0.5) / half / (half * ndtr(half) + density)
         separate = min(1.0, 2 * half**2 * float(overshoot))
-        rate = min(wanted / separate, MOST_OFTEN)
+        rate = min(wanted / separate, MAX_FALSE)
     return rate
 
 

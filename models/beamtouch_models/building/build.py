@@ -7,22 +7,20 @@ import numpy as np
 import onnx
 
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.drawing import drawn_of
 from beamtouch_models.building.held_limit import check_held
-from beamtouch_models.building.measured import measured
-from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
-from beamtouch_models.errors import SceneError
+from beamtouch_models.building.measured import check_seen, measured
+from beamtouch_models.building.sensor_rules import check_spacing, sample_errors, sensor_of, sensor_rules
 from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
 from beamtouch_models.export import to_bytes
-from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges, Sensor
-from beamtouch_models.physics.beam import check_small_angles, influence_of, max_deflection_mm, travel_mm
+from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges
+from beamtouch_models.physics.beam import influence_of, max_deflection_mm
 from beamtouch_models.placement import Placement, fewest_sensors
 from beamtouch_models.pricing.effects import Physics, required
-from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of, step_mm
+from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
-
-DEFAULT_ADC_BITS = 16
 
 
 @dataclass(frozen=True)
@@ -77,9 +75,9 @@ def build(
     NotGoodEnoughError
         The model misses the accuracy limit, or its intervals hold too few of the true positions.
     """
-    check_small_angles(scene)
-    physics = _physics_of(scene, choices.filter or choose_filter(scene))
-    sensor = sensor_of(scene)
+    chosen = choices.filter or choose_filter(scene)
+    check_scene(scene, chosen, count)
+    physics = required(scene, chosen)
     progress("placing the sensors", 0.0)
     placement, prior = _placed(physics, count, seed)
     made = estimator_of(
@@ -103,27 +101,18 @@ def build(
         max_deflection_mm=max_deflection_mm(scene),
         noise=physics.noise,
         filter=physics.filter,
-        sensor=sensor,
+        sensor=sensor_of(scene),
         floor=found.floor,
         thresholds=found.thresholds,
         smallest_force=found.smallest_force,
         drawn=drawn_of(scene),
+        influence=found.influence,
         seed=seed,
         accuracy=found.accuracy,
         golden=found.golden,
         scene=text,
     )
     return Built(to_bytes(made.graph, metadata), metadata, placement, physics)
-
-
-def _physics_of(scene: Scene, chosen: FilterChoice) -> Physics:
-    """Return the required physics; SceneError if no model can carry the noise or the deflection."""
-    noise_mm = noise_of(scene, chosen).sample_mm
-    if noise_mm == 0:
-        message = "sensors: with a noise of 0 there are no intervals; state the noise of a reading"
-        raise SceneError(message)
-    check_scale(noise_mm, max_deflection_mm(scene))
-    return required(scene, chosen)
 
 
 def _placed(physics: Physics, count: int | None, seed: int) -> tuple[Placement, Prior]:
@@ -138,30 +127,7 @@ def _placed(physics: Physics, count: int | None, seed: int) -> tuple[Placement, 
         errors=errors,
         seed=seed,
     )
-    return placement, Prior.real(influence, np.array(placement.positions_mm), errors)
-
-
-def sensor_of(scene: Scene) -> Sensor:
-    """Return sensor, ADC and stand-off of a scene; SceneError if the beam leaves the sensor's range."""
-    low, high = scene.sensors.range_mm
-    lift, travel = travel_mm(scene)
-    standoff = scene.sensors.standoff_mm
-    if standoff is None:
-        standoff = (low + high) / 2 + (travel - lift) / 2
-    if standoff - travel < low or standoff + lift > high:
-        message = (
-            f"the beam travels {travel + lift:.4g} mm and with a stand-off of {standoff:.4g} mm leaves "
-            f"sensors.range_mm = [{low:g}, {high:g}]; make the beam stiffer, the force smaller, "
-            "or use a sensor with a longer range"
-        )
-        raise SceneError(message)
-    bits = scene.sensors.adc_bits or DEFAULT_ADC_BITS
-    gain = step_mm(scene.sensors.range_mm, bits)
-    return Sensor(
-        rate_hz=scene.sensors.rate_hz,
-        range_mm=scene.sensors.range_mm,
-        standoff_mm=standoff,
-        adc_bits=bits,
-        gain_mm_per_count=gain,
-        offset_mm=low - 0.1 * (2**bits - 1) * gain,
-    )
+    check_spacing(scene, placement.positions_mm)
+    prior = Prior.real(influence, np.array(placement.positions_mm), errors)
+    check_seen(prior, scene, physics.filter, seed)
+    return placement, prior

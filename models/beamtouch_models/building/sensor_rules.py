@@ -1,12 +1,18 @@
-"""What a scene states of its sensors: rules for their positions, and their errors."""
+"""The sensors of a scene: rules for their positions, their errors, their range and ADC."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from beamtouch_models.accuracy.prior import SampleErrors
-from beamtouch_models.physics.beam import sensor_positions_mm
+from beamtouch_models.errors import SceneError
+from beamtouch_models.metadata import Sensor
+from beamtouch_models.physics.beam import sensor_positions_mm, travel_mm
 from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.pricing.noise import floor_of
+from beamtouch_models.pricing.noise import floor_of, step_mm
 from beamtouch_models.scene import Scene
+
+DEFAULT_ADC_BITS = 16
 
 
 def sensor_rules(scene: Scene) -> Candidates:
@@ -20,3 +26,41 @@ def sensor_rules(scene: Scene) -> Candidates:
 def sample_errors(scene: Scene, noise_mm: float) -> SampleErrors:
     """Return the errors of samples with this noise; gain, zero and mounting are those of the scene's sensors."""
     return SampleErrors(noise_mm, *floor_of(scene), scene.sensors.mounting_tolerance_mm)
+
+
+def sensor_of(scene: Scene) -> Sensor:
+    """Return sensor, ADC and stand-off of a scene; SceneError if the beam leaves the sensor's range."""
+    low, high = scene.sensors.range_mm
+    lift, travel = travel_mm(scene)
+    standoff = scene.sensors.standoff_mm
+    if standoff is None:
+        standoff = (low + high) / 2 + (travel - lift) / 2
+    if standoff - travel < low or standoff + lift > high:
+        message = (
+            f"the beam travels {travel + lift:.4g} mm and with a stand-off of {standoff:.4g} mm leaves "
+            f"sensors.range_mm = [{low:g}, {high:g}]; make the beam stiffer, the force smaller, "
+            "or use a sensor with a longer range"
+        )
+        raise SceneError(message)
+    bits = scene.sensors.adc_bits or DEFAULT_ADC_BITS
+    gain = step_mm(scene.sensors.range_mm, bits)
+    return Sensor(
+        rate_hz=scene.sensors.rate_hz,
+        range_mm=scene.sensors.range_mm,
+        standoff_mm=standoff,
+        adc_bits=bits,
+        gain_mm_per_count=gain,
+        offset_mm=low - 0.1 * (2**bits - 1) * gain,
+    )
+
+
+def check_spacing(scene: Scene, positions_mm: Sequence[float]) -> None:
+    """Raise SceneError if the mounting tolerance lets neighbouring sensors change places."""
+    tolerance_mm = scene.sensors.mounting_tolerance_mm
+    spacing_mm = float(np.diff(np.sort(positions_mm)).min(initial=np.inf))
+    if tolerance_mm >= spacing_mm:
+        message = (
+            f"sensors.mounting_tolerance_mm = {tolerance_mm:g}: two of the sensors are {spacing_mm:.3g} mm apart; "
+            "measure their positions to less than that, or state a larger min_distance_mm"
+        )
+        raise SceneError(message)

@@ -6,22 +6,19 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.measured import measured
 from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.calibration.fit import Fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, LoadsError
 from beamtouch_models.calibration.located import error_without, errors_of_model, limit_mm
 from beamtouch_models.calibration.mistaken import Suspect, mistaken
+from beamtouch_models.calibration.rebuilt import rebuilt
 from beamtouch_models.calibration.swapped import swapped
 from beamtouch_models.calibration.theory import Theory
-from beamtouch_models.errors import ModelFileError, NotGoodEnoughError
-from beamtouch_models.estimators.estimator import NAMES, Estimator, estimator_of
-from beamtouch_models.estimators.onnx_graph import with_linear_input
-from beamtouch_models.export import to_bytes
-from beamtouch_models.metadata import Calibration, Departures, Metadata
+from beamtouch_models.errors import NotGoodEnoughError
+from beamtouch_models.metadata import Calibration, Metadata
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.pricing.noise import floor_of
-from beamtouch_models.progress import Fraction, Progress
+from beamtouch_models.progress import Progress
 from beamtouch_models.scene import parse_scene
 
 UNEXPLAINED = 0.1
@@ -103,8 +100,6 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
     found, before, after = checked.fit, checked.before_mm, checked.after_mm
     theory = found.theory
     prior = _calibrated_prior(metadata, theory, found)
-    made = _made(metadata, prior, found.departures, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
-    progress("measuring the accuracy against the limit", 0.85)
     calibration = Calibration(
         departures=found.departures,
         fitted=list(found.kinds),
@@ -113,21 +108,9 @@ def calibrate(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
         error_before_mm=float(before.mean()),
         error_after_mm=float(after.mean()),
     )
-    scene = parse_scene(metadata.scene, metadata.name)
-    fields = measured(made, prior, scene, metadata.filter, metadata.seed)
-    fresh = metadata.model_copy(
-        update={
-            "min_channels": made.min_channels,
-            "thresholds": fields.thresholds,
-            "smallest_force": fields.smallest_force,
-            "floor": fields.floor,
-            "accuracy": fields.accuracy,
-            "golden": fields.golden,
-            "calibration": calibration,
-        }
-    )
+    content, fresh = rebuilt(metadata, prior, calibration, progress)
     best = limit_mm(prior, loads, metadata.seed)
-    return Calibrated(to_bytes(made.graph, fresh), fresh, found, before, after, best)
+    return Calibrated(content, fresh, found, before, after, best)
 
 
 def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
@@ -174,15 +157,5 @@ def _calibrated_prior(metadata: Metadata, theory: Theory, found: Fit) -> Prior:
     prior, floor = theory.prior_with(found.departures), metadata.floor
     # The floor of the scene comes with the model; what the fit leaves unexplained does not average away either.
     zero_mm = np.hypot(floor_of(parse_scene(metadata.scene, metadata.name))[1], _residual_mm(found))
-    return replace(prior, gain=np.array(floor.gain), zero_mm=np.full(prior.channels, zero_mm))
-
-
-def _made(metadata: Metadata, prior: Prior, departures: Departures, progress: Fraction) -> Estimator:
-    name = next((known for known in NAMES if known == metadata.estimator), None)
-    if name is None:
-        message = f"this version has no estimator {metadata.estimator!r}; build the model again"
-        raise ModelFileError(message)
-    with_force = "force_n" in metadata.golden.answers
-    made = estimator_of(name, prior, with_force=with_force, seed=metadata.seed, progress=progress)
-    graph = with_linear_input(made.graph, np.array(departures.offset_mm), departures.curve_per_mm)
-    return replace(made, graph=graph)
+    # The offsets are what the zeros drifted between the tare and the recording, and the next tare takes them away.
+    return replace(prior, gain=np.array(floor.gain), zero_mm=np.hypot(zero_mm, found.departures.offset_mm))

@@ -120,7 +120,7 @@ class _Problem:
             slopes = self.slopes(self.with_free(vector, part))
             return np.concatenate([-self.weighed(slopes, whitening), np.eye(len(part))])
 
-        low, high = _bounds(self.theory, self.free)
+        low, high = bounds_of(self.theory, self.free)
         # The default method, "trf", cannot leave a start on a bound, and fixities start at 0.
         start = np.clip(vector[self.free], low, high)
         found = least_squares(residuals, start, jacobian, bounds=(low, high), method="dogbox", ftol=1e-5, max_nfev=30)
@@ -184,7 +184,8 @@ def supported_fit(theory: Theory, loads: Loads, progress: Fraction) -> Fit:
     return best
 
 
-def _bounds(theory: Theory, free: Indices) -> tuple[Floats, Floats]:
+def bounds_of(theory: Theory, free: Indices) -> tuple[Floats, Floats]:
+    """Return the smallest and the largest values of fitted departures, in the units of the vector."""
     low, high = np.full(theory.size, -8.0), np.full(theory.size, 8.0)
     if "fixity" in theory.kinds:
         low[theory.kinds["fixity"]], high[theory.kinds["fixity"]] = 0.0, MAX_FIXITY / FIXITY

@@ -93,6 +93,32 @@ class Theory:
             rigidity=float(np.exp(RIGIDITY * rigidity[0])),
         )
 
+    def vector_of(self, departures: Departures) -> Floats:
+        """Return the vector that encodes departures."""
+        return np.concatenate(
+            [
+                [np.log(departures.rigidity) / RIGIDITY],
+                np.log(departures.gain) / GAIN,
+                np.array(departures.position_offset_mm) / POSITION_MM,
+                [departures.curve_per_mm * self.max_deflection_mm / BEND],
+                np.array(departures.fixity) / FIXITY,
+                np.array(departures.offset_mm) / (OFFSET_NOISES * self.prior.noise_mm),
+            ]
+        )
+
+    def standard_errors(self, vector: Floats, spread: Floats) -> dict[str, Floats]:
+        """Return standard errors by kind, in the units of the departures, from those of the vector."""
+        near, at = self.departures(vector + STEP), self.departures(vector)
+        units = {
+            "rigidity": np.array([near.rigidity - at.rigidity]),
+            "gain": np.array(near.gain) - at.gain,
+            "position": np.array(near.position_offset_mm) - at.position_offset_mm,
+            "curve": np.array([near.curve_per_mm - at.curve_per_mm]),
+            "fixity": np.array(near.fixity) - at.fixity,
+            "offset": np.array(near.offset_mm) - at.offset_mm,
+        }
+        return {kind: np.abs(units[kind]) / STEP * spread[part] for kind, part in self.kinds.items()}
+
     def prior_with(self, departures: Departures) -> Prior:
         """Return the prior of the surface with departures."""
         return departed(self.prior, self.beam, self.width_mm, self.sensor_mm, departures)

@@ -127,7 +127,8 @@ def judge(surface: Surface, run: Run, readings_mm: Floats, first: int = 0, *, na
         verdict = decider.step(one)
         rows[index] = _row(metadata, one, verdict)
         if naming and verdict.state is State.UNEXPLAINED:
-            name = suspects.step(samples.part(np.array([index])))
+            suspects.add(*suspects.leave_out([samples.part(np.array([index]))]))
+            name = suspects.suspect
             rows[index] = rows[index]._replace(suspect=names.index(name) if name else NOBODY)
         else:
             suspects.clear()

@@ -16,6 +16,7 @@ from beamtouch_models.building.report.facts import gather
 from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import inspect
 from beamtouch_models.commands.progress import shown_progress
+from beamtouch_models.description import unseen
 from beamtouch_models.errors import ModelFileError, SceneError
 from beamtouch_models.metadata import METADATA_PREFIX
 from beamtouch_models.pricing.noise import floor_of, zero_drift_mm
@@ -53,6 +54,8 @@ def run(options: argparse.Namespace) -> None:
             file=sys.stderr,
         )
     _say_floor(scene)
+    if missed := unseen(built.metadata):
+        print(f"note:    {missed}", file=sys.stderr)
     for effect in built.physics.effects:
         if effect.verdict == "not modelled" and effect.having is not None:
             print(

@@ -1,11 +1,9 @@
-"""`design-sensors calibrate`: fits a model to the real beam, using recorded loads."""
+"""`design-sensors calibrate`: fits a model to the real beam, using recorded loads or unlabelled contacts."""
 
 import argparse
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
@@ -15,6 +13,8 @@ from beamtouch_models.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.calibration.errors import Errors
 from beamtouch_models.calibration.fit import Fit
 from beamtouch_models.calibration.loads import read_loads
+from beamtouch_models.commands import calibrate_events
+from beamtouch_models.commands.departures import departures_in_words
 from beamtouch_models.commands.progress import shown_progress
 
 SMALLEST_ERROR, LARGEST_ERROR = 1e-3, 50.0
@@ -27,6 +27,9 @@ def run(options: argparse.Namespace) -> None:
     if not options.output.parent.is_dir():
         message = f"{options.output.parent}: no such folder; create it first"
         raise InputError(message)
+    if options.events is not None:
+        calibrate_events.run(model, options)
+        return
     errors = _errors(options.placing_mm, options.force_percent)
     loads = replace(read_loads(options.readings, model.metadata, options.leave_out), errors=errors)
     with shown_progress() as progress:
@@ -67,26 +70,7 @@ def _results(found: Calibrated, left_out: Sequence[int]) -> dict[str, object]:
 
 
 def _lines(found: Calibrated, identity: str) -> list[tuple[str, str]]:
-    departures, errors = found.fit.departures, _standard_errors(found.fit)
-    names = [channel.name for channel in found.metadata.layout]
-
-    def each(values: list[float], spread: list[float], factor: float = 1.0, centre: float = 0.0) -> str:
-        return ", ".join(
-            f"{name} {(value - centre) * factor:+.2f} +- {error * factor:.2f}"
-            for name, value, error in zip(names, values, spread, strict=True)
-        )
-
-    shown: dict[str, Callable[[], str]] = {
-        "rigidity": lambda: f"{(departures.rigidity - 1) * 100:+.2f} +- {errors['rigidity'][0] * 100:.2f} %",
-        "gain": lambda: f"{each(departures.gain, errors['gain'].tolist(), 100.0, 1.0)} %",
-        "position": lambda: f"{each(departures.position_offset_mm, errors['position'].tolist())} mm",
-        "curve": lambda: f"{departures.curve_per_mm:+.4f} +- {errors['curve'][0]:.4f} per mm",
-        "fixity": lambda: (
-            f"left {departures.fixity[0]:.3f} +- {errors['fixity'][0]:.3f}, "
-            f"right {departures.fixity[1]:.3f} +- {errors['fixity'][1]:.3f}"
-        ),
-        "offset": lambda: f"{each(departures.offset_mm, errors['offset'].tolist(), 1e3)} um",
-    }
+    shown = departures_in_words(found.metadata, found.fit.departures, _standard_errors(found.fit))
     return [
         ("model", identity),
         (
@@ -94,7 +78,7 @@ def _lines(found: Calibrated, identity: str) -> list[tuple[str, str]]:
             f"{len(found.before_mm)}, placed to about {found.fit.errors.placing_mm:.2g} mm and with forces known to "
             f"about {100 * found.fit.errors.force:.2g} %",
         ),
-        *((kind, text() if kind in found.fit.kinds else "as in the scene") for kind, text in shown.items()),
+        *((kind, text if kind in found.fit.kinds else "as in the scene") for kind, text in shown.items()),
         (
             "before",
             f"{found.before_mm.mean():.3g} mm mean error of these loads, {found.before_mm.max():.3g} mm worst",
@@ -108,14 +92,4 @@ def _lines(found: Calibrated, identity: str) -> list[tuple[str, str]]:
 
 
 def _standard_errors(fit: Fit) -> dict[str, Floats]:
-    """Return the standard errors by kind, in the units of the departures."""
-    near, at = fit.theory.departures(fit.vector + 1e-3), fit.departures
-    units = {
-        "rigidity": np.array([near.rigidity - at.rigidity]),
-        "gain": np.array(near.gain) - at.gain,
-        "position": np.array(near.position_offset_mm) - at.position_offset_mm,
-        "curve": np.array([near.curve_per_mm - at.curve_per_mm]),
-        "fixity": np.array(near.fixity) - at.fixity,
-        "offset": np.array(near.offset_mm) - at.offset_mm,
-    }
-    return {kind: np.abs(units[kind]) / 1e-3 * fit.spread[part] for kind, part in fit.theory.kinds.items()}
+    return fit.theory.standard_errors(fit.vector, fit.spread)

@@ -18,6 +18,7 @@ from beamtouch_models.accuracy.evaluation import Errors, Evaluation, at_noise, e
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.commands.progress import shown_progress
+from beamtouch_models.description import unseen
 from beamtouch_models.pricing.noise import check_scale
 
 WIDTH_WITHOUT_TERMINAL = 120
@@ -45,6 +46,8 @@ def run(options: argparse.Namespace) -> None:
                 progress=lambda done, doing=doing: progress(doing, done),  # type: ignore[misc]
             )
             found.append(one)
+    if missed := unseen(model.metadata):
+        print(f"note:    {missed}", file=sys.stderr)
     if options.json:
         figures = [_json(one) for one in found]
         print(json.dumps({"model": model.identity, "estimator": model.metadata.estimator, "evaluations": figures}))

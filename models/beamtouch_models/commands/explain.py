@@ -9,11 +9,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from beamtouch_models.physics.beam import check_small_angles, load_positions_mm, max_deflection_mm, scene_influence
+from beamtouch_models.building.checks import check_scene
+from beamtouch_models.physics.beam import load_positions_mm, max_deflection_mm, scene_influence
 from beamtouch_models.physics.mesh import mesh_of
 from beamtouch_models.pricing.effect import NEGLIGIBLE, Effect
 from beamtouch_models.pricing.effects import effects_of
-from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of
+from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.scene import Scene, load_scene
 
 REPEATS = 5
@@ -24,10 +25,9 @@ SENSORS = 101
 def run(options: argparse.Namespace) -> None:
     """Price the effects, measure the time that each costs, and print both."""
     scene, _ = load_scene(options.scene)
-    check_small_angles(scene)
     chosen = choose_filter(scene)
+    check_scene(scene, chosen)
     noise = noise_of(scene, chosen)
-    check_scale(noise.sample_mm, max_deflection_mm(scene))
     effects = [(effect, _cost_us(effect)) for effect in effects_of(scene, chosen)]
     if not options.json:
         _print_table(effects, noise.sample_mm)

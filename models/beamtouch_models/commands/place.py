@@ -10,14 +10,16 @@ import numpy as np
 
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import influence_of, max_deflection_mm
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement import Placement, place, place_by_position_error, recommended_count
+from beamtouch_models.placement import Placement, fewest_sensors, place, place_by_position_error, recommended_count
+from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.pricing.effects import required
-from beamtouch_models.pricing.noise import check_scale, choose_filter, noise_of
+from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import Scene, load_scene
 
 LIMIT_DRAWS = 10_000
@@ -28,11 +30,11 @@ def run(options: argparse.Namespace) -> None:
     started = time.perf_counter()
     stated, _ = load_scene(options.scene)
     chosen = choose_filter(stated)
-    check_scale(noise_of(stated, chosen).sample_mm, max_deflection_mm(stated))
+    check_scene(stated, chosen, options.sensors)
     physics = required(stated, chosen)
     scene, noise_mm = physics.scene, physics.noise.sample_mm
     influence, rules, errors = influence_of(scene), sensor_rules(scene), sample_errors(scene, noise_mm)
-    count = options.sensors or _count_of(scene)
+    count = options.sensors or _count_of(scene, influence, rules, errors, options.seed)
     if options.components is not None and options.components > count:
         message = f"--components {options.components}: {count} sensors have no more than {count} components"
         raise SceneError(message)
@@ -65,32 +67,29 @@ def run(options: argparse.Namespace) -> None:
     print(json.dumps(found, allow_nan=False) if options.json else _table(found, noise_mm))
 
 
-def _count_of(scene: Scene) -> int:
+def _count_of(scene: Scene, influence: InfluenceFunction, rules: Candidates, errors: SampleErrors, seed: int) -> int:
+    """Return the number of sensors that the scene states, or the one that a build of it finds."""
     fewest, most = scene.sensors.count_range
-    if fewest != most:
-        message = "sensors.count leaves the number open; give --sensors N"
-        raise SceneError(message)
-    return fewest
+    if fewest == most:
+        return fewest
+    wanted_mm = scene.requirements.position_error_mm
+    found = fewest_sensors(influence, rules, (fewest, most), wanted_mm=wanted_mm, errors=errors, seed=seed)
+    return len(found.positions_mm)
 
 
 def _described(
     options: argparse.Namespace, influence: InfluenceFunction, errors: SampleErrors, placement: Placement
 ) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
-    percent: float | None = None
-    standard_error: float | None = None
-    if errors.noise_mm > 0:
-        # Use fresh draws: a layout looks better on the draws that it was chosen by.
-        found = accuracy_limit(
-            Prior.real(influence, np.array(placement.positions_mm), errors), LIMIT_DRAWS, options.seed + 1
-        )
-        percent, standard_error = found.percent, found.standard_error
+    prior = Prior.real(influence, np.array(placement.positions_mm), errors)
+    # Use fresh draws: a layout looks better on the draws that it was chosen by.
+    limit = accuracy_limit(prior, LIMIT_DRAWS, options.seed + 1)
     score = placement.log_eigenvalue_product
     return {
         "positions_mm": list(placement.positions_mm),
         "log_eigenvalue_product": score if math.isfinite(score) else None,
-        "accuracy_limit_percent": percent,
-        "standard_error": standard_error,
+        "accuracy_limit_percent": limit.percent,
+        "standard_error": limit.standard_error,
         "proven": placement.proven,
         "gap": placement.gap,
         "evaluations": placement.evaluations,
@@ -104,7 +103,7 @@ def _described(
 
 def _table(found: dict[str, Any], noise_mm: float) -> str:
     """Return the result as text, each number with its unit and reference."""
-    score, limit = found["log_eigenvalue_product"], found["accuracy_limit_percent"]
+    score = found["log_eigenvalue_product"]
     leading = (
         f"{found['components']} leading eigenvalues" if found["components"] < len(found["positions_mm"]) else "all"
     )
@@ -113,7 +112,7 @@ def _table(found: dict[str, Any], noise_mm: float) -> str:
         ("sensors", f"{', '.join(f'{position:g}' for position in found['positions_mm'])} mm from the left end"),
         ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
         ("proof", _proof_line(found)),
-        ("limit", _limit_line(limit, found["standard_error"], noise_mm)),
+        ("limit", _limit_line(found["accuracy_limit_percent"], found["standard_error"], noise_mm)),
         ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
         ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
         ("advice", f"{found['recommended_sensors']} sensors: one per component that exceeds the noise, at least two"),
@@ -121,9 +120,7 @@ def _table(found: dict[str, Any], noise_mm: float) -> str:
     return "\n".join(f"{label:<8} {text}" for label, text in rows)
 
 
-def _limit_line(percent: float | None, standard_error: float | None, noise_mm: float) -> str:
-    if percent is None:
-        return "none: without noise there is no accuracy limit"
+def _limit_line(percent: float, standard_error: float, noise_mm: float) -> str:
     return f"mean error {percent:.3f} % +- {standard_error:.3f} of the length, at {noise_mm:.3g} mm noise per sample"
 
 

@@ -5,9 +5,9 @@
 """
 
 from beamtouch_models.decision.decider import Decider, State, Verdict
-from beamtouch_models.decision.doubts import is_overload, is_unchecked
+from beamtouch_models.decision.doubts import is_odd, is_overload, is_unchecked
 from beamtouch_models.decision.evidence import LOG_ODDS, MISFIT, Evidence, Weighed, evidence
-from beamtouch_models.decision.suspects import SAMPLES, Suspects
+from beamtouch_models.decision.suspects import SAMPLES, LeftOut, Suspects
 
 __all__ = [
     "LOG_ODDS",
@@ -15,11 +15,13 @@ __all__ = [
     "SAMPLES",
     "Decider",
     "Evidence",
+    "LeftOut",
     "State",
     "Suspects",
     "Verdict",
     "Weighed",
     "evidence",
+    "is_odd",
     "is_overload",
     "is_unchecked",
 ]

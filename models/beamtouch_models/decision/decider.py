@@ -1,13 +1,15 @@
 """The state of a surface from the evidence of consecutive samples. Pure.
 
 A large covariance explains everything, rest and contact alike. So a state ends only on a sample that could show what
-the state stands on: with its covariance, the last clear deflection of that state would contradict rest.
+the state stands on: with its covariance, the last clear deflection of that state would contradict rest about as well as
+these channels can show it. A sample that does not move is as precise as it can be.
 """
 
 from enum import StrEnum
 from typing import NamedTuple
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.decision.doubts import is_odd
 from beamtouch_models.decision.evidence import Evidence
 from beamtouch_models.metadata import Thresholds
 
@@ -41,15 +43,19 @@ class Verdict(NamedTuple):
 
     state: State
     unsteady: bool
-    """Whether the readings move, or first contradict the contact."""
+    """Whether the readings move, or contradict the state, or are too weak for the contact."""
+    shown: bool
+    """Whether the sample shows the state by itself. If not, the state stands on earlier samples."""
 
 
 class Decider:
-    """Decides on the samples of one sender, in order."""
+    """Decides on the samples of one sender, in order; `state` is the one before them, None if it is not known."""
 
-    def __init__(self, thresholds: Thresholds, state: State = State.CLEAR) -> None:
+    def __init__(self, thresholds: Thresholds, state: State | None = State.CLEAR) -> None:
         self._thresholds = thresholds
-        self.state = state
+        self.state = state or State.CLEAR
+        self._persistence = PERSISTENCE if state else 1
+        """Odd samples that make the next one unexplained. Nothing speaks against the very first."""
         self._armed = state is State.CLEAR
         """Whether the beam lay still since the last contact. Then nothing but a touch moves it."""
         self._run = 0
@@ -60,12 +66,10 @@ class Decider:
         """Samples in a row that could be a lift, or a touch of a beam that has not come to rest."""
         self._seen_mm: Floats | None = None
         """The last deflection that the state stands on."""
-        self._seen_misfit = 0.0
-        """Its misfit with rest, under the noise alone."""
 
     def step(self, evidence: Evidence) -> Verdict:
         """Take the next sample."""
-        odd = self._is_odd(evidence)
+        odd = is_odd(self._thresholds, evidence)
         if self.state is State.UNEXPLAINED:
             if odd:
                 self._stand_on(evidence)
@@ -74,14 +78,18 @@ class Decider:
                 self._settle(evidence)
         elif odd:
             self._run += 1
-            if self._run >= PERSISTENCE:
+            if self._run >= self._persistence:
                 self.state, self._run = State.UNEXPLAINED, 0
                 self._stand_on(evidence)
         else:
             self._run = 0
             self._follow(evidence)
-        contradicted = self._run > 0 and self.state is not State.UNEXPLAINED
-        return Verdict(self.state, evidence.moves or contradicted)
+        self._persistence = PERSISTENCE
+        shown = odd == (self.state is State.UNEXPLAINED)
+        if self.state is State.CONTACT:
+            shown = shown and evidence.log_odds > self._touch(evidence)
+        doubted = not shown and self.state is not State.UNEXPLAINED
+        return Verdict(self.state, evidence.moves or doubted, shown)
 
     def _follow(self, evidence: Evidence) -> None:
         """Let a contact begin or end."""
@@ -129,21 +137,14 @@ class Decider:
         self._armed |= self._still >= REST
 
     def _stand_on(self, evidence: Evidence) -> None:
-        self._seen_mm, self._seen_misfit = evidence.deflection_mm, evidence.still_misfit
+        self._seen_mm = evidence.deflection_mm
 
     def _shows(self, evidence: Evidence) -> bool:
         """Return whether the sample is precise enough to show what the state stands on."""
-        if self._seen_mm is None:
+        if self._seen_mm is None or not evidence.moves:
             return True
-        enough = min(self._seen_misfit / 2, 2 * self._touch(evidence))
-        return evidence.shows(self._seen_mm) > enough
+        enough = min(evidence.could_show(self._seen_mm) / 2, 2 * self._touch(evidence))
+        return evidence.shows(self._seen_mm) >= enough
 
     def _touch(self, evidence: Evidence) -> float:
         return self._thresholds.touch[evidence.channels - 1]
-
-    def _is_odd(self, evidence: Evidence) -> bool:
-        """Return whether neither rest nor a single contact explains a sample."""
-        limit = self._thresholds.misfit[evidence.channels - 1]
-        if limit is None:
-            return False
-        return evidence.misfit > limit and evidence.rest_misfit > self._thresholds.rest[evidence.channels - 1]

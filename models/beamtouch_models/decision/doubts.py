@@ -1,10 +1,16 @@
-"""What is doubtful about a contact, from its evidence. Pure."""
+"""What is doubtful about a sample, from its evidence. Pure."""
 
 from beamtouch_models.decision.evidence import CHECKED, Evidence
-from beamtouch_models.metadata import Metadata
+from beamtouch_models.metadata import Metadata, Thresholds
 
 SURELY = 2.0
 """The force is said to be beyond the range if it is so by more than this many half-widths of its interval."""
+
+
+def is_odd(thresholds: Thresholds, evidence: Evidence) -> bool:
+    """Return whether neither rest nor a single contact explains a sample."""
+    place = evidence.channels - 1
+    return evidence.rest_misfit > thresholds.rest[place] and evidence.misfit > thresholds.misfit[place]
 
 
 def is_overload(metadata: Metadata, evidence: Evidence) -> bool:

@@ -58,8 +58,8 @@ class Evidence:
     """Whether the readings scatter more than their noise."""
     still_log_odds: float
     """Log odds of contact if the scatter were none: under the noise alone."""
-    still_misfit: float
-    """Misfit of rest under the noise alone."""
+    still_whitening_per_mm: Floats
+    """(channels, channels), if the scatter were none: under the noise alone."""
 
     @property
     def log_odds(self) -> float:
@@ -73,8 +73,15 @@ class Evidence:
 
     def shows(self, deflection_mm: Floats) -> float:
         """Return the misfit that rest would have with this deflection (channels,), under the same covariance."""
-        whitened = self.whitening_per_mm @ deflection_mm
-        return float(whitened @ whitened)
+        return _square(self.whitening_per_mm @ deflection_mm)
+
+    def could_show(self, deflection_mm: Floats) -> float:
+        """Return the same if the scatter were none: the most that the working channels can show."""
+        return _square(self.still_whitening_per_mm @ deflection_mm)
+
+
+def _square(whitened: Floats) -> float:
+    return float(whitened @ whitened)
 
 
 def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
@@ -97,20 +104,19 @@ def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
     from_rest = np.where(samples.valid, samples.deflection_mm - _rest_mm(metadata), 0.0)
     weights, answers = _weigh(metadata, run, samples, samples.covariance_mm2)
     rest = _misfit_of_rest(weights, from_rest)
-    still_odds, still_rest = answers[LOG_ODDS].tolist(), list(rest)
+    still_odds, still_weights = answers[LOG_ODDS].tolist(), list(weights)
     if moves.any():
         moving = np.flatnonzero(moves)
         part = samples.part(moving)
         weights_if_still, again = _weigh(metadata, run, part, part.noise_mm2[:, :, None] * np.eye(len(noise[0])))
-        misfits = _misfit_of_rest(weights_if_still, from_rest[moving])
-        for index, odds, misfit in zip(moving.tolist(), again[LOG_ODDS].tolist(), misfits, strict=True):
-            still_odds[index], still_rest[index] = odds, misfit
+        for index, odds, weight in zip(moving.tolist(), again[LOG_ODDS].tolist(), weights_if_still, strict=True):
+            still_odds[index], still_weights[index] = odds, weight
     columns = zip(*(column.tolist() for column in answers.values()), strict=True)
     channels = samples.valid.sum(axis=1).tolist()
     return [
         Evidence(z, weight, dict(zip(answers, row, strict=True)), *said)
         for z, weight, row, *said in zip(
-            from_rest, weights, columns, channels, rest, moves.tolist(), still_odds, still_rest, strict=True
+            from_rest, weights, columns, channels, rest, moves.tolist(), still_odds, still_weights, strict=True
         )
     ]
 

@@ -7,12 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from beamtouch_models.decision.evidence import CHECKED, Evidence, Weighed, evidence
+from beamtouch_models.decision.doubts import is_odd
+from beamtouch_models.decision.evidence import CHECKED, Weighed, evidence
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.session import Run
 
 SAMPLES = 40
 """Samples that are asked about. One sample of two contacts may look like a wrong channel; many seldom agree on it."""
+ROWS = 256
+"""Rows in one run of the graph. More would cost memory and save no time."""
 AGREEING = 0.9
 """Part of them that must name the same channel, and no other."""
 
@@ -34,41 +37,42 @@ class Suspects:
     def __init__(self, metadata: Metadata, run: Run) -> None:
         self._metadata, self._run = metadata, run
         self._found: deque[str | None] = deque(maxlen=SAMPLES)
-        self.without: dict[str, LeftOut] = {}
-        """Channel -> the last sample without it; empty where fewer channels are left than check a contact."""
+        self.suspect: str | None = None
+        """The channel that contradicts the others, as far as the samples so far say."""
 
     def clear(self) -> None:
-        """Forget the samples: the stretch that they belong to is over."""
+        """Forget the samples: the stretch that they belong to is over, or other channels take part."""
         self._found.clear()
-        self.without = {}
+        self.suspect = None
 
-    def step(self, sample: Weighed) -> str | None:
-        """Take the next unexplained sample, one row; return the name of the channel that contradicts the others."""
-        self.without = self._leave_out(sample)
-        explaining = [name for name, left in self.without.items() if left.explained]
+    def add(self, without: dict[str, LeftOut]) -> None:
+        """Add an unexplained sample without each of its channels."""
+        explaining = [name for name, left in without.items() if left.explained]
         # If several would do, none of them is known to be wrong.
         self._found.append(explaining[0] if len(explaining) == 1 else None)
-        if len(self._found) < SAMPLES:
-            return None
         (name, count), *_ = Counter(self._found).most_common(1)
-        return name if count >= AGREEING * SAMPLES else None
+        self.suspect = name if count >= AGREEING * SAMPLES else None
 
-    def explained(self, found: Evidence) -> bool:
-        """Return whether rest or a single contact explains a sample."""
-        limits, place = self._metadata.thresholds, found.channels - 1
-        return found.misfit <= limits.misfit[place] or found.rest_misfit <= limits.rest[place]
+    def leave_out(self, samples: Sequence[Weighed]) -> list[dict[str, LeftOut]]:
+        """Return what is left of samples, one row each, without each of their channels.
 
-    def _leave_out(self, sample: Weighed) -> dict[str, LeftOut]:
-        """Return what is left of a sample without each of its channels."""
-        working = np.flatnonzero(sample.valid[0])
-        if len(working) <= CHECKED:
-            return {}
-        names = [self._metadata.layout[channel].name for channel in working.tolist()]
-        each = evidence(self._metadata, self._run, _stacked([sample.without(channel) for channel in working.tolist()]))
-        return {
-            name: LeftOut(found.misfit, found.rest_misfit, self.explained(found))
-            for name, found in zip(names, each, strict=True)
-        }
+        Nothing where so few channels are left that they fit most contacts.
+        """
+        parts = [(index, channel) for index, sample in enumerate(samples) for channel in self._working(sample)]
+        found = list[dict[str, LeftOut]]({} for _ in samples)
+        for begin in range(0, len(parts), ROWS):
+            some = parts[begin : begin + ROWS]
+            each = evidence(self._metadata, self._run, _stacked([samples[i].without(channel) for i, channel in some]))
+            for (index, channel), said in zip(some, each, strict=True):
+                explained = not is_odd(self._metadata.thresholds, said)
+                name = self._metadata.layout[channel].name
+                found[index][name] = LeftOut(said.misfit, said.rest_misfit, explained)
+        return found
+
+    def _working(self, sample: Weighed) -> list[int]:
+        """Return the channels that can be left out of a sample."""
+        working: list[int] = np.flatnonzero(sample.valid[0]).tolist()
+        return working if len(working) > CHECKED else []
 
 
 def _stacked(samples: Sequence[Weighed]) -> Weighed:

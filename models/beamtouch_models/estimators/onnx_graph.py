@@ -12,10 +12,12 @@ from numpy.typing import ArrayLike, DTypeLike
 from onnx import TensorProto, helper, numpy_helper
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.metadata import INPUTS
+from beamtouch_models.metadata import FORCE_OUTPUTS, INPUTS
 
 OPSET = 17
 IR_VERSION = 8
+NORMAL_95 = 1.96
+"""Half the width of an interval that holds 95 % of a normal distribution, over its standard deviation."""
 
 
 @dataclass
@@ -91,6 +93,27 @@ def with_linear_input(made: onnx.ModelProto, offset_mm: Floats, curve_per_mm: fl
     del changed.graph.node[:]
     changed.graph.node.extend(nodes)
     changed.graph.initializer.extend(before.constants)
+    onnx.checker.check_model(changed)
+    return changed
+
+
+def with_force_error(made: onnx.ModelProto, error: float) -> onnx.ModelProto:
+    """Return the model with wider intervals of the force, by a relative error (standard deviation) of all forces."""
+    force, *ends = FORCE_OUTPUTS
+    if not (error and force in {output.name for output in made.graph.output}):
+        return made
+    changed, after = onnx.ModelProto(), Graph(name="scaled")
+    changed.CopyFrom(made)
+    for node in changed.graph.node:
+        for names in (node.input, node.output):
+            names[:] = [f"unscaled_{name}" if name in ends else name for name in names]
+    scaled = after.apply("Mul", force, after.constant(NORMAL_95 * error))
+    for end, back in zip(ends, ("Sub", "Add"), strict=True):
+        gap = after.apply("Sub", force, f"unscaled_{end}")
+        square = after.apply("Add", after.apply("Mul", gap, gap), after.apply("Mul", scaled, scaled))
+        after.apply(back, force, after.apply("Sqrt", square), output=end)
+    changed.graph.node.extend(after.nodes)
+    changed.graph.initializer.extend(after.constants)
     onnx.checker.check_model(changed)
     return changed
 

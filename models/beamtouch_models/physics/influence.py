@@ -3,6 +3,7 @@
 A scene is one way to fill it (`physics.beam.influence_of`). A measured beam or a plate is another.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,22 +11,63 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats
 
+EVEN = 1e-6
+"""Largest difference between the steps of even load positions, relative to a step."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class InfluenceFunction:
-    """Deflections of a structure per newton, for its range of contacts."""
+    """Deflections of a structure per newton, for its range of contacts.
+
+    Raises
+    ------
+    ValueError
+        A field is not as its line says; the message names it.
+    """
 
     length_mm: float
     """Sensors and contacts stand at 0 to `length_mm`."""
     load_mm: Floats
     """(loads,) evenly spaced and ascending; contacts lie between the first and the last."""
     force_n: tuple[float, float]
-    """Range of forces; equal ends if the force is known."""
+    """Range of forces, positive; equal ends if the force is known."""
     at: Callable[[Floats, Floats], Floats]
     """From positions of sensors (sensors,) and loads (loads,), both in mm, to the influence matrix (loads, sensors) in
-    mm/N."""
+    mm/N. Both come in any order, and anywhere on 0 to `length_mm`: equal pitch, for example, puts sensors where rules
+    allow none. All values are finite. So a table of measurements is interpolated over the whole length."""
     unit_mm_per_n: float = 1.0
-    """Deflection per newton that counts as 1 in a dimensionless score; l^3/(EI) of a beam."""
+    """Deflection per newton that counts as 1 in a dimensionless score, positive; l^3/(EI) of a beam."""
+
+    def __post_init__(self) -> None:
+        load = np.array(self.load_mm, dtype=np.float64)  # a copy: the caller may change its array
+        object.__setattr__(self, "load_mm", load)
+        self._require("length_mm", 0 < self.length_mm < math.inf, "a positive number")
+        self._require("load_mm", load.ndim == 1 and load.size > 1, "a list of two positions or more")
+        self._require("load_mm", bool(np.isfinite(load).all()), "finite")
+        self._require("load_mm", bool(load.min() >= 0 and load.max() <= self.length_mm), "at 0 to length_mm")
+        steps = np.diff(load)
+        uneven = EVEN * float(steps.mean()) + 16 * float(np.spacing(self.length_mm))
+        self._require("load_mm", bool(steps.min() > 0 and np.ptp(steps) <= uneven), "ascending and evenly spaced")
+        low, high = self.force_n
+        self._require("force_n", 0 < low <= high < math.inf, "positive, the first no larger than the second")
+        self._require("unit_mm_per_n", 0 < self.unit_mm_per_n < math.inf, "a positive number")
+        self._check_at()
+
+    def _require(self, name: str, is_kept: bool, wanted: str) -> None:
+        if not is_kept:
+            message = f"{name} of an influence function must be {wanted}, not {getattr(self, name)}"
+            raise ValueError(message)
+
+    def _check_at(self) -> None:
+        """Ask for a few values, in no order, so that a function with swapped arguments is refused at once."""
+        sensor, load = self.length_mm * np.array([0.7, 0.2, 0.5]), self.load_mm[[-1, 0]]
+        matrix = np.asarray(self.at(sensor, load))
+        if matrix.shape != (2, 3) or not np.isfinite(matrix).all():
+            message = (
+                "at of an influence function must return finite values of shape (loads, sensors), here (2, 3), not "
+                f"{matrix.tolist()}"
+            )
+            raise ValueError(message)
 
     @property
     def position_mm(self) -> tuple[float, float]:

@@ -46,7 +46,8 @@ def fewest_sensors(
     Parameters
     ----------
     influence, rules : influence function of the structure, and rules for its sensors
-    counts : smallest and largest number of sensors; equal ends need no requirement
+    counts : smallest and largest number of sensors; equal ends need no requirement. Numbers below that of the fixed
+        sensors are passed over.
     wanted_mm : largest mean position error
     errors : errors of a sample
     seed : seed of the search and of the simulated contacts
@@ -54,14 +55,15 @@ def fewest_sensors(
     Raises
     ------
     SceneError
-        The number is open without a requirement, or not even the largest number meets the requirement.
+        The number is open without a requirement, not even the largest number meets the requirement, or there are more
+        fixed sensors than that.
     """
     fewest, most = counts
     if fewest != most and wanted_mm is None:
         message = "sensors.count leaves the number open; give requirements.position_error_mm, or --sensors N"
         raise SceneError(message)
     reached_mm = math.inf
-    for number in range(fewest, most + 1):
+    for number in range(min(max(fewest, len(rules.fixed)), most), most + 1):
         placement = place(influence, rules, number, seed)
         if fewest == most or wanted_mm is None:
             return placement

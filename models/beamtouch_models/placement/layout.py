@@ -9,7 +9,7 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats, Indices
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Candidates:
     """The positions that a sensor may take, and the rules for a layout.
 

@@ -34,8 +34,9 @@ class Placement:
     positions_mm: tuple[float, ...]
     """Ascending, from the left end."""
     log_eigenvalue_product: float
-    """Natural logarithm of the product of the leading eigenvalues; lengths in units of l, W/(EI) = 1. Minus infinity if
-    rounding hides one of them, which can happen with the position-error criterion only."""
+    """Natural logarithm of the product of the leading eigenvalues, with deflections per newton in the structure's
+    `unit_mm_per_n`: for a beam, lengths in units of l and W/(EI) = 1. Minus infinity if rounding hides one of them,
+    which can happen with the position-error criterion only."""
     evaluations: int
     """Number of layouts scored."""
     convergence: tuple[float, ...]
@@ -144,7 +145,7 @@ def place_by_position_error(
 
 
 def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
-    """Return the logarithm of the eigenvalue product of a layout; lengths in units of l, W/(EI) = 1."""
+    """Return the logarithm of the eigenvalue product of a layout, in the unit of `Placement.log_eigenvalue_product`."""
     score = float(log_eigenvalue_product(influence.matrix(positions_mm), leading))
     return score - 2 * (leading or len(positions_mm)) * float(np.log(influence.unit_mm_per_n))
 

@@ -13,7 +13,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice, Noise
 from beamtouch_models.physics.beam import sensor_positions_mm
 from beamtouch_models.pricing.effect import NEGLIGIBLE, Effect, Pricing
-from beamtouch_models.pricing.noise import noise_of, sensor_noise_mm
+from beamtouch_models.pricing.noise import noise_of, reading_noise_mm, sensor_noise_mm
 from beamtouch_models.pricing.prices import EFFECTS
 from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import Scene
@@ -31,11 +31,11 @@ class Physics:
     filter: FilterChoice
     """The filter whose noise the effects were priced in."""
     effects: tuple[Effect, ...]
-    """All effects with their prices; empty without noise, which leaves nothing to compare them to."""
+    """All effects with their prices; empty if a sample has no noise, which leaves nothing to compare them to."""
 
     @property
     def noise(self) -> Noise:
-        """Noise of a reading and of a sample."""
+        """Noise of a reading and of a sample, the same as of the stated scene."""
         return noise_of(self.scene, self.filter)
 
 
@@ -58,20 +58,23 @@ def effects_of(scene: Scene, chosen: FilterChoice) -> tuple[Effect, ...]:
 
 
 def required(scene: Scene, chosen: FilterChoice) -> Physics:
-    """Return the physics that a scene requires behind a filter; with a noise of 0 all of the scene is required.
+    """Return the physics that a scene requires behind a filter.
 
-    If effects are left out and the scene states its noise in percent of the largest deflection, the result states the
-    same noise in mm. Raises SceneError if the scene cannot be computed.
+    If a sample has no noise, neither of the sensors nor from the steps of an ADC, all of the scene is required. If
+    effects are left out, the result states the noise of the scene in mm; it contains the steps of an ADC that is left
+    out. Raises SceneError if the scene cannot be computed.
     """
-    if sensor_noise_mm(scene) == 0:
+    if noise_of(scene, chosen).sample_mm == 0:
         return Physics(scene, chosen, ())
     effects = effects_of(scene, chosen)
     removals = [effect.leave_out for effect in effects if effect.verdict == "out" and effect.leave_out]
     smaller = scene
-    if removals:
-        smaller = changed(scene, "sensors", noise_mm=sensor_noise_mm(scene), noise_percent_of_max=None)
     for leave_out in removals:
         smaller = leave_out(smaller)
+    if removals:
+        has_steps = smaller.sensors.adc_bits is not None
+        noise_mm = sensor_noise_mm(scene) if has_steps else reading_noise_mm(scene)
+        smaller = changed(smaller, "sensors", noise_mm=noise_mm, noise_percent_of_max=None)
     return Physics(smaller, chosen, effects)
 
 

@@ -149,6 +149,18 @@ def noise_of(scene: Scene, chosen: FilterChoice) -> Noise:
     return Noise(reading_mm=reading, sample_mm=reading / math.sqrt(chosen.window))
 
 
+def check_errors(scene: Scene, chosen: FilterChoice) -> None:
+    """Raise SceneError as `check_scale`, or if the zeros of a scene's sensors drift too far for any model."""
+    deflection_mm = max_deflection_mm(scene)
+    check_scale(noise_of(scene, chosen).sample_mm, deflection_mm)
+    if (drift_mm := zero_drift_mm(scene)) > MAX_NOISE * deflection_mm:
+        message = (
+            f"sensors.zero_drift_mm = {drift_mm:.3g} hides the largest deflection, {deflection_mm:.3g} mm; tare more "
+            "often, use better sensors or a softer beam"
+        )
+        raise SceneError(message)
+
+
 def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
     """Raise SceneError if no model can carry the deflection, or the noise next to it.
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from beamtouch_models.building.build import sensor_of
+from beamtouch_models.building.sensor_rules import sensor_of
 from beamtouch_models.charts import Chart, Series
 from beamtouch_models.reproduction.finding import Figure, compared, rounded
 from beamtouch_models.reproduction.paper import SCENE

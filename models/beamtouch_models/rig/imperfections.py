@@ -19,15 +19,15 @@ DampingRatio = Annotated[float, Field(gt=0, lt=1)]
 class Imperfections(Strict):
     """The keys of the imperfections file; by default the surface is as the scene and the model state."""
 
-    position_offset_mm: tuple[Finite, ...] = ()
+    position_offset_mm: Annotated[tuple[Finite, ...], Field(strict=False)] = ()
     """True position of each sensor minus its position in the layout."""
-    gain: tuple[PositiveFinite, ...] = ()
+    gain: Annotated[tuple[PositiveFinite, ...], Field(strict=False)] = ()
     """Measured over true deflection, per channel."""
-    offset_mm: tuple[Finite, ...] = ()
+    offset_mm: Annotated[tuple[Finite, ...], Field(strict=False)] = ()
     """Added to each gap; a tare removes it."""
     curve_per_mm: Finite = 0.0
     """Curvature of the characteristic: a deflection w is measured as gain (w + curve w^2)."""
-    fixity: tuple[Fixity, Fixity] = (0.0, 0.0)
+    fixity: Annotated[tuple[Fixity, Fixity], Field(strict=False)] = (0.0, 0.0)
     """Fixity of the leftmost and the rightmost support."""
     rigidity: PositiveFinite = 1.0
     """Factor on E I."""

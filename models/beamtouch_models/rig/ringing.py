@@ -10,7 +10,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics import dynamics
 from beamtouch_models.pricing.effects import effects_of
-from beamtouch_models.pricing.noise import sensor_noise_mm
+from beamtouch_models.pricing.noise import noise_of
 from beamtouch_models.scene import Scene
 
 _GONE = 700.0
@@ -77,7 +77,7 @@ def ringing_of(scene: Scene, chosen: FilterChoice, damping_ratio: float) -> Ring
     if frequency is None:
         message = "damping_ratio needs beam.density_kg_m3, beam.width_mm and beam.thickness_mm in the scene"
         raise SceneError(message)
-    if sensor_noise_mm(scene) > 0:  # without noise nothing is negligible
+    if noise_of(scene, chosen).sample_mm > 0:  # without noise nothing is negligible
         (priced,) = (effect for effect in effects_of(scene, chosen) if effect.name == "dynamics")
         if priced.verdict == "out":
             return None

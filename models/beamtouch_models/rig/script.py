@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import Annotated, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from beamtouch_common.files import load_toml
+from beamtouch_models.beam_parts import Finite, Pair, PositiveFinite, Strict
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene import Scene
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
@@ -20,14 +20,12 @@ class Load(NamedTuple):
     force_n: float
 
 
-class Step(BaseModel):
+class Step(Strict):
     """One step of a script: no load without a position, a resting load with one position, a moving load with two."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    seconds: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    position_mm: Finite | tuple[Finite, Finite] | None = None
-    force_n: NotNegative | tuple[NotNegative, NotNegative] | None = None
+    seconds: PositiveFinite
+    position_mm: Finite | Pair | None = None
+    force_n: NotNegative | Annotated[tuple[NotNegative, NotNegative], Field(strict=False)] | None = None
 
     @model_validator(mode="after")
     def _both_or_neither(self) -> Self:
@@ -43,10 +41,8 @@ class Step(BaseModel):
         return Load(_between(self.position_mm, fraction), _between(self.force_n, fraction))
 
 
-class Script(BaseModel):
+class Script(Strict):
     """A sequence of steps. After the last it starts again if `repeat`, else the load is gone for good."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     repeat: bool = True
     step: Annotated[list[Step], Field(min_length=1)]

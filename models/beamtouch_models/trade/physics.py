@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.accuracy.contacts import simulated_enough
+from beamtouch_models.accuracy.contacts import Contacts, simulated_enough
 from beamtouch_models.accuracy.prior import TABLE, Prior
 from beamtouch_models.accuracy.statistics import Measurement, ratio_of
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
@@ -13,7 +13,8 @@ from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place
 from beamtouch_models.pricing.effects import required
-from beamtouch_models.pricing.noise import choose_filter, noise_of
+from beamtouch_models.pricing.noise import choose_filter, noise_of, sensor_noise_mm
+from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import Scene
 from beamtouch_models.session import runner
 
@@ -36,30 +37,49 @@ class LeftOut:
 
 
 def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
-    """Measure the surface without each effect that can be left out, one at a time."""
+    """Measure the surface without each effect that can be left out, one at a time.
+
+    The surface has the fewest sensors that the scene allows. Steps are left out of a beam without shear, because shear
+    depends on the sections.
+    """
     chosen = choose_filter(scene)
-    noise_mm, physics = noise_of(scene, chosen).sample_mm, required(scene, chosen)
-    count = scene.sensors.count_range[0]
-    layout = np.array(place(influence_of(physics.scene), sensor_rules(physics.scene), count, seed).positions_mm)
-    whole = Prior.real(influence_of(scene), layout, sample_errors(scene, noise_mm))
-    contacts = simulated_enough(whole, draws, seed + 1)
-    best = contacts.deviation_mm
-    if best is None:
-        return []
-    reading = contacts.drawn.deflection_mm
-    whitening = whole.whitening(reading)
-    with_ms = _table_ms(whole)
+    physics = required(scene, chosen)
+    influence, rules = influence_of(physics.scene), sensor_rules(physics.scene)
+    layout = np.array(place(influence, rules, scene.sensors.fewest, seed).positions_mm)
+    reading_mm = sensor_noise_mm(scene)
+
+    def prior_of(one: Scene) -> Prior:
+        # The sensors are the same in each: their noise does not follow the deflection that an effect changes.
+        same = changed(one, "sensors", noise_mm=reading_mm, noise_percent_of_max=None)
+        return Prior.real(influence_of(same), layout, sample_errors(same, noise_of(same, chosen).sample_mm))
+
+    whole = prior_of(scene)
+    touched = simulated_enough(whole, draws, seed + 1)
     found = []
     for effect in physics.effects:
         if effect.leave_out is None or effect.price is None:
             continue
-        lesser = effect.leave_out(scene)
-        without = Prior.real(influence_of(lesser), layout, sample_errors(lesser, noise_mm))
-        run = runner(posterior_graph(without, with_force=False).SerializeToString())
-        error = contacts.mean_error_mm(run(reading, whitening)["position_mm"])
-        ratio = ratio_of(error * contacts.weight, best * contacts.weight)
-        found.append(LeftOut(effect.name, effect.price, effect.verdict, ratio, _table_ms(without), with_ms))
+        without = prior_of(effect.lacking or effect.leave_out(scene))
+        if without.noise_mm == 0:  # the steps of the ADC are all of the noise, and without noise there is no estimator
+            continue
+        base, contacts = whole, touched
+        if effect.having is not None and effect.having != scene:
+            base = prior_of(effect.having)
+            contacts = simulated_enough(base, draws, seed + 1)
+        ratio = _error_over_limit(contacts, without)
+        found.append(LeftOut(effect.name, effect.price, effect.verdict, ratio, _table_ms(without), _table_ms(base)))
     return found
+
+
+def _error_over_limit(contacts: Contacts, without: Prior) -> Measurement:
+    """Return the error of the estimator of a prior that lacks an effect of the contacts, over their accuracy limit."""
+    best, reading = contacts.deviation_mm, contacts.drawn.deflection_mm
+    if best is None:
+        message = "without noise there is no accuracy limit"
+        raise ValueError(message)
+    run = runner(posterior_graph(without, with_force=False).SerializeToString())
+    error = contacts.mean_error_mm(run(reading, without.whitening(reading))["position_mm"])
+    return ratio_of(error * contacts.weight, best * contacts.weight)
 
 
 def _table_ms(prior: Prior) -> float:

@@ -10,15 +10,16 @@ from beamtouch_models.accuracy.contacts import Contacts, simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, ratio_of
 from beamtouch_models.arrays import Floats, Floats32
+from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator, Name, estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.physics.beam import check_small_angles, influence_of, max_deflection_mm
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place
 from beamtouch_models.pricing.effects import Physics, required
-from beamtouch_models.pricing.noise import check_scale, noise_of, reading_noise_mm, window_filter
+from beamtouch_models.pricing.noise import check_errors, choose_filter, window_filter
 from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.scene import MIN_SENSORS, Scene
 from beamtouch_models.session import runner
@@ -60,9 +61,10 @@ def windows_of(scene: Scene) -> list[FilterChoice]:
 
 def counts_of(scene: Scene) -> list[int]:
     """Return the numbers of sensors to measure: the scene's range, or numbers around the one that it states."""
-    fewest, most = scene.sensors.count_range
-    if fewest == most:
-        fewest, most = max(MIN_SENSORS + 1, fewest - AROUND, len(scene.sensors.fixed_mm)), fewest + 1
+    stated, most = scene.sensors.count_range
+    fewest = scene.sensors.fewest
+    if stated == most:
+        fewest, most = max(MIN_SENSORS + 1, stated - AROUND, len(scene.sensors.fixed_mm)), stated + 1
     return list(range(fewest, most + 1))
 
 
@@ -87,13 +89,9 @@ def measured_points(
     Raises
     ------
     SceneError
-        No point can be built. If only some points fail, they are listed as failures.
+        A build refuses the scene, or no point can be built. If only some points fail, they are listed as failures.
     """
-    check_small_angles(scene)
-    if reading_noise_mm(scene) == 0:
-        message = "sensors: with a noise of 0 there is nothing to trade; state the noise of a reading"
-        raise SceneError(message)
-    deflection_mm = max_deflection_mm(scene)
+    check_scene(scene, choose_filter(scene))
     layouts = [(count, chosen) for count in counts_of(scene) for chosen in windows_of(scene)]
     total = len(layouts) * len(estimators)
     physics_of = cache(partial(required, scene))
@@ -102,7 +100,7 @@ def measured_points(
     failures: list[Failure] = []
     for number, (count, chosen) in enumerate(layouts):
         try:
-            check_scale(noise_of(scene, chosen).sample_mm, deflection_mm)
+            check_errors(scene, chosen)
             contacts, prior = _contacts(physics_of(chosen), count, draws, seed)
         except SceneError as error:
             failures.append(Failure(None, count, chosen, str(error)))

@@ -93,7 +93,7 @@ def markdown(name: str, trade: Trade, front: Sequence[Point], physics: Sequence[
         "## Physics",
         "",
         "Each effect left out by itself: the error of an estimator without it, and the time to compute its influence",
-        "table.",
+        "table. Steps are left out of a beam without shear, because shear depends on the sections.",
         "",
         *_table(PHYSICS_HEADINGS, [physics_row(effect) for effect in physics]),
         "",

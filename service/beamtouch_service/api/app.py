@@ -16,6 +16,7 @@ from beamtouch_common.commands import version
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api import (
     beam,
+    calibration,
     contact,
     errors,
     events,
@@ -55,6 +56,7 @@ _ROUTERS = (
     surfaces.router,
     models.router,
     beam.router,
+    calibration.router,
     models.administration_router,
     metrics.router,
     stream.router,
@@ -124,6 +126,7 @@ def create_app(
     registry, counts, recorder = Registry(served), Counts(), recorder or Recorder()
     for surface in registry:
         surface.witness = recorder
+        recorder.watch(surface)
         counts.watch(surface)
     context = Context(
         registry,

@@ -2,19 +2,19 @@
 
 from asyncio import wrap_future
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Annotated, Literal
 from urllib.parse import urlencode
 
 from fastapi import Path as PathParameter
 from fastapi import Query, Request, Response
-from pydantic import AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from beamtouch_service.access import Role
 from beamtouch_service.api import event_answers, gate, openapi
 from beamtouch_service.api.context import Context, ContextParameter
 from beamtouch_service.api.errors import NO_STORE
 from beamtouch_service.api.event_answers import EventCapture, EventList, EventWithPath
+from beamtouch_service.api.times import Time, microseconds
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.events.segments import Kind as EventKind
 from beamtouch_service.events.store import EventStore, Selection
@@ -27,17 +27,6 @@ _MAX_PATHS = 50
 """With its path, an event is a hundred times as large."""
 
 
-def _rfc3339(value: object) -> object:
-    # pydantic takes a bare number for seconds since 1970, or for milliseconds if it is large.
-    if isinstance(value, str) and "T" not in value.upper():
-        message = "expected a time such as 2026-11-20T23:40:46Z"
-        raise ValueError(message)
-    return value
-
-
-_Time = Annotated[AwareDatetime, BeforeValidator(_rfc3339)]
-
-
 class EventQuery(BaseModel):
     """Query parameters of the list of events."""
 
@@ -45,8 +34,8 @@ class EventQuery(BaseModel):
 
     surface: SurfaceName | None = Field(None, description="Only events of this surface.")
     kind: EventKind | None = Field(None, description="Only contacts, or only unexplained stretches.")
-    since: _Time | None = Field(None, description="Only events that began at or after this time (RFC 3339).")
-    until: _Time | None = Field(None, description="Only events that began before this time.")
+    since: Time | None = Field(None, description="Only events that began at or after this time (RFC 3339).")
+    until: Time | None = Field(None, description="Only events that began before this time.")
     after: str | None = Field(None, pattern=r"^[0-9]{1,17}\.[0-9]{1,18}$", description="`next` of the previous page.")
     path: bool = Field(False, description="Include paths; CSV never has them.")  # a default
     limit: int = Field(
@@ -66,17 +55,13 @@ class EventQuery(BaseModel):
         return limit
 
 
-def _microseconds(moment: datetime | None) -> int | None:
-    return None if moment is None else round(moment.timestamp() * 1e6)
-
-
 def _selection(query: EventQuery, *, path: bool) -> Selection:
     touched, _, number = (query.after or "").partition(".")
     return Selection(
         surface=query.surface,
         kind=query.kind,
-        since_us=_microseconds(query.since),
-        until_us=_microseconds(query.until),
+        since_us=microseconds(query.since),
+        until_us=microseconds(query.until),
         after=(int(touched), int(number)) if query.after else None,
         # One event more shows whether there is a next page.
         limit=query.limit + 1,

@@ -66,6 +66,14 @@ BATCH = {
     ],
 }
 
+BEST_CSV = (
+    "event,time,model,characteristic,readings,s1_mm,s2_mm,s1_sd_mm,s2_sd_mm,s1_rest_mm,s2_rest_mm,s1_rest_sd_mm,"
+    "s2_rest_sd_mm\r\n"
+    "42,2026-11-20T23:40:46.893Z,paper@4f2c91,5c1d90aa,40,0.1120310000,0.2431870000,0.0007140000,0.0007140000,"
+    "0.0001120000,-0.0000870000,0.0003570000,0.0003570000\r\n"
+)
+"""A best sample of two channels."""
+
 EVENT = {
     "id": 42,
     "surface": "press-7",

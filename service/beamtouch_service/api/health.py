@@ -1,5 +1,8 @@
 """`GET /health`: whether the process answers, and whether it can answer `GET /contact`."""
 
+from typing import Annotated
+
+from fastapi import Query
 from pydantic import BaseModel
 
 from beamtouch_service.access import Role
@@ -25,8 +28,11 @@ async def get_live() -> Health:
     return Health(status="live")
 
 
-@ready_router.get("/health/ready", responses=openapi.problems(Kind.NOT_READY, Kind.NO_SURFACE))
-async def get_ready(context: ContextParameter) -> Health:
+@ready_router.get("/health/ready", responses=openapi.problems(Kind.NOT_READY, Kind.CHANGED_CHANNELS, Kind.NO_SURFACE))
+async def get_ready(
+    context: ContextParameter,
+    health: Annotated[bool, Query(description="Also require that no sensor has changed for certain.")] = False,
+) -> Health:
     """Say whether the service has a surface, and every surface has a model and fresh samples."""
-    context.registry.require_ready(context.clock())
+    context.registry.require_ready(context.clock(), healthy=health)
     return Health(status="ready")

@@ -42,6 +42,7 @@ class SurfaceCollector(Collector):
         summaries = [(surface, surface.summary(now_s)) for surface in registry]
         yield from _of_samples(summaries)
         yield from _of_states(summaries, now_s)
+        yield from _of_health(summaries)
 
 
 def _of_samples(summaries: Summaries) -> Iterator[Metric]:
@@ -86,6 +87,26 @@ def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:
         stretches.add_metric(label, surface.stretches.count)
         seconds.add_metric(label, surface.stretches.total_s)
     yield from (states, notes, overdue, stretches, seconds)
+
+
+def _of_health(summaries: Summaries) -> Iterator[Metric]:
+    labels = ["surface", "channel"]
+    words = "Change of the gain since the baseline, in percent."
+    gain = GaugeMetricFamily("beamtouch_gain_change_percent", words, labels=[*labels, "bound"])
+    words = "Change of the deflection at rest since the baseline, in mm."
+    zero = GaugeMetricFamily("beamtouch_zero_change_mm", words, labels=[*labels, "bound"])
+    changed = GaugeMetricFamily("beamtouch_channel_changed", "1 if a channel has changed for certain.", labels=labels)
+    for surface, summary in summaries:
+        for name, one in (summary.health or {}).items():
+            label = [surface.name, name]
+            changed.add_metric(label, one.changed)
+            gains = (one.gain_percent, one.gain_low_percent, one.gain_high_percent)
+            zeros = (one.zero_mm, one.zero_low_mm, one.zero_high_mm)
+            for family, values in ((gain, gains), (zero, zeros)):
+                for bound, value in zip(("estimate", "low", "high"), values, strict=True):
+                    if value is not None:
+                        family.add_metric([*label, bound], value)
+    yield from (gain, zero, changed)
 
 
 @router.get("/metrics", responses={200: {"content": {"text/plain": {}}}, **openapi.problems()})

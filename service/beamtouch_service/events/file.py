@@ -1,9 +1,11 @@
 """The SQLite file of the events: locked for this service, and upgraded when it is opened."""
 
 import fcntl
+import json
 import os
 import time
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from sqlalchemy import URL, Connection, StaticPool, create_engine, update
@@ -36,6 +38,7 @@ class EventFile:
         self.engine = create_engine(
             URL.create("sqlite", database=str(path) if path else None),
             poolclass=StaticPool,
+            json_serializer=partial(json.dumps, separators=(",", ":")),
             # The first write begins a transaction and takes SQLite's write lock at once; reads take none.
             connect_args={"check_same_thread": False, "isolation_level": "IMMEDIATE", "timeout": _BUSY_S},
         )

@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from beamtouch_service.events.segments import AFTER_CLEAR, BEFORE_CLEAR, End, Kind, Segment, thin
+from beamtouch_service.events.best_samples import better
+from beamtouch_service.events.segments import AFTER_CLEAR, BEFORE_CLEAR, End, Kind, Segment, sums_of, thin
 
 _ENDS_OF_CONTACT = {End.CLEAR: End.UNEXPLAINED, End.CONTACT: End.UNSEEN}
 """End of an unexplained stretch -> end of the contact that it turns out to belong to."""
@@ -42,20 +43,16 @@ def joined(left: Segment, right: Segment) -> Segment:
     between_us = max(0, right.touched_us - left.last_us) if left.ends_unexplained else 0
     later = left if left.last_sequence > right.last_sequence else right
     added = _without_first(right, left.last_sequence)
-    peaks = [(one.peak_force_n, one.peak_position_mm) for one in (left, added) if one.peak_force_n is not None]
-    peak_force_n, peak_position_mm = max(peaks, key=lambda peak: peak[0] or 0.0, default=(None, None))
     return replace(
         left,
         last_sequence=later.last_sequence,
         last_us=later.last_us,
         lifted_us=later.lifted_us,
         end=later.end if later.kind is left.kind else _ENDS_OF_CONTACT.get(later.end, later.end),
-        samples=left.samples + added.samples,
-        position_sum_mm=left.position_sum_mm + added.position_sum_mm,
-        peak_force_n=peak_force_n,
-        peak_position_mm=peak_position_mm,
+        **sums_of(left).plus(sums_of(added))._asdict(),
         unexplained_us=left.unexplained_us + between_us + added.unexplained_us,
         ends_unexplained=later.ends_unexplained,
         degraded=left.degraded or right.degraded,
+        best=better(left.best, right.best),
         path=thin(sorted({point[0]: point for point in [*left.path, *right.path]}.values())),
     )

@@ -1,6 +1,6 @@
 """The table of captures: written with the event that they belong to, read and deleted with it."""
 
-from sqlalchemy import ColumnElement, Connection, and_, bindparam, delete, func, insert, select
+from sqlalchemy import ColumnElement, Connection, and_, bindparam, delete, exists, func, insert, select
 
 from beamtouch_service.events.captures import MAX_SAMPLES, Capture
 from beamtouch_service.events.schema import CAPTURES, EVENTS
@@ -8,6 +8,7 @@ from beamtouch_service.events.segments import Segment
 from beamtouch_service.surfaces.contradiction import Contradiction
 
 _c, _e = CAPTURES.c, EVENTS.c
+_STRETCHES = _e.ends_unexplained | (_e.unexplained_us > 0)
 _of_model = and_(
     _c.surface == bindparam("of_surface"), _c.boot_id == bindparam("of_boot_id"), _c.model == bindparam("of_model")
 )
@@ -56,13 +57,22 @@ def read(connection: Connection, event: Segment) -> list[Contradiction]:
     return [Contradiction.model_validate(sample) for sample in connection.scalars(_READ, key | span)]
 
 
-def drop(connection: Connection, these: ColumnElement[bool]) -> None:
-    """Delete the samples of these events, before the events."""
-    stretches = _e.ends_unexplained | (_e.unexplained_us > 0)
+def drop_oldest(connection: Connection, share: int) -> int:
+    """Delete the samples of one in `share` of the events that have any, the oldest first; return of how many."""
+    sender = _c.surface == _e.surface, _c.boot_id == _e.boot_id, _c.model == _e.model
+    captured = exists().where(*sender, _c.sequence.between(_e.first_sequence, _e.last_sequence))
+    count = connection.scalar(select(func.count()).select_from(EVENTS).where(_STRETCHES, captured)) or 0
+    oldest = select(_e.id).where(_STRETCHES, captured).order_by(_e.recorded_s).limit(max(1, count // share))
+    return drop(connection, _e.id.in_(oldest))
+
+
+def drop(connection: Connection, these: ColumnElement[bool]) -> int:
+    """Delete the samples of these events, before the events; return how many of them may have had some."""
     columns = (_e.surface, _e.boot_id, _e.model, _e.first_sequence, _e.last_sequence)
     spans = [
         dict(zip(("of_surface", "of_boot_id", "of_model", "first", "last"), row, strict=True))
-        for row in connection.execute(select(*columns).where(these, stretches))
+        for row in connection.execute(select(*columns).where(these, _STRETCHES))
     ]
     if spans:
         connection.execute(_IN_SPAN, spans)
+    return len(spans)

@@ -4,17 +4,18 @@ from collections import OrderedDict
 from collections.abc import Iterable
 from itertools import pairwise
 
-from beamtouch_models.modelfile import State
-from beamtouch_service.events.segmenter import Command, Edge, Segmenter, segment_late_run
+from beamtouch_models.modelfile import ModelFile, State
+from beamtouch_service.events.segmenter import Command, Doubtful, Edge, Found, Segmenter, TouchSeen, segment_late_run
 from beamtouch_service.events.segments import End
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.samples import Batch, Sample
-from beamtouch_service.surfaces.estimates import estimate, runner
-from beamtouch_service.surfaces.served_model import ServedModel
+from beamtouch_service.surfaces.estimates import Estimated, estimate, runner
 from beamtouch_service.surfaces.touch import Follower
 
 _MAX_EDGES = 4096
-"""Edges in memory, some 0.5 MB; without its edge, a late run starts clear or from the stored event before it."""
+"""Edges in memory, some 0.5 MB; without its edge, a late run starts from the stored event before it."""
+_MAX_ASIDE = 5000
+"""Doubtful samples in memory, some 15 MB; without them, an event may stay in pieces."""
 
 
 class LateSamples:
@@ -23,33 +24,88 @@ class LateSamples:
     def __init__(self, store: EventStore) -> None:
         self._store = store
         self._edges: OrderedDict[tuple[str, str, int], Edge] = OrderedDict()
+        self._aside: OrderedDict[tuple[str, str, str, int], Doubtful] = OrderedDict()
+        """Doubtful samples, by the number of the first."""
+        self._aside_to: dict[tuple[str, str, str, int], int] = {}
+        """Number of the last of them -> that of the first."""
+        self._count = 0
+        """Number of doubtful samples."""
 
-    def remember(self, surface: str, edges: Iterable[Edge]) -> None:
-        """Keep the samples beside gaps."""
-        for edge in edges:
-            self._edges[surface, edge.boot_id, edge.sequence] = edge
+    def settled(self, surface: str, stale_ms: float, model: ModelFile, found: Iterable[Found]) -> list[Command]:
+        """Return the commands in what was found; keep the samples beside gaps, and decide doubtful ones if possible."""
+        found = list(found)
+        edges = [one for one in found if isinstance(one, Edge)]
+        self._edges |= {(surface, one.boot_id, one.sequence): one for one in edges}
         while len(self._edges) > _MAX_EDGES:
             self._edges.popitem(last=False)
+        commands: list[Command] = []
+        for one in found:
+            if isinstance(one, Doubtful):
+                commands += self._run(surface, stale_ms, model, one.boot_id, one.samples)
+            elif not isinstance(one, Edge):
+                commands.append(one)
+        # The sample before the first of a stretch may have come while that was doubtful.
+        befores = [self._edges.get((surface, one.boot_id, one.sequence - 1)) for one in edges]
+        touches = [
+            TouchSeen(one.boot_id, one.sequence)
+            for one, before in zip(edges, befores, strict=True)
+            if before and before.state is State.CLEAR and one.state is not State.CLEAR
+        ]
+        return [*commands, *touches]
 
     def segment(
-        self, surface: str, stale_ms: float, served: ServedModel, batch: Batch, samples: list[Sample]
-    ) -> list[Command | Edge]:
+        self, surface: str, stale_ms: float, model: ModelFile, batch: Batch, samples: list[Sample]
+    ) -> list[Command]:
         """Return the commands for the late samples of a batch, in order; a state outlasts gaps up to `stale_ms`."""
-        estimates = estimate(served.file, surface, batch, samples)
+        estimates = estimate(model, surface, batch, samples)
         gaps = [i + 1 for i, (one, other) in enumerate(pairwise(estimates)) if other.sequence != one.sequence + 1]
-        commands: list[Command | Edge] = []
+        commands: list[Command] = []
         for begin, end in pairwise([0, *gaps, len(estimates)]):
-            run = estimates[begin:end]
-            before = self._state(surface, batch.boot_id, run[0].sequence - 1)
-            follower = Follower(served.file, runner(served.file), surface, stale_ms, state=before or State.CLEAR)
-            after = self._edges.get((surface, batch.boot_id, run[-1].sequence + 1))
-            # Only new samples open an event.
-            segmenter = Segmenter(surface, served.file.identity, batch.boot_id, before, End.UNSEEN)
-            commands += segment_late_run(segmenter, map(follower.step, run), after)
+            commands += self._run(surface, stale_ms, model, batch.boot_id, estimates[begin:end])
         return commands
+
+    def _run(
+        self, surface: str, stale_ms: float, model: ModelFile, boot_id: str, run: list[Estimated]
+    ) -> list[Command]:
+        """Return the commands for a run of consecutive samples, with the doubtful ones beside it."""
+        of_sender = surface, model.identity, boot_id
+        while (first := self._aside_to.get((*of_sender, run[0].sequence - 1))) is not None:
+            run = [*self._take(of_sender, first), *run]
+        while more := self._take(of_sender, run[-1].sequence + 1):
+            run = [*run, *more]
+        before = self._state(surface, boot_id, run[0].sequence - 1)
+        after = self._edges.get((surface, boot_id, run[-1].sequence + 1))
+        # Only new samples open an event.
+        segmenter = Segmenter(surface, model, boot_id, before, End.UNSEEN)
+        follower = Follower(model, runner(model), surface, stale_ms, state=before)
+        found = segment_late_run(segmenter, follower.follow(run), after)
+        for one in found:
+            if isinstance(one, Doubtful):
+                self._put_aside(of_sender, one)
+        known = [one for one in found if not isinstance(one, Doubtful)]
+        return self.settled(surface, stale_ms, model, known)
+
+    def _take(self, of_sender: tuple[str, str, str], first: int) -> list[Estimated]:
+        """Take the doubtful samples that begin with a number."""
+        doubtful = self._aside.pop((*of_sender, first), None)
+        if doubtful is None:
+            return []
+        del self._aside_to[*of_sender, doubtful.samples[-1].sequence]
+        self._count -= len(doubtful.samples)
+        return doubtful.samples
+
+    def _put_aside(self, of_sender: tuple[str, str, str], doubtful: Doubtful) -> None:
+        first, last = doubtful.samples[0].sequence, doubtful.samples[-1].sequence
+        self._aside[*of_sender, first] = doubtful
+        self._aside_to[*of_sender, last] = first
+        self._count += len(doubtful.samples)
+        while self._count > _MAX_ASIDE:
+            (surface, model, boot_id, oldest), _ = next(iter(self._aside.items()))
+            self._take((surface, model, boot_id), oldest)
 
     def _state(self, surface: str, boot_id: str, sequence: int) -> State | None:
         edge = self._edges.get((surface, boot_id, sequence))
-        if edge:
+        if edge and edge.state:
             return edge.state
+        # An undecided sample may be part of an event, too.
         return self._store.state_after(surface, boot_id, sequence)

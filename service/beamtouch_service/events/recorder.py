@@ -17,9 +17,10 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_service.events.health import HealthKeeper
 from beamtouch_service.events.late import LateSamples
 from beamtouch_service.events.losses import Losses
-from beamtouch_service.events.segmenter import Command, Edge, Loss, Segmenter
+from beamtouch_service.events.segmenter import Command, Found, Loss, Segmenter
 from beamtouch_service.events.segments import End, Segment
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.events.worker import Worker
@@ -52,6 +53,11 @@ class Recorder:
         # After a restart, the service before this one may still be stopping.
         self._store = EventStore(path, keep_days * 86_400, int(max_mb * 1e6), _FILE_WAIT_S)
         self._late = LateSamples(self._store)
+        self._health = HealthKeeper(self._store)
+        self._watched: dict[str, Surface] = {}
+        self._to_update: set[str] = set()
+        """Surfaces whose health is about to be updated."""
+        self._is_closing = False
         self._worker = Worker("events")
         self._free_writes = BoundedSemaphore(_MAX_WRITES)
         # Counts of late samples, each changed by one thread only.
@@ -72,24 +78,32 @@ class Recorder:
         """Count of writes that were lost."""
         return self._losses.count
 
+    def watch(self, surface: Surface) -> None:
+        """State the health of a surface, now and after each of its events."""
+        self._watched[surface.name] = surface
+        self._heed(surface.name)
+
     def fresh(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
         """Record new samples, in order."""
         self._stale.discard(surface.name)
         segmenter = self._segmenters.get(surface.name)
-        commands: list[Command | Edge] = []
+        commands: list[Found] = []
         if segmenter is None or (segmenter.boot_id, segmenter.model) != (boot_id, model.identity):
             commands = segmenter.end_run() if segmenter else []
-            segmenter = self._segmenters[surface.name] = Segmenter(surface.name, model.identity, boot_id)
+            segmenter = self._segmenters[surface.name] = Segmenter(surface.name, model, boot_id)
         for one in seen:
             commands += segmenter.add(one)
-        self._submit(surface.name, commands)
+        name, stale_ms = surface.name, surface.stale_ms
+        if commands:
+            # The worker thread decides doubtful samples.
+            self._submit(name, lambda: self._late.settled(name, stale_ms, model, commands))
 
     def stale(self, surface: Surface) -> None:
         """End the open event of a surface: its newest sample is too old."""
         self._stale.add(surface.name)
         segmenter = self._segmenters.get(surface.name)
         if segmenter:
-            self._submit(surface.name, segmenter.expire())
+            self._submit_all(surface.name, segmenter.expire())
 
     def settle(self) -> None:
         """End events that a lost write left open, and tidy the file once a minute; call this about once a second."""
@@ -112,11 +126,11 @@ class Recorder:
         if self.late_waiting > 2 * MAX_LATE:
             self._losses.note("late samples come faster than they can be recorded")
             return
-        name, stale_ms = surface.name, surface.stale_ms
+        name, stale_ms, model = surface.name, surface.stale_ms, served.file
         self._late_added += len(samples)
 
         def run() -> None:
-            self._losses.attempt(lambda: self._write(name, self._late.segment(name, stale_ms, served, batch, samples)))
+            self._losses.attempt(lambda: self._write(name, self._late.segment(name, stale_ms, model, batch, samples)))
             self._late_done += len(samples)
 
         self._worker.late(run)
@@ -136,12 +150,13 @@ class Recorder:
         """Write what can be written in a second, and close the file."""
         lost = self.lost
         self._flush()
-        self._losses.end_s = time.monotonic() + STOP_S
+        self._losses.end_s, self._is_closing = time.monotonic() + STOP_S, True
         self._worker.close()
         if self.lost > lost:
             _log.warning("%d writes were lost at the stop", self.lost - lost)
         self._check_place()
         try:
+            self._health.close()
             self._store.close()
         except DBAPIError as error:
             _log.warning("cannot close the file of events properly: %s", error.orig)
@@ -154,6 +169,24 @@ class Recorder:
         if dropped:
             _log.info("%d events were dropped: too old, or above the size limit", dropped)
 
+    def _heed(self, name: str) -> None:
+        """Update the health of a surface soon."""
+        if self._is_closing or name not in self._watched or name in self._to_update:
+            return
+        self._to_update.add(name)
+
+        def run() -> None:
+            self._to_update.discard(name)
+            try:
+                if self._health.update(self._watched[name]):
+                    self._heed(name)
+            except DBAPIError as error:
+                self._losses.warn(f"the health of sensors cannot be updated: {error.orig}")
+            except Exception:  # noqa: BLE001  # the health of sensors must not cost events
+                _log.exception("surface %s: the health of its sensors cannot be updated", name)
+
+        self._worker.late(run)
+
     def _check_place(self) -> None:
         if self._in_place and not self._store.is_in_place():
             self._in_place = False
@@ -162,11 +195,14 @@ class Recorder:
 
     def _flush(self) -> None:
         for name, segmenter in self._segmenters.items():
-            self._submit(name, segmenter.flush())
+            self._submit_all(name, segmenter.flush())
 
-    def _submit(self, name: str, commands: Sequence[Command | Edge]) -> None:
-        if not commands:
-            return
+    def _submit_all(self, name: str, commands: Sequence[Command]) -> None:
+        if commands:
+            self._submit(name, lambda: commands)
+
+    def _submit(self, name: str, commands: Callable[[], Sequence[Command]]) -> None:
+        """Write what `commands` returns in the worker thread."""
         if not self._free_writes.acquire(blocking=False):
             self._unsettled.add(name)
             self._losses.note("the disk is too slow")
@@ -182,24 +218,23 @@ class Recorder:
     def _maintain(self) -> None:
         try:
             for name in list(self._unsettled):
-                self._write_new(name, [])
+                self._write_new(name, list)
             if time.monotonic() - self._tidied_s >= _TIDY_S:
                 self.tidy()
         except DBAPIError as error:
             self._losses.warn(f"the file of events cannot be maintained: {error.orig}")
 
-    def _write_new(self, name: str, commands: Sequence[Command | Edge]) -> None:
+    def _write_new(self, name: str, commands: Callable[[], Sequence[Command]]) -> None:
         is_unsettled = name in self._unsettled
         # Discarded before the write: a write that is lost meanwhile adds it again.
         self._unsettled.discard(name)
         try:
-            self._write(name, [Loss(), *commands] if is_unsettled else commands)
+            self._write(name, [*([Loss()] if is_unsettled else []), *commands()])
         except DBAPIError:
             self._unsettled.add(name)
             raise
 
-    def _write(self, name: str, commands: Sequence[Command | Edge]) -> None:
-        self._late.remember(name, [one for one in commands if isinstance(one, Edge)])
-        changes = [one for one in commands if not isinstance(one, Edge)]
-        if changes:
-            self._store.write(name, changes, time.time())
+    def _write(self, name: str, commands: Sequence[Command]) -> None:
+        if commands:
+            self._store.write(name, commands, time.time())
+            self._heed(name)

@@ -21,7 +21,7 @@ from sqlalchemy.schema import CreateIndex, CreateTable
 
 from beamtouch_service.events.segments import Begin, End, Kind
 
-FORMAT = 3
+FORMAT = 4
 """The format of a database of this version of the service; 0 is an empty one."""
 
 
@@ -53,6 +53,8 @@ EVENTS = Table(
     Column("kind", _words(Kind), nullable=False, server_default=Kind.CONTACT),
     Column("unexplained_us", BigInteger, nullable=False, server_default="0"),
     Column("ends_unexplained", Boolean, nullable=False, server_default="0"),
+    Column("unsteady", Boolean, nullable=False, server_default="0"),
+    Column("best", JSON(none_as_null=True)),
     sqlite_autoincrement=True,
 )
 """A row per event: the fields of a `Segment`, and when it was last written [s since 1970, by the service's clock]."""
@@ -66,6 +68,17 @@ CAPTURES = Table(
     Column("sample", JSON, nullable=False),
 )
 """A row per sample that is kept of an unexplained stretch. It belongs to the event that holds its number."""
+BASELINES = Table(
+    "baselines",
+    EVENTS.metadata,
+    Column("surface", String, primary_key=True),
+    Column("model", String, nullable=False),
+    Column("characteristic", String),
+    Column("last_event", BigInteger, nullable=False),
+    Column("newest_us", BigInteger, nullable=False),
+    Column("history", JSON, nullable=False),
+)
+"""A row per surface: what the best samples of its events add up to since its baseline, up to the event `last_event`."""
 _c = EVENTS.c
 # Written out: SQLite uses a partial index only for a condition without parameters.
 IS_OPEN = _c.end == literal_column(f"'{End.OPEN}'")
@@ -83,6 +96,11 @@ _UPGRADES: dict[int, list[Executable]] = {
         text("ALTER TABLE events ADD COLUMN unexplained_us BIGINT DEFAULT '0' NOT NULL"),
         text("ALTER TABLE events ADD COLUMN ends_unexplained BOOLEAN DEFAULT '0' NOT NULL"),
         CreateTable(CAPTURES),
+    ],
+    3: [
+        text("ALTER TABLE events ADD COLUMN unsteady BOOLEAN DEFAULT '0' NOT NULL"),
+        text("ALTER TABLE events ADD COLUMN best JSON"),
+        CreateTable(BASELINES),
     ],
 }
 """Format -> statements that turn it into the next format."""

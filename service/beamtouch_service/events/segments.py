@@ -9,7 +9,9 @@ contact from there on, with all unexplained stretches that follow it.
 
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import NamedTuple
 
+from beamtouch_service.events.best_samples import Best
 from beamtouch_service.events.disjoint_mean import DisjointMean
 from beamtouch_service.surfaces.contact import Figures
 
@@ -88,7 +90,7 @@ class Segment:
     begin: Begin = Begin.UNSEEN
     end: End = End.OPEN
     samples: int = 0
-    """Number of samples with a position."""
+    """Number of samples that the position and the peak are of."""
     position_sum_mm: float = 0.0
     """Number of samples times the mean position, over samples that share no readings."""
     peak_force_n: float | None = None
@@ -101,6 +103,41 @@ class Segment:
     degraded: bool = False
     """At least one sample lacked channels or could not be decided."""
     path: list[Point] = field(default_factory=list)
+    unsteady: bool = False
+    """Samples, position and peak are those of unsteady samples, as there are no others."""
+    best: Best | None = None
+    """None if no sample was steady with all channels."""
+
+
+class Sums(NamedTuple):
+    """The figures of some samples of a contact, as fields of a `Segment`."""
+
+    samples: int = 0
+    position_sum_mm: float = 0.0
+    peak_force_n: float | None = None
+    peak_position_mm: float | None = None
+    unsteady: bool = False
+
+    def plus(self, other: "Sums") -> "Sums":
+        """Return the figures of both. Those of unsteady samples count only where there are no others."""
+        if not (self.samples and other.samples) or self.unsteady != other.unsteady:
+            return other if (other.samples > 0, not other.unsteady) > (self.samples > 0, not self.unsteady) else self
+        higher = other if (other.peak_force_n or 0.0) > (self.peak_force_n or 0.0) else self
+        return Sums(
+            self.samples + other.samples,
+            self.position_sum_mm + other.position_sum_mm,
+            higher.peak_force_n,
+            higher.peak_position_mm,
+            self.unsteady,
+        )
+
+
+_NO_SUMS = Sums()
+
+
+def sums_of(segment: Segment) -> Sums:
+    """Return the figures of a segment."""
+    return Sums(*(getattr(segment, name) for name in Sums._fields))
 
 
 class GrowingSegment:
@@ -110,15 +147,16 @@ class GrowingSegment:
         """Begin with a segment whose first sample has yet to be added."""
         self._first = first
         self._last = first.first_sequence, first.touched_us
-        self._samples = 0
-        self._position = DisjointMean()
-        self._peak: tuple[float | None, float | None] = None, None
-        """Force [N] and its position [mm]."""
+        self._figures = _NO_SUMS
+        self._positions = DisjointMean(), DisjointMean()
+        """Of steady samples and of unsteady ones."""
         self._unexplained_us = 0
         self._is_unexplained = False
         """Whether the last sample is unexplained."""
         self._degraded = False
         self._path: list[Point] = []
+        self.best: Best | None = None
+        """The best sample so far."""
 
     @property
     def duration_us(self) -> int:
@@ -133,6 +171,7 @@ class GrowingSegment:
         *,
         unexplained: bool,
         degraded: bool,
+        unsteady: bool = False,
         readings: int = 1,
     ) -> None:
         """Add the next sample, the mean of `readings`; `figures` is None if it is unexplained or undecided."""
@@ -144,28 +183,26 @@ class GrowingSegment:
         if figures is None or figures.position_mm is None:
             return
         position_mm, force_n = figures.position_mm, figures.force_n
-        self._samples += 1
-        self._position.add(sequence, readings, position_mm)
-        if force_n is not None and (self._peak[0] is None or force_n > self._peak[0]):
-            self._peak = force_n, position_mm
+        at_peak = None if force_n is None else position_mm
+        self._figures = self._figures.plus(Sums(1, position_mm, force_n, at_peak, unsteady))
+        self._positions[unsteady].add(sequence, readings, position_mm)
         self._path.append((acquired_us, position_mm, force_n))
         if len(self._path) > 2 * MAX_POINTS:
             self._path = thin(self._path)
 
     def segment(self) -> Segment:
         """Return the segment of all samples so far."""
+        figures, position = self._figures, self._positions[self._figures.unsteady]
         return replace(
             self._first,
             last_sequence=self._last[0],
             last_us=self._last[1],
-            samples=self._samples,
-            position_sum_mm=self._samples * self._position.mean_mm,
-            peak_force_n=self._peak[0],
-            peak_position_mm=self._peak[1],
+            **figures._replace(position_sum_mm=figures.samples * position.mean_mm)._asdict(),
             unexplained_us=self._unexplained_us,
             ends_unexplained=self._is_unexplained,
             degraded=self._degraded,
             path=list(self._path),
+            best=self.best,
         )
 
 

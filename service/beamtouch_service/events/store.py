@@ -7,9 +7,10 @@ from pathlib import Path
 from sqlalchemy import ColumnElement, Connection, delete, func, select, tuple_
 
 from beamtouch_models.modelfile import State
-from beamtouch_service.events import kept_captures, writing
+from beamtouch_service.events import kept_best, kept_captures, writing
 from beamtouch_service.events.captures import Capture
 from beamtouch_service.events.file import EventFile
+from beamtouch_service.events.kept_best import Baseline, Sampled
 from beamtouch_service.events.schema import EVENTS
 from beamtouch_service.events.segmenter import Command
 from beamtouch_service.events.segments import Kind, Segment
@@ -17,8 +18,8 @@ from beamtouch_service.events.writing import CONTENT, Numbered
 from beamtouch_service.surfaces.contradiction import Contradiction
 
 _PRUNE_SHARE = 20
-"""Prune 1/20 of the events at a time."""
-_WITHOUT_PATH = [column for column in CONTENT if column is not EVENTS.c.path]
+"""Prune 1/20 of the captures, or of the events, at a time."""
+_WITHOUT_PATH = [column for column in CONTENT if column not in (EVENTS.c.path, EVENTS.c.best)]
 _c = EVENTS.c
 
 
@@ -87,6 +88,26 @@ class EventStore:
         with self._engine.connect() as connection:
             return kept_captures.read(connection, event)
 
+    def best_samples(self, surface: str, since_us: int | None, until_us: int | None, limit: int) -> list[Sampled]:
+        """Return the newest contacts of a surface that have a best sample, oldest first, by the time of their touch."""
+        with self._engine.connect() as connection:
+            return kept_best.contacts(connection, surface, since_us, until_us, limit)
+
+    def ended_after(self, surface: str, number: int, most: int) -> list[Sampled]:
+        """Return events of higher ids with a best sample, in the order of their ids, up to the first that is open."""
+        with self._engine.connect() as connection:
+            return kept_best.ended_after(connection, surface, number, most)
+
+    def baseline(self, surface: str) -> Baseline | None:
+        """Return what is kept of the health of a surface; None if nothing is."""
+        with self._engine.connect() as connection:
+            return kept_best.baseline(connection, surface)
+
+    def keep_baseline(self, kept: Baseline) -> None:
+        """Keep this of the health of a surface."""
+        with self._engine.begin() as connection:
+            kept_best.keep(connection, kept)
+
     def state_after(self, surface: str, boot_id: str, sequence: int) -> State | None:
         """Return the state after that sample, if a stored event ends with it and may go on; None if none does."""
         sample = {"of_surface": surface, "of_boot_id": boot_id, "of_sequence": sequence}
@@ -97,9 +118,17 @@ class EventStore:
         return State.UNEXPLAINED if ends_unexplained else State.CONTACT
 
     def prune(self, now_s: float) -> int:
-        """Delete events too old at `now_s` [s since 1970], then the oldest above the size limit; return how many."""
+        """Delete events too old at `now_s` [s since 1970]; return how many.
+
+        Above the size limit, the oldest captures go first, so that a faulty sensor does not push out the contacts. Only
+        then go the oldest events.
+        """
         with self._engine.begin() as connection:
             deleted = _delete(connection, _c.recorded_s < now_s - self._keep_s)
+        while self.used_bytes() > self._max_bytes:
+            with self._engine.begin() as connection:
+                if not kept_captures.drop_oldest(connection, _PRUNE_SHARE):
+                    break
         while self.used_bytes() > self._max_bytes:
             with self._engine.begin() as connection:
                 count = connection.scalar(select(func.count()).select_from(EVENTS)) or 0

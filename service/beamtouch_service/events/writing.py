@@ -1,11 +1,12 @@
 """Segments and what is said of them, written to the tables. Every call is part of a transaction."""
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 from sqlalchemy import BigInteger, Connection, Row, Select, bindparam, case, delete, insert, literal, select, update
 
+from beamtouch_service.events.best_samples import Best
 from beamtouch_service.events.joining import are_apart, are_one, joined
 from beamtouch_service.events.schema import EVENTS, IS_OPEN
 from beamtouch_service.events.segmenter import Finish, Loss, TouchSeen
@@ -120,7 +121,8 @@ def add(connection: Connection, segment: Segment, now_s: float) -> None:
 
 
 def _put(connection: Connection, number: int | None, segment: Segment, now_s: float) -> None:
-    values = vars(segment) | {"recorded_s": now_s}
+    best = asdict(segment.best) if segment.best else None
+    values = vars(segment) | {"recorded_s": now_s, "best": best}
     if number is None:
         number = connection.execute(_INSERT, values).scalar_one()
     else:
@@ -141,4 +143,5 @@ def numbered(row: Row[Any]) -> Numbered:
     values = row._asdict()
     number = values.pop("id")
     values["path"] = [(at, position, force) for at, position, force in values.get("path", ())]
+    values["best"] = Best(**values["best"]) if values.get("best") else None
     return number, Segment(**values)

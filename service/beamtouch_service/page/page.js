@@ -5,6 +5,7 @@ import { byId, html, setText, sign } from "./dom.js";
 import { Drawing } from "./drawing.js";
 import { Events } from "./events.js";
 import { Feed } from "./feed.js";
+import { Health } from "./health.js";
 import { ANSWERS, describe, figures, hasMoved, RELOAD, words } from "./state.js";
 import { drawStrip, forceRange, History } from "./strip.js";
 import { drawChannels } from "./tables.js";
@@ -20,6 +21,7 @@ const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
 const history = new History();
 const token = new Token();
 const events = new Events(token);
+const health = new Health(token);
 const beam = new BeamView(byId("beam"), (text) => setText(byId("beam-words"), text));
 const drawing = new Drawing(token);
 const feed = new Feed(token, remember, surfacesKnown);
@@ -51,6 +53,7 @@ function surfacesKnown() {
   setText(byId("limit"), feed.surface ? `at most ${feed.surface.stale_ms} ms` : "");
   byId("contact-link").href = feed.chosen ? `/contact?surface=${encodeURIComponent(feed.chosen)}` : "/contact";
   events.follow(feed.surface?.name);
+  health.follow(feed.surface?.name);
 }
 
 /** The surface that the address names; null if it names none. */

@@ -11,7 +11,9 @@ from pydantic import BaseModel
 from beamtouch_service.surfaces.contact import rfc3339
 
 if TYPE_CHECKING:
-    from beamtouch_models.modelfile import Evidence, Metadata, Suspects
+    from collections.abc import Mapping
+
+    from beamtouch_models.modelfile import Evidence, LeftOut, Metadata
     from beamtouch_service.surfaces.estimates import Estimated
 
 _DIGITS = 6
@@ -62,9 +64,9 @@ class Contradiction(BaseModel):
 
 
 def contradiction(
-    metadata: Metadata, estimated: Estimated, evidence: Evidence, suspects: Suspects, notes: list[str]
+    metadata: Metadata, estimated: Estimated, evidence: Evidence, without: Mapping[str, LeftOut], notes: list[str]
 ) -> Contradiction:
-    """Return what an unexplained sample says; `suspects` has just taken it."""
+    """Return what an unexplained sample says; `without` holds the same without each channel."""
     weighed, row, place = estimated.weighed, estimated.row, evidence.channels - 1
     residuals = evidence.whitening_per_mm @ evidence.deflection_mm
     errors_mm = np.sqrt(np.diagonal(weighed.covariance_mm2[row]))
@@ -72,11 +74,11 @@ def contradiction(
     for index, channel in enumerate(metadata.layout):
         if not weighed.valid[row, index]:
             continue
-        left = suspects.without.get(channel.name)
+        left = without.get(channel.name)
         channels.append(
             ChannelDoubt(
                 name=channel.name,
-                deflection_mm=float(weighed.deflection_mm[row, index]),
+                deflection_mm=_short(weighed.deflection_mm[row, index]),
                 standard_error_mm=_rounded(errors_mm[index]),
                 rest_residual=_rounded(residuals[index]),
                 misfit_without=_rounded(left.misfit) if left else None,
@@ -99,4 +101,8 @@ def contradiction(
 
 
 def _rounded(value: float) -> float | None:
-    return float(f"{value:.{_DIGITS}g}") if isfinite(value) else None
+    return _short(value) if isfinite(value) else None
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")

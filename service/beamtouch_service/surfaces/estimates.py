@@ -1,7 +1,7 @@
 """Runs the model on all samples of a batch in one call. Pure: no clock, no state, no I/O."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,20 @@ class Estimated:
     """The samples that were weighed together."""
     row: int
     """Which of them is this one."""
+    characteristic: str | None = None
+    """Identity of the sender's characteristics and rest gaps; None if it states none."""
+
+    def alone(self) -> "Estimated":
+        """Return the same without the samples around it, to be kept for long."""
+        evidence = self.evidence
+        if isinstance(evidence, Evidence):
+            evidence = replace(
+                evidence,
+                deflection_mm=evidence.deflection_mm.copy(),
+                whitening_per_mm=evidence.whitening_per_mm.copy(),
+                still_whitening_per_mm=evidence.still_whitening_per_mm.copy(),
+            )
+        return replace(self, evidence=evidence, weighed=self.weighed.part(np.array([self.row])), row=0)
 
 
 def estimate(
@@ -43,7 +57,8 @@ def estimate(
     arrangement = Arrangement(model, batch)
     found: list[Estimated] = []
     for start in range(0, len(samples), CHUNK):
-        found += _chunk(model, surface, arrangement, samples[start : start + CHUNK], ask or runner(model))
+        part = samples[start : start + CHUNK]
+        found += _chunk(model, surface, arrangement, part, ask or runner(model), batch.characteristic)
     return found
 
 
@@ -57,7 +72,12 @@ def runner(model: ModelFile) -> Ask:
 
 
 def _chunk(
-    model: ModelFile, surface: str, arrangement: Arrangement, samples: Sequence[Sample], ask: Ask
+    model: ModelFile,
+    surface: str,
+    arrangement: Arrangement,
+    samples: Sequence[Sample],
+    ask: Ask,
+    characteristic: str | None,
 ) -> list[Estimated]:
     weighed, bad = arrangement.weighed(samples)
     enough = np.flatnonzero(weighed.valid.sum(axis=1) >= model.metadata.min_channels)
@@ -71,6 +91,7 @@ def _chunk(
             found[row] if row in found else _too_few(model, surface, left_out),
             weighed,
             row,
+            characteristic,
         )
         for row, (sample, left_out) in enumerate(zip(samples, bad, strict=True))
     ]

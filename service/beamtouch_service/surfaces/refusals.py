@@ -34,3 +34,9 @@ def busy(surface: str) -> Problem:
     """Return the problem of a late batch without room."""
     detail = "Late samples come faster than they can be recorded; send the batch again."
     return Problem(Kind.BUSY, detail, surface)
+
+
+def changed_channels(surface: str, changed: list[str]) -> Problem:
+    """Return the problem of channels that have changed, for those who ask for it."""
+    detail = f"{', '.join(changed)} changed; GET /surfaces/{surface} says how. Check it, then calibrate the model."
+    return Problem(Kind.CHANGED_CHANNELS, detail, surface, {"changed_channels": changed})

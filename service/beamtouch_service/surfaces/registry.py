@@ -41,10 +41,13 @@ class Registry:
             raise ProblemError(Problem(Kind.SURFACE_REQUIRED, detail, members={"surfaces": self.names}))
         return next(iter(self))
 
-    def require_ready(self, now_s: float) -> None:
-        """Raise ProblemError with a reason per surface unless each has a model and fresh samples at `now_s` [s]."""
+    def require_ready(self, now_s: float, *, healthy: bool = False) -> None:
+        """Raise ProblemError with a reason per surface unless each has a model and fresh samples at `now_s` [s].
+
+        If `healthy`, no channel may have changed for certain, either.
+        """
         self._require_any()
-        reasons = {surface.name: problem for surface in self if (problem := surface.unready(now_s))}
+        reasons = {surface.name: problem for surface in self if (problem := surface.unready(now_s, healthy=healthy))}
         if reasons:
             detail = "; ".join(f"{name}: {problem.kind.title}" for name, problem in reasons.items())
             bodies = {name: problem.body() for name, problem in reasons.items()}

@@ -3,6 +3,7 @@
 from pydantic import BaseModel
 
 from beamtouch_models.modelfile import State
+from beamtouch_service.surfaces.health import ChannelHealth
 
 
 class SampleCounts(BaseModel):
@@ -34,3 +35,6 @@ class SurfaceSummary(BaseModel):
     model_error: str | None
     """Why the newest model file is not used; null if it is used."""
     samples: SampleCounts
+    health: dict[str, ChannelHealth] | None = None
+    """Channel -> how it has changed; empty before the first contact. Null without a model, or if its file does not hold
+    what this takes: build it again."""

@@ -14,6 +14,7 @@ from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.surfaces import refusals
 from beamtouch_service.surfaces.contact import Contact, Decision, Doubt
 from beamtouch_service.surfaces.estimates import estimate
+from beamtouch_service.surfaces.health import ChannelHealth, SurfaceHealth
 from beamtouch_service.surfaces.intake import Intake
 from beamtouch_service.surfaces.newest import Decided, Newest
 from beamtouch_service.surfaces.served_model import ServedModel
@@ -58,6 +59,8 @@ class Surface:
         """Follows the sender with this boot id."""
         self._told_stale = False
         self.timings = Timings()
+        self.health: SurfaceHealth | None = None
+        """What the events so far say of the sensors; the recorder of the events states it."""
 
     @property
     def model(self) -> ModelFile | None:
@@ -126,10 +129,16 @@ class Surface:
         # Compared before rounding, so that the limit is exact.
         return self.newest is not None and (now_s - self.newest.acquired_s) * 1e3 > self.stale_ms
 
-    def unready(self, now_s: float) -> Problem | None:
-        """Return why this surface has no contact at `now_s` [s, monotonic], or None if it has one."""
+    def unready(self, now_s: float, *, healthy: bool = False) -> Problem | None:
+        """Return why this surface has no contact at `now_s` [s, monotonic], or None if it has one.
+
+        If `healthy`, a channel that has changed for certain is a reason, too.
+        """
         found = self._decided(now_s)
-        return found if isinstance(found, Problem) else None
+        if isinstance(found, Problem):
+            return found
+        changed = [name for name, one in (self._channel_health() or {}).items() if one.changed] if healthy else []
+        return refusals.changed_channels(self.name, changed) if changed else None
 
     def summary(self, now_s: float) -> SurfaceSummary:
         """Return how this surface does at `now_s` [s, monotonic]."""
@@ -145,7 +154,12 @@ class Surface:
             notes=decided.all_notes if decided else [],
             model_error=self.model_error,
             samples=self.counts.model_copy(),
+            health=self._channel_health(),
         )
+
+    def _channel_health(self) -> dict[str, ChannelHealth] | None:
+        found = self.health
+        return found.channels if found and self.model and found.model == self.model.identity else None
 
     def _require_channels(self, offered: list[str]) -> None:
         missing = [name for name in self.model.channels if name not in offered] if self.model else []
@@ -190,7 +204,7 @@ class Surface:
         if self._follower is None or self._follower[0] != boot_id:
             self._follower = boot_id, Follower(served.file, served.inference.ask, self.name, self.stale_ms)
         follower = self._follower[1]
-        seen = [follower.step(estimated) for estimated in estimate(model, self.name, batch, fresh, ask)]
+        seen = follower.follow(estimate(model, self.name, batch, fresh, ask))
         newest_us = fresh[-1].acquired_unix_us
         for one in seen:
             self.stretches.add(one, acquired_s - (newest_us - one.estimated.acquired_unix_us) / 1e6)

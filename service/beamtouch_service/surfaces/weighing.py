@@ -10,7 +10,8 @@ from beamtouch_service.samples import Batch, Quality, Sample, triangle_rows
 
 CONTRADICTION = 1.25
 """The noise of a sender contradicts that of the model if one is more than this many times the other."""
-_FLOAT32_MAX = float(np.finfo(np.float32).max)
+LARGEST = 100.0
+"""A deflection is out of range beyond this many times the largest one that the scene allows."""
 
 
 def noise_contradicts(model: ModelFile, batch: Batch) -> bool:
@@ -29,6 +30,7 @@ class Arrangement:
     def __init__(self, model: ModelFile, batch: Batch) -> None:
         self.channels = [(name, batch.channels.index(name)) for name in model.channels]
         self._places = [place for _, place in self.channels]
+        self._largest_mm = LARGEST * model.metadata.max_deflection_mm
         said = model.metadata.noise
         self._settled_mm2 = np.full(len(self.channels), said.sample_mm**2)
         stated = [batch.noise_mm[place] for place in self._places] if batch.noise_mm else None
@@ -65,8 +67,8 @@ class Arrangement:
             value, quality = sample.deflection_mm[place], sample.quality[place]
             if value is None or quality is not Quality.GOOD:
                 bad[name] = quality
-            elif abs(value) > _FLOAT32_MAX:
-                # Finite as sent but infinite as float32; the answer to that could look like any other.
+            elif abs(value) > self._largest_mm:
+                # No load does that. In the single precision of a model, the answer to it could look like any other.
                 bad[name] = Quality.OUT_OF_RANGE
             values.append(0.0 if value is None or name in bad else value)
         return values, bad

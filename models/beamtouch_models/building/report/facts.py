@@ -54,7 +54,7 @@ class OtherLayout:
     name: str
     positions_mm: Floats
     log_eigenvalue_product: float
-    """Lengths in units of l, W/(EI) = 1."""
+    """In the unit of `Placement.log_eigenvalue_product`."""
     limit: MeanError
     taken: bool
 

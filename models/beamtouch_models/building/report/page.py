@@ -7,7 +7,7 @@ from jinja2 import Environment, StrictUndefined
 from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
 from beamtouch_models.charts import Chart, Series, draw
-from beamtouch_models.description import per_day
+from beamtouch_models.description import per_day, unseen
 from beamtouch_models.drawing import STYLE
 from beamtouch_models.pricing.effect import NEGLIGIBLE
 
@@ -45,6 +45,7 @@ def page(facts: Facts) -> str:
         marked=next(index for index, layout in enumerate(facts.layouts) if layout.taken),
         widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
         negligible=NEGLIGIBLE,
+        missed=unseen(facts.model.metadata),
         touch=per_day(facts.model.metadata.thresholds.false_contacts_per_day),
     )
 

@@ -1,0 +1,137 @@
+"""Unlabelled contacts: mean deflections per event, from a file that the service offers. Place and force are unknown."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from beamtouch_common.errors import InputError
+from beamtouch_models.arrays import Bools, Floats, Indices
+from beamtouch_models.calibration.loads import MAX_DEFLECTIONS
+from beamtouch_models.metadata import Metadata
+
+MOST = 2000
+"""Largest number of contacts that are used, the newest; it bounds the time of a fit."""
+MAX_BYTES = 64 << 20
+"""Largest file; a row takes about 200 bytes."""
+
+
+class ContactsError(InputError):
+    """A file of contacts cannot be read or belongs to another surface."""
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Contacts of unknown place and force."""
+
+    stated_mm: Floats
+    """(contacts, channels) mean deflection."""
+    deviation_mm: Floats
+    """(contacts, channels) standard deviation of that mean."""
+    other_characteristic: int = 0
+    """Number of rows that were left out because they have an older characteristic."""
+    older: int = 0
+    """Number of rows that were left out because there are more than `MOST` newer ones."""
+
+    def __len__(self) -> int:
+        return len(self.stated_mm)
+
+    def __getitem__(self, kept: Bools | Indices) -> "Contacts":
+        return replace(self, stated_mm=self.stated_mm[kept], deviation_mm=self.deviation_mm[kept])
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A row of the file, checked."""
+
+    event: tuple[str, str]
+    time: datetime
+    characteristic: str
+    stated_mm: list[float]
+    deviation_mm: list[float]
+
+
+def read_contacts(path: Path, metadata: Metadata) -> Contacts:
+    """Read the contacts of a model's surface; raises ContactsError with the reason.
+
+    Rows of the newest characteristic count, and an event counts once.
+    """
+    channels = [channel.name for channel in metadata.layout]
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            message = f"{path}: it is larger than {MAX_BYTES >> 20} MiB; fetch fewer contacts, with ?limit="
+            raise ContactsError(message)
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            given = list(reader)
+            names = reader.fieldnames or []
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        message = f"{path}: {error.strerror if isinstance(error, OSError) else 'not a CSV file'}"
+        raise ContactsError(message) from None
+    _check_columns(path, names, channels)
+    if not given:
+        message = f"{path}: no contacts; fetch them with GET /surfaces/NAME/calibration-data"
+        raise ContactsError(message)
+    rows = {}
+    for line, row in enumerate(given, start=2):
+        try:
+            checked = _checked(row, channels, metadata)
+        except ContactsError as error:
+            message = f"{path}: line {line}: {error}"
+            raise ContactsError(message) from None
+        rows[checked.event] = checked
+    return _newest(sorted(rows.values(), key=lambda row: row.time))
+
+
+def _check_columns(path: Path, names: Sequence[str], channels: list[str]) -> None:
+    wanted = ["event", "time", "model", "characteristic"]
+    wanted += [f"{name}_{end}" for end in ("mm", "sd_mm") for name in channels]
+    missing = [column for column in wanted if column not in names]
+    if missing:
+        message = f"{path}: column {missing[0]} is missing; fetch the contacts of this model's surface"
+        raise ContactsError(message)
+    others = [name.removesuffix("_sd_mm") for name in names if name.endswith("_sd_mm")]
+    # A column such as s1_rest_sd_mm says more of a known channel.
+    foreign = [name for name in others if not f"{name}_".startswith(tuple(f"{channel}_" for channel in channels))]
+    if foreign:
+        message = f"{path}: it has a channel {foreign[0]}, which this model has not; fetch the contacts of its surface"
+        raise ContactsError(message)
+
+
+def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _Row:
+    """Return a row as numbers; raises ContactsError with the reason."""
+    surface = (row["model"] or "").rpartition("@")[0]
+    if surface != metadata.name:
+        message = f"it is of the model {row['model']}, but this model's name is {metadata.name}"
+        raise ContactsError(message)
+    try:
+        time = datetime.fromisoformat(row["time"] or "")
+        stated, deviation = ([float(row[f"{name}_{end}"]) for name in channels] for end in ("mm", "sd_mm"))
+    except (ValueError, TypeError):
+        message = "a value is missing, or not a number or a time"
+        raise ContactsError(message) from None
+    if time.tzinfo is None:
+        message = f"the time {row['time']} has no zone; it must end in Z"
+        raise ContactsError(message)
+    for name, value, error in zip(channels, stated, deviation, strict=True):
+        if not (np.isfinite(value) and 0 < error < np.inf):
+            message = f"{name} must have a finite deflection and a positive finite deviation"
+            raise ContactsError(message)
+        if max(abs(value), error) > MAX_DEFLECTIONS * metadata.max_deflection_mm:
+            message = (
+                f"{name} states {value:g} +- {error:g} mm, but this surface deflects by "
+                f"{metadata.max_deflection_mm:.3g} mm at most; check the unit and the daemon's config"
+            )
+            raise ContactsError(message)
+    return _Row((row["event"] or "", row["time"]), time, row["characteristic"] or "", stated, deviation)
+
+
+def _newest(rows: list[_Row]) -> Contacts:
+    """Return the rows with the characteristic of the newest, at most MOST."""
+    same = [row for row in rows if row.characteristic == rows[-1].characteristic]
+    used = same[-MOST:]
+    stated, deviation = (np.array([getattr(row, name) for row in used]) for name in ("stated_mm", "deviation_mm"))
+    return Contacts(stated, deviation, len(rows) - len(same), len(same) - len(used))

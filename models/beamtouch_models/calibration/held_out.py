@@ -1,0 +1,76 @@
+"""The misfit of unlabelled contacts that are left out of a fit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.calibration.contacts import Contacts
+from beamtouch_models.calibration.unlabelled import ContactFit, degrees_of, fit_contacts, linear
+
+PARTS = 4
+"""Number of parts of the contacts; each is left out of one fit."""
+ROUNDS = 5
+"""Rounds of a fit without a part, which begins with the fit to all."""
+CHANCE = 1e-4
+"""Probability that contacts on a surface as modelled are said to contradict it."""
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Misfits of left-out contacts: sums of squares in units of noise and zero."""
+
+    before: float
+    """Median by the given model."""
+    after: float
+    """Median by fits without the contact."""
+    expected: float
+    """Median of contacts on a surface that is exactly as the model says."""
+    beyond: float
+    """Sum of the misfits of single contacts over the largest that is allowed."""
+
+
+def held_out(fit: ContactFit, contacts: Contacts, zero_mm: Floats, most: float) -> HeldOut:
+    """Leave out one part of the contacts at a time, spread over time.
+
+    Parameters
+    ----------
+    zero_mm : (channels,) standard deviation of the zeros
+    most : relative error of deflections that may stay unexplained
+    """
+    theory, count = fit.theory, len(contacts)
+    after, allowed = np.empty(count), np.empty(count)
+    for part in range(PARTS):
+        left_out = np.arange(count) % PARTS == part
+        rest = fit_contacts(theory, fit.start, contacts[~left_out], fit.kinds, zero_mm, like=fit, rounds=ROUNDS)
+        after[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, 0.0, None)
+        allowed[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, most, rest.covariance)
+    before = _misfits(fit, fit.start, contacts, zero_mm, 0.0, None)
+    degrees = degrees_of(theory)
+    most = float(chi2.isf(CHANCE, degrees * fit.single.sum()))
+    return HeldOut(
+        float(np.median(before)),
+        float(np.median(after)),
+        float(chi2.median(degrees)),
+        float(fit.single @ allowed) / most,
+    )
+
+
+def _misfits(
+    fit: ContactFit,
+    vector: Floats,
+    contacts: Contacts,
+    zero_mm: Floats,
+    unexplained: float,
+    covariance: Floats | None,
+) -> Floats:
+    """Return the misfits (contacts,) of contacts under departures, whose covariance counts as an error."""
+    theory = fit.theory
+    at = linear(theory, vector, contacts, zero_mm, unexplained)
+    total = at.covariance_mm2(theory, unexplained)
+    if covariance is not None:
+        slopes = theory.slopes(vector, at.loads, fit.kinds)
+        total = total + np.einsum("lcv,vw,ldw->lcd", slopes, covariance, slopes)
+    misfit: Floats = np.einsum("lc,lc->l", at.left_mm, np.linalg.solve(total, at.left_mm[..., None])[..., 0])
+    return misfit

@@ -1,0 +1,117 @@
+"""What a fit to unlabelled contacts leaves open: errors of the position, and the floor that states them.
+
+The errors of a fit are correlated across channels, and the largest of them lie along the influence curve, where
+residuals do not see them. The floor of a model is independent per channel. So it is scaled until it states the position
+error.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.calibration.unlabelled import ContactFit
+
+PLACES = 61
+"""Number of contacts over the range at which errors are computed."""
+INNER = 0.05
+"""Share of the range at each end that is left out: next to a support, a contact has no position error worth stating."""
+ENOUGH = 0.75
+"""Share of these contacts at which the floor states at least the position error that the fit leaves."""
+LEAST_GAIN = 5e-4
+"""Smallest floor of a gain: sensors and amplifiers are not steadier than that."""
+
+
+@dataclass(frozen=True)
+class LeftOpen:
+    """Errors of the estimates of a fitted model, at contacts over the range with a force from its middle."""
+
+    fit: ContactFit
+    covariance: Floats
+    """(departures, departures) covariance of the departures, in the units of the vector."""
+    noise_mm: Floats
+    """(channels,) noise of a sample with the deviation of its zero."""
+
+    @property
+    def theory(self) -> Theory:
+        """The surface."""
+        return self.fit.theory
+
+    @cached_property
+    def position_mm(self) -> Floats:
+        """Standard deviation (places,) of the position, from the departures."""
+        variance: Floats = np.einsum("lv,vw,lw->l", self._moves, self.covariance, self._moves)
+        return np.sqrt(variance)
+
+    def shift_mm(self) -> float:
+        """Root mean square of the change of positions from the given model to the fitted one."""
+        step = self._moves @ (self.fit.vector - self.fit.start)
+        return float(np.sqrt((step**2).mean()))
+
+    def stated_mm(self, gain: Floats) -> Floats:
+        """Return the standard deviation (places,) of the position that a floor of the gains (channels,) states."""
+        variance: Floats = ((self._weights * gain * self._clean_mm) ** 2).sum(axis=1)
+        return np.sqrt(variance)
+
+    def floor(self) -> Floats:
+        """Return the gain errors (channels,) that state what the fit leaves open."""
+        moved = np.einsum("lcv,vw,lcw->lc", self._slopes, self.relative, self._slopes)
+        each = np.sqrt((moved / np.maximum(self._clean_mm**2, np.finfo(np.float64).tiny)).mean(axis=0))
+        each = np.maximum(each, LEAST_GAIN)
+        factor = float(np.quantile(self.position_mm / self.stated_mm(each), ENOUGH))
+        floor: Floats = np.hypot(factor * each, self.fit.unexplained)
+        return np.maximum(floor, LEAST_GAIN)
+
+    @cached_property
+    def _loads(self) -> Loads:
+        low, high = self.theory.prior.position_mm
+        margin = INNER * (high - low)
+        position = np.linspace(low + margin, high - margin, PLACES)
+        force = np.full(PLACES, np.mean(self.theory.prior.force_n))
+        shape = (PLACES, self.theory.prior.channels)
+        lines = np.zeros((PLACES, 2), np.intp)
+        return Loads(np.arange(PLACES), position, force, np.zeros(shape), np.ones(shape), lines)
+
+    @cached_property
+    def _clean_mm(self) -> Floats:
+        return self.theory.stated_mm(self.fit.vector, self._loads)
+
+    @cached_property
+    def _slopes(self) -> Floats:
+        """(places, channels, departures) change of the deflections."""
+        return self.theory.slopes(self.fit.vector, self._loads, tuple(self.theory.kinds))
+
+    @cached_property
+    def _weights(self) -> Floats:
+        """(places, channels) change of the best estimate of the position with each deflection."""
+        moved = self.theory.deflections(self.fit.vector, self._loads).moved_mm
+        moved = moved[:1] if self.theory.prior.force_is_known else moved
+        whitened = np.moveaxis(moved, 0, 2) / self._deviation_mm[..., None]
+        weights: Floats = np.linalg.pinv(whitened)[:, 0] / self._deviation_mm
+        return weights
+
+    @cached_property
+    def _deviation_mm(self) -> Floats:
+        """(places, channels), with a typical floor."""
+        spread = np.einsum("lcv,vw,lcw->lc", self._slopes, self.relative, self._slopes)
+        deviation: Floats = np.sqrt(self.noise_mm**2 + spread)
+        return deviation
+
+    @cached_property
+    def _moves(self) -> Floats:
+        """(places, departures) change of the position with the departures."""
+        moves: Floats = np.einsum("lc,lcv->lv", self._weights, self._slopes)
+        return moves
+
+    @cached_property
+    def relative(self) -> Floats:
+        """(departures, departures) covariance without the common scale of the gains, which is force if that is open."""
+        if self.theory.prior.force_is_known:
+            return self.covariance
+        project, gain = np.eye(self.theory.size), self.theory.kinds["gain"]
+        project[gain, gain] -= 1 / self.theory.prior.channels
+        whole: Floats = project @ self.covariance @ project.T
+        return whole

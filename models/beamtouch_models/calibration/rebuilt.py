@@ -1,0 +1,55 @@
+"""A model made again for a surface with departures: estimator, thresholds, accuracy and golden answers."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.building.measured import measured
+from beamtouch_models.errors import ModelFileError
+from beamtouch_models.estimators.estimator import NAMES, Estimator, estimator_of
+from beamtouch_models.estimators.onnx_graph import with_force_error, with_linear_input
+from beamtouch_models.export import to_bytes
+from beamtouch_models.metadata import Calibration, Metadata
+from beamtouch_models.progress import Fraction, Progress, silent
+from beamtouch_models.scene import parse_scene
+
+
+def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress: Progress) -> tuple[bytes, Metadata]:
+    """Return the file of a model with another prior, and its metadata; the prior holds the departures.
+
+    Raises
+    ------
+    ModelFileError
+        This version does not have the model's estimator.
+    """
+    made = remade(metadata, prior, calibration, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
+    progress("measuring the accuracy against the limit", 0.85)
+    scene = parse_scene(metadata.scene, metadata.name)
+    fields = measured(made, prior, scene, metadata.filter, metadata.seed)
+    fresh = metadata.model_copy(
+        update={
+            "min_channels": made.min_channels,
+            "thresholds": fields.thresholds,
+            "smallest_force": fields.smallest_force,
+            "floor": fields.floor,
+            "influence": fields.influence,
+            "accuracy": fields.accuracy,
+            "golden": fields.golden,
+            "calibration": calibration,
+        }
+    )
+    return to_bytes(made.graph, fresh), fresh
+
+
+def remade(metadata: Metadata, prior: Prior, calibration: Calibration, progress: Fraction = silent) -> Estimator:
+    """Return the estimator of a model for another prior; raises as `rebuilt`."""
+    name = next((known for known in NAMES if known == metadata.estimator), None)
+    if name is None:
+        message = f"this version has no estimator {metadata.estimator!r}; build the model again"
+        raise ModelFileError(message)
+    with_force = "force_n" in metadata.golden.answers
+    made = estimator_of(name, prior, with_force=with_force, seed=metadata.seed, progress=progress)
+    departures = calibration.departures
+    graph = with_linear_input(made.graph, np.array(departures.offset_mm), departures.curve_per_mm)
+    return replace(made, graph=with_force_error(graph, calibration.force_error))

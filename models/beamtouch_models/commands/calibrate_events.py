@@ -1,0 +1,96 @@
+"""`design-sensors calibrate --events`: fits a model to the real beam, using contacts of unknown place and force."""
+
+import argparse
+import json
+import sys
+
+import numpy as np
+
+from beamtouch_common.files import write_atomically
+from beamtouch_models import modelfile
+from beamtouch_models.arrays import Floats
+from beamtouch_models.calibration.contacts import Contacts, read_contacts
+from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
+from beamtouch_models.commands.departures import departures_in_words
+from beamtouch_models.commands.progress import shown_progress
+from beamtouch_models.modelfile import ModelFile
+
+
+def run(model: ModelFile, options: argparse.Namespace) -> None:
+    """Calibrate, write the model, and print the departures and the misfits before and after."""
+    contacts = read_contacts(options.events, model.metadata)
+    for count, why in ((contacts.other_characteristic, "with an older characteristic"), (contacts.older, "older")):
+        if count:
+            print(f"{count} contacts {why} are left out; the newest {len(contacts)} are used", file=sys.stderr)
+    with shown_progress() as progress:
+        found = self_calibrate(model, contacts, progress)
+    write_atomically(options.output, found.content)
+    fresh = modelfile.load(options.output)
+    if options.json:
+        print(json.dumps({"model": fresh.identity, "output": str(options.output), **_results(found, contacts)}))
+        return
+    rows = _lines(found, contacts, fresh.identity, model)
+    print("\n".join(f"{label:<10} {text}" for label, text in rows))
+
+
+def _results(found: SelfCalibrated, contacts: Contacts) -> dict[str, object]:
+    metadata, fit = found.metadata, found.found
+    calibration = metadata.calibration
+    return {
+        "calibration": None if calibration is None else calibration.model_dump(by_alias=True),
+        "standard_errors": {kind: values.tolist() for kind, values in _standard_errors(found).items() if kind in KINDS},
+        "misfit": {
+            "before": fit.held_out.before,
+            "after": fit.held_out.after,
+            "expected": fit.held_out.expected,
+        },
+        "changed_mm": fit.left_open.shift_mm(),
+        "open_mm": _rms(fit.left_open.position_mm),
+        "single_contacts": float(fit.fit.single.sum()),
+        "contacts_left_out": contacts.other_characteristic + contacts.older,
+        "floor": metadata.floor.model_dump(),
+        "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
+    }
+
+
+def _lines(found: SelfCalibrated, contacts: Contacts, identity: str, given: ModelFile) -> list[tuple[str, str]]:
+    metadata, fit, left_open = found.metadata, found.found, found.found.left_open
+    departures = fit.fit.theory.departures(fit.fit.vector)
+    shown = departures_in_words(metadata, departures, _standard_errors(found))
+    held, force = fit.held_out, found.metadata.calibration.force_error if found.metadata.calibration else 0.0
+    not_single = len(contacts) - fit.fit.single.sum()
+    before, after = (_percent(one.floor.gain) for one in (given.metadata, metadata))
+    return [
+        ("model", identity),
+        ("contacts", f"{len(contacts)}, of which about {not_single:.0f} are not single contacts"),
+        *((kind, shown[kind]) for kind in KINDS),
+        (
+            "misfit",
+            f"{held.before:.3g} before, {held.after:.3g} after, each by a fit without the contact (medians; "
+            f"{held.expected:.3g} from noise alone)",
+        ),
+        (
+            "position",
+            f"changes by {left_open.shift_mm():.3g} mm (root mean square), "
+            f"{_rms(left_open.position_mm):.3g} mm left open",
+        ),
+        *([("force", f"its scale stays open by {100 * force:.2g} %")] if force else []),
+        ("floor", f"gains +- {before} before, +- {after} now"),
+    ]
+
+
+def _standard_errors(found: SelfCalibrated) -> dict[str, Floats]:
+    """Return the standard errors by kind; those of gains without the common scale, which is the force's."""
+    fit = found.found.fit
+    spread = np.sqrt(np.diag(found.found.left_open.relative))
+    return fit.theory.standard_errors(fit.vector, spread)
+
+
+def _percent(values: list[float]) -> str:
+    """Return relative errors as one number, or as their range."""
+    low, high = (f"{100 * end(values):.2g}" for end in (min, max))
+    return f"{low} %" if low == high else f"{low}..{high} %"
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt((values**2).mean()))

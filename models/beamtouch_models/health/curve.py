@@ -1,0 +1,96 @@
+"""The influence curve of a model: the deflections at its sensors per newton, for each position of the contact."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.metadata import Metadata
+
+STEPS = 3
+"""Steps of Gauss and Newton from the best entry of the table; each squares the distance to the best contact."""
+SINGULAR = 1e-9
+"""Smallest part of the precision of a position that does not depend on the force."""
+SINGULAR = 1e-9
+"""Smallest part of the precision of a position that does not depend on the force."""
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A table of the influence, with cubic interpolation."""
+
+    load_mm: Floats
+    """(loads,) evenly spaced positions of the contact."""
+    influence: Floats
+    """(loads, channels) mm/N."""
+    offset_mm: Floats
+    """(channels,) measured deflections at rest."""
+    curve_per_mm: float
+    """Curvature of the characteristic."""
+
+    @classmethod
+    def of(cls, metadata: Metadata) -> Self | None:
+        """Return the curve of a model; None if its file does not hold it."""
+        held = metadata.influence
+        if held is None:
+            return None
+        departures = metadata.calibration.departures if metadata.calibration else None
+        return cls(
+            np.linspace(*metadata.ranges.position_mm, len(held.mm_per_n)),
+            np.array(held.mm_per_n),
+            np.array(departures.offset_mm) if departures else np.zeros(len(metadata.layout)),
+            departures.curve_per_mm if departures else 0.0,
+        )
+
+    def linear_mm(self, from_rest_mm: Floats) -> Floats:
+        """Return deflections that are linear in the force, from measured ones less those at rest."""
+        linear: Floats = from_rest_mm + self.curve_per_mm * from_rest_mm**2
+        return linear
+
+    def at(self, position_mm: Floats) -> tuple[Floats, Floats]:
+        """Return the influence and its slope at positions (contacts,), (contacts, channels) in mm/N and 1/N."""
+        step = self.load_mm[1] - self.load_mm[0]
+        place = (position_mm - self.load_mm[0]) / step
+        first = np.clip(np.floor(place).astype(np.intp) - 1, 0, len(self.load_mm) - 4)
+        t = place - first
+        nodes = np.arange(4.0)
+        # Lagrange polynomials through four entries, and their derivatives.
+        values, slopes = np.empty((4, len(t))), np.zeros((4, len(t)))
+        for node in range(4):
+            others = np.delete(nodes, node)
+            scale = np.prod(node - others)
+            values[node] = np.prod(t - others[:, None], axis=0) / scale
+            for left, right in ((0, 1), (0, 2), (1, 2)):
+                slopes[node] += (t - others[left]) * (t - others[right]) / scale
+        table = self.influence[first[:, None] + np.arange(4)]
+        return np.einsum("kn,nkc->nc", values, table), np.einsum("kn,nkc->nc", slopes, table) / step
+
+    def best_contacts(self, linear_mm: Floats, weight: Floats) -> tuple[Floats, Floats]:
+        """Return position [mm] and force [N] (contacts,) that fit deflections best, by weights (contacts, channels)."""
+        along = (linear_mm * weight) @ self.influence.T
+        square = np.maximum(weight @ (self.influence**2).T, _TINY)
+        best = (np.maximum(along, 0.0) ** 2 / square).argmax(axis=1)
+        position = self.load_mm[best]
+        reach = 2 * (self.load_mm[1] - self.load_mm[0])
+        low, high = np.maximum(position - reach, self.load_mm[0]), np.minimum(position + reach, self.load_mm[-1])
+        force = np.take_along_axis(along / square, best[:, None], axis=1)[:, 0]
+        for _ in range(STEPS):
+            shape, slope = self.at(position)
+            moved = force[:, None] * slope
+            left = linear_mm - force[:, None] * shape
+            aa, bb, ab = (_dot(weight, *pair) for pair in ((shape, shape), (moved, moved), (shape, moved)))
+            # One channel, or a contact on a support, does not say where the contact is.
+            determinant = np.maximum(aa * bb - ab**2, SINGULAR * aa * bb + _TINY)
+            step = (aa * _dot(weight, moved, left) - ab * _dot(weight, shape, left)) / determinant
+            position = np.clip(position + step, low, high)
+            shape, _ = self.at(position)
+            force = _dot(weight, shape, linear_mm) / np.maximum(_dot(weight, shape, shape), _TINY)
+        return position, force
+
+
+def _dot(weight: Floats, one: Floats, other: Floats) -> Floats:
+    """Return weighted products over the channels, (contacts,)."""
+    product: Floats = (weight * one * other).sum(axis=1)
+    return product

@@ -1,0 +1,154 @@
+"""The health of the channels of a surface: how each gain and zero has changed since a baseline, with intervals."""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.errors import ModelFileError
+from beamtouch_models.health.changes import CERTAIN, Change, Gains, found_changes
+from beamtouch_models.health.contacts import BestSample, Residuals, residuals
+from beamtouch_models.health.curve import Curve
+from beamtouch_models.health.history import Block, History
+from beamtouch_models.health.zeros import Estimate, interval, rest_block, zero_of
+from beamtouch_models.metadata import Metadata
+
+INFLUENCE = 20.0
+"""Largest ratio of likelihoods (its logarithm, twice) that a contact can give; a change takes more than one contact."""
+POSSIBLE = 8.0
+"""From this ratio on, the intervals of the other channels allow for a change of a channel that is not certain."""
+CHUNK = 16
+"""Contacts that are weighed by the same estimate."""
+
+
+@dataclass(frozen=True)
+class ChannelHealth:
+    """How a channel has changed."""
+
+    gain: Estimate
+    """Relative to the other channels."""
+    zero: Estimate | None
+    """In mm; None if no rest was seen."""
+    since_us: int
+    """Time of the change, or of the first contact [us since 1970]."""
+    contacts: int
+    """Number of contacts since then."""
+
+
+class Health:
+    """What contacts say of the channels since a baseline began."""
+
+    def __init__(self, metadata: Metadata, kept: dict[str, Any] | None = None) -> None:
+        """Begin without contacts, or with what `to_json` gave.
+
+        Raises
+        ------
+        ModelFileError
+            The model file does not hold the influence.
+        ValueError
+            What was kept is not of this layout.
+        """
+        curve = Curve.of(metadata)
+        if curve is None:
+            message = f"{metadata.name} does not hold the influence at its sensors; build it again"
+            raise ModelFileError(message)
+        self._metadata, self._curve = metadata, curve
+        self._floor, self._zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
+        kept = kept or {"blocks": [], "changes": []}
+        self._history = History.from_json(len(metadata.layout), kept["blocks"])
+        self._known: list[tuple[int, int]] = [(int(at_us), int(channel)) for at_us, channel in kept["changes"]]
+        """Time of the first contact and channel of each change."""
+        self._changes: list[Change] = []
+        self._search()
+
+    @property
+    def contacts(self) -> int:
+        """Number of contacts."""
+        return self._history.contacts
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what is known as JSON values."""
+        return {"blocks": self._history.to_json(), "changes": [list(one) for one in self._known]}
+
+    def add(self, samples: Sequence[BestSample]) -> None:
+        """Add the best samples of contacts, in any order of their times.
+
+        A sample that neither a single contact nor a change of one channel explains is left out.
+        """
+        for begin in range(0, len(samples), CHUNK):
+            self._add(samples[begin : begin + CHUNK])
+
+    def _add(self, samples: Sequence[BestSample]) -> None:
+        known = Gains(self._history, self._floor, self._changes).now()
+        found = residuals(self._metadata, self._curve, samples, known[0])
+        weight = self._weights(found, np.array([sample.is_contact for sample in samples]), *known)
+        boundaries = {at_us for at_us, _ in self._known}
+        for sample, shape, left, part in zip(samples, found.shape, found.left, weight, strict=True):
+            if part == 0:
+                continue
+            rest = rest_block(sample, self._curve.offset_mm, self._zero_mm)
+            self._history.add(Block(sample.at_us, 1, part * shape.T @ shape, part * shape.T @ left, *rest), boundaries)
+        self._search()
+
+    def _search(self) -> None:
+        """Find the changes again, beginning with the known ones."""
+        begins = [block.first_us for block in self._history.blocks]
+        known = [Change(max(0, bisect_right(begins, at_us) - 1), channel) for at_us, channel in self._known]
+        self._changes = found_changes(self._history, self._floor, known)
+        self._known = [(begins[one.block], one.channel) for one in self._changes]
+
+    def _weights(self, found: Residuals, is_contact: Bools, gains: Floats, covariance: Floats) -> Floats:
+        """Return the weights of contacts: bounded, and 0 for one that no change of a single channel explains.
+
+        `gains` (channels,) are the errors as far as they are known, with their covariance.
+        """
+        wide = np.eye(len(gains)) + found.shape @ covariance @ found.shape.transpose(0, 2, 1)
+        off = found.left - np.einsum("nij,j->ni", found.shape, gains)
+        inverse = np.linalg.inv(wide)
+        misfit = np.einsum("ni,nij,nj->n", off, inverse, off)
+        weight = INFLUENCE / np.maximum(misfit, INFLUENCE)
+        limit = [None, *self._metadata.thresholds.misfit][len(gains) - 1]
+        along = np.einsum("nij,nik,nk->nj", found.shape, inverse, off)
+        square = np.einsum("nij,nik,nkj->nj", found.shape, inverse, found.shape)
+        explained = (along**2 / np.maximum(square, np.finfo(np.float64).tiny)).max(axis=1)
+        kept = is_contact if limit is None else is_contact | (misfit - explained <= limit)
+        return np.where(kept, weight, 0.0)
+
+    def channels(self) -> list[ChannelHealth]:
+        """Return the health of each channel in the order of the layout; empty before the first contact."""
+        if not self._history.blocks:
+            return []
+        return [self._channel(channel) for channel in range(len(self._floor))]
+
+    def _channel(self, channel: int) -> ChannelHealth:
+        gain, gain_block = self._gain(channel)
+        zero, zero_block = zero_of(self._history, channel, float(self._zero_mm[channel])) or (None, 0)
+        begins = [block for block, one in ((gain_block, gain), (zero_block, zero)) if one and one.changed]
+        first = min(begins, default=0)
+        after = int(self._history.after()[first])
+        return ChannelHealth(gain, zero, self._history.blocks[first].first_us, after)
+
+    def _gain(self, channel: int) -> tuple[Estimate, int]:
+        """Return the change of a gain, and the block with which it began."""
+        own = [one.block for one in self._changes if one.channel == channel]
+        if own:
+            value, deviation = Gains(self._history, self._floor, self._changes).changed(channel)
+            certain = bool(value**2 > CERTAIN * deviation**2 and abs(value) >= self._floor[channel])
+            return interval(value, deviation, changed=certain), min(own)
+        return self._unnamed(channel), 0
+
+    def _unnamed(self, channel: int) -> Estimate:
+        """Return the change of a gain that is not certain: of the newer half of the contacts, or since it is likely."""
+        found = Gains(self._history, self._floor, self._changes).candidates()
+        ratio = np.where(self._history.after()[:, None] > 1, found.ratio, 0.0)
+        block, likely = (int(place) for place in np.unravel_index(int(ratio.argmax()), ratio.shape))
+        if likely != channel or ratio[block, channel] < POSSIBLE:
+            others = [Change(block, likely)] if likely != channel and ratio[block, likely] >= POSSIBLE else []
+            found = Gains(self._history, self._floor, [*self._changes, *others]).candidates()
+            after = self._history.after()
+            block = int(np.searchsorted(-after, -max(1.0, after[0] / 2)))
+        deviation = float(found.information[block, channel]) ** -0.5
+        return interval(float(found.gain[block, channel]), deviation, changed=False)

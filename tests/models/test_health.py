@@ -1,0 +1,205 @@
+"""How gains and zeros change: contacts of the bench with sensors that change, by fixed seeds."""
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from beamtouch_models.building.model_prior import prior_of_model
+from beamtouch_models.errors import ModelFileError
+from beamtouch_models.health.curve import Curve
+from beamtouch_models.health.history import RESOLUTION, Block, History
+from beamtouch_models.modelfile import BestSample, Health, ModelFile
+from drawn_contacts import Drawn
+
+BASELINE = 100
+
+
+@pytest.fixture(scope="module")
+def drawn(bench: ModelFile) -> Drawn:
+    return Drawn(bench)
+
+
+def changed(health: Health) -> list[tuple[int, str]]:
+    """The channels that have changed for certain, with what."""
+    each = enumerate(health.channels())
+    parts = [(i, what, one) for i, found in each for what, one in (("gain", found.gain), ("zero", found.zero))]
+    return [(i, what) for i, what, one in parts if one is not None and one.changed]
+
+
+def after(drawn: Drawn, baseline: int, *later: Sequence[BestSample]) -> Health:
+    health = Health(drawn.metadata)
+    health.add(drawn.contacts(baseline))
+    for samples in later:
+        health.add(samples)
+    return health
+
+
+def test_the_table_gives_the_influence_and_finds_the_contact(bench: ModelFile) -> None:
+    curve, prior = Curve.of(bench.metadata), prior_of_model(bench.metadata)
+    assert curve is not None
+    position = np.linspace(5.0, 395.0, 211)
+    shape, slope = curve.at(position)
+    exact = prior.influence_at(position)
+    assert np.abs(shape - exact).max() < 1e-6 * exact.max()
+    difference = (prior.influence_at(position + 0.01) - prior.influence_at(position - 0.01)) / 0.02
+    assert np.abs(slope - difference).max() < 1e-3 * np.abs(difference).max()
+    found, force = curve.best_contacts(7.0 * exact, np.ones_like(exact))
+    assert np.abs(found - position).max() < 1e-2
+    assert force == pytest.approx(7.0, rel=1e-3)
+
+
+def test_an_honest_surface_has_not_changed_and_the_intervals_hold_that(drawn: Drawn) -> None:
+    held = []
+    for seed in range(6):
+        drawn.begin(seed)
+        health = Health(drawn.metadata)
+        for _ in range(4):
+            health.add(drawn.contacts(25))
+            assert changed(health) == []
+        for one in health.channels():
+            assert (one.contacts, one.since_us) == (100, 0)
+            assert one.zero is not None
+            held += [one.gain.low < 0 < one.gain.high, one.zero.low < 0 < one.zero.high]
+    assert np.mean(held) > 0.8
+
+
+@pytest.mark.parametrize("channel", [0, 1, 2, 3])
+def test_a_gain_that_falls_by_four_percent_is_named_within_three_rested_contacts(drawn: Drawn, channel: int) -> None:
+    named = 0
+    for seed in range(8):
+        drawn.begin(seed, readings=45)
+        health = after(drawn, BASELINE)
+        drawn.gain[channel] *= 0.96
+        begin_us = drawn.at_us
+        health.add(drawn.contacts(3))
+        named += changed(health) == [(channel, "gain")]
+        health.add(drawn.contacts(9))
+        assert changed(health) == [(channel, "gain")]
+        one = health.channels()[channel]
+        assert one.since_us == pytest.approx(begin_us, abs=3 * drawn.every_us)
+        assert one.gain.value == pytest.approx(-0.04, abs=0.012)
+    assert named >= 6
+
+
+@pytest.mark.parametrize("channel", [1, 2])
+def test_one_percent_of_an_inner_channel_is_named_within_twenty_contacts(drawn: Drawn, channel: int) -> None:
+    named, held = 0, []
+    for seed in range(8):
+        drawn.begin(20 + seed)
+        health = after(drawn, BASELINE)
+        drawn.gain[channel] *= 0.99
+        health.add(drawn.contacts(20))
+        named += changed(health) == [(channel, "gain")]
+        one = health.channels()[channel].gain
+        held.append(one.low < -0.01 < one.high)
+    assert named >= 6
+    assert sum(held) >= 6
+
+
+def test_a_common_change_is_force_and_is_not_claimed_to_be_seen(drawn: Drawn) -> None:
+    drawn.begin(2)
+    health = after(drawn, BASELINE)
+    drawn.gain *= 0.9
+    health.add(drawn.contacts(60))
+    assert changed(health) == []
+
+
+def test_outer_channels_have_wider_intervals(drawn: Drawn) -> None:
+    drawn.begin(3)
+    width = [one.gain.high - one.gain.low for one in after(drawn, BASELINE).channels()]
+    assert min(width[0], width[3]) > 1.3 * max(width[1], width[2])
+
+
+def test_a_zero_that_creeps_is_no_gain(drawn: Drawn) -> None:
+    drawn.begin(4)
+    health = after(drawn, BASELINE)
+    for _ in range(40):
+        drawn.zero_mm[1] += 0.0003
+        health.add(drawn.contacts(1))
+    assert changed(health) == [(1, "zero")]
+    health.add(drawn.contacts(8))
+    zero = health.channels()[1].zero
+    assert zero is not None
+    assert zero.low < 0.012 < zero.high
+
+
+def test_two_channels_that_change_one_after_the_other_are_both_named(drawn: Drawn) -> None:
+    drawn.begin(5)
+    health = after(drawn, BASELINE)
+    drawn.gain[1] *= 0.95
+    health.add(drawn.contacts(60))
+    drawn.gain[3] *= 1.04
+    health.add(drawn.contacts(60))
+    assert changed(health) == [(1, "gain"), (3, "gain")]
+    drawn.gain[1] /= 0.95
+    health.add(drawn.contacts(60))
+    assert changed(health) == [(3, "gain")]
+
+
+def test_a_few_contacts_of_two_loads_name_no_channel(drawn: Drawn) -> None:
+    drawn.begin(6)
+    health = after(drawn, BASELINE)
+    for _ in range(10):
+        health.add(drawn.contacts(1, loads=2))
+        health.add(drawn.contacts(9))
+        assert changed(health) == []
+
+
+def test_a_history_is_read_again_as_it_was(drawn: Drawn) -> None:
+    drawn.begin(7)
+    health = after(drawn, BASELINE)
+    drawn.gain[2] *= 0.96
+    health.add(drawn.contacts(30))
+    again = Health(drawn.metadata, json.loads(json.dumps(health.to_json())))
+    assert again.channels() == health.channels()
+    assert changed(again) == [(2, "gain")]
+    with pytest.raises(ValueError, match="another layout"):
+        Health(drawn.metadata, {"blocks": History(3, [_block(0, 3)]).to_json(), "changes": []})
+
+
+def test_a_long_history_takes_few_blocks_and_loses_nothing() -> None:
+    history = History(2)
+    for number in range(20_000):
+        history.add(_block(number, 2), set())
+    assert len(history.blocks) < 250
+    assert history.contacts == 20_000
+    assert history.since("score")[0] == pytest.approx([20_000.0] * 2)
+    later = history.after()
+    for block, rest in zip(history.blocks, later, strict=True):
+        assert block.contacts == 1 or block.contacts * RESOLUTION <= rest
+    # A late contact has its place in time.
+    history.add(_block(19_990, 2), set())
+    assert [block.first_us for block in history.blocks] == sorted(block.first_us for block in history.blocks)
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+def test_two_channels_or_fewer_show_no_gain(bench: ModelFile, channels: int) -> None:
+    said, table = bench.metadata, bench.metadata.influence
+    assert table is not None
+    floor = said.floor.model_copy(update={"gain": [0.003] * channels, "zero_mm": [0.001] * channels})
+    rows = [row[:channels] for row in table.mm_per_n]
+    few = said.model_copy(
+        update={
+            "layout": said.layout[:channels], "floor": floor, "influence": table.model_copy(update={"mm_per_n": rows})
+        }
+    )  # fmt: skip
+    health = Health(few)
+    random = np.random.default_rng(1)
+    for at_us in range(40):
+        values = np.array(rows[random.integers(len(rows))]) * random.uniform(2, 20)
+        health.add([BestSample(at_us, values.tolist(), [0.002] * channels, [0.0] * channels, [0.001] * channels)])
+    assert changed(health) == []
+    for one in health.channels():
+        assert one.gain.low < -0.5
+        assert one.gain.high > 0.5
+
+
+def test_a_model_without_the_table_is_refused(bench: ModelFile) -> None:
+    with pytest.raises(ModelFileError, match="build it again"):
+        Health(bench.metadata.model_copy(update={"influence": None}))
+
+
+def _block(number: int, channels: int) -> Block:
+    return Block(number, 1, np.eye(channels), np.ones(channels), np.ones(channels), np.zeros(channels))

@@ -1,0 +1,145 @@
+"""What doubt of a sample does to events, channels and the door: unsteady figures, huge deflections, huge noise."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from beamtouch_models import modelfile
+from beamtouch_service.samples import Batch
+from beamtouch_service.surfaces.contact import Decision
+from beamtouch_service.surfaces.estimates import estimate, runner
+from beamtouch_service.surfaces.touch import Follower
+from service.event_story import BETWEEN, RESTING, TOUCHING, Row
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from beamtouch_models.modelfile import Answers
+    from service.conftest import Bench, BuildModel, MakeBatch
+
+PRESSING: Row = [1.0, 0.5, 0.25]
+STILL, MOVING = 1e-4, 0.01
+"""Variance of a deflection [mm^2]; the model was made for the first."""
+
+
+def stated(make_batch: MakeBatch, *rows: tuple[Row, float], sequence: int = 1) -> dict[str, Any]:
+    """One batch of samples that state the variance of their deflections."""
+    body = make_batch(*[row for row, _ in rows], sequence=sequence)
+    for sample, (row, variance_mm2) in zip(body["samples"], rows, strict=True):
+        channels = range(len(row))
+        sample["covariance_mm2"] = [variance_mm2 * (i == j) for i in channels for j in range(i + 1)]
+        sample["readings"] = 1
+    return body
+
+
+@pytest.mark.parametrize("parts", [[7], [2, 5], [3, 4], [4, 3], [1, 6]])
+def test_unsteady_samples_count_in_no_peak_and_no_mean_if_there_are_others(
+    bench: Bench, make_batch: MakeBatch, parts: list[int]
+) -> None:
+    rows = [(RESTING, STILL), (PRESSING, MOVING), *[(TOUCHING, STILL)] * 2, *[(PRESSING, MOVING)] * 2, (RESTING, STILL)]
+    first = 0
+    for count in parts:
+        bench.post(stated(make_batch, *rows[first : first + count], sequence=first + 1))
+        bench.get("/events")  # It writes what there is so far.
+        first += count
+
+    (event,) = bench.get("/events").json()["events"]
+    assert (event["samples"], event["peak_force_n"], event["peak_position_mm"]) == (2, 8.75, 150.0)
+    assert event["mean_position_mm"] == 150.0
+
+
+def test_if_all_samples_are_unsteady_they_give_peak_and_mean(bench: Bench, make_batch: MakeBatch) -> None:
+    bench.post(stated(make_batch, (RESTING, STILL), (TOUCHING, MOVING), (PRESSING, MOVING), (RESTING, STILL)))
+
+    (event,) = bench.get("/events").json()["events"]
+    assert (event["samples"], event["peak_force_n"], event["mean_position_mm"]) == (2, 17.5, 175.0)
+
+
+def test_a_contact_that_is_held_on_a_weak_sample_says_so(bench: Bench, make_batch: MakeBatch) -> None:
+    bench.post(make_batch(RESTING, TOUCHING, sequence=1))
+    assert bench.get("/contact").json()["notes"] == []
+
+    bench.post(make_batch(BETWEEN, sequence=3))
+    held = bench.get("/contact").json()
+    assert (held["state"], held["notes"], held["sequence"], held["misfit"]) == ("contact", ["unsteady"], 3, 0.0)
+
+    bench.post(make_batch(RESTING, sequence=4))
+    clear = bench.get("/contact").json()
+    assert (clear["state"], clear["notes"], clear["position_mm"]) == ("clear", [], None)
+
+
+@pytest.mark.parametrize("huge_mm", [1e3, -1e3, 1e9, 1e38, -1e300])
+def test_a_deflection_that_no_load_makes_is_out_of_range(bench: Bench, make_batch: MakeBatch, huge_mm: float) -> None:
+    # The largest deflection of the model is 1 mm.
+    bench.post(make_batch([0.5, 0.25, huge_mm], sequence=1))
+    found = bench.get("/contact").json()
+    assert (found["state"], found["degraded_channels"]) == ("contact", ["s3"])
+
+    bench.post(make_batch([huge_mm] * 3, sequence=2))
+    problem = bench.get("/contact").json()
+    assert (problem["type"], problem["bad_channels"]["s1"]) == (
+        "urn:beamtouch:problem:too-few-channels",
+        "out-of-range",
+    )
+
+
+@pytest.mark.parametrize("noise_mm", [1.001e4, 1e155, 1e300])
+def test_noise_that_no_channel_can_have_is_refused(bench: Bench, make_batch: MakeBatch, noise_mm: float) -> None:
+    refused = bench.post(make_batch(sequence=1) | {"noise_mm": [0.01, noise_mm, 0.01]})
+    assert refused.status_code == 422
+    assert [one["pointer"] for one in refused.json()["errors"]] == ["#/noise_mm/1"]
+    assert bench.post(make_batch(sequence=1) | {"noise_mm": [1e4] * 3}).status_code == 200
+    assert bench.get("/contact").status_code == 200
+
+
+@pytest.mark.parametrize("variance_mm2", [1.001e8, 1e12, 1e300])
+def test_a_covariance_that_no_channel_can_have_is_refused(
+    bench: Bench, make_batch: MakeBatch, variance_mm2: float
+) -> None:
+    body = make_batch(sequence=1)
+    body["samples"][0] |= {"readings": 1, "covariance_mm2": [variance_mm2] * 6}
+    refused = bench.post(body)
+    assert refused.status_code == 422
+    assert refused.json()["errors"][0]["pointer"] == "#/samples/0/covariance_mm2/0"
+    # The largest that is accepted is singular, and gives an answer.
+    body["samples"][0] |= {"covariance_mm2": [1e8] * 6}
+    assert bench.post(body).status_code == 200
+    assert bench.get("/contact").status_code == 200
+
+
+def test_channels_are_left_out_only_as_often_as_needed(build_model: BuildModel, make_batch: MakeBatch) -> None:
+    model, rows = modelfile.load(build_model(channels=4)), list[int]()
+
+    def ask(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
+        rows.append(len(deflection_mm))
+        return runner(model)(deflection_mm, whitening_per_mm)
+
+    batch = Batch.model_validate(make_batch(*[[0.5, 0.25, 0.75, 0.125]] * 2000))
+    estimates = estimate(model, "press-7", batch, batch.samples)
+    follower = Follower(model, ask, "press-7", 500)
+    seen = follower.follow(estimates)
+
+    assert seen[-1].state is modelfile.State.UNEXPLAINED
+    # Four rows for each sample of the capture, and for one in twenty of the others.
+    assert sum(rows) <= 4 * 450
+    assert len(rows) <= 10
+    assert isinstance(seen[-1].outcome, Decision)
+    assert seen[-1].outcome.suspect == "s3"
+
+
+def test_a_channel_that_drops_out_is_not_named_any_more(build_model: BuildModel, make_batch: MakeBatch) -> None:
+    model = modelfile.load(build_model(channels=4))
+    follower = Follower(model, runner(model), "press-7", 500)
+    wedged, two = [0.5, 0.25, 0.75, 0.125], [0.5, 0.25, 0.75, None]
+    quality = ["good", "good", "good", "missing"]
+    parts = [make_batch(*[wedged] * 60), make_batch(*[two] * 3, sequence=61, quality=quality)]
+    notes = []
+    for part in parts:
+        batch = Batch.model_validate(part)
+        (*_, last) = follower.follow(estimate(model, "press-7", batch, batch.samples))
+        assert isinstance(last.outcome, Decision)
+        notes.append(last.outcome.notes)
+    assert notes == [["check-s3"], []]

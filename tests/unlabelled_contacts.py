@@ -1,0 +1,93 @@
+"""Contacts of unknown place and force on surfaces that differ from their scenes, as the service keeps them."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.arrays import Floats
+from beamtouch_models.calibration.contacts import Contacts
+from beamtouch_models.calibration.places import places
+from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.metadata import Metadata
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.rig.imperfections import Imperfections
+from imperfect_surface import true_prior
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Deviations of a surface from its scene, and of its events from contacts anywhere."""
+
+    gain: float = 0.02
+    position_mm: float = 0.0
+    two_at_once: float = 0.0
+    """Share of the contacts with another one beside them."""
+    fixity: tuple[float, float] = (0.0, 0.0)
+    curve: float = 0.0
+    """Relative bend of the characteristic at full travel."""
+    places_mm: tuple[float, ...] = ()
+    """Where the contacts are; anywhere by default."""
+    readings: int | None = None
+    """Readings in each; as many as the filter has by default."""
+
+
+def surface(metadata: Metadata, kind: Kind, rng: np.random.Generator) -> Imperfections:
+    """Draw a surface."""
+    layout_mm = np.array([channel.position_mm for channel in metadata.layout])
+    gain, moved = 1 + kind.gain * rng.normal(size=len(layout_mm)), kind.position_mm * rng.normal(size=len(layout_mm))
+    return Imperfections(
+        gain=tuple(np.clip(gain, 0.8, 1.2).tolist()),
+        position_offset_mm=tuple((np.clip(layout_mm + moved, 0, metadata.length_mm) - layout_mm).tolist()),
+        fixity=kind.fixity,
+        curve_per_mm=kind.curve / metadata.max_deflection_mm,
+    )
+
+
+def drawn(metadata: Metadata, real: Imperfections, kind: Kind, rng: np.random.Generator, count: int) -> Contacts:
+    """Draw contacts over the ranges of the scene."""
+    prior = true_prior(metadata, real)
+    position, force = rng.uniform(*prior.position_mm, count), rng.uniform(*prior.force_n, count)
+    if kind.places_mm:
+        position = rng.choice(kind.places_mm, count) + rng.normal(size=count)
+    deflection = force[:, None] * prior.influence_at(position)
+    beside = _anywhere(prior, rng, count)
+    deflection = deflection + np.where(rng.random((count, 1)) < kind.two_at_once, beside, 0.0)
+    deviation = metadata.noise.reading_mm / np.sqrt(kind.readings or metadata.filter.window)
+    stated = prior.stated(deflection) + deviation * rng.normal(size=deflection.shape)
+    return Contacts(stated, np.full(stated.shape, deviation))
+
+
+def _anywhere(prior: Prior, rng: np.random.Generator, count: int) -> Floats:
+    deflection: Floats = rng.uniform(*prior.force_n, (count, 1)) * prior.influence_at(
+        rng.uniform(*prior.position_mm, count)
+    )
+    return deflection
+
+
+def write_contacts(path: Path, model: ModelFile, contacts: Contacts, characteristic: str = "a1") -> Path:
+    """Write contacts as the service offers them, one per second."""
+    names = model.channels
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        columns = [f"{name}_{end}" for end in ("mm", "sd_mm") for name in names]
+        writer.writerow(["event", "time", "model", "characteristic", "readings", *columns])
+        rows = np.concatenate([contacts.stated_mm, contacts.deviation_mm], axis=1)
+        for number, row in enumerate(rows, start=1):
+            time = f"2026-11-22T{number // 3600:02}:{number // 60 % 60:02}:{number % 60:02}.000Z"
+            cells = [f"{value:.9f}" for value in row]
+            writer.writerow([number, time, model.identity, characteristic, 4, *cells])
+    return path
+
+
+def missed_mm(theory: Theory, vector: Floats, metadata: Metadata, real: Imperfections) -> float:
+    """Mean distance of contacts without noise from where a surface with fitted departures places them."""
+    prior = true_prior(metadata, real)
+    low, high = prior.position_mm
+    margin = 0.05 * (high - low)
+    position = np.linspace(low + margin, high - margin, 60)
+    stated = prior.stated(np.mean(prior.force_n) * prior.influence_at(position))
+    found, _ = places(theory, vector, stated, np.full(stated.shape, metadata.noise.sample_mm))
+    return float(np.abs(found - position).mean())
