@@ -1,8 +1,8 @@
 """Error and coverage of the position since touch and under moving loads, beside the fixed filter.
 
-`python tests/benchmarks/bench_since_touch.py [--draws 300] [--scenes bench conveyor]`. Readings of simulated contacts go
-through the daemon's filters, the model and the decision, as in `design-sensors challenge`; nothing of the growing mean
-is known to the simulation. Gains are perfect, or as far off as the scene of the model states.
+`python tests/benchmarks/bench_since_touch.py [--draws 300] [--scenes bench conveyor]`. Readings of simulated contacts
+go through the daemon's filters, the model and the decision, as in `design-sensors challenge`. The simulation knows
+nothing of the filters. Gains are perfect, or as far off as the scene of the model states.
 """
 
 import argparse
@@ -168,9 +168,7 @@ def rests(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Float
     return np.where(there, position[:, None], np.nan), there * force[:, None], judged
 
 
-def moving(
-    model: ModelFile, draws: int, seed: int, only: str = ""
-) -> Iterator[dict[str, object]]:
+def moving(model: ModelFile, draws: int, seed: int, only: str = "") -> Iterator[dict[str, object]]:
     """Return error and coverage under loads that move."""
     for number, (course, make) in enumerate(courses().items()):
         if only not in course:

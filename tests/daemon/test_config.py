@@ -162,7 +162,11 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ('kind = "moving-average"\n', "", "surfaces.bench.filter: Unable to extract tag using discriminator 'kind'"),
         ('"moving-average"\nwindow = 1', '"low-pass"\ncutoff_hz = 100', "filter.cutoff_hz must lie below half of"),
         ('"moving-average"\nwindow = 1', '"growing-mean"', 'filter.kind = "growing-mean" needs noise_mm'),
-        ('"moving-average"\nwindow = 1', '"growing-mean"\nmax_mean_ms = 0', "filter.max_mean_ms: Input should be greater than 0"),
+        (
+            '"moving-average"\nwindow = 1',
+            '"growing-mean"\nmax_mean_ms = 0',
+            "filter.max_mean_ms: Input should be greater than 0",
+        ),
         (
             "[surfaces.bench.filter]",
             "[surfaces.bench.zero_tracking]\nband_mm = 1\nrate_mm_per_min = 1\nmax_mm = 0\n[surfaces.bench.filter]",

@@ -32,8 +32,9 @@ def grown(values: FloatArray, longest: int = LONGEST, period: float = 0.0, spike
 
 def stepped(size: float, readings: int, at: int) -> FloatArray:
     """Return a step of a size, in units of the noise over all channels."""
-    there = np.arange(readings) >= at
-    return size * there[:, np.newaxis] * ALONG / np.linalg.norm(ALONG)
+    there = (np.arange(readings) >= at).astype(np.float64)
+    step: FloatArray = size * there[:, np.newaxis] * ALONG / np.linalg.norm(ALONG)
+    return step
 
 
 def test_after_a_touch_all_readings_since_it_count_and_none_before() -> None:

@@ -9,7 +9,15 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.surface import Surface
-from beamtouch_models.filters import Chain, Stage, filled, growing_mean_stage, moving_average_stage, spike_stage, unit_of
+from beamtouch_models.filters import (
+    Chain,
+    Stage,
+    filled,
+    growing_mean_stage,
+    moving_average_stage,
+    spike_stage,
+    unit_of,
+)
 from beamtouch_models.metadata import FilterChoice, Metadata
 from beamtouch_models.modelfile import (
     Decider,
@@ -94,7 +102,8 @@ def stages(chosen: FilterChoice, unit_mm: Floats) -> tuple[Stage, ...]:
 def judge(surface: Surface, run: Run, readings_mm: Floats, first: int = 0, *, naming: bool = False) -> Judged:
     """Return what the model of a surface says of each reading (draws, readings, channels); draws begin anew.
 
-    Nothing is said of the readings before number `first`. With `naming`, suspects are sought as in the service, which takes time.
+    Nothing is said of the readings before number `first`. With `naming`, suspects are sought as in the service, which
+    takes time.
     """
     metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
     step_mm = metadata.sensor.gain_mm_per_count
