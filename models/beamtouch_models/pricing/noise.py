@@ -127,10 +127,15 @@ def choose_filter(scene: Scene) -> FilterChoice:
             "raise sensors.rate_hz"
         )
         raise SceneError(message)
-    fixed = window_filter(scene, window)
-    if reading_noise_mm(scene) == 0:
+    return growing(scene, window_filter(scene, window))
+
+
+def growing(scene: Scene, fixed: FilterChoice) -> FilterChoice:
+    """Return a filter whose mean grows on from that of a fixed one; without noise or a latency, the fixed one."""
+    if fixed.kind == "none" or reading_noise_mm(scene) == 0:
         return fixed
-    longest = max(window, min(MAX_READINGS, math.floor(scene.requirements.max_mean_ms / period_ms + 1e-9)))
+    most = scene.requirements.max_mean_ms * scene.sensors.rate_hz / 1e3
+    longest = max(fixed.window, math.floor(min(most + 1e-9, MAX_READINGS)))
     return fixed.model_copy(update={"kind": "growing-mean", "longest": longest})
 
 
