@@ -190,7 +190,9 @@ def test_the_command_writes_the_folder_and_builds_the_choice(design_sensors_here
     built = modelfile.load(Path(found["picked"]["model"]))
     assert built.metadata.filter.window == chosen["filter"]["window"]
     assert len(built.metadata.layout) == chosen["sensors"]
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"trade.json", "trade.md", "trade.svg", "plate.onnx"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "trade.json", "trade.md", "trade.svg", "since-touch.svg", "plate.onnx"
+    }  # fmt: skip
     assert (tmp_path / "out" / "trade.md").read_text().count("\n| ") > len(found["points"])
     assert found["planned_points"] == len(found["points"])
     # Every point is in the picture, with its number of sensors.

@@ -24,7 +24,7 @@ could make a beam at rest look touched.
 LOW_PASS_SPAN = 8
 """A low-pass spans this many times 1 / a readings: exp(-8) of a step remains after them, a sixth of the noise of a
 reading if the step was 500 times that noise."""
-MOST_COMPARED = 16
+MOST_COMPARED = 8
 """Readings of a growing mean whose scatter is looked at. The mean itself shows slower motion."""
 
 
