@@ -89,10 +89,10 @@ class Judged:
         return Judged(*(part.reshape(-1, *part.shape[2:]) for part in parts))
 
 
-def stages(chosen: FilterChoice, unit_mm: Floats) -> tuple[Stage, ...]:
+def stages(chosen: FilterChoice, unit_mm: Floats, slowest_period: float) -> tuple[Stage, ...]:
     """Return the filters of the daemon for the choice of a model; `unit_mm` is the noise of each channel."""
     if chosen.kind == "growing-mean":
-        return (growing_mean_stage(chosen.most, unit_mm, chosen.spike_mm),)
+        return (growing_mean_stage(chosen.most, unit_mm, chosen.spike_mm, chosen.window, slowest_period),)
     spike = () if chosen.spike_mm is None else (spike_stage(chosen.spike_mm),)
     if chosen.kind == "none":
         return spike
@@ -108,7 +108,8 @@ def judge(surface: Surface, run: Run, readings_mm: Floats, first: int = 0, *, na
     metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
     step_mm = metadata.sensor.gain_mm_per_count
     unit_mm = unit_of(noise_mm, step_mm, surface.channels)
-    chain = Chain(stages(metadata.filter, unit_mm), surface.channels, noise_mm, surface.slowest_period, step_mm)
+    chosen = stages(metadata.filter, unit_mm, surface.slowest_period)
+    chain = Chain(chosen, surface.channels, noise_mm, surface.slowest_period, step_mm)
     filtered = []
     for readings in readings_mm:
         chain.restart()

@@ -77,9 +77,11 @@ def unit_of(noise_mm: float | FloatArray, step_mm: float | FloatArray, channels:
     return unit
 
 
-def growing_mean_stage(longest: int, unit_mm: FloatArray, spike_mm: float | None = None) -> Stage:
-    """Return a growing mean as a stage; it leaves out spikes itself. `unit_mm` is the noise of each channel."""
-    growing = GrowingMean(longest, unit_mm, spike_mm)
+def growing_mean_stage(
+    longest: int, unit_mm: FloatArray, spike_mm: float | None = None, fewest: int = 1, slowest_period: float = 0.0
+) -> Stage:
+    """Return a growing mean as a stage; it leaves out spikes itself. The parameters are those of `GrowingMean`."""
+    growing = GrowingMean(longest, unit_mm, spike_mm, fewest, slowest_period)
     spike = math.inf if spike_mm is None else spike_mm
     span = min(longest, MOST_COMPARED)
     return Stage(longest, growing.step, span, restarts=True, fresh=growing.fresh, lone_spike_mm=spike)

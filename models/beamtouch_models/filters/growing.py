@@ -33,6 +33,8 @@ STEP_PART = 0.12
 """The same, over what the step explains: of a step a slope explains three quarters, of a bend more than a step does."""
 DRIFT_PART = 4
 """One reading in this many counts where something drifts."""
+CALM = 0.001
+"""Probability at rest that readings seem to differ, which shows that a beam did not lie still before a touch."""
 FINE = 2.0**16
 """Readings are rounded to this part of their noise, so that sums of them are exact however a stream is split."""
 BEFORE = 3
@@ -116,10 +118,25 @@ class GrowingMean:
     spike_mm
         Distance from the median of three successive readings that makes the middle one a spike, and the newest one
         doubtful; None: all readings count.
+    fewest
+        Smallest number of readings in a mean, except right after a sharp change of a beam that lay still. A beam that
+        rings swings about its rest, so more readings are closer to it.
+    slowest_period
+        Period of the slowest motion, in readings; 0 if it is not known.
     """
 
-    def __init__(self, longest: int, unit_mm: FloatArray, spike_mm: float | None = None) -> None:
+    def __init__(
+        self,
+        longest: int,
+        unit_mm: FloatArray,
+        spike_mm: float | None = None,
+        fewest: int = 1,
+        slowest_period: float = 0.0,
+    ) -> None:
         self._longest = longest
+        self._fewest = min(fewest, longest)
+        self._still = max(2, math.ceil(slowest_period / 4))
+        self._calm = chi_square_quantile(len(unit_mm) * (self._still - 1), CALM) * FINE**2
         self._quantum_mm = np.maximum(unit_mm, SMALLEST_MM) / FINE
         self._spike_mm = math.inf if spike_mm is None else spike_mm
         self._pairs = pairs_of(longest)
@@ -134,7 +151,7 @@ class GrowingMean:
 
     def fresh(self, channels: int) -> FloatArray:
         """Return the initial state."""
-        state = np.zeros((2 * self._longest + 1 + BEFORE, 2, channels))
+        state = np.zeros((2 * self._longest + self._fewest + self._still + BEFORE, 2, channels))
         state[-BEFORE:] = np.nan
         return state
 
@@ -190,7 +207,10 @@ class GrowingMean:
             for index in np.flatnonzero(changed.any(axis=1)).tolist():
                 place = int(np.searchsorted(windows, needed[whole[changed[index].argmax()]]))
                 reached, fails = int(windows[place - 1]), int(windows[place])
-                found[index] = self._since(sums, until[index], int(starts[index]), reached, fails)
+                start = int(starts[index])
+                size = self._since(sums, until[index], start, reached, fails)
+                few = size < self._fewest and not self._is_touch(sums, start, size)
+                found[index] = self._fewest if few else size
         return found
 
     def _changed(self, total: FloatArray) -> NDArray[np.bool_]:
@@ -223,6 +243,17 @@ class GrowingMean:
         jump = (newer[0] - older[0])[(newer[1] > 0) & (older[1] > 0)]
         is_sharp = float(jump @ jump) / 2 > self._sharp[len(jump)]
         return size if is_sharp or self._is_step(sums, until, start, size) else -(-size // DRIFT_PART)
+
+    def _is_touch(self, sums: FloatArray, start: int, size: int) -> bool:
+        """Return whether the last `size` rows, two or more, follow a sharp change of a beam that lay still."""
+        if size < 2 or start < size + self._still:
+            return False
+        before = np.diff(sums[start - size - self._still : start - size + 2], axis=0)
+        if not before[:, 1].all():
+            return False
+        calm, first = before[:-1, 0], before[-1, 0]
+        jump, away = first - calm[-1], calm - calm.mean(axis=0)
+        return float(jump @ jump) / 2 > self._sharp[-1] and float((away * away).sum()) < self._calm
 
     def _is_step(self, sums: FloatArray, until: FloatArray, start: int, size: int) -> bool:
         """Return whether the last `size` rows and as many before them differ like a step, and not like a slope."""

@@ -106,7 +106,8 @@ def _errors(scene: Scene, prior: Prior, readings: tuple[int, ...], draws: int, s
     reading_mm, channels = reading_noise_mm(scene), prior.channels
     period = (slowest_period_ms(scene) or 0.0) * scene.sensors.rate_hz / 1e3
     step_mm = adc_step_mm(scene)
-    stage = growing_mean_stage(readings[-1], unit_of(reading_mm, step_mm, channels), SPIKE_SIGMAS * reading_mm)
+    unit_mm, fewest = unit_of(reading_mm, step_mm, channels), choose_filter(scene).window
+    stage = growing_mean_stage(readings[-1], unit_mm, SPIKE_SIGMAS * reading_mm, fewest, period)
     chain = Chain((stage,), channels, reading_mm, period, step_mm)
     run = runner(posterior_graph(prior, with_force=False).SerializeToString())
     drawn, rng = draw_evenly(prior, draws, seed + 1), np.random.default_rng([seed, channels])
