@@ -115,7 +115,7 @@ def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
         weights_if_still, again = _weigh(metadata, run, part, part.noise_mm2[:, :, None] * np.eye(len(noise[0])))
         for index, odds, weight in zip(moving.tolist(), again[LOG_ODDS].tolist(), weights_if_still, strict=True):
             still_odds[index], still_weights[index] = odds, weight
-    settled = (noise <= SETTLED * metadata.noise.sample_mm**2).all(axis=1).tolist()
+    settled: list[bool] = np.asarray((noise <= SETTLED * metadata.noise.sample_mm**2).all(axis=1)).tolist()
     columns = zip(*(column.tolist() for column in answers.values()), strict=True)
     channels = samples.valid.sum(axis=1).tolist()
     return [
