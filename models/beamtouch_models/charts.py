@@ -18,6 +18,9 @@ CHARACTER = 6.4
 SERIES_COLOURS: tuple[Colour, ...] = ("s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7")
 
 
+Style = Literal["line", "dashed", "points"]
+
+
 @dataclass(frozen=True)
 class Series:
     """One curve or one set of points."""
@@ -28,7 +31,7 @@ class Series:
     y: Sequence[float]
     colour: int = 0
     """0 .. 7."""
-    style: Literal["line", "dashed", "points"] = "line"
+    style: Style = "line"
     notes: Sequence[str] = ()
     """Short text beside each point; only for the style "points"."""
 

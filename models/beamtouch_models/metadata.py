@@ -142,12 +142,20 @@ class Seen(_Strict):
 class FilterChoice(_Strict):
     """The filter between reading and sample that the model was made for."""
 
-    kind: Literal["none", "moving-average"] = "none"
+    kind: Literal["none", "moving-average", "growing-mean"] = "none"
     window: int = Field(default=1, ge=1)
+    """Number of readings whose mean has the noise that the model was made for."""
+    longest: int | None = Field(default=None, ge=1)
+    """Largest number of readings in a growing mean; null for the other kinds."""
     spike_mm: PositiveFloat | None = None
     """Distance from the median of the last three readings that makes a reading a spike; null: no spike filter."""
     settling_ms: float = Field(default=0.0, ge=0)
-    """Time from the first reading of a new load to the first sample of that load alone."""
+    """Time from the first reading of a new load to the first sample of `window` readings of that load alone."""
+
+    @property
+    def most(self) -> int:
+        """Largest number of readings in a sample."""
+        return self.longest or self.window
 
 
 class Sensor(_Strict):

@@ -113,7 +113,9 @@ class Requirements(Strict):
     position_error_mm: PositiveFinite | None = None
     """Largest mean error; it decides the number of sensors if the scene leaves that open."""
     latency_ms: PositiveFinite | None = None
-    """Time that the filter may take; by default there is no filter."""
+    """Time from a touch to an answer of the accuracy that the model is made for; by default there is no filter."""
+    max_mean_ms: PositiveFinite = 1000.0
+    """Time for which the mean of a contact at rest may grow on."""
     false_contacts_per_day: PositiveFinite = 1 / 30
     """Contacts per day that may be stated although nothing touches; by default one a month."""
     descriptors: Annotated[tuple[Descriptor, ...], Field(strict=False)] = ("position",)

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from beamtouch_common.errors import InputError
 from beamtouch_daemon.config.file import load_config, require_ports
 from beamtouch_daemon.config.settings import Config, place_of
-from beamtouch_daemon.config.signal import Adaptive, LowPass, MovingAverage, NoFilter, ZeroTracking
+from beamtouch_daemon.config.signal import Adaptive, GrowingMean, LowPass, MovingAverage, NoFilter, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
 from wrong_numbers import with_wrong_numbers
 
@@ -53,10 +53,18 @@ def test_every_kind_of_source_in_the_example_is_valid(tmp_path: Path, kind: str,
 
 @pytest.mark.parametrize(
     ("kind", "expected"),
-    [("moving-average", MovingAverage), ("low-pass", LowPass), ("adaptive", Adaptive), ("none", NoFilter)],
+    [
+        ("moving-average", MovingAverage),
+        ("growing-mean", GrowingMean),
+        ("low-pass", LowPass),
+        ("adaptive", Adaptive),
+        ("none", NoFilter),
+    ],
 )
 def test_every_kind_of_filter_in_the_example_is_valid(tmp_path: Path, kind: str, expected: type) -> None:
-    assert isinstance(load_config(choose(tmp_path, "filter", kind)).surfaces["bench"].filter, expected)
+    path = choose(tmp_path, "filter", kind)
+    path.write_text(path.read_text().replace("# noise_mm = ", "noise_mm = "))
+    assert isinstance(load_config(path).surfaces["bench"].filter, expected)
 
 
 def test_the_zero_tracking_in_the_example_is_valid(tmp_path: Path) -> None:
@@ -153,6 +161,12 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ('"modbus-tcp"', '"modbus"', "surfaces.bench.source: Input tag 'modbus' found using 'kind'"),
         ('kind = "moving-average"\n', "", "surfaces.bench.filter: Unable to extract tag using discriminator 'kind'"),
         ('"moving-average"\nwindow = 1', '"low-pass"\ncutoff_hz = 100', "filter.cutoff_hz must lie below half of"),
+        ('"moving-average"\nwindow = 1', '"growing-mean"', 'filter.kind = "growing-mean" needs noise_mm'),
+        (
+            '"moving-average"\nwindow = 1',
+            '"growing-mean"\nmax_mean_ms = 0',
+            "filter.max_mean_ms: Input should be greater than 0",
+        ),
         (
             "[surfaces.bench.filter]",
             "[surfaces.bench.zero_tracking]\nband_mm = 1\nrate_mm_per_min = 1\nmax_mm = 0\n[surfaces.bench.filter]",

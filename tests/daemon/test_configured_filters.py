@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beamtouch_daemon.config.signal import Adaptive, Filter, LowPass, MovingAverage, NoFilter
+from beamtouch_daemon.config.signal import Adaptive, Filter, GrowingMean, LowPass, MovingAverage, NoFilter
 from beamtouch_daemon.processing.filters import stages
 from beamtouch_models.filters import Chain, FloatArray
 
 RATE_HZ = 200.0
+NOISE = np.ones(2)
 WHITE = np.random.default_rng(7).standard_normal((50_000, 2))
 
 
@@ -28,17 +29,17 @@ def column(*values: float) -> FloatArray:
     ],
 )
 def test_nothing_drifts_however_much_has_passed(kind: Filter) -> None:
-    chain = Chain(stages(kind, RATE_HZ), 2)
+    chain = Chain(stages(kind, RATE_HZ, NOISE), 2)
     for _ in range(20 if isinstance(kind, MovingAverage) else 1):
         chain.apply(1e12 + 1e9 * WHITE[:50_000])
     chain.apply(np.full((3, 2), 1e21))  # what a sum that runs on would hold after 1e9 readings of 1e12
-    new = Chain(stages(kind, RATE_HZ), 2)
+    new = Chain(stages(kind, RATE_HZ, NOISE), 2)
     after, untouched = (used.apply(np.full((16, 2), 0.1)).mean_mm[8:] for used in (chain, new))
     np.testing.assert_array_equal(after, untouched)  # to the bit, after a million large ones
 
 
 def test_a_restart_forgets_earlier_values() -> None:
-    chain = Chain(stages(LowPass(kind="low-pass", cutoff_hz=1.0, spike_mm=0.1), RATE_HZ), 1)
+    chain = Chain(stages(LowPass(kind="low-pass", cutoff_hz=1.0, spike_mm=0.1), RATE_HZ, NOISE), 1)
     chain.apply(column(7, 7, 7))
     chain.restart()
     assert chain.apply(column(1, 1)).mean_mm[:, 0].tolist() == [1, 1]
@@ -55,6 +56,9 @@ kinds = st.sampled_from(
         LowPass(kind="low-pass", cutoff_hz=20.0, spike_mm=0.5),
         Adaptive(kind="adaptive", window=5, step_mm=0.5),
         Adaptive(kind="adaptive", window=2, step_mm=100.0, spike_mm=0.5),
+        GrowingMean(kind="growing-mean", max_mean_ms=1.0),
+        GrowingMean(kind="growing-mean", max_mean_ms=60.0),
+        GrowingMean(kind="growing-mean", max_mean_ms=130.0, spike_mm=6.0),
     ]
 )
 
@@ -67,8 +71,8 @@ def test_any_split_of_the_stream_gives_the_same_to_the_bit(
     cuts = sorted(data.draw(st.lists(st.integers(0, len(values)), max_size=6), label="cuts"))
     period = data.draw(st.sampled_from([0.0, 7.5, 40.0]), label="period")
     noise_mm = data.draw(st.sampled_from([0.0, 1e-3, 300.0]), label="noise")
-    whole = Chain(stages(kind, RATE_HZ), 2, noise_mm, period).apply(values)
-    chain = Chain(stages(kind, RATE_HZ), 2, noise_mm, period)
+    whole = Chain(stages(kind, RATE_HZ, NOISE), 2, noise_mm, period).apply(values)
+    chain = Chain(stages(kind, RATE_HZ, NOISE), 2, noise_mm, period)
     pieces = [chain.apply(piece) for piece in np.split(values, cuts)]
     for name in ("mean_mm", "relative_variance", "moves", "covariance_mm2"):
         np.testing.assert_array_equal(np.concatenate([getattr(piece, name) for piece in pieces]), getattr(whole, name))
@@ -76,7 +80,7 @@ def test_any_split_of_the_stream_gives_the_same_to_the_bit(
 
 
 def test_an_average_begins_when_three_quarters_of_its_window_are_there() -> None:
-    chain = Chain(stages(MovingAverage(kind="moving-average", window=8), RATE_HZ), 1)
+    chain = Chain(stages(MovingAverage(kind="moving-average", window=8), RATE_HZ, NOISE), 1)
     values = np.arange(10.0)[:, np.newaxis]
     values[7] = np.nan
     filtered = chain.apply(values).mean_mm[:, 0]
@@ -85,5 +89,5 @@ def test_an_average_begins_when_three_quarters_of_its_window_are_there() -> None
 
 
 def test_a_spike_filter_delays_the_restart_of_an_adaptive_mean_by_one_reading() -> None:
-    chain = Chain(stages(Adaptive(kind="adaptive", window=4, step_mm=0.5, spike_mm=0.5), RATE_HZ), 1)
+    chain = Chain(stages(Adaptive(kind="adaptive", window=4, step_mm=0.5, spike_mm=0.5), RATE_HZ, NOISE), 1)
     assert chain.apply(column(0, 0, 0, 0, 6, 6, 6)).mean_mm[:, 0].tolist() == [0, 0, 0, 0, 0, 0, 6]

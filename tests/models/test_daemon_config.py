@@ -41,7 +41,8 @@ def test_it_states_the_slowest_period_of_the_beam(bench: ModelFile, tmp_path: Pa
 
 def test_a_scene_without_noise_states_none(bench: ModelFile, tmp_path: Path) -> None:
     quiet = bench.metadata.noise.model_copy(update={"reading_mm": 0.0})
-    surface = surface_of(bench.metadata.model_copy(update={"noise": quiet}), tmp_path)
+    fixed = bench.metadata.filter.model_copy(update={"kind": "moving-average", "longest": None})
+    surface = surface_of(bench.metadata.model_copy(update={"noise": quiet, "filter": fixed}), tmp_path)
     assert surface.noise_mm is None
 
 

@@ -36,8 +36,23 @@ def test_without_latency_a_sample_is_a_reading() -> None:
 def test_the_filter_takes_the_latency_and_no_more() -> None:
     scene = with_latency(paper_scene(rate_hz=200), 20.0)
     chosen = choose_filter(scene)
-    assert (chosen.kind, chosen.window, chosen.settling_ms) == ("moving-average", 4, 20.0)
+    assert (chosen.kind, chosen.window, chosen.settling_ms) == ("growing-mean", 4, 20.0)
     assert noise_of(scene, chosen).sample_mm == pytest.approx(reading_noise_mm(scene) / 2, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("max_mean_ms", "longest"),
+    [(1000.0, 200), (1.0, 4), (20.0, 4), (25.0, 5), (1e9, 10_000)],  # 200 Hz; never below the latency of 20 ms
+)
+def test_the_mean_grows_for_as_long_as_the_scene_says(max_mean_ms: float, longest: int) -> None:
+    scene = with_latency(paper_scene(rate_hz=200), 20.0)
+    requirements = scene.requirements.model_copy(update={"max_mean_ms": max_mean_ms})
+    assert choose_filter(scene.model_copy(update={"requirements": requirements})).longest == longest
+
+
+def test_without_noise_nothing_tells_a_change_so_the_mean_is_of_the_last_readings() -> None:
+    scene = with_latency(paper_scene(rate_hz=200, noise_percent_of_max=None, noise_mm=0.0), 20.0)
+    assert choose_filter(scene).kind == "moving-average"
 
 
 def test_a_latency_shorter_than_one_reading_is_refused() -> None:

@@ -190,7 +190,9 @@ def test_the_command_writes_the_folder_and_builds_the_choice(design_sensors_here
     built = modelfile.load(Path(found["picked"]["model"]))
     assert built.metadata.filter.window == chosen["filter"]["window"]
     assert len(built.metadata.layout) == chosen["sensors"]
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"trade.json", "trade.md", "trade.svg", "plate.onnx"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "trade.json", "trade.md", "trade.svg", "since-touch.svg", "plate.onnx"
+    }  # fmt: skip
     assert (tmp_path / "out" / "trade.md").read_text().count("\n| ") > len(found["points"])
     assert found["planned_points"] == len(found["points"])
     # Every point is in the picture, with its number of sensors.
@@ -230,7 +232,8 @@ def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Sign
     assert stderr == f"design-sensors: interrupted; {done} of 24 points are in {out}\n"
     assert 0 < done < found["planned_points"] == 24
     assert all(one["latency_ms"] > 0 and one["error_percent"]["value"] > 0 for one in found["points"])
-    assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg"}
+    # The curves since touch come after the points.
+    assert {path.name for path in out.iterdir()} - {"since-touch.svg"} == {"trade.json", "trade.md", "trade.svg"}
     assert f"{done} of 24 points" in (out / "trade.md").read_text()
 
 
@@ -253,7 +256,8 @@ def test_an_interrupted_build_of_the_choice_says_what_is_kept(tmp_path: Path, st
     assert (code, stdout, done) == (130, "", found["planned_points"])
     assert stderr.splitlines()[-1] == f"design-sensors: interrupted; {done} of {done} points are in {out}"
     assert found["physics"]
-    assert {path.name for path in out.iterdir()} == {"trade.json", "trade.md", "trade.svg"}
+    # The curves since touch come after the points.
+    assert {path.name for path in out.iterdir()} - {"since-touch.svg"} == {"trade.json", "trade.md", "trade.svg"}
 
 
 @pytest.mark.usefixtures("short_timing")

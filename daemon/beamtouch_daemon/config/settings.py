@@ -14,12 +14,14 @@ from pydantic import (
 
 from beamtouch_daemon.config.modules import Encoding, module_of
 from beamtouch_daemon.config.publish import Publish, read_certificates, read_token
-from beamtouch_daemon.config.signal import Channel, Filter, LowPass, NoFilter, Pair, Positive, ZeroTracking
+from beamtouch_daemon.config.signal import Channel, Filter, GrowingMean, LowPass, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
 from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
 
 MAX_PERIOD_READINGS = 4000
 """Limit of the readings in a slowest period, as every sample is compared with half of them."""
+MAX_MEAN_READINGS = 10_000
+"""Limit of the readings in a growing mean."""
 
 
 class Metrics(Strict):
@@ -109,6 +111,12 @@ class Surface(Strict):
         message = ""
         if isinstance(self.filter, LowPass) and self.filter.cutoff_hz >= self.rate_hz / 2:
             message = f"filter.cutoff_hz must lie below half of rate_hz, {self.rate_hz / 2} Hz"
+        elif isinstance(self.filter, GrowingMean) and self.noise_mm is None:
+            message = 'filter.kind = "growing-mean" needs noise_mm; `beamtouch-daemon noise` measures it'
+        elif isinstance(self.filter, GrowingMean) and self.filter.longest(self.rate_hz) > MAX_MEAN_READINGS:
+            message = (
+                f"filter.max_mean_ms: at most {MAX_MEAN_READINGS} readings, {MAX_MEAN_READINGS / self.rate_hz * 1e3:g}"
+            )
         elif isinstance(self.source, SerialLine) and (self.rate_hz < 1 or self.rate_hz != int(self.rate_hz)):
             message = "rate_hz must be a whole number for a serial source"
         elif (self.slowest_period_ms or 0.0) * self.rate_hz / 1e3 > MAX_PERIOD_READINGS:

@@ -59,7 +59,22 @@ class Adaptive(_Spike):
     """The mean restarts when two successive readings differ from it by more than this, with the same sign."""
 
 
-Filter = Annotated[NoFilter | MovingAverage | LowPass | Adaptive, Field(discriminator="kind")]
+class GrowingMean(_Spike):
+    """Mean of all readings since the load last changed."""
+
+    kind: Literal["growing-mean"]
+    max_mean_ms: Annotated[FiniteFloat, Field(gt=0, le=60_000)] = 1000.0
+    """Longest time that a mean spans; at least one reading, and at most 10 000, are in it."""
+
+    window: Annotated[int, Field(ge=1, le=10_000)] = 4
+    """Number of readings in the mean while the beam moves."""
+
+    def longest(self, rate_hz: float) -> int:
+        """Return the largest number of readings in a mean."""
+        return max(1, math.floor(self.max_mean_ms * rate_hz / 1e3 + 1e-6))
+
+
+Filter = Annotated[NoFilter | MovingAverage | LowPass | Adaptive | GrowingMean, Field(discriminator="kind")]
 
 
 class ZeroTracking(Strict):

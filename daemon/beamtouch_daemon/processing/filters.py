@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from beamtouch_daemon.config.settings import Surface, encoding_of
-from beamtouch_daemon.config.signal import Adaptive, Filter, LowPass, MovingAverage
+from beamtouch_daemon.config.signal import Adaptive, Filter, GrowingMean, LowPass, MovingAverage
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models import filters
 from beamtouch_models.filters import Chain, FloatArray, Stage
@@ -13,12 +13,17 @@ from beamtouch_models.filters import Chain, FloatArray, Stage
 
 def chain_of(surface: Surface) -> Chain:
     """Return the configured filters of a surface, with its noise, its steps and the period of its slowest motion."""
-    return Chain(
-        stages(surface.filter, surface.rate_hz),
-        len(surface.channels),
-        surface.noise_mm,
+    channels, steps = len(surface.channels), steps_mm(surface)
+    unit_mm, period = (
+        filters.unit_of(surface.noise_mm or 0.0, steps, channels),
         (surface.slowest_period_ms or 0.0) * surface.rate_hz / 1e3,
-        steps_mm(surface),
+    )
+    return Chain(
+        stages(surface.filter, surface.rate_hz, unit_mm, period),
+        channels,
+        surface.noise_mm,
+        period,
+        steps,
     )
 
 
@@ -31,8 +36,14 @@ def steps_mm(surface: Surface) -> FloatArray:
     return np.where([encoding_of(surface.source, channel) == "f32" for channel in surface.channels], 0.0, steps)
 
 
-def stages(settings: Filter, rate_hz: float) -> tuple[Stage, ...]:
-    """Return the configured filters, in the order in which they apply."""
+def stages(settings: Filter, rate_hz: float, unit_mm: FloatArray, slowest_period: float = 0.0) -> tuple[Stage, ...]:
+    """Return the configured filters, in the order in which they apply.
+
+    `unit_mm` is the noise of each channel, and `slowest_period` that of the beam, in readings.
+    """
+    if isinstance(settings, GrowingMean):
+        longest, few = settings.longest(rate_hz), settings.window
+        return (filters.growing_mean_stage(longest, unit_mm, settings.spike_mm, few, slowest_period),)
     chosen = [] if settings.spike_mm is None else [filters.spike_stage(settings.spike_mm)]
     if isinstance(settings, MovingAverage):
         chosen.append(filters.moving_average_stage(settings.window, filters.filled(settings.window)))

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_daemon.config.settings import Surface, encoding_of
+from beamtouch_daemon.config.signal import GrowingMean
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.correlations import summed_correlations, without_line
 from beamtouch_daemon.processing.filters import stages
-from beamtouch_models.filters import Chain, FloatArray
+from beamtouch_models.filters import Chain, FloatArray, Stage, moving_average_stage
 
 MIN_READINGS = 500
 INDEPENDENT = 100
@@ -31,6 +32,8 @@ ROUNDED = 0.3
 Readings that take two neighbouring values have a variance of up to 0.25, however small the noise is. With a noise of
 half a step the variance is 0.33.
 """
+GROWN = 50
+"""Readings of a growing mean that show how the noise averages away."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +64,16 @@ class ChannelNoise:
 
 def averaged(surface: Surface) -> float:
     """Return the number of independent readings whose mean is as precise as a filtered value at rest."""
-    chosen = stages(surface.filter, surface.rate_hz)
+    chosen = _at_rest(surface)
     rows = max(stage.span + stage.memory for stage in chosen) if chosen else 1
     return float(1 / np.nanmin(Chain(chosen, 1).apply(np.zeros((rows, 1))).relative_variance))
+
+
+def _at_rest(surface: Surface) -> tuple[Stage, ...]:
+    """Return the configured filters; at rest, a growing mean is a moving average, of which a part shows the noise."""
+    if isinstance(surface.filter, GrowingMean):
+        return (moving_average_stage(min(surface.filter.longest(surface.rate_hz), GROWN)),)
+    return stages(surface.filter, surface.rate_hz, np.ones(len(surface.channels)))
 
 
 def readings_needed(surface: Surface) -> int:
@@ -128,7 +138,7 @@ def _effective_mm2(residual: FloatArray, number: int, of_block: FloatArray, surf
     surface
         The configuration.
     """
-    filtered = Chain(stages(surface.filter, surface.rate_hz), len(surface.channels)).apply(residual)
+    filtered = Chain(_at_rest(surface), len(surface.channels)).apply(residual)
     relative = filtered.relative_variance
     settled = int(np.flatnonzero(relative[:, 0] <= 1.01 * np.nanmin(relative[:, 0]))[0])
     values = filtered.mean_mm.copy()

@@ -88,8 +88,10 @@ def _filter(metadata: Metadata) -> str:
         f"[surfaces.{json.dumps(metadata.name)}.filter]    # the model was made for this filter",
         f'kind = "{chosen.kind}"',
     ]
-    if chosen.kind == "moving-average":
+    if chosen.kind != "none":
         lines.append(f"window = {chosen.window}")
+    if chosen.kind == "growing-mean":
+        lines.append(f"max_mean_ms = {chosen.most * 1e3 / metadata.sensor.rate_hz!r}")
     if chosen.spike_mm is not None:
         lines.append(f"spike_mm = {chosen.spike_mm!r}")
     return "\n".join(lines) + "\n"

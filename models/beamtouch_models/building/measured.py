@@ -29,6 +29,9 @@ from beamtouch_models.whitening import whitening
 
 ACCURACY_DRAWS = 4_096
 GOLDEN_DRAWS = 6
+MOST_ALIKE = 24
+"""Readings in a growing mean that make false stretches about as frequent as they become: successive samples share most
+of their readings, and stretches still begin often."""
 SEEN_PLACES = 25
 """Number of positions for which the smallest force is stated."""
 INFLUENCE_PLACES = 129
@@ -94,7 +97,9 @@ def _influence(prior: Prior) -> Influence:
 def thresholds_of(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> Thresholds:
     """Return the thresholds for the false contacts per day that a scene allows, behind a filter."""
     per_day, rate_hz = scene.requirements.false_contacts_per_day, scene.sensors.rate_hz
-    rest, misfit = unexplained_thresholds(prior, rate_hz, chosen.window, seed)
+    windows = {chosen.window, min(chosen.most, MOST_ALIKE)}
+    each = [unexplained_thresholds(prior, rate_hz, window, seed) for window in sorted(windows)]
+    rest, misfit = ([max(limits) for limits in zip(*kind, strict=True)] for kind in zip(*each, strict=True))
     return Thresholds(
         touch=touch_thresholds(prior, rate_per_sample(per_day, rate_hz, chosen.window), seed),
         rest=rest,

@@ -1,5 +1,6 @@
 """The challenge: all rows of a model, and which of them miss the goals."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -51,6 +52,9 @@ def challenge(model: ModelFile, *, draws: int, seed: int, progress: Progress = s
     surface = Surface.of(model.metadata)
     cases = [*honest_cases(surface), *error_cases(surface), *fault_cases()]
     prior = None if model.metadata.calibration else prior_of_model(model.metadata)
+    if prior is not None:
+        # What has settled is the mean of as many readings as the filter takes.
+        prior = replace(prior, noise_mm=model.metadata.noise.reading_mm / math.sqrt(model.metadata.filter.most))
     found: list[Row] = []
     for number, case in enumerate(cases):
         rng = np.random.default_rng([seed, number])
@@ -72,7 +76,8 @@ def rows_of(
     """
     play = case.make(surface, draws, rng)
     readings = surface.readings(play.deflection_mm, play.errors, rng)
-    said = judge(surface.stating(play.stated) if play.stated else surface, run_of(model), readings)
+    first = max(0, min(reading for _, reading in play.rows) - surface.decided)
+    said = judge(surface.stating(play.stated) if play.stated else surface, run_of(model), readings, first)
     found = []
     for name in dict.fromkeys(name for name, _ in play.rows):
         at = [reading for other, reading in play.rows if other == name]

@@ -9,7 +9,15 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.surface import Surface
-from beamtouch_models.filters import Chain, Stage, filled, moving_average_stage, spike_stage
+from beamtouch_models.filters import (
+    Chain,
+    Stage,
+    filled,
+    growing_mean_stage,
+    moving_average_stage,
+    spike_stage,
+    unit_of,
+)
 from beamtouch_models.metadata import FilterChoice, Metadata
 from beamtouch_models.modelfile import (
     Decider,
@@ -81,22 +89,27 @@ class Judged:
         return Judged(*(part.reshape(-1, *part.shape[2:]) for part in parts))
 
 
-def stages(chosen: FilterChoice) -> tuple[Stage, ...]:
-    """Return the filters of the daemon for the choice of a model."""
+def stages(chosen: FilterChoice, unit_mm: Floats, slowest_period: float) -> tuple[Stage, ...]:
+    """Return the filters of the daemon for the choice of a model; `unit_mm` is the noise of each channel."""
+    if chosen.kind == "growing-mean":
+        return (growing_mean_stage(chosen.most, unit_mm, chosen.spike_mm, chosen.window, slowest_period),)
     spike = () if chosen.spike_mm is None else (spike_stage(chosen.spike_mm),)
     if chosen.kind == "none":
         return spike
     return (*spike, moving_average_stage(chosen.window, filled(chosen.window)))
 
 
-def judge(surface: Surface, run: Run, readings_mm: Floats, *, naming: bool = False) -> Judged:
+def judge(surface: Surface, run: Run, readings_mm: Floats, first: int = 0, *, naming: bool = False) -> Judged:
     """Return what the model of a surface says of each reading (draws, readings, channels); draws begin anew.
 
-    With `naming`, suspects are sought as in the service, which takes time.
+    Nothing is said of the readings before number `first`. With `naming`, suspects are sought as in the service, which
+    takes time.
     """
     metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
     step_mm = metadata.sensor.gain_mm_per_count
-    chain = Chain(stages(metadata.filter), surface.channels, noise_mm, surface.slowest_period, step_mm)
+    unit_mm = unit_of(noise_mm, step_mm, surface.channels)
+    chosen = stages(metadata.filter, unit_mm, surface.slowest_period)
+    chain = Chain(chosen, surface.channels, noise_mm, surface.slowest_period, step_mm)
     filtered = []
     for readings in readings_mm:
         chain.restart()
@@ -112,7 +125,8 @@ def judge(surface: Surface, run: Run, readings_mm: Floats, *, naming: bool = Fal
         np.concatenate(valid),
     )
     rows: list[Sample] = [SILENT] * len(samples.valid)
-    enough = np.flatnonzero(samples.valid.sum(axis=1) >= metadata.min_channels)
+    asked = np.arange(len(samples.valid)) % readings_mm.shape[1] >= first
+    enough = np.flatnonzero(asked & (samples.valid.sum(axis=1) >= metadata.min_channels))
     length, names = readings_mm.shape[1], [channel.name for channel in metadata.layout]
     before, decider, suspects = -1, Decider(metadata.thresholds), Suspects(metadata, run)
     found = evidence(metadata, run, samples.part(enough)) if len(enough) else []

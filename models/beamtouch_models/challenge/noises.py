@@ -23,7 +23,7 @@ def coloured(surface: Surface, draws: int, rng: np.random.Generator, *, measured
     position, force = drawn(surface, draws, rng)
     metadata = surface.metadata
     stated = Stated(
-        noise_mm=metadata.noise.reading_mm * coloured_times(COLOURED, metadata.filter.window),
+        noise_mm=metadata.noise.reading_mm * coloured_times(COLOURED, metadata.filter.most),
         zero_mm=max(metadata.floor.zero_mm),
         step_mm=metadata.sensor.gain_mm_per_count,
     )

@@ -138,6 +138,11 @@ class Surface:
     @property
     def look_back(self) -> int:
         """Number of readings after which nothing before them is in a sample or in the state of the surface."""
+        return self.metadata.filter.most + self.decided
+
+    @property
+    def decided(self) -> int:
+        """Number of readings after which the state of the surface has followed a settled filter."""
         return 2 * self.metadata.filter.window + int(np.ceil(self.slowest_period)) + SPARE
 
     def expected(self, position_mm: Floats, order: int = 0) -> Floats:

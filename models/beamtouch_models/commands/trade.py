@@ -22,17 +22,19 @@ from beamtouch_models.commands.build import surface_name
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.commands.reproduce import folder_of
 from beamtouch_models.estimators.estimator import NAMES
+from beamtouch_models.pricing.noise import growing
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.trade.front import most_accurate, named, pareto_front, quickest
 from beamtouch_models.trade.physics import LeftOut, physics_trade
 from beamtouch_models.trade.point import Point, Trade
 from beamtouch_models.trade.points import measured_points
 from beamtouch_models.trade.quantised import quantised
-from beamtouch_models.trade.results import HEADINGS, json_of, markdown, plot, row, said
+from beamtouch_models.trade.results import HEADINGS, json_of, markdown, plot, row, said, since_touch_plot
+from beamtouch_models.trade.since_touch import Curve, curves
 
 WIDTH_WITHOUT_TERMINAL = 180
 
-Kept = tuple[Trade, list[LeftOut]]
+Kept = tuple[Trade, list[LeftOut], list[Curve]]
 """The results that the folder has."""
 
 
@@ -54,9 +56,9 @@ def _run(options: argparse.Namespace, kept: list[Kept]) -> None:
     """Do the work of `run`; `kept` always holds the newest results."""
     scene, text = load_scene(options.scene)
     folder, name = folder_of(options.output), surface_name(options.scene)
-    trade, physics = _measured(scene, name, folder, options, kept)
+    trade, physics, found = _measured(scene, name, folder, options, kept)
     points, front = trade.points, pareto_front(trade.points)
-    results = _keep(folder, name, trade, physics, kept)
+    results = _keep(folder, name, (trade, physics, found), kept)
     for failure in trade.failures:
         print(f"note: {said(failure)}", file=sys.stderr)
     picked = None
@@ -65,7 +67,9 @@ def _run(options: argparse.Namespace, kept: list[Kept]) -> None:
     elif options.error_mm is not None:
         picked = quickest(points, options.error_mm)
     if picked is not None:
-        choices = Choices(picked.estimator, picked.filter, quantised if picked.quantised else lambda graph: graph)
+        choices = Choices(
+            picked.estimator, growing(scene, picked.filter), quantised if picked.quantised else lambda graph: graph
+        )
         with shown_progress() as progress:
             built = build(
                 scene, text, name, count=picked.sensors, seed=options.seed, progress=progress, choices=choices
@@ -76,7 +80,9 @@ def _run(options: argparse.Namespace, kept: list[Kept]) -> None:
         print(json.dumps({"output": str(folder), "picked": chosen, **results}))
         return
     _show(front, len(points))
-    print(f"all {len(points)} points are in {folder}: trade.md, trade.svg, trade.json", file=sys.stderr)
+    print(
+        f"all {len(points)} points are in {folder}: trade.md, trade.svg, since-touch.svg, trade.json", file=sys.stderr
+    )
     if picked is not None:
         print(f"built {folder / f'{name}.onnx'}: {named(picked)}; {picked.error_mm:.3g} mm, {picked.latency_ms:.3g} ms")
 
@@ -86,29 +92,39 @@ def _measured(scene: Scene, name: str, folder: Path, options: argparse.Namespace
     estimators = tuple(options.estimators or NAMES)
 
     def keep(trade: Trade) -> None:
-        _keep(folder, name, trade, [], kept)
+        _keep(folder, name, (trade, [], []), kept)
 
     with shown_progress() as progress:
         trade = measured_points(scene, estimators, draws=options.draws, seed=options.seed, progress=progress, keep=keep)
         keep(trade)
+        counts = sorted({point.sensors for point in trade.points})
+
+        def following(done: float) -> None:
+            progress("following touches", done)
+
+        found = curves(scene, counts, draws=options.draws, seed=options.seed, progress=following)
+        _keep(folder, name, (trade, [], found), kept)
         progress("leaving out effects", 1.0)
-        return trade, physics_trade(scene, draws=options.draws, seed=options.seed)
+        return trade, physics_trade(scene, draws=options.draws, seed=options.seed), found
 
 
-def _keep(folder: Path, name: str, trade: Trade, physics: list[LeftOut], kept: list[Kept]) -> dict[str, Any]:
+def _keep(folder: Path, name: str, found: Kept, kept: list[Kept]) -> dict[str, Any]:
     """Write the results so far, and keep them for an interruption; returns the content of trade.json."""
     # Kept before they are written: after an interruption between two files, all are written again.
-    kept[:] = [(trade, physics)]
-    return _write(folder, name, trade, physics)
+    kept[:] = [found]
+    return _write(folder, name, found)
 
 
-def _write(folder: Path, name: str, trade: Trade, physics: list[LeftOut]) -> dict[str, Any]:
+def _write(folder: Path, name: str, kept: Kept) -> dict[str, Any]:
     """Write the results so far, each file as a whole; returns the content of trade.json."""
+    trade, physics, found = kept
     front = pareto_front(trade.points)
-    results = json_of(trade, front, physics)
+    results = json_of(trade, front, physics, found)
     write_atomically(folder / "trade.json", (json.dumps(results, indent=1) + "\n").encode())
-    write_atomically(folder / "trade.md", markdown(name, trade, front, physics).encode())
+    write_atomically(folder / "trade.md", markdown(name, trade, front, physics, found).encode())
     write_atomically(folder / "trade.svg", plot(trade.points, front).encode())
+    if found:
+        write_atomically(folder / "since-touch.svg", since_touch_plot(found, trade.points).encode())
     return results
 
 
@@ -116,8 +132,9 @@ def _interrupted(kept: list[Kept], options: argparse.Namespace) -> str:
     """Write the kept results, as the interruption may have come between two files; returns the message."""
     if not kept:
         return "interrupted before the first point; nothing was written"
-    ((trade, physics),) = kept
-    _write(options.output, surface_name(options.scene), trade, physics)
+    (found,) = kept
+    trade = found[0]
+    _write(options.output, surface_name(options.scene), found)
     return f"interrupted; {len(trade.points)} of {trade.planned} points are in {options.output}"
 
 

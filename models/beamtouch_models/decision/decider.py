@@ -21,8 +21,8 @@ deflection that began it. A load that stands exactly at the threshold of touch f
 its samples, and a beam at rest is below it in most of them.
 """
 PERSISTENCE = 3
-"""Samples in a row that a contradiction, or its end, must last; likewise a lift that only a large covariance allows,
-and a weak touch of a beam that has not come to rest."""
+"""Samples in a row that a contradiction, or its end, must last; likewise a lift that only a large covariance allows
+or that means of few readings show, and a weak touch of a beam that has not come to rest."""
 CLEARLY = 4
 """Log odds of a touch that is not weak, over those of any touch: twice the deflection."""
 REST = 5
@@ -107,7 +107,8 @@ class Decider:
             self._changing = 0
         else:
             self._changing += 1
-            if evidence.still_log_odds <= touch or self._changing >= PERSISTENCE:
+            at_once = evidence.still_log_odds <= touch and evidence.is_settled
+            if at_once or self._changing >= PERSISTENCE:
                 self._clear(evidence)
 
     def _touches(self, evidence: Evidence, touch: float) -> bool:

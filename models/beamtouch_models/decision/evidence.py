@@ -13,6 +13,8 @@ MOVING = 1.5
 """A sample moves if its variance, over all channels, is more than this many times that of its noise."""
 CHECKED = 3
 """Smallest number of channels that check a contact: two fit one to any sample but a pull and the like."""
+SETTLED = 1.6
+"""Largest variance of the noise of a settled sample, over that which the model was made for: one reading may lack."""
 LOG_ODDS, MISFIT = "contact_log_odds", "misfit"
 
 
@@ -60,6 +62,8 @@ class Evidence:
     """Log odds of contact if the scatter were none: under the noise alone."""
     still_whitening_per_mm: Floats
     """(channels, channels), if the scatter were none: under the noise alone."""
+    is_settled: bool = True
+    """Whether the noise is about that which the model was made for, or less."""
 
     @property
     def log_odds(self) -> float:
@@ -111,12 +115,13 @@ def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
         weights_if_still, again = _weigh(metadata, run, part, part.noise_mm2[:, :, None] * np.eye(len(noise[0])))
         for index, odds, weight in zip(moving.tolist(), again[LOG_ODDS].tolist(), weights_if_still, strict=True):
             still_odds[index], still_weights[index] = odds, weight
+    settled: list[bool] = np.asarray((noise <= SETTLED * metadata.noise.sample_mm**2).all(axis=1)).tolist()
     columns = zip(*(column.tolist() for column in answers.values()), strict=True)
     channels = samples.valid.sum(axis=1).tolist()
     return [
         Evidence(z, weight, dict(zip(answers, row, strict=True)), *said)
         for z, weight, row, *said in zip(
-            from_rest, weights, columns, channels, rest, moves.tolist(), still_odds, still_weights, strict=True
+            from_rest, weights, columns, channels, rest, moves.tolist(), still_odds, still_weights, settled, strict=True
         )
     ]
 

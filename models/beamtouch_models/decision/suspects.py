@@ -2,7 +2,7 @@
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -62,12 +62,23 @@ class Suspects:
         found = list[dict[str, LeftOut]]({} for _ in samples)
         for begin in range(0, len(parts), ROWS):
             some = parts[begin : begin + ROWS]
-            each = evidence(self._metadata, self._run, _stacked([samples[i].without(channel) for i, channel in some]))
+            rows = _stacked([self._coarse(samples[index]).without(channel) for index, channel in some])
+            each = evidence(self._metadata, self._run, rows)
             for (index, channel), said in zip(some, each, strict=True):
                 explained = not is_odd(self._metadata.thresholds, said)
                 name = self._metadata.layout[channel].name
                 found[index][name] = LeftOut(said.misfit, said.rest_misfit, explained)
         return found
+
+    def _coarse(self, sample: Weighed) -> Weighed:
+        """Return a sample with at least the noise that the model was made for.
+
+        Two contacts, for example, fit a single one without some of the channels. In a long mean only one of these may
+        be left, and it is no more wrong than the others.
+        """
+        missing = np.maximum(self._metadata.noise.sample_mm**2 - sample.noise_mm2, 0.0)
+        covariance = sample.covariance_mm2 + missing[:, :, None] * np.eye(missing.shape[1])
+        return replace(sample, covariance_mm2=covariance, noise_mm2=sample.noise_mm2 + missing)
 
     def _working(self, sample: Weighed) -> list[int]:
         """Return the channels that can be left out of a sample."""

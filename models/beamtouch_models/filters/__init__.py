@@ -16,9 +16,11 @@ from beamtouch_models.filters.chain import (
     Stage,
     adaptive_stage,
     filled,
+    growing_mean_stage,
     low_pass_stage,
     moving_average_stage,
     spike_stage,
+    unit_of,
 )
 from beamtouch_models.filters.means import FloatArray, smoothing
 
@@ -29,8 +31,10 @@ __all__ = [
     "Stage",
     "adaptive_stage",
     "filled",
+    "growing_mean_stage",
     "low_pass_stage",
     "moving_average_stage",
     "smoothing",
     "spike_stage",
+    "unit_of",
 ]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters import means
+from beamtouch_models.filters.growing import GrowingMean
 from beamtouch_models.filters.means import FloatArray
 from beamtouch_models.filters.scatter import Scatter
 
@@ -23,6 +24,8 @@ could make a beam at rest look touched.
 LOW_PASS_SPAN = 8
 """A low-pass spans this many times 1 / a readings: exp(-8) of a step remains after them, a sixth of the noise of a
 reading if the step was 500 times that noise."""
+MOST_COMPARED = 8
+"""Readings of a growing mean whose scatter is looked at. The mean itself shows slower motion."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,10 @@ class Stage:
     """Number of readings from which a value can be made; 1 if the filter averages nothing."""
     restarts: bool = False
     """Whether the mean restarts at a step, so that the span is that of the readings in it."""
+    fresh: Callable[[int], FloatArray] | None = None
+    """Returns the initial state for so many channels; None: rows of NaN."""
+    lone_spike_mm: float | None = None
+    """Distance of a lone spike from the median, if the filter leaves out spikes itself; None: it does not."""
 
 
 def spike_stage(limit_mm: float) -> Stage:
@@ -62,6 +69,22 @@ def low_pass_stage(factor: float) -> Stage:
 def adaptive_stage(window: int, step_mm: float) -> Stage:
     """Return `adaptive` as a stage."""
     return Stage(window, partial(means.adaptive, window=window, step_mm=step_mm), window, restarts=True)
+
+
+def unit_of(noise_mm: float | FloatArray, step_mm: float | FloatArray, channels: int) -> FloatArray:
+    """Return the deviation (channels,) that readings at rest reach: their noise, or half a step of the ADC."""
+    unit: FloatArray = np.broadcast_to(np.maximum(noise_mm, np.abs(step_mm) / 2), (channels,))
+    return unit
+
+
+def growing_mean_stage(
+    longest: int, unit_mm: FloatArray, spike_mm: float | None = None, fewest: int = 1, slowest_period: float = 0.0
+) -> Stage:
+    """Return a growing mean as a stage; it leaves out spikes itself. The parameters are those of `GrowingMean`."""
+    growing = GrowingMean(longest, unit_mm, spike_mm, fewest, slowest_period)
+    spike = math.inf if spike_mm is None else spike_mm
+    span = min(longest, MOST_COMPARED)
+    return Stage(longest, growing.step, span, restarts=True, fresh=growing.fresh, lone_spike_mm=spike)
 
 
 @dataclass(frozen=True)
@@ -142,15 +165,20 @@ class Chain:
         self._restarts = averaging.restarts
         self._scatter: Scatter | None = None
         if self._noise_mm is not None:
-            usual_mm = np.maximum(self._noise_mm, np.asarray(step_mm) / 2)
-            self._scatter = Scatter(averaging.span, slowest_period, usual_mm, restarts=averaging.restarts)
+            usual_mm = unit_of(self._noise_mm, step_mm, channels)
+            self._scatter = Scatter(
+                averaging.span, slowest_period, usual_mm, restarts=averaging.restarts, spike_mm=averaging.lone_spike_mm
+            )
         longest = max([1, *(stage.memory for stage in chosen), self._scatter.memory if self._scatter else 0])
         self._block = max(1, BLOCK_VALUES // (longest * channels))
         self.restart()
 
     def restart(self) -> None:
         """Reset all states, so that no earlier value affects a later one."""
-        self._states = [means.fresh(stage.memory, self._channels) for stage in self._stages]
+        self._states = [
+            stage.fresh(self._channels) if stage.fresh else means.fresh(stage.memory, self._channels)
+            for stage in self._stages
+        ]
         if self._scatter:
             self._past = self._scatter.fresh(self._channels)
 

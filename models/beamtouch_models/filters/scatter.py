@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters.excess import Evidence, Excess
+from beamtouch_models.filters.growing import BEFORE, lone_spikes
 from beamtouch_models.filters.means import FloatArray, windows
 from beamtouch_models.filters.significance import LONGER_SLOPES, Found, Look, look_at
+from beamtouch_models.filters.steps import are_steps
 from beamtouch_models.filters.view import View, decide
 
 SMALLEST_NOISE_MM = 1e-9
@@ -48,10 +50,21 @@ class Scatter:
     noise_mm
         Standard deviation of a reading, shape (channels,).
     restarts
-        Whether a mean may be of fewer readings than the last `span`.
+        Whether a mean may be of fewer readings than the last `span`, or of more.
+    spike_mm
+        Distance of a lone spike from the median, if the mean leaves out spikes itself; None: the readings arrive as
+        they entered it.
     """
 
-    def __init__(self, span: int, slowest_period: float, noise_mm: FloatArray, *, restarts: bool = False) -> None:
+    def __init__(
+        self,
+        span: int,
+        slowest_period: float,
+        noise_mm: FloatArray,
+        *,
+        restarts: bool = False,
+        spike_mm: float | None = None,
+    ) -> None:
         self.span = span
         self._still = math.ceil(STILL_PART * slowest_period)
         half = max(1, math.ceil(SCATTER_PART * slowest_period))
@@ -61,6 +74,7 @@ class Scatter:
         self._means = max(span, half)
         self._restarts = restarts
         self._excess = Excess(noise_mm, self._unit_mm, half)
+        self._spike_mm = spike_mm
 
     @property
     def memory(self) -> int:
@@ -98,9 +112,18 @@ class Scatter:
         past
             The state.
         """
-        rows, clean = np.concatenate([past.readings, readings]), np.concatenate([past.cleaned, cleaned])
-        means = np.concatenate([past.means, mean])
-        moves, view, unfair, moved = self._moves(rows, clean, mean, spans, moved=past.moved)
+        rows, means = np.concatenate([past.readings, readings]), np.concatenate([past.means, mean])
+        if self._spike_mm is None:
+            clean = np.concatenate([past.cleaned, cleaned])
+            changed: NDArray[np.bool_] = np.any(np.abs(rows - clean) > 0, axis=1)  # False for NaN
+            newest = changed[len(rows) - len(mean) :]
+        else:
+            # Whether a reading was a spike shows when the next one has come.
+            held, spikes, medians = lone_spikes(rows[-len(mean) - BEFORE :], self._spike_mm)
+            judged = np.where(spikes, medians, rows[-len(mean) - BEFORE :])
+            clean = np.concatenate([past.cleaned[:-1], judged[BEFORE - 1 :]])
+            changed, newest = np.any(np.abs(rows - clean) > 0, axis=1), held[BEFORE:]
+        moves, view, unfair, moved = self._moves(rows, clean, mean, spans, changed, newest, moved=past.moved)
         moving = np.flatnonzero(moves)
         excess = np.empty((len(moving), mean.shape[1], mean.shape[1]))
         if len(moving):
@@ -120,19 +143,34 @@ class Scatter:
                 )
                 look = self._look(span)
                 excess[kinds == span] = self._excess.of(evidence, span, self._compared(span), look.newest)
+            if self._restarts:
+                least = np.where(np.isnan(variance[moving]), np.inf, variance[moving]).min(axis=1)
+                steps = are_steps(
+                    windows(rows, self._rows)[moving] / self._unit_mm,
+                    np.rint(1 / least).astype(np.intp),
+                    self._still,
+                )
+                excess[steps] = np.diag(self._unit_mm**2)
         kept = slice(len(rows) - self._rows + 1, None)
         return moves, excess, Past(rows[kept], clean[kept], means[len(means) - self._means :], moved)
 
     def _moves(
-        self, rows: FloatArray, clean: FloatArray, mean: FloatArray, spans: list[int], *, moved: bool
+        self,
+        rows: FloatArray,
+        clean: FloatArray,
+        mean: FloatArray,
+        spans: list[int],
+        changed: NDArray[np.bool_],
+        newest: NDArray[np.bool_],
+        *,
+        moved: bool,
     ) -> tuple[NDArray[np.bool_], View, NDArray[np.bool_], bool]:
         """Return which means move, the readings that show it, which means are unfair, and whether the last one moved.
 
         A spike that is alone on a beam at rest is no motion, so the reading that took its place counts. While the beam
         moves, all readings count as they came.
         """
-        changed: NDArray[np.bool_] = np.any(np.abs(rows - clean) > 0, axis=1)  # False for NaN
-        spiky = bool(changed.any())
+        spiky = bool(changed.any() or newest.any())
         raw = self._view(windows(rows, self._rows), mean, spans, moved=moved or spiky)
         moves = raw.found.moves
         if not spiky:
@@ -140,15 +178,15 @@ class Scatter:
                 for index, lingers in enumerate(raw.found.lingers.tolist()):
                     moved = moves[index] = bool(moves[index]) or (moved and lingers)
             return moves, raw, np.full(len(mean), self._restarts), moved
-        window = windows(changed.astype(np.float64), self._rows)[:, -self._compared(self.span) :]
-        near = window.sum(axis=1)
+        window = windows(changed.astype(np.float64), self._rows)[:, -self._compared(self.span) : -1]
+        near = window.sum(axis=1) + newest
         if moved and (moves | raw.found.lingers).all():
             return np.ones(len(mean), dtype=np.bool_), raw, (near > 0) | self._restarts, moved
         replaced = windows(clean, self._rows).copy()
         replaced[:, -1] = rows[len(rows) - len(mean) :]  # what took the place of the newest reading may hide a touch
         tidy = self._view(replaced, mean, spans, moved=True)
         as_came = near > LONE
-        moves, moved = decide(raw.found, tidy.found, as_came, changed[len(changed) - len(mean) :], moved=moved)
+        moves, moved = decide(raw.found, tidy.found, as_came, newest, moved=moved)
         return moves, raw.or_else(tidy, as_came), (as_came & (near > 0)) | self._restarts, moved
 
     def _view(self, rows: FloatArray, mean: FloatArray, spans: list[int], *, moved: bool) -> View:

@@ -98,10 +98,11 @@ def step_mm(range_mm: tuple[float, float], adc_bits: int) -> float:
 
 
 def choose_filter(scene: Scene) -> FilterChoice:
-    """Choose the filter that uses all of the latency: a spike filter, then the mean of as many readings as fit.
+    """Choose the filter: the mean since the load last changed, made for as many readings as fit in the latency.
 
-    The spike filter delays the first reading of a new load by one reading, so a mean of N readings has settled N
-    reading periods after that first reading.
+    A mean of that many readings has the noise that the model is made for. If the load rests, the mean grows on. The
+    filter holds back the first reading of a new load, so N reading periods after it a mean of N readings has settled,
+    whatever the filter. Without noise nothing tells a change from rest, and the mean is of the last readings.
 
     Raises
     ------
@@ -126,7 +127,16 @@ def choose_filter(scene: Scene) -> FilterChoice:
             "raise sensors.rate_hz"
         )
         raise SceneError(message)
-    return window_filter(scene, window)
+    return growing(scene, window_filter(scene, window))
+
+
+def growing(scene: Scene, fixed: FilterChoice) -> FilterChoice:
+    """Return a filter whose mean grows on from that of a fixed one; without noise or a latency, the fixed one."""
+    if fixed.kind == "none" or reading_noise_mm(scene) == 0:
+        return fixed
+    most = scene.requirements.max_mean_ms * scene.sensors.rate_hz / 1e3
+    longest = max(fixed.window, math.floor(min(most + 1e-9, MAX_READINGS)))
+    return fixed.model_copy(update={"kind": "growing-mean", "longest": longest})
 
 
 def window_filter(scene: Scene, window: int) -> FilterChoice:

@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from beamtouch_models.charts import Chart, Series, draw
+from beamtouch_models.accuracy.statistics import Measurement
+from beamtouch_models.charts import Chart, Series, Style, draw
 from beamtouch_models.drawing import standalone
 from beamtouch_models.trade.physics import LeftOut
 from beamtouch_models.trade.point import Failure, Point, Trade
+from beamtouch_models.trade.since_touch import Curve
 
 HEADINGS = (
     "front",
@@ -30,13 +32,16 @@ FRONT_COLOUR = 7
 PHYSICS_HEADINGS = ("effect", "price", "verdict", "error over limit without it", "influence table, ms", "with it, ms")
 
 
-def json_of(trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut]) -> dict[str, Any]:
+def json_of(
+    trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut], curves: Sequence[Curve] = ()
+) -> dict[str, Any]:
     """Return all results, for JSON."""
     return {
         "planned_points": trade.planned,
         "points": [{**_fields(point), "on_front": point in front} for point in trade.points],
         "failures": [{**asdict(failure), "filter": failure.filter.model_dump()} for failure in trade.failures],
         "physics": [asdict(effect) for effect in physics],
+        "since_touch": [asdict(curve) for curve in curves],
     }
 
 
@@ -77,7 +82,9 @@ def physics_row(effect: LeftOut) -> tuple[str, ...]:
     )
 
 
-def markdown(name: str, trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut]) -> str:
+def markdown(
+    name: str, trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut], curves: Sequence[Curve] = ()
+) -> str:
     """Return the tables as Markdown."""
     lines = [
         f"# Accuracy against speed: {name}",
@@ -90,6 +97,7 @@ def markdown(name: str, trade: Trade, front: Sequence[Point], physics: Sequence[
         "",
         *(f"- Failed: {said(failure)}" for failure in trade.failures),
         *[""] * bool(trade.failures),
+        *(since_touch_lines(curves) if curves else ()),
         "## Physics",
         "",
         "Each effect left out by itself: the error of an estimator without it, and the time to compute its influence",
@@ -99,6 +107,60 @@ def markdown(name: str, trade: Trade, front: Sequence[Point], physics: Sequence[
         "",
     ]
     return "\n".join(lines)
+
+
+def since_touch_lines(curves: Sequence[Curve]) -> list[str]:
+    """Return the section on error against time since touch."""
+    cells = [
+        (
+            str(curve.sensors),
+            str(number),
+            f"{since_ms:g}",
+            f"{error.value:.3f} ± {error.standard_error:.3f}",
+            f"{least.value:.3f} ± {least.standard_error:.3f}",
+        )
+        for curve in curves
+        for number, since_ms, error, least in zip(
+            curve.readings, curve.since_ms, curve.error_percent, curve.limit_percent, strict=True
+        )
+    ]
+    return [
+        "## Since touch",
+        "",
+        "Mean error of the default estimator behind the growing mean, by the time since the first reading of a touch",
+        "that the beam follows at once. The limit is the exact posterior of all these readings.",
+        "",
+        *_table(("sensors", "readings", "since touch, ms", "error, %", "limit, %"), cells),
+        "",
+    ]
+
+
+def since_touch_plot(curves: Sequence[Curve], points: Sequence[Point]) -> str:
+    """Return a plot of error over time since touch as SVG, beside the fixed filters of the default estimator."""
+    series = []
+    for colour, curve in enumerate(curves):
+        shown = [number for number, since_ms in enumerate(curve.since_ms) if since_ms > 0]
+        since_ms = [curve.since_ms[number] for number in shown]
+        drawn: list[tuple[str, Sequence[Measurement], Style]] = [
+            (f"{curve.sensors} sensors", curve.error_percent, "line"),
+            ("", curve.limit_percent, "dashed"),
+        ]
+        for label, values, style in drawn:
+            errors = [values[number].value for number in shown]
+            series.append(Series(label, since_ms, errors, colour % FRONT_COLOUR, style))
+        fixed = [
+            point
+            for point in points
+            if (point.estimator, point.sensors, point.quantised) == ("posterior", curve.sensors, False)
+            and point.filter.settling_ms > 0
+        ]
+        x = [point.filter.settling_ms for point in fixed]
+        series.append(Series("", x, [point.error_percent.value for point in fixed], colour % FRONT_COLOUR, "points"))
+    says = (
+        "Mean error over the time since touch, one line per number of sensors. Dashed: the exact posterior of all "
+        "readings. Points: fixed filters, once they have settled"
+    )
+    return standalone(draw(Chart(says, "since touch, ms", "mean |error|, %", series, log_x=True, log_y=True)))
 
 
 def said(failure: Failure) -> str:

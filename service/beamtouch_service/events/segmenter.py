@@ -199,7 +199,13 @@ class Segmenter:
         degraded = bool(seen.estimated.bad) or seen.state is None
         figures = None if seen.is_odd or unexplained else _figures(seen)
         self._pending.add(
-            sequence, acquired_us, figures, unexplained=unexplained, degraded=degraded, unsteady=seen.is_unsteady
+            sequence,
+            acquired_us,
+            figures,
+            unexplained=unexplained,
+            degraded=degraded,
+            unsteady=seen.is_unsteady,
+            readings=seen.estimated.readings or 1,
         )
         self._pending.best = self._best.best(self._pending.best, seen)
         # Write an event at once when it begins or resumes, then at intervals.

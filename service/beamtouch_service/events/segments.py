@@ -12,6 +12,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from beamtouch_service.events.best_samples import Best
+from beamtouch_service.events.disjoint_mean import DisjointMean
 from beamtouch_service.surfaces.contact import Figures
 
 MAX_POINTS = 200
@@ -91,6 +92,7 @@ class Segment:
     samples: int = 0
     """Number of samples that the position and the peak are of."""
     position_sum_mm: float = 0.0
+    """Number of samples times the mean position, over samples that share no readings."""
     peak_force_n: float | None = None
     peak_position_mm: float | None = None
     """Position at the peak force."""
@@ -146,6 +148,8 @@ class GrowingSegment:
         self._first = first
         self._last = first.first_sequence, first.touched_us
         self._figures = _NO_SUMS
+        self._positions = DisjointMean(), DisjointMean()
+        """Of steady samples and of unsteady ones."""
         self._unexplained_us = 0
         self._is_unexplained = False
         """Whether the last sample is unexplained."""
@@ -168,8 +172,9 @@ class GrowingSegment:
         unexplained: bool,
         degraded: bool,
         unsteady: bool = False,
+        readings: int = 1,
     ) -> None:
-        """Add the next sample; `figures` is None if it is unexplained, or could not be decided."""
+        """Add the next sample, the mean of `readings`; `figures` is None if it is unexplained or undecided."""
         if self._is_unexplained:
             self._unexplained_us += max(0, acquired_us - self._last[1])
         self._last = sequence, acquired_us
@@ -180,17 +185,19 @@ class GrowingSegment:
         position_mm, force_n = figures.position_mm, figures.force_n
         at_peak = None if force_n is None else position_mm
         self._figures = self._figures.plus(Sums(1, position_mm, force_n, at_peak, unsteady))
+        self._positions[unsteady].add(sequence, readings, position_mm)
         self._path.append((acquired_us, position_mm, force_n))
         if len(self._path) > 2 * MAX_POINTS:
             self._path = thin(self._path)
 
     def segment(self) -> Segment:
         """Return the segment of all samples so far."""
+        figures, position = self._figures, self._positions[self._figures.unsteady]
         return replace(
             self._first,
             last_sequence=self._last[0],
             last_us=self._last[1],
-            **self._figures._asdict(),
+            **figures._replace(position_sum_mm=figures.samples * position.mean_mm)._asdict(),
             unexplained_us=self._unexplained_us,
             ends_unexplained=self._is_unexplained,
             degraded=self._degraded,

@@ -1,0 +1,134 @@
+"""Error against time since touch: one curve per number of sensors, with the exact Bayes filter as its limit."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beamtouch_models.accuracy.limit import draw_evenly
+from beamtouch_models.accuracy.posterior import posterior_quantiles
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.statistics import Measurement, mean_of
+from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
+from beamtouch_models.estimators.posterior.graph import posterior_graph
+from beamtouch_models.filters import Chain, growing_mean_stage, unit_of
+from beamtouch_models.physics.beam import influence_of
+from beamtouch_models.physics.dynamics import slowest_period_ms
+from beamtouch_models.placement import place
+from beamtouch_models.pricing.effects import required
+from beamtouch_models.pricing.noise import (
+    MAX_READINGS,
+    SPIKE_SIGMAS,
+    adc_step_mm,
+    choose_filter,
+    noise_of,
+    reading_noise_mm,
+)
+from beamtouch_models.progress import Fraction, silent
+from beamtouch_models.scene import Scene
+from beamtouch_models.session import runner
+from beamtouch_models.whitening import whitening
+
+BEFORE = 40
+"""Readings at rest before a touch."""
+CONTACTS = 256
+"""Most contacts of a curve; each runs through the filters reading by reading."""
+FIRST = 2
+"""Readings in the first answer: the first one alone may be a spike."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Mean |position error| in percent of the length, by the time since the first reading of a touch."""
+
+    sensors: int
+    readings: tuple[int, ...]
+    """How many readings have come since the touch."""
+    since_ms: tuple[float, ...]
+    error_percent: tuple[Measurement, ...]
+    """Behind the growing mean."""
+    limit_percent: tuple[Measurement, ...]
+    """Of the exact posterior of all readings since the touch, which knows when it was."""
+
+
+def curves(scene: Scene, counts: list[int], *, draws: int, seed: int, progress: Fraction = silent) -> list[Curve]:
+    """Measure a curve for each number of sensors; the beam follows each touch at once.
+
+    Raises
+    ------
+    SceneError
+        A layout cannot be found, or the noise is too large or too small for a model.
+    """
+    found = []
+    for index, count in enumerate(counts):
+        progress(index / len(counts))
+        found.append(_curve(scene, count, draws, seed))
+    return found
+
+
+def growths(longest: int) -> tuple[int, ...]:
+    """Return the numbers of readings at which a curve is measured."""
+    doubling = [FIRST * 2**power for power in range(longest.bit_length())]
+    return tuple(sorted({min(FIRST, longest), *(number for number in doubling if number < longest), longest}))
+
+
+def _curve(scene: Scene, count: int, draws: int, seed: int) -> Curve:
+    physics = required(scene, choose_filter(scene))
+    influence = influence_of(physics.scene)
+    errors = sample_errors(physics.scene, noise_of(scene, physics.filter).sample_mm)
+    layout = np.array(place(influence, sensor_rules(physics.scene), count, seed).positions_mm)
+    prior = Prior.real(influence, layout, errors)
+    rate_hz, reading_mm = scene.sensors.rate_hz, reading_noise_mm(scene)
+    longest = int(np.clip(scene.requirements.max_mean_ms * rate_hz / 1e3 + 1e-9, 1, MAX_READINGS))
+    readings = growths(longest)
+    number = min(draws, CONTACTS)
+    scale = 100 / prior.length_mm
+    return Curve(
+        count,
+        readings,
+        tuple((one - 1) * 1e3 / rate_hz for one in readings),
+        tuple(one.scaled(scale) for one in _errors(scene, prior, readings, number, seed)),
+        tuple(
+            _limit(replace(prior, noise_mm=reading_mm / math.sqrt(one)), number, seed).scaled(scale) for one in readings
+        ),
+    )
+
+
+def _limit(prior: Prior, draws: int, seed: int) -> Measurement:
+    """Return the mean error of the exact posterior in mm."""
+    drawn = draw_evenly(prior, draws, seed + 1)
+    deviation = posterior_quantiles(prior, drawn.deflection_mm, np.full((len(drawn.position_mm), 1), 0.5))[1]
+    return mean_of(deviation, np.broadcast_to(drawn.weight, len(deviation)))
+
+
+def _errors(scene: Scene, prior: Prior, readings: tuple[int, ...], draws: int, seed: int) -> list[Measurement]:
+    """Return the mean errors in mm after so many readings, behind the filters of the daemon."""
+    reading_mm, channels = reading_noise_mm(scene), prior.channels
+    period = (slowest_period_ms(scene) or 0.0) * scene.sensors.rate_hz / 1e3
+    step_mm = adc_step_mm(scene)
+    unit_mm, fewest = unit_of(reading_mm, step_mm, channels), choose_filter(scene).window
+    stage = growing_mean_stage(readings[-1], unit_mm, SPIKE_SIGMAS * reading_mm, fewest, period)
+    chain = Chain((stage,), channels, reading_mm, period, step_mm)
+    run = runner(posterior_graph(prior, with_force=False).SerializeToString())
+    drawn, rng = draw_evenly(prior, draws, seed + 1), np.random.default_rng([seed, channels])
+    # What stays wrong with the sensors, as long as a contact lasts.
+    clean, lasting = replace(prior, noise_mm=0.0).sampled(drawn.position_mm, drawn.force_n)
+    measured = clean + lasting * rng.normal(size=clean.shape)
+    at = BEFORE - 1 + np.array(readings)
+    there = np.arange(at[-1] + 1) >= BEFORE
+    mean, covariance = [], []
+    for one in measured:
+        chain.restart()
+        white = reading_mm * rng.normal(size=(len(there), channels))
+        filtered = chain.apply(there[:, np.newaxis] * one + white)
+        mean.append(filtered.mean_mm[at])
+        covariance.append(filtered.covariances_mm2(at))
+    found = []
+    for index in range(len(readings)):
+        sample = np.array([one[index] for one in mean])
+        matrices = np.array([one[index] for one in covariance])
+        weights = whitening(sample, matrices, prior.gain, prior.zero_mm)
+        answer = run(sample.astype(np.float32), weights.astype(np.float32))["position_mm"]
+        error = np.abs(answer.astype(np.float64) - drawn.position_mm)
+        found.append(mean_of(error, np.broadcast_to(drawn.weight, len(error))))
+    return found

@@ -1,0 +1,163 @@
+"""The growing mean: all readings since the load last changed, and never those before."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from beamtouch_models.filters import Chain, Filtered, FloatArray, growing_mean_stage
+from beamtouch_models.filters.growing import CHANGES, pairs_of
+
+LONGEST = 200
+CHANNELS = 4
+SPIKE = 6.0
+PERIOD = 20.0
+"""Of the slowest motion, in readings."""
+ALONG = np.array([0.3, 0.6, 0.6, 0.4])
+ACROSS = np.array([0.8, -0.3, -0.3, 0.4])
+"""Directions of a load and of its motion."""
+
+
+def noise(readings: int, seed: int, courses: int | None = None) -> FloatArray:
+    shape = (readings, CHANNELS) if courses is None else (courses, readings, CHANNELS)
+    return np.random.default_rng(seed).standard_normal(shape)
+
+
+def grown(values: FloatArray, longest: int = LONGEST, period: float = 0.0, spike: float | None = SPIKE) -> Filtered:
+    """Filter readings in units of their noise."""
+    channels = values.shape[1]
+    return Chain((growing_mean_stage(longest, np.ones(channels), spike),), channels, 1.0, period).apply(values)
+
+
+def stepped(size: float, readings: int, at: int) -> FloatArray:
+    """Return a step of a size, in units of the noise over all channels."""
+    there = (np.arange(readings) >= at).astype(np.float64)
+    step: FloatArray = size * there[:, np.newaxis] * ALONG / np.linalg.norm(ALONG)
+    return step
+
+
+def test_after_a_touch_all_readings_since_it_count_and_none_before() -> None:
+    courses = [grown(stepped(100, 420, 200) + one) for one in noise(420, 1, 60)]
+    readings = np.array([one.readings for one in courses])
+    assert np.median(readings[:, 199]) == 200
+    # The first reading waits for the second, as it may be a spike.
+    for later in (1, 2, 5, 20, 100, 199):
+        assert np.median(readings[:, 200 + later]) == later + 1
+        assert (readings[:, 200 + later] <= later + 1).all()
+
+
+@pytest.mark.parametrize("size", [10.0, 100.0, 1e6])
+def test_the_error_since_a_touch_is_that_of_the_mean_of_so_many_readings(size: float) -> None:
+    truth = stepped(size, 401, 200)
+    held = []
+    for one in noise(401, 2, 100):
+        filtered = grown(truth + one)
+        error = ((filtered.mean_mm - truth) ** 2).sum(axis=1) * filtered.readings
+        held.append(error < chi2.ppf(0.95, CHANNELS))
+    share = np.mean(held, axis=0)
+    assert share[:200].mean() > 0.93
+    assert share[203:].mean() > 0.92
+    assert share[201:203].mean() > 0.85
+
+
+def test_a_weak_touch_counts_from_its_beginning_once_it_can_be_told_from_a_drift() -> None:
+    readings = np.array([grown(stepped(4, 400, 200) + one).readings for one in noise(400, 3, 40)])
+    assert np.median(readings[:, 260]) == pytest.approx(61, abs=3)
+
+
+def test_at_rest_the_mean_is_cut_in_few_samples() -> None:
+    readings = np.concatenate([grown(one).readings[LONGEST:] for one in noise(1200, 4, 30)])
+    windows = len(pairs_of(LONGEST).windows)
+    assert (readings < LONGEST).mean() < windows * CHANGES / 2
+    assert np.median(readings) == LONGEST
+
+
+@pytest.mark.parametrize("speed", [0.03, 0.1, 0.3, 1.0, 3.0])
+def test_while_a_load_moves_the_mean_lags_less_than_its_noise_and_it_grows_again_once_it_lies(speed: float) -> None:
+    way = np.clip(np.arange(900) - 300, 0, 300)[:, np.newaxis] * speed * ACROSS / np.linalg.norm(ACROSS)
+    filtered = [grown(way + one) for one in noise(900, 5, 20)]
+    normalised = np.array([((one.mean_mm - way) ** 2).sum(axis=1) * one.readings for one in filtered])
+    held = normalised < chi2.ppf(0.95, CHANNELS)
+    moving, lying = slice(450, 600), slice(605, 800)
+    assert held[:, moving].mean() > 0.85
+    assert held[:, lying].mean() > 0.85
+    assert np.median([one.readings[-1] for one in filtered]) == LONGEST
+
+
+def test_a_lone_spike_is_left_out_of_its_channel_and_delays_the_others_by_one_reading() -> None:
+    values = noise(100, 6)
+    values[60, 1] += 40
+    filtered = grown(values)
+    assert (1 / filtered.relative_variance[59:62]).round().tolist() == [[60] * 4, [60] * 4, [62, 61, 62, 62]]
+    good = np.delete(values[:62, 1], 60).mean()
+    assert filtered.mean_mm[61, 1] == pytest.approx(good, abs=1e-4)
+    np.testing.assert_array_equal(filtered.mean_mm[60], filtered.mean_mm[59])
+    assert filtered.moves[60]
+
+
+def test_readings_that_swing_from_one_to_the_next_are_no_spikes() -> None:
+    values = np.where(np.arange(60) % 2 == 0, 50.0, -50.0)[:, np.newaxis] * np.ones(CHANNELS) + noise(60, 7)
+    filtered = grown(values, period=PERIOD)
+    assert not np.isnan(filtered.mean_mm).any()
+    np.testing.assert_allclose(filtered.readings[5:], 1.0)
+    assert filtered.moves[10:].all()
+
+
+def test_missing_readings_count_only_in_their_channel() -> None:
+    values = noise(80, 8)
+    values[20:30, 2] = np.nan
+    values[79, 0] = np.nan
+    filtered = grown(values)
+    assert np.isnan(filtered.mean_mm[20:30, 2]).all()
+    assert (1 / filtered.relative_variance[78]).round().tolist() == [79, 79, 69, 79]
+    assert filtered.mean_mm[78, 2] == pytest.approx(np.nanmean(values[:79, 2]), abs=1e-4)
+    assert np.isnan(filtered.mean_mm[79]).tolist() == [True, False, False, False]
+
+
+def test_a_touch_is_found_while_a_channel_is_missing() -> None:
+    values = stepped(50, 400, 200) + noise(400, 9)
+    values[:, 2] = np.nan
+    filtered = grown(values)
+    assert [round(filtered.readings[at]) for at in (199, 205, 250)] == [200, 6, 51]
+
+
+@pytest.mark.parametrize("longest", [1, 2, 3, 10_000])
+def test_a_mean_grows_to_its_longest_and_no_further(longest: int) -> None:
+    readings = min(2 * longest + 10, 10_050)
+    filtered = grown(1e-3 * noise(readings, 10), longest)
+    assert filtered.readings[-1] == pytest.approx(longest)
+    assert filtered.readings[0] == 1
+
+
+def test_sums_stay_exact_however_large_and_however_many_the_readings_were() -> None:
+    stage = growing_mean_stage(20, np.ones(1))
+    chain = Chain((stage,), 1)
+    for _ in range(10):
+        chain.apply(np.full((10_000, 1), 1e8))
+    new = Chain((stage,), 1)
+    after = np.full((60, 1), 0.1)
+    np.testing.assert_array_equal(chain.apply(after).mean_mm[-20:], new.apply(after).mean_mm[-20:])
+
+
+def test_a_touch_of_a_beam_that_lay_still_is_as_sure_as_a_reading_until_a_quarter_of_the_period_agrees() -> None:
+    filtered = grown(stepped(100, 300, 200) + noise(300, 11), period=PERIOD)
+    covariance = filtered.covariance_mm2
+    assert filtered.moves[200:204].all()
+    assert not filtered.moves[204:230].any()
+    for readings in (2, 3, 4):
+        np.testing.assert_allclose(covariance[199 + readings], np.eye(CHANNELS) * (1 + 1 / readings), atol=1e-9)
+    np.testing.assert_allclose(covariance[204], np.eye(CHANNELS) / 5)
+
+
+def test_the_first_swings_of_a_beam_are_no_touch_of_a_beam_that_lies_still() -> None:
+    since = np.clip(np.arange(320) - 200 + 0.4, 0, None)
+    swing = 1 - np.cos(2 * math.pi * since / PERIOD) * np.exp(-0.02 * since)
+    truth = 100 * swing[:, np.newaxis] * ALONG
+    for one in noise(320, 12, 20):
+        filtered = grown(truth + one, period=PERIOD)
+        error = filtered.mean_mm - truth[-1]
+        stated = np.einsum("ni,nij,nj->n", error, np.linalg.inv(filtered.covariance_mm2), error)
+        assert filtered.moves[202:240].all()
+        # From the third reading on; the very first ones do not show the load yet.
+        assert (stated[203:240] < chi2.ppf(0.999, CHANNELS)).mean() > 0.8

@@ -1,0 +1,35 @@
+"""The mean position of an event counts each reading once."""
+
+import pytest
+
+from beamtouch_service.events.disjoint_mean import DisjointMean
+
+
+def mean_of(*samples: tuple[int, int, float]) -> float:
+    mean = DisjointMean()
+    for sequence, readings, position_mm in samples:
+        mean.add(sequence, readings, position_mm)
+    return mean.mean_mm
+
+
+def test_a_growing_mean_counts_with_its_last_sample() -> None:
+    assert mean_of(*((number, number, float(number)) for number in range(1, 6))) == 5.0
+
+
+def test_stretches_count_with_their_readings() -> None:
+    first = [(number, number, 100.0) for number in range(1, 31)]
+    second = [(30 + number, number, 200.0) for number in range(1, 11)]
+    assert mean_of(*first, *second) == pytest.approx((30 * 100 + 10 * 200) / 40)
+
+
+def test_windows_that_slide_count_once_per_window() -> None:
+    # Means of 4 at readings 4, 8 and 12 share none.
+    assert mean_of(*((number, 4, float(number)) for number in range(4, 14))) == pytest.approx((4 + 8 + 12) / 3)
+
+
+def test_single_readings_are_the_plain_mean() -> None:
+    assert mean_of((1, 1, 3.0), (2, 1, 5.0), (9, 1, 1.0)) == 3.0
+
+
+def test_without_samples_it_is_0() -> None:
+    assert mean_of() == 0.0
