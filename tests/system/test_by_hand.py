@@ -7,7 +7,7 @@ import httpx2
 import pytest
 
 from plain_http import TIMEOUT_S
-from typed_readme import Shell, blocks, shell
+from typed_readme import ROOT, Shell, blocks, shell
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
@@ -25,6 +25,7 @@ def test_the_steps_of_the_readme_end_in_a_contact(tmp_path: Path) -> None:
         typed.type(stop)
         typed.leave()
     assert list(answer) == list(json.loads(sample))
+    assert sample in (ROOT / "service" / "README.md").read_text()
     assert answer["readings"] >= 1
     assert answer["surface"] == "bench"
 

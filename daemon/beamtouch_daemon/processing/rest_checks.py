@@ -23,7 +23,7 @@ JUMP_READINGS = 4
 """Means over the longer of this time and this number of readings show whether the beam is touched."""
 LONGER = 4
 FEWEST_MEANS = 30
-"""Factor between the lengths of means: longer ones show lighter touches."""
+"""Factor between the lengths of means, of which longer ones show lighter touches, and the fewest means of a length."""
 MAX_JUMP = 8.0
 """Largest change between two adjacent means, wherever they meet, relative to their usual change; noise does not reach
 it in a year."""
