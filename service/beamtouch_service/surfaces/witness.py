@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Witness(Protocol):
-    """Takes what a surface decides."""
+    """Receives the decisions of a surface."""
 
     def fresh(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
         """Note samples that moved the answer, in order."""
