@@ -42,7 +42,7 @@ def compiled(factory: pytest.TempPathFactory) -> Path:
 def polls(program: Path, port: int, word_order: str = "big") -> Iterator[Iterator[Poll]]:
     """Poll the first block of a server again and again; gives what each poll gave."""
     order = {"big": "abcd", "little": "cdab"}[word_order]
-    command = [program, str(port), "0", str(USED), str(POLLS), str(PAUSE_US), order]
+    command = [str(program), str(port), "0", str(USED), str(POLLS), str(PAUSE_US), order]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

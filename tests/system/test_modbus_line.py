@@ -46,7 +46,7 @@ def line(tmp_path: Path, bench_model: Path) -> Iterator[Line]:
         f"[[step]]\nseconds = 0.02\nposition_mm = {200 + 180 * np.sin(step / 20):.2f}\nforce_n = {8 + step % 9}\n"
         for step in range(100)
     )
-    script.write_text(f"{moved}[[step]]\nseconds = 1\n" * 300)
+    script.write_text(f"{moved}[[step]]\nseconds = 0.5\n")
     surfaces = [Surface("bench", "modbus-tcp", script)]
     with Line(tmp_path, SCENES / "bench.toml", bench_model, config, surfaces, {"modbus_server": {"port": 0}}) as line:
         yield line

@@ -132,9 +132,10 @@ class _Connection(asyncio.BufferedProtocol):
         """Answer all whole requests."""
         self._filled += received
         begin, end = 0, self._frame_end(0)
-        while end is not None and not self._transport.is_closing():
+        if end is not None:
             self._connections.move(self, State.IDLE)
             self._asked_s = self._loop.time()
+        while end is not None and not self._transport.is_closing():
             self._transport.write(answer(bytes(self._buffer[begin:end]), self._connections.read))
             begin, end = end, self._frame_end(end)
         self._buffer[: self._filled - begin] = self._buffer[begin : self._filled]
