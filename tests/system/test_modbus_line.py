@@ -107,7 +107,7 @@ def same(poll: Poll, channels: list[str], said: dict[int, dict[str, Any]]) -> se
 
 
 def require_stale(found: Iterator[Poll]) -> None:
-    """Read on until the surface has been stale for 50 polls; no poll may have a figure that is too old."""
+    """Read on until the surface has been stale for 50 polls in a row; no poll may have a figure that is too old."""
     stale = 0
     for poll in found:
         if poll.words[2] == STALE:
@@ -116,7 +116,7 @@ def require_stale(found: Iterator[Poll]) -> None:
             assert all(map(math.isnan, poll.floats[:-1]))
             assert poll.words[3] == poll.words[5] == sum(poll.words[22:]) == 0
         else:
-            assert stale == 0
+            stale = 0
             assert poll.words[4] <= STALE_MS
         if stale >= 50:
             return

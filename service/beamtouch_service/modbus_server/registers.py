@@ -22,7 +22,7 @@ MAX_SURFACES = 65_536 // BLOCK
 """More blocks do not fit in the addresses of Modbus."""
 MAX_UINT16 = 0xFFFF
 CONSTANT = 1234.5
-"""A figure in the wrong word order may look right: 276.5 becomes 96.6. This one does not."""
+"""A figure in the wrong word order may look right: 276.5215 becomes 96.6. This one does not."""
 _HEARTBEAT_PER_S = 10
 
 STATES: dict[State | Kind, tuple[int, str]] = {

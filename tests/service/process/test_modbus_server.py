@@ -113,7 +113,7 @@ def test_a_hundred_connections_do_not_keep_out_a_controller(server: ModbusServic
 
 
 def test_a_connection_without_whole_requests_is_closed(start_service: StartService, tmp_path: Path) -> None:
-    server = start_modbus(start_service, tmp_path, "idle_s = 1.0")
+    server = start_modbus(start_service, tmp_path, "idle_s = 3.0")
     with (
         server.connected() as silent,
         server.connected() as half,
@@ -129,7 +129,7 @@ def test_a_connection_without_whole_requests_is_closed(start_service: StartServi
 
 
 def test_a_client_that_does_not_read_costs_little_and_is_closed(start_service: StartService, tmp_path: Path) -> None:
-    server = start_modbus(start_service, tmp_path, "idle_s = 2.0")
+    server = start_modbus(start_service, tmp_path, "idle_s = 3.0")
     before_mb = resident_mb(server.http.process.pid)
     with server.connected(timeout_s=1.0, receive_bytes=4096) as connection:
         sent_bytes = flood(connection, request(0, 100) * 1000, MAX_SENT_BYTES)
