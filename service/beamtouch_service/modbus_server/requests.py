@@ -1,7 +1,7 @@
 """Requests of Modbus TCP and their answers, as bytes. Pure.
 
 pymodbus encodes and decodes. Its server is not used: it has no bound on connections, idle time or unread answers, loses
-all but the first of several requests that arrive together, and waits forever after bytes that are not Modbus.
+all but the first of several requests that arrive together, and keeps a connection that sends other bytes than Modbus.
 """
 
 from collections.abc import Callable
