@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from beamtouch_service import limits
 from beamtouch_service.samples import SurfaceName
+from beamtouch_service.settings import WordOrder
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -59,6 +60,23 @@ class EventsSection(BaseModel):
     """Size of the file. Beyond it, the oldest events are deleted."""
 
 
+class ModbusServerSection(BaseModel):
+    """`[modbus_server]`: contacts as Modbus input registers. Without this section, there is no Modbus server."""
+
+    model_config = _STRICT
+
+    host: _Text = "127.0.0.1"
+    """Address to listen on. Modbus knows no tokens: everyone who reaches it can read the contacts."""
+    port: Port = 502
+    """0 picks a free port. Ports below 1024 require a privilege."""
+    word_order: WordOrder = "big"
+    """Order of the two registers of a 32-bit value: `big` (ABCD) or `little` (CDAB)."""
+    max_clients: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] = limits.MAX_MODBUS_CLIENTS
+    """Open connections. For one more, the one that has been idle for the longest time is closed."""
+    idle_s: Annotated[FiniteFloat, Field(ge=0.1, le=86_400)] = limits.MODBUS_IDLE_S
+    """A connection without a request for this long is closed."""
+
+
 class SurfaceSection(BaseModel):
     """`[surfaces.NAME]`: one surface."""
 
@@ -79,7 +97,9 @@ class ConfigFile(BaseModel):
 
     server: ServerSection = ServerSection()
     events: EventsSection = EventsSection()
+    modbus_server: ModbusServerSection | None = None
     surfaces: dict[SurfaceName, SurfaceSection] = Field(default_factory=dict)
+    """In their order in the file, which is that of their blocks of Modbus registers."""
 
 
 class Overrides(BaseModel):

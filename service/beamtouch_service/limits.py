@@ -14,6 +14,9 @@ MAX_STREAMS = 32
 MAX_CLIENTS = 256
 MAX_CLIENTS_LIMIT = 4096
 """Upper limit of the setting: a new connection may have to search all of them for one to replace."""
+MAX_MODBUS_CLIENTS = 32
+MODBUS_IDLE_S = 60.0
+"""A Modbus connection without a request for this long is closed."""
 KEEP_DAYS = 30.0
 MAX_MB = 100.0
 """Size of the record of events."""
