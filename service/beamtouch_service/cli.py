@@ -83,7 +83,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _registers(arguments: argparse.Namespace) -> int:
-    from beamtouch_service.modbus_server import document  # noqa: PLC0415  # as in _run
+    from beamtouch_service.outputs.modbus import document  # noqa: PLC0415  # as in _run
 
     file = load_toml(ConfigFile, Path(arguments.config), renamed=RENAMED) if arguments.config else ConfigFile()
     section = file.modbus_server or ModbusServerSection()

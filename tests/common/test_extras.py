@@ -25,7 +25,7 @@ for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
         print(found.name)
 """
 
-MODBUS_SERVER = ("beamtouch_service.host.modbus", "beamtouch_service.modbus_server.requests")
+MODBUS_SERVER = ("beamtouch_service.host.modbus", "beamtouch_service.outputs.modbus.requests")
 """What needs pymodbus."""
 
 

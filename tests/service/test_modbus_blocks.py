@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_service.modbus_server.blocks import Blocks, NoSuchRegisterError
+from beamtouch_service.outputs.modbus.blocks import Blocks, NoSuchRegisterError
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.surface import Surface
 from contact_registers import FIGURES, decoded, expected, number

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from beamtouch_models.modelfile import State
 from beamtouch_service import cli
 from beamtouch_service.api import contact
-from beamtouch_service.modbus_server.registers import BLOCK, NOTES, REGISTERS, STATES
+from beamtouch_service.outputs.modbus.registers import BLOCK, NOTES, REGISTERS, STATES
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note, Quality
 from beamtouch_service.surfaces.contact import Doubt

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beamtouch_service.modbus_server.blocks import NoSuchRegisterError
-from beamtouch_service.modbus_server.requests import HEAD_BYTES, MAX_FRAME_BYTES, NotModbusError, answer, frame_bytes
+from beamtouch_service.outputs.modbus.blocks import NoSuchRegisterError
+from beamtouch_service.outputs.modbus.requests import HEAD_BYTES, MAX_FRAME_BYTES, NotModbusError, answer, frame_bytes
 
 LAST = 149
 

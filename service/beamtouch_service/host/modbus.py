@@ -13,9 +13,9 @@ from beamtouch_service.config import ConfigError
 from beamtouch_service.host.listener import bind, resolve
 from beamtouch_service.host.places import Places, State
 from beamtouch_service.limits import Seldom
-from beamtouch_service.modbus_server.blocks import Blocks
-from beamtouch_service.modbus_server.registers import MAX_SURFACES
-from beamtouch_service.modbus_server.requests import HEAD_BYTES, MAX_FRAME_BYTES, NotModbusError, answer, frame_bytes
+from beamtouch_service.outputs.modbus.blocks import Blocks
+from beamtouch_service.outputs.modbus.registers import MAX_SURFACES
+from beamtouch_service.outputs.modbus.requests import HEAD_BYTES, MAX_FRAME_BYTES, NotModbusError, answer, frame_bytes
 from beamtouch_service.settings import ModbusSettings
 
 _ACCEPTED_AT_ONCE = 16

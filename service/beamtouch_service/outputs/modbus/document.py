@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from beamtouch_service.modbus_server.registers import BLOCK, NOTES, REGISTERS, STATES, identity
+from beamtouch_service.outputs.modbus.registers import BLOCK, NOTES, REGISTERS, STATES, identity
 from beamtouch_service.problems import Kind
 
 

@@ -11,7 +11,7 @@ from pymodbus.framer import FramerSocket
 from pymodbus.pdu import DecodePDU, ExceptionResponse, ModbusPDU
 from pymodbus.pdu.register_message import ReadInputRegistersRequest, ReadInputRegistersResponse
 
-from beamtouch_service.modbus_server.blocks import NoSuchRegisterError
+from beamtouch_service.outputs.modbus.blocks import NoSuchRegisterError
 
 HEAD_BYTES = 6
 """Transaction, protocol and length. The rest of the frame follows: unit, function and data."""
