@@ -17,10 +17,11 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_service.events.commands import Command, Found, Loss
 from beamtouch_service.events.health import HealthKeeper
 from beamtouch_service.events.late import LateSamples
 from beamtouch_service.events.losses import Losses
-from beamtouch_service.events.segmenter import Command, Found, Loss, Segmenter
+from beamtouch_service.events.segmenter import Segmenter
 from beamtouch_service.events.segments import End, Segment
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.events.worker import Worker
