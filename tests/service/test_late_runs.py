@@ -48,6 +48,7 @@ class Line:
         for offset, (sample, (row, covariance_mm2)) in enumerate(zip(body["samples"], part, strict=True)):
             sample["acquired_unix_us"] = START_US + (first + offset) * 5000
             sample["quality"] = ["missing" if value is None else "good" for value in row]
+            sample["readings"] = 1
             if covariance_mm2:
                 sample["covariance_mm2"] = covariance_mm2
         self.newest = max(self.newest, last)
