@@ -107,8 +107,7 @@ class Follower:
 
     def __init__(self, model: ModelFile, ask: Ask, surface: str, hold_ms: float, past: Past = NO_PAST) -> None:
         """Begin after samples with that past."""
-        self._metadata = model.metadata
-        self._surface = surface
+        self._metadata, self._surface = model.metadata, surface
         self._hold_us = hold_ms * 1e3
         self._suspects = Suspects(model.metadata, ask)
         self._hypotheses = Hypotheses(model.metadata.thresholds, past.memories)
@@ -162,9 +161,8 @@ class Follower:
         self._before = estimated.sequence
         if is_missing:
             self._hypotheses.miss()
-        if not (is_missing or self._is_held) or self._decided_us is None:
-            return
-        if abs(estimated.acquired_unix_us - self._decided_us) > self._hold_us:
+        decided_us = self._decided_us if is_missing or self._is_held else None
+        if decided_us is not None and abs(estimated.acquired_unix_us - decided_us) > self._hold_us:
             self._hypotheses = Hypotheses(self._metadata.thresholds, NO_PAST.memories)
             self._length = 0
 
