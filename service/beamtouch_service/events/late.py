@@ -32,7 +32,7 @@ class LateSamples:
         self._count = 0
         """Number of doubtful samples."""
 
-    def settled(self, surface: str, stale_ms: float, model: ModelFile, found: Iterable[Found]) -> list[Command]:
+    def settled(self, surface: str, stale_ms: float, found: Iterable[Found]) -> list[Command]:
         """Return the commands in what was found; keep the samples beside gaps, and decide doubtful ones if possible."""
         found = list(found)
         edges = [one for one in found if isinstance(one, Edge)]
@@ -42,7 +42,7 @@ class LateSamples:
         commands: list[Command] = []
         for one in found:
             if isinstance(one, Doubtful):
-                commands += self._run(surface, stale_ms, model, one.boot_id, one.samples)
+                commands += self._run(surface, stale_ms, one.model, one.boot_id, one.samples)
             elif not isinstance(one, Edge):
                 commands.append(one)
         # The sample before the first of a stretch may have come while that was doubtful.
@@ -84,7 +84,7 @@ class LateSamples:
             if isinstance(one, Doubtful):
                 self._put_aside(of_sender, one)
         known = [one for one in found if not isinstance(one, Doubtful)]
-        return self.settled(surface, stale_ms, model, known)
+        return self.settled(surface, stale_ms, known)
 
     def _take(self, of_sender: tuple[str, str, str], first: int) -> list[Estimated]:
         """Take the doubtful samples that begin with a number."""

@@ -26,7 +26,7 @@ class Segmenter:
         self, surface: str, model: ModelFile, boot_id: str, before: State | None = None, end: End = End.OPEN
     ) -> None:
         """Begin after a sample of state `before`; a segment whose end is not known yet gets `end`."""
-        self.model, self.boot_id = model.identity, boot_id
+        self.model, self.boot_id, self._file = model.identity, boot_id, model
         self.last: Edge | None = None
         """The last sample."""
         self._surface = surface
@@ -123,7 +123,7 @@ class Segmenter:
 
     def _put_aside(self) -> list[Found]:
         doubtful, self._doubtful = self._doubtful, []
-        return [Doubtful(self.boot_id, [seen.estimated.alone() for seen in doubtful])] if doubtful else []
+        return [Doubtful(self.boot_id, self._file, [seen.estimated.alone() for seen in doubtful])] if doubtful else []
 
     def _edge(self, seen: Seen, state: State | None) -> Edge:
         sample = seen.estimated
