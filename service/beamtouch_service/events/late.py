@@ -15,8 +15,8 @@ from beamtouch_service.surfaces.touch import Follower, Past
 
 _MAX_EDGES = 4096
 """Edges in memory, some 3 MB; without its edge, a late run starts from the stored event before it."""
-_MAX_ASIDE = 5000
-"""Doubtful samples in memory, some 15 MB; without them, an event may stay in pieces."""
+_MAX_ASIDE = 10_000
+"""Doubtful samples in memory, some 30 MB; without them, an event may stay in pieces."""
 
 
 class LateSamples:

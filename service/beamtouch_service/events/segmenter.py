@@ -15,8 +15,11 @@ FLUSH_US = 1_000_000
 """An event that continues is written after this much of the sender's time, so that a crash costs no more."""
 
 
-MAX_DOUBTFUL = 100
-"""Samples of a run that are put aside. After more, a contact or a stretch that is held over a gap counts."""
+MAX_DOUBTFUL = 1000
+"""Samples of a run that are put aside: a beam may ring for seconds.
+
+After more, a contact or a stretch that is held over a gap counts.
+"""
 
 
 class Segmenter:
