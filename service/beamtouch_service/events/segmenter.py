@@ -16,10 +16,7 @@ FLUSH_US = 1_000_000
 
 
 MAX_DOUBTFUL = 1000
-"""Samples of a run that are put aside: a beam may ring for seconds.
-
-After more, a contact or a stretch that is held over a gap counts.
-"""
+"""Samples of a run that are put aside; a beam may ring for seconds. After more, a state that is held counts."""
 
 
 class Segmenter:
@@ -54,6 +51,12 @@ class Segmenter:
         """Add the next sample."""
         is_first = self.last is None or seen.estimated.sequence != self.last.sequence + 1
         commands = self.end_run() if is_first else []
+        if seen.is_sure:
+            self._room = MAX_DOUBTFUL
+        elif self._doubtful is None and self._room and self.last:
+            # A state was held for too long over undecided samples.
+            self._doubtful = []
+            commands.append(self.last)
         is_end_of_doubt = self._doubtful is not None and (seen.is_sure or not self._room)
         if is_end_of_doubt:
             commands += self._settle(unexplained=seen.state is State.UNEXPLAINED)
