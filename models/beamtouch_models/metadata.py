@@ -347,20 +347,34 @@ class Metadata(_Strict):
             message = "it is an ONNX file but not a Beamtouch model: it has no beamtouch metadata"
             raise ModelFileError(message)
         if ours.get("schema_version") == "1":
-            message = (
-                "schema version 1, from before samples stated their covariance; rebuild it from its own scene with "
-                f"`design-sensors build {THIS_FILE} -o {THIS_FILE}`, and calibrate it again if it was calibrated"
-            )
-            raise ModelFileError(message)
+            raise _old("schema version 1, from before samples stated their covariance")
         try:
-            return cls.model_validate({key: json.loads(text) for key, text in ours.items()})
+            values = {key: json.loads(text) for key, text in ours.items()}
+        except (ValueError, RecursionError):
+            # These include numbers and nesting beyond what the parser takes.
+            message = "its metadata is not JSON"
+            raise ModelFileError(message) from None
+        if _lacks_thresholds(values.get("thresholds")):
+            raise _old("from before one channel and two had a threshold of their own")
+        try:
+            return cls.model_validate(values)
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"])
             reason = first["msg"].removeprefix("Value error, ")
             message = f"metadata entry {METADATA_PREFIX}{where}: {reason}" if where else f"metadata: {reason}"
             raise ModelFileError(message) from None
-        except (ValueError, RecursionError):
-            # These include numbers and nesting beyond what the parser takes.
-            message = "its metadata is not JSON"
-            raise ModelFileError(message) from None
+
+
+def _lacks_thresholds(found: object) -> bool:
+    """Return whether some number of channels has no threshold, as earlier versions of `build` wrote it."""
+    lists = found.values() if isinstance(found, dict) else []
+    return any(isinstance(values, list) and None in values for values in lists)
+
+
+def _old(why: str) -> ModelFileError:
+    message = (
+        f"{why}; rebuild it from its own scene with `design-sensors build {THIS_FILE} -o {THIS_FILE}`, "
+        "and calibrate it again if it was calibrated"
+    )
+    return ModelFileError(message)

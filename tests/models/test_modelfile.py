@@ -144,7 +144,11 @@ def test_metadata_that_is_wrong_is_named(
         ("touch", [-5, -5, -5, -5], r"thresholds\.touch\.0: .* greater than or equal to 1"),
         ("rest", [1e-300, 30, 30, 30], r"thresholds\.rest\.0: .* greater than or equal to 1"),
         ("rest", [30, 30, 30, 1e300], r"thresholds\.rest\.3: .* less than or equal to"),
-        ("misfit", [None, None, 25, 25], r"thresholds\.misfit\.0: .* number"),
+        (
+            "misfit",
+            [None, None, 25, 25],
+            "before one channel and two had a threshold .*; rebuild it from its own scene",
+        ),
         ("touch", [17, 17, 17], "thresholds and floor: each list must have 4 entries"),
     ],
 )

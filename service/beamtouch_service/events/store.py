@@ -1,6 +1,6 @@
 """Events in a database, joined from segments. One thread at a time; every call is one transaction."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,10 +9,10 @@ from sqlalchemy import ColumnElement, Connection, delete, func, select, tuple_
 from beamtouch_models.modelfile import State
 from beamtouch_service.events import kept_best, kept_captures, writing
 from beamtouch_service.events.captures import Capture
+from beamtouch_service.events.commands import Command
 from beamtouch_service.events.file import EventFile
 from beamtouch_service.events.kept_best import Baseline, Sampled
 from beamtouch_service.events.schema import EVENTS
-from beamtouch_service.events.segmenter import Command
 from beamtouch_service.events.segments import Kind, Segment
 from beamtouch_service.events.writing import CONTENT, Numbered
 from beamtouch_service.surfaces.contradiction import Contradiction
@@ -87,6 +87,11 @@ class EventStore:
         """Return the samples that are kept of the unexplained stretches of an event, in order."""
         with self._engine.connect() as connection:
             return kept_captures.read(connection, event)
+
+    def captured(self, numbers: Collection[int]) -> set[int]:
+        """Return which of these events have samples of unexplained stretches."""
+        with self._engine.connect() as connection:
+            return kept_captures.captured(connection, numbers)
 
     def best_samples(self, surface: str, since_us: int | None, until_us: int | None, limit: int) -> list[Sampled]:
         """Return the newest contacts of a surface that have a best sample, oldest first, by the time of their touch."""
