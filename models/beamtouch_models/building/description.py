@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.loading import ModelFile
 
 
 def describe(model: ModelFile) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from beamtouch_models.calibration.rebuilt import rebuilt
 from beamtouch_models.calibration.swapped import swapped
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
+from beamtouch_models.loading import ModelFile
 from beamtouch_models.metadata import Calibration, Metadata
-from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.pricing.noise import floor_of
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import parse_scene

@@ -48,12 +48,12 @@ def held_out(fit: ContactFit, contacts: Contacts, zero_mm: Floats, most: float) 
         allowed[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, most, rest.covariance)
     before = _misfits(fit, fit.start, contacts, zero_mm, 0.0, None)
     degrees = degrees_of(theory)
-    most = float(chi2.isf(CHANCE, degrees * fit.single.sum()))
+    largest = float(chi2.isf(CHANCE, degrees * fit.single.sum()))
     return HeldOut(
         float(np.median(before)),
         float(np.median(after)),
         float(chi2.median(degrees)),
-        float(fit.single @ allowed) / most,
+        float(fit.single @ allowed) / largest,
     )
 
 

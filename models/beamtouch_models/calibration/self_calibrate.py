@@ -20,8 +20,8 @@ from beamtouch_models.calibration.refusals import (
 )
 from beamtouch_models.calibration.theory import GAIN, Theory
 from beamtouch_models.calibration.unlabelled import ContactFit, fit_contacts
+from beamtouch_models.loading import ModelFile
 from beamtouch_models.metadata import Calibration, Metadata
-from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.pricing.noise import GAIN_ERROR
 from beamtouch_models.progress import Progress
 

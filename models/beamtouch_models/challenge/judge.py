@@ -8,18 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.challenge.surface import Surface
-from beamtouch_models.filters import (
-    Chain,
-    Stage,
-    filled,
-    growing_mean_stage,
-    moving_average_stage,
-    spike_stage,
-    unit_of,
-)
-from beamtouch_models.metadata import FilterChoice, Metadata
-from beamtouch_models.modelfile import (
+from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.decision import (
     Decider,
     Evidence,
     State,
@@ -30,6 +20,16 @@ from beamtouch_models.modelfile import (
     is_overload,
     is_unchecked,
 )
+from beamtouch_models.filters import (
+    Chain,
+    Stage,
+    filled,
+    growing_mean_stage,
+    moving_average_stage,
+    spike_stage,
+    unit_of,
+)
+from beamtouch_models.metadata import FilterChoice, Metadata
 from beamtouch_models.session import Run
 
 
@@ -99,7 +99,7 @@ def stages(chosen: FilterChoice, unit_mm: Floats, slowest_period: float) -> tupl
     return (*spike, moving_average_stage(chosen.window, filled(chosen.window)))
 
 
-def judge(surface: Surface, run: Run, readings_mm: Floats, first: int = 0, *, naming: bool = False) -> Judged:
+def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int = 0, *, naming: bool = False) -> Judged:
     """Return what the model of a surface says of each reading (draws, readings, channels); draws begin anew.
 
     Nothing is said of the readings before number `first`. With `naming`, suspects are sought as in the service, which

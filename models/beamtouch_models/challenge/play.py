@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.challenge.surface import SensorErrors, Stated, Surface
+from beamtouch_models.challenge.sensors import SensorErrors, Stated
+from beamtouch_models.challenge.surface import SimulatedSurface
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class Play:
     """(draws, channels), noise of each channel over that of the model, if that is the fault."""
 
 
-Make = Callable[[Surface, int, np.random.Generator], Play]
+Make = Callable[[SimulatedSurface, int, np.random.Generator], Play]
 
 
 @dataclass(frozen=True)
@@ -50,14 +51,14 @@ class Case:
     make: Make
 
 
-def drawn(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def drawn(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Return positions and forces (draws,) from the ranges of the model."""
     ranges = surface.metadata.ranges
     return rng.uniform(*ranges.position_mm, size=draws), rng.uniform(*ranges.force_n, size=draws)
 
 
 def settled(
-    surface: Surface,
+    surface: SimulatedSurface,
     name: str,
     deflection_mm: Floats,
     errors: SensorErrors,

@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.whitening import whitening
 
 PLACES = 1001
@@ -34,7 +34,7 @@ CHUNK = 50
 """Draws at a time, so that their distances to all contacts fit the cache."""
 
 
-def distances(surface: Surface, fault_mm: Floats, valid: Bools) -> Floats:
+def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floats:
     """Return how far faults (draws, channels) are from rest and from every contact, in deviations; (draws,).
 
     `valid` (draws, channels) says which channels take part.
@@ -58,7 +58,7 @@ def power_of_shift(distance: Floats, alpha: float) -> float:
     return float(ndtr(distance + ndtri(alpha)).mean())
 
 
-def power_of_noise(surface: Surface, clean_mm: Floats, noise: Floats, alpha: float) -> float:
+def power_of_noise(surface: SimulatedSurface, clean_mm: Floats, noise: Floats, alpha: float) -> float:
     """Return the mean power for channels whose noise is some times that of the model; both (draws, channels)."""
     whiten = _whitening(surface, clean_mm, np.ones(clean_mm.shape, np.bool_))
     grid = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
@@ -79,14 +79,14 @@ def power_of_noise(surface: Surface, clean_mm: Floats, noise: Floats, alpha: flo
     return float(2 * ndtr(ndtri(alpha / 2) / np.sqrt(1 + extra)).mean())
 
 
-def _whitening(surface: Surface, deflection_mm: Floats, valid: Bools) -> Floats:
+def _whitening(surface: SimulatedSurface, deflection_mm: Floats, valid: Bools) -> Floats:
     """Return the whitening of settled samples."""
     floor = surface.metadata.floor
     covariance = np.eye(surface.channels) * surface.metadata.noise.sample_mm**2
     return whitening(deflection_mm, covariance, floor.gain, floor.zero_mm, valid)
 
 
-def _away(surface: Surface, places_mm: Floats, whiten: Floats, moved: Floats) -> Floats:
+def _away(surface: SimulatedSurface, places_mm: Floats, whiten: Floats, moved: Floats) -> Floats:
     """Return the distances (draws, places) of whitened samples (draws, channels) from contacts at places."""
     shapes = surface.expected(places_mm) @ whiten.transpose(0, 2, 1)
     size = np.einsum("dpc,dpc->dp", shapes, shapes)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
-from beamtouch_models import modelfile
+from beamtouch_models import loading
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
 from beamtouch_models.calibration.errors import Errors
@@ -23,7 +23,7 @@ SMALLEST_ERROR, LARGEST_ERROR = 1e-3, 50.0
 
 def run(options: argparse.Namespace) -> None:
     """Calibrate, write the model, and print the departures and the errors before and after."""
-    model = modelfile.load(options.model)
+    model = loading.load(options.model)
     if not options.output.parent.is_dir():
         message = f"{options.output.parent}: no such folder; create it first"
         raise InputError(message)
@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> None:
     with shown_progress() as progress:
         found = calibrate(model, loads, progress)
     write_atomically(options.output, found.content)
-    fresh = modelfile.load(options.output)
+    fresh = loading.load(options.output)
     if options.json:
         print(
             json.dumps({"model": fresh.identity, "output": str(options.output), **_results(found, options.leave_out)})

@@ -7,13 +7,13 @@ import sys
 import numpy as np
 
 from beamtouch_common.files import write_atomically
-from beamtouch_models import modelfile
+from beamtouch_models import loading
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.contacts import Contacts, read_contacts
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
 from beamtouch_models.commands.departures import departures_in_words
 from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.loading import ModelFile
 
 
 def run(model: ModelFile, options: argparse.Namespace) -> None:
@@ -25,7 +25,7 @@ def run(model: ModelFile, options: argparse.Namespace) -> None:
     with shown_progress() as progress:
         found = self_calibrate(model, contacts, progress)
     write_atomically(options.output, found.content)
-    fresh = modelfile.load(options.output)
+    fresh = loading.load(options.output)
     if options.json:
         print(json.dumps({"model": fresh.identity, "output": str(options.output), **_results(found, contacts)}))
         return

@@ -12,8 +12,6 @@ STEPS = 3
 """Steps of Gauss and Newton from the best entry of the table; each squares the distance to the best contact."""
 SINGULAR = 1e-9
 """Smallest part of the precision of a position that does not depend on the force."""
-SINGULAR = 1e-9
-"""Smallest part of the precision of a position that does not depend on the force."""
 _TINY = float(np.finfo(np.float64).tiny)
 
 
