@@ -1,6 +1,6 @@
 """False contacts and false stretches of `unexplained` per day: through a graph, over sequences of overlapping windows.
 
-Importance sampling over sequences, as in `beamtouch_models.accuracy.stretches`: zeros anywhere within twice their
+Importance sampling over sequences, as in `beamtouch_models.accuracy.unexplained_thresholds`: zeros anywhere within twice their
 drift, evenly, and the errors of the gains likewise. A contact lasts from the threshold of touch to an eighth of it, a
 stretch begins with three odd samples in a row.
 """
@@ -13,14 +13,14 @@ from scipy.special import gammaln
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.stretches import FARTHEST, IN_A_ROW, Sequences, at_rest, stretches
-from beamtouch_models.accuracy.touch import (
+from beamtouch_models.accuracy.touch_thresholds import (
     directions,
     noise_at_rest,
     rate_per_sample,
     rest_like_contact,
     shapes_at_rest,
 )
+from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, IN_A_ROW, Sequences, at_rest, stretches
 from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import DRIFTS, log_tilt, tilted
 from beamtouch_models.arrays import Floats

@@ -89,6 +89,6 @@ def test_a_calibrated_surface_measures_what_its_model_expects(bench: ModelFile) 
     position, force = drawn(calibrated, 20, np.random.default_rng(10))
     clean = calibrated.under(position, force)
     measured = calibrated.measured(clean[:, None], calibrated.perfect(20))[:, 0]
-    np.testing.assert_allclose(measured, prior.stated(force[:, None] * prior.influence_at(position)), rtol=1e-5)
+    np.testing.assert_allclose(measured, prior.measured(force[:, None] * prior.influence_at(position)), rtol=1e-5)
     assert distances(calibrated, measured, np.ones(measured.shape, np.bool_)).max() < 0.05
     assert distances(calibrated, clean, np.ones(measured.shape, np.bool_)).min() > 1

@@ -12,7 +12,7 @@ from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.building.model_prior import physics_of, prior_of_model
 from beamtouch_models.calibration.calibrate import calibrate
-from beamtouch_models.calibration.contacts import Contacts, ContactsError, read_contacts
+from beamtouch_models.calibration.contacts import ContactsError, UnlabelledContacts, read_contacts
 from beamtouch_models.calibration.left_open import LeftOpen
 from beamtouch_models.calibration.loads import read_loads
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, SelfFit, self_calibrate, self_fit
@@ -63,7 +63,7 @@ def test_200_contacts_bring_the_error_to_the_limit(
     model = modelfile.load_bytes(calibrated.content, "calibrated")  # its golden answers come out
     prior = true_prior(bench.metadata, real)
     fresh = limit.draw(prior, 3000, 9)
-    reading = prior.stated(fresh.deflection_mm)
+    reading = prior.measured(fresh.deflection_mm)
     best = np.abs(limit.posterior_median_mm(prior, fresh.deflection_mm) - fresh.position_mm).mean()
 
     def seen(one: ModelFile) -> dict[str, np.ndarray]:
@@ -134,7 +134,7 @@ def test_fixed_ends_are_refused_with_the_reason(bench: ModelFile, kind: Kind) ->
 
 
 def test_hinged_ends_are_not_refused(bench: ModelFile) -> None:
-    assert all(fitted(bench, OFF, seed)[0].fit.unexplained < 1e-3 for seed in range(6))
+    assert all(fitted(bench, OFF, seed)[0].fit.left_error < 1e-3 for seed in range(6))
 
 
 def test_contacts_at_one_place_are_refused(bench: ModelFile) -> None:
@@ -145,7 +145,7 @@ def test_contacts_at_one_place_are_refused(bench: ModelFile) -> None:
 def test_swapped_channels_are_refused(bench: ModelFile) -> None:
     real = surface(bench.metadata, OFF, np.random.default_rng(1))
     contacts = drawn(bench.metadata, real, OFF, np.random.default_rng(2), 100)
-    swapped = dataclasses.replace(contacts, stated_mm=contacts.stated_mm[:, [1, 0, 2, 3]])
+    swapped = dataclasses.replace(contacts, measured_mm=contacts.measured_mm[:, [1, 0, 2, 3]])
     with pytest.raises(NotGoodEnoughError, match="do not fit this model's surface"):
         self_fit(bench, swapped, quiet)
 
@@ -155,7 +155,7 @@ def test_two_channels_are_too_few(built_model: Callable[[str], Path]) -> None:
     layout = model.metadata.layout[:2]
     two = dataclasses.replace(model, metadata=model.metadata.model_copy(update={"layout": layout}))
     with pytest.raises(NotGoodEnoughError, match=r"2 channels fit a contact of any place and force.* it takes 3"):
-        self_fit(two, Contacts(np.ones((50, 2)), np.ones((50, 2))), quiet)
+        self_fit(two, UnlabelledContacts(np.ones((50, 2)), np.ones((50, 2))), quiet)
 
 
 def test_a_known_force_is_used(built_model: Callable[[str], Path]) -> None:
@@ -248,7 +248,7 @@ def test_rows_of_the_newest_characteristic_count_and_each_event_once(bench: Mode
     )
     found = read_contacts(path, bench.metadata)
     assert (len(found), found.other_characteristic) == (5, 4)
-    assert found.stated_mm == pytest.approx(contacts.stated_mm[4:], abs=1e-9)
+    assert found.measured_mm == pytest.approx(contacts.measured_mm[4:], abs=1e-9)
     assert found.deviation_mm == pytest.approx(contacts.deviation_mm[4:], abs=1e-9)
 
 
@@ -280,7 +280,9 @@ def test_wrong_files_are_refused_in_one_line(
     change: Callable[[str], str],
     reason: str,
 ) -> None:
-    path = write_contacts(tmp_path / "contacts.csv", bench, Contacts(np.full((3, 4), 0.1), np.full((3, 4), 0.001)))
+    path = write_contacts(
+        tmp_path / "contacts.csv", bench, UnlabelledContacts(np.full((3, 4), 0.1), np.full((3, 4), 0.001))
+    )
     path.write_text(change(path.read_text().replace("\r", "").rstrip("\n")))
     with pytest.raises(ContactsError, match=r"contacts\.csv"):
         read_contacts(path, bench.metadata)

@@ -9,7 +9,7 @@ from beamtouch_models.accuracy.contacts import Contacts, simulated
 from beamtouch_models.accuracy.limit import SCRAMBLINGS
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
-from beamtouch_models.accuracy.touch import directions, noise_at_rest, rest_like_contact, smallest_force_n
+from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest, rest_like_contact, smallest_force_n
 from beamtouch_models.arrays import Floats
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.progress import Fraction, silent
@@ -106,7 +106,7 @@ def at_noise(prior: Prior, noise_mm: float) -> Prior:
 
 def estimates(model: ModelFile, prior: Prior, deflection_mm: Floats) -> dict[str, Floats]:
     """Return the answers to deflections (samples, channels) that are linear in the force; all channels are valid."""
-    reading = prior.stated(deflection_mm)
+    reading = prior.measured(deflection_mm)
     # Without noise any small covariance will do.
     noise_mm = prior.noise_mm or model.metadata.noise.sample_mm
     answers = model.run(reading, at_noise(prior, noise_mm).whitening(reading))

@@ -65,7 +65,7 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
     if suspects:
         raise LoadsError(_contradiction(loads, suspects))
     found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
-    expected_mm = theory.stated_mm(np.zeros(theory.size), loads)[np.isfinite(loads.stated_mm)]
+    expected_mm = theory.measured_mm(np.zeros(theory.size), loads)[np.isfinite(loads.measured_mm)]
     left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
     if not left <= UNEXPLAINED:
         raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained"))

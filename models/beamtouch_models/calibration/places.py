@@ -15,13 +15,13 @@ STEPS = 4
 TINY = np.finfo(np.float64).tiny
 
 
-def places(theory: Theory, vector: Floats, stated_mm: Floats, deviation_mm: Floats) -> tuple[Floats, Floats]:
+def places(theory: Theory, vector: Floats, measured_mm: Floats, deviation_mm: Floats) -> tuple[Floats, Floats]:
     """Return the positions in mm and forces in N (contacts,) that explain measured deflections best.
 
     Deflections and their standard deviations are (contacts, channels). A force that would have to pull is 0.
     """
     departures = theory.departures(vector)
-    reading = stated_mm - np.array(departures.offset_mm)
+    reading = measured_mm - np.array(departures.offset_mm)
     sample = (reading + departures.curve_per_mm * reading**2) / deviation_mm
     prior = theory.prior_with(departures)
     grid = np.linspace(*prior.position_mm, GRID)

@@ -5,8 +5,9 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.held_out import HeldOut
 from beamtouch_models.calibration.left_open import LeftOpen
+from beamtouch_models.calibration.linear import degrees_of
 from beamtouch_models.calibration.theory import FIXITY, Theory
-from beamtouch_models.calibration.unlabelled import ContactFit, degrees_of
+from beamtouch_models.calibration.unlabelled import ContactFit
 from beamtouch_models.errors import NotGoodEnoughError
 
 FEWEST = 12
@@ -37,10 +38,10 @@ def check_contacts(theory: Theory, count: int) -> None:
 
 
 def check_single(fit: ContactFit, most: float) -> None:
-    """Raise NotGoodEnoughError if contacts do not fit this surface; `most` may stay unexplained of deflections."""
+    """Raise NotGoodEnoughError if contacts do not fit this surface; a relative error of `most` is allowed."""
     other = 1 - float(fit.single.mean())
-    if other > MOST_NOT_SINGLE or fit.unexplained > most:
-        left = f"leaves {fit.unexplained:.1%} of the deflections unexplained"
+    if other > MOST_NOT_SINGLE or fit.left_error > most:
+        left = f"leaves {fit.left_error:.1%} of the deflections unexplained"
         shown = f"{other:.0%} of them are no single contacts on this beam" if other > MOST_NOT_SINGLE else left
         message = (
             f"nothing was written: the contacts do not fit this model's surface. At best, {shown}. "

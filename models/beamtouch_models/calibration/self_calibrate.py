@@ -6,7 +6,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.model_prior import physics_of
-from beamtouch_models.calibration.contacts import Contacts
+from beamtouch_models.calibration.contacts import UnlabelledContacts
 from beamtouch_models.calibration.held_out import HeldOut, held_out
 from beamtouch_models.calibration.left_open import LeftOpen
 from beamtouch_models.calibration.rebuilt import rebuilt
@@ -49,7 +49,7 @@ class SelfCalibrated:
     found: SelfFit
 
 
-def self_fit(model: ModelFile, contacts: Contacts, progress: Progress) -> SelfFit:
+def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress) -> SelfFit:
     """Fit the departures of a model's surface to unlabelled contacts; raises as `self_calibrate`."""
     metadata = model.metadata
     theory = Theory.of(physics_of(metadata), metadata)
@@ -79,7 +79,7 @@ def self_fit(model: ModelFile, contacts: Contacts, progress: Progress) -> SelfFi
     return SelfFit(fit, LeftOpen(fit, covariance, noise_mm), left_out)
 
 
-def self_calibrate(model: ModelFile, contacts: Contacts, progress: Progress) -> SelfCalibrated:
+def self_calibrate(model: ModelFile, contacts: UnlabelledContacts, progress: Progress) -> SelfCalibrated:
     """Fit a model to unlabelled contacts and rebuild it.
 
     Raises

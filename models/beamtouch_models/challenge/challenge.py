@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import bdtrc, chdtrc
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.stretches import left_by_contact
+from beamtouch_models.accuracy.unexplained_thresholds import left_by_contact
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge.faults import fault_cases

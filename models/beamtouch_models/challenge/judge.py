@@ -47,7 +47,7 @@ NOBODY = -1
 """Index of a channel where none is said to be wrong."""
 
 
-class Sample(NamedTuple):
+class JudgedSample(NamedTuple):
     """The first fields of `Judged`, for one sample."""
 
     said: int = Said.NOTHING
@@ -59,7 +59,7 @@ class Sample(NamedTuple):
     suspect: int = NOBODY
 
 
-SILENT = Sample()
+SILENT = JudgedSample()
 _SAID = {State.CLEAR: Said.CLEAR, State.CONTACT: Said.CONTACT, State.UNEXPLAINED: Said.UNEXPLAINED}
 
 
@@ -124,7 +124,7 @@ def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int =
         np.nan_to_num(np.concatenate([one.relative_variance for one in filtered])) * noise_mm**2,
         np.concatenate(valid),
     )
-    rows: list[Sample] = [SILENT] * len(samples.valid)
+    rows: list[JudgedSample] = [SILENT] * len(samples.valid)
     asked = np.arange(len(samples.valid)) % readings_mm.shape[1] >= first
     enough = np.flatnonzero(asked & (samples.valid.sum(axis=1) >= metadata.min_channels))
     length, names = readings_mm.shape[1], [channel.name for channel in metadata.layout]
@@ -143,7 +143,7 @@ def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int =
         else:
             suspects.clear()
     columns = (np.array(column).reshape(valid.shape[:2]) for column in zip(*rows, strict=True))
-    by_name = dict(zip(Sample._fields, columns, strict=True))
+    by_name = dict(zip(JudgedSample._fields, columns, strict=True))
     return Judged(**by_name, mean_mm=mean, valid=valid)
 
 
@@ -154,4 +154,4 @@ def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> Sample:
     answer = found.answer
     other = is_overload(metadata, found) or is_unchecked(found)
     middle, low, high = (answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm"))
-    return Sample(Said.CONTACT, verdict.unsteady, other, middle, low, high)
+    return JudgedSample(Said.CONTACT, verdict.unsteady, other, middle, low, high)

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.model_prior import stated_by
+from beamtouch_models.building.model_prior import measured_by
 from beamtouch_models.challenge.sensors import SensorErrors, Stated
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence
@@ -152,7 +152,7 @@ class SimulatedSurface:
         """Return what sensors without noise measure of true deflections; both (draws, readings, channels)."""
         shown = deflection_mm
         if self.departures is not None:
-            shown = stated_by(self.departures, deflection_mm * np.array(self.departures.gain))
+            shown = measured_by(self.departures, deflection_mm * np.array(self.departures.gain))
         measured: Floats = shown * errors.gain[:, None] + errors.zero_mm[:, None]
         return measured
 

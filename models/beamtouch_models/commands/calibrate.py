@@ -10,7 +10,7 @@ from beamtouch_common.files import write_atomically
 from beamtouch_models import loading
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
-from beamtouch_models.calibration.errors import Errors
+from beamtouch_models.calibration.errors import RecordingErrors
 from beamtouch_models.calibration.fit import Fit
 from beamtouch_models.calibration.loads import read_loads
 from beamtouch_models.commands import calibrate_events
@@ -44,13 +44,13 @@ def run(options: argparse.Namespace) -> None:
     print("\n".join(f"{label:<10} {text}" for label, text in _lines(found, fresh.identity)))
 
 
-def _errors(placing_mm: float, force_percent: float) -> Errors:
+def _errors(placing_mm: float, force_percent: float) -> RecordingErrors:
     """Return the stated errors of the loads; InputError if nobody can place or weigh loads so well or so badly."""
     for option, value in (("--placing-mm", placing_mm), ("--force-percent", force_percent)):
         if not SMALLEST_ERROR <= value <= LARGEST_ERROR:
             message = f"{option} {value:g} is not from {SMALLEST_ERROR:g} to {LARGEST_ERROR:g}"
             raise InputError(message)
-    return Errors(placing_mm, force_percent / 100)
+    return RecordingErrors(placing_mm, force_percent / 100)
 
 
 def _results(found: Calibrated, left_out: Sequence[int]) -> dict[str, object]:

@@ -4,12 +4,13 @@
 `Suspects` names the channel without which everything is explained.
 """
 
-from beamtouch_models.decision.decider import Decider, State, Verdict
+from beamtouch_models.decision.decider import IN_A_ROW, Decider, State, Verdict
 from beamtouch_models.decision.doubts import is_odd, is_overload, is_unchecked
 from beamtouch_models.decision.evidence import LOG_ODDS, MISFIT, Evidence, Weighed, evidence
 from beamtouch_models.decision.suspects import SAMPLES, LeftOut, Suspects
 
 __all__ = [
+    "IN_A_ROW",
     "LOG_ODDS",
     "MISFIT",
     "SAMPLES",

@@ -38,7 +38,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Candidates:
+class ChangeCandidates:
     """Changes of the gain of each channel from each block on, (blocks, channels)."""
 
     ratio: Floats
@@ -89,7 +89,7 @@ class Gains:
         picked[: self._channels] = 0.0
         return float(picked @ self._means), float(np.sqrt(picked @ self._covariance @ picked))
 
-    def candidates(self) -> Candidates:
+    def candidates(self) -> ChangeCandidates:
         """Return what one more change would be worth."""
         blocks = np.arange(len(self._information))
         shape = len(blocks), self._channels
@@ -100,7 +100,7 @@ class Gains:
             explained = np.einsum("ni,ij,nj->n", column, self._covariance, column)
             information[:, channel] = self._information[:, channel, channel] - explained
         information = np.maximum(information, 0.0) + LARGEST**-2
-        return Candidates(score**2 / information, score / information, information)
+        return ChangeCandidates(score**2 / information, score / information, information)
 
 
 def found_changes(history: History, floor: Floats, known: Sequence[Change] = ()) -> list[Change]:
@@ -133,7 +133,7 @@ def found_changes(history: History, floor: Floats, known: Sequence[Change] = ())
     return changes
 
 
-def _again(found: Candidates, channel: int) -> Change:
+def _again(found: ChangeCandidates, channel: int) -> Change:
     """Return what a known change of a channel looks like now: that of another channel if that is much likelier."""
     best, block = _best(found.ratio), int(found.ratio[:, channel].argmax())
     is_other = found.ratio[best.block, best.channel] - found.ratio[block, channel] >= APART

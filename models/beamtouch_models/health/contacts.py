@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.health.curve import Curve
+from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.metadata import Metadata
 
 SCATTER = 1 / 3
@@ -44,7 +44,7 @@ class Residuals:
     """(contacts, channels)"""
 
 
-def residuals(metadata: Metadata, curve: Curve, samples: Sequence[BestSample], gains: Floats) -> Residuals:
+def residuals(metadata: Metadata, curve: InfluenceCurve, samples: Sequence[BestSample], gains: Floats) -> Residuals:
     """Return what contacts say of the gains; `gains` (channels,) are the errors as far as they are known."""
     gain, zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
     measured = np.array([one.deflection_mm for one in samples])
@@ -69,7 +69,7 @@ def residuals(metadata: Metadata, curve: Curve, samples: Sequence[BestSample], g
     return Residuals(whitened[:, :, :-1], whitened[:, :, -1])
 
 
-def _places(curve: Curve, linear_mm: Floats, weight: Floats) -> tuple[Floats, Floats]:
+def _places(curve: InfluenceCurve, linear_mm: Floats, weight: Floats) -> tuple[Floats, Floats]:
     """Return position and force of contacts (contacts,), by weights (contacts, channels).
 
     The equations are linear about them. A channel whose gain is far off would move them too far for that, so they are

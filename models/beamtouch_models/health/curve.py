@@ -16,7 +16,7 @@ _TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
-class Curve:
+class InfluenceCurve:
     """A table of the influence, with cubic interpolation."""
 
     load_mm: Floats

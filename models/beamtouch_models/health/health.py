@@ -11,7 +11,7 @@ from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.health.changes import CERTAIN, Change, Gains, found_changes
 from beamtouch_models.health.contacts import BestSample, Residuals, residuals
-from beamtouch_models.health.curve import Curve
+from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.health.history import Block, History
 from beamtouch_models.health.zeros import Estimate, interval, rest_block, zero_of
 from beamtouch_models.metadata import Metadata
@@ -51,7 +51,7 @@ class Health:
         ValueError
             What was kept is not of this layout.
         """
-        curve = Curve.of(metadata)
+        curve = InfluenceCurve.of(metadata)
         if curve is None:
             message = f"{metadata.name} does not hold the influence at its sensors; build it again"
             raise ModelFileError(message)

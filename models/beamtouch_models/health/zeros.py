@@ -7,6 +7,7 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.health.contacts import SCATTER, BestSample
 from beamtouch_models.health.history import History
+from beamtouch_models.quantiles import NORMAL_975
 
 NEWEST = 8
 """Contacts whose rests say where a zero is now."""
@@ -18,8 +19,6 @@ CERTAIN = 28.0
 """Square of what exceeds that, over its variance, that counts as certain."""
 EXACT_MM = 1e-7
 """Smallest standard deviation of a zero; a scene may state none."""
-NORMAL = 1.959964
-"""97.5 % quantile of the normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class Estimate:
 
 def interval(value: float, deviation: float, *, changed: bool) -> Estimate:
     """Return a change with its interval."""
-    return Estimate(value, value - NORMAL * deviation, value + NORMAL * deviation, changed)
+    return Estimate(value, value - NORMAL_975 * deviation, value + NORMAL_975 * deviation, changed)
 
 
 def rest_block(sample: BestSample, offset_mm: Floats, zero_mm: Floats) -> tuple[Floats, Floats]:

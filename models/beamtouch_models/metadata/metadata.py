@@ -11,7 +11,7 @@ from beamtouch_models.metadata.calibration import Calibration
 from beamtouch_models.metadata.drawn import Drawn
 from beamtouch_models.metadata.fields import NAME, Part
 from beamtouch_models.metadata.surface import Channel, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
-from beamtouch_models.metadata.thresholds import Seen, Thresholds, most_false_per_day
+from beamtouch_models.metadata.thresholds import SmallestForce, Thresholds, most_false_per_day
 
 SCHEMA_VERSION: Literal[2] = 2
 METADATA_PREFIX = "beamtouch."
@@ -42,7 +42,7 @@ class Metadata(Part):
     sensor: Sensor
     thresholds: Thresholds
     """Unused if the graph gives neither log odds nor a misfit."""
-    smallest_force: Seen
+    smallest_force: SmallestForce
     drawn: Drawn
     influence: Influence | None = None
     """None in older files: without it, nothing is known of how the sensors change."""

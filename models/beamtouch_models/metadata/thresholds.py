@@ -32,7 +32,7 @@ class Thresholds(Part):
     """Contacts per day at rest that `touch` was chosen for."""
 
 
-class Seen(Part):
+class SmallestForce(Part):
     """The smallest force that a settled sample shows along the beam, with all channels."""
 
     position_mm: Annotated[list[FiniteFloat], Field(min_length=1)]

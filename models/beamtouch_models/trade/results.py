@@ -6,8 +6,8 @@ from typing import Any
 
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.charts import Chart, Series, Style, draw
-from beamtouch_models.drawing import standalone
-from beamtouch_models.trade.physics import LeftOut
+from beamtouch_models.svg import standalone
+from beamtouch_models.trade.physics import EffectLeftOut
 from beamtouch_models.trade.point import Failure, Point, Trade
 from beamtouch_models.trade.since_touch import Curve
 
@@ -33,7 +33,7 @@ PHYSICS_HEADINGS = ("effect", "price", "verdict", "error over limit without it",
 
 
 def json_of(
-    trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut], curves: Sequence[Curve] = ()
+    trade: Trade, front: Sequence[Point], physics: Sequence[EffectLeftOut], curves: Sequence[Curve] = ()
 ) -> dict[str, Any]:
     """Return all results, for JSON."""
     return {
@@ -69,7 +69,7 @@ def row(point: Point, *, on_front: bool) -> tuple[str, ...]:
     )
 
 
-def physics_row(effect: LeftOut) -> tuple[str, ...]:
+def physics_row(effect: EffectLeftOut) -> tuple[str, ...]:
     """Return an effect as the cells of a row."""
     error = effect.error_over_limit
     return (
@@ -83,7 +83,7 @@ def physics_row(effect: LeftOut) -> tuple[str, ...]:
 
 
 def markdown(
-    name: str, trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut], curves: Sequence[Curve] = ()
+    name: str, trade: Trade, front: Sequence[Point], physics: Sequence[EffectLeftOut], curves: Sequence[Curve] = ()
 ) -> str:
     """Return the tables as Markdown."""
     lines = [

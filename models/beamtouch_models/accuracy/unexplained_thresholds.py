@@ -22,14 +22,13 @@ import numpy as np
 from scipy.special import gammaln
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.touch import directions, noise_at_rest, shapes_at_rest
+from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest, shapes_at_rest
 from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.decision import IN_A_ROW
 from beamtouch_models.metadata import SECONDS_PER_DAY
 
-IN_A_ROW = 3
-"""Odd samples in a row with which a stretch begins."""
 PER_DAY = 1.0
 """False stretches per day of rest."""
 PER_DAY_OF_CONTACT = 0.5
