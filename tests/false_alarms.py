@@ -1,7 +1,7 @@
 """False contacts and false stretches of `unexplained` per day: through a graph, over sequences of overlapping windows.
 
-Importance sampling over sequences, as in `beamtouch_models.accuracy.unexplained_thresholds`: zeros anywhere within twice their
-drift, evenly, and the errors of the gains likewise. A contact lasts from the threshold of touch to an eighth of it, a
+Importance sampling over sequences, as in `beamtouch_models.accuracy.unexplained_thresholds`: zeros anywhere within
+twice their drift, evenly, and the errors of the gains likewise. A contact lasts from the threshold of touch to an eighth of it, a
 stretch begins with three odd samples in a row.
 """
 
@@ -20,11 +20,12 @@ from beamtouch_models.accuracy.touch_thresholds import (
     rest_like_contact,
     shapes_at_rest,
 )
-from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, IN_A_ROW, Sequences, at_rest, stretches
+from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, Sequences, at_rest, stretches
 from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import DRIFTS, log_tilt, tilted
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measured import thresholds_of
+from beamtouch_models.decision import IN_A_ROW
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice, Thresholds
 from beamtouch_models.pricing.effects import required

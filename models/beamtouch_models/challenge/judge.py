@@ -147,7 +147,7 @@ def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int =
     return Judged(**by_name, mean_mm=mean, valid=valid)
 
 
-def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> Sample:
+def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> JudgedSample:
     """Return what is said of one sample."""
     if verdict.state is not State.CONTACT:
         return SILENT._replace(said=_SAID[verdict.state], unsteady=verdict.unsteady)
