@@ -1,8 +1,8 @@
 """False contacts and false stretches of `unexplained` per day: through a graph, over sequences of overlapping windows.
 
 Importance sampling over sequences, as in `beamtouch_models.accuracy.unexplained_thresholds`: zeros anywhere within
-twice their drift, evenly, and the errors of the gains likewise. A contact lasts from the threshold of touch to an eighth of it, a
-stretch begins with three odd samples in a row.
+twice their drift, evenly, and the errors of the gains likewise. A contact lasts from the threshold of touch to an
+eighth of it, a stretch begins with three odd samples in a row.
 """
 
 from dataclasses import dataclass

@@ -111,11 +111,11 @@ def run_in_chunks(
     Parameters
     ----------
     answer : runs the graph on a batch
-    deflection_mm : (samples, channels)
+    deflection_mm : (samples, channels); there may be none
     whitening_per_mm : (samples, channels, channels)
     """
     inputs = deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32)
-    chunks = [slice(start, start + CHUNK) for start in range(0, len(deflection_mm), CHUNK)]
+    chunks = [slice(start, start + CHUNK) for start in range(0, max(1, len(deflection_mm)), CHUNK)]
     parts = [answer(inputs[0][chunk], inputs[1][chunk]) for chunk in chunks]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 

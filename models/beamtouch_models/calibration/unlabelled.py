@@ -155,7 +155,7 @@ class _Problem:
         normal = Normal.of(weighed @ slopes, np.einsum("lcd,ld->lc", weighed, at.left_mm))
         normal = normal.with_prior((found.vector - self.start)[free], about)
         step = normal.step(*(bound - found.vector[free] for bound in bounds_of(theory, free)))
-        covariance: Floats = np.linalg.inv(normal.precision)
+        covariance = np.asarray(np.linalg.inv(normal.precision), np.float64)
         vector = found.vector.copy()
         vector[free] += step
         used = len(free) - float((np.diag(covariance) / about**2).sum())
