@@ -170,6 +170,15 @@ def test_a_known_force_is_used(built_model: Callable[[str], Path]) -> None:
     assert gain.mean() == pytest.approx(np.mean(real.gain), abs=3 * errors.mean())
 
 
+def test_what_seems_to_press_on_a_support_does_not_end_a_fit(built_model: Callable[[str], Path]) -> None:
+    # Two contacts at once often look like one on the middle support, where the best force is 1e8 N.
+    model = modelfile.load(built_model("two-spans"))
+    one, real = fitted(model, Kind(gain=0.02, two_at_once=0.1), 2, 150)
+    gain = np.array(one.fit.theory.departures(one.fit.vector).gain)
+    errors = GAIN * one.fit.spread[one.fit.theory.kinds["gain"]]
+    assert np.all(np.abs(gain / gain.mean() - np.array(real.gain) / np.mean(real.gain)) < 4 * errors)
+
+
 def test_it_goes_on_from_a_calibrated_model(bench: ModelFile, tmp_path: Path) -> None:
     real = imperfections(4, bench.metadata)
     first = calibrate(bench, read_loads(readings(tmp_path, bench, real), bench.metadata), silent)
