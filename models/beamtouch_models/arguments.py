@@ -10,7 +10,7 @@ ESTIMATORS = ("posterior", "small-network", "paper-network")
 MAX_DRAWS = 1_000_000
 """Bounds memory: each contact takes about 2 kB."""
 MAX_PLAYS = 10_000
-"""Bounds memory: each course of events takes about 100 kB."""
+"""Bounds memory: each course takes about 100 kB."""
 
 
 def add_build(parser: argparse.ArgumentParser) -> None:
@@ -76,7 +76,7 @@ def add_challenge(parser: argparse.ArgumentParser) -> None:
         type=whole_number(10, MAX_PLAYS),
         default=400,
         metavar="N",
-        help="number of simulated courses of events per case (default: 400)",
+        help="number of simulated courses per case (default: 400)",
     )
     _add_seed(parser)
     _add_json(parser)

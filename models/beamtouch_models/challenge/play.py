@@ -1,4 +1,4 @@
-"""One course of events for many draws: what the sensors go through, and where the contact is."""
+"""A course: what the sensors go through in time, and where the contact is, for many draws."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from beamtouch_models.challenge.surface import SimulatedSurface
 
 @dataclass(frozen=True)
 class Play:
-    """A course of events, for many draws at once."""
+    """A course for many draws at once."""
 
     deflection_mm: Floats
     """(draws, readings, channels), true deflection at the sensors."""
@@ -44,7 +44,7 @@ Make = Callable[[SimulatedSurface, int, np.random.Generator], Play]
 
 @dataclass(frozen=True)
 class Case:
-    """A course of events and its rows."""
+    """A course and its rows."""
 
     honest: bool
     """Whether it is one contact, measured as honestly as the scene states."""

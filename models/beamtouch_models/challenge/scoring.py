@@ -52,7 +52,7 @@ class Row:
     width: float | None
     """Median interval of contacts that are not `unsteady`, over that of the exact posterior under the true errors."""
     ghosts: float | None = None
-    """Share of all draws in which a contact begins more than once; stated in the last row of a course of events."""
+    """Share of all draws in which a contact begins more than once; stated in the last row of a course."""
     noticed: float | None = None
     """Share of a fault's samples that are unexplained or noted; None for honest contacts."""
     power: float | None = None
