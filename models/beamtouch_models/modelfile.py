@@ -1,4 +1,4 @@
-"""The door of this package for the service: what runs a model file and says what its answers mean.
+"""The door of this package for the service: model files, their metadata, and the decision on their answers.
 
 The service imports this module and no other of the package. It needs onnxruntime, numpy and pydantic only.
 """

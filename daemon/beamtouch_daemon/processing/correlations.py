@@ -1,4 +1,4 @@
-"""How long readings at rest stay alike: their trend and their autocovariances."""
+"""Trend and autocovariances of readings at rest."""
 
 import numpy as np
 

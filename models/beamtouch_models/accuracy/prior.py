@@ -29,7 +29,7 @@ class SampleErrors:
     """Relative gain error that is left after calibration."""
     zero_mm: float = 0.0
     mounting_mm: float = 0.0
-    """Of a sensor's position along the beam."""
+    """Error of a sensor's position along the beam."""
 
 
 @dataclass(frozen=True, eq=False)

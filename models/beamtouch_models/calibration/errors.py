@@ -17,7 +17,7 @@ class RecordingErrors:
     """Standard deviations."""
 
     placing_mm: float
-    """Of the position of a load about the stated one."""
+    """Of a load's position about the stated one."""
     force: float
     """Of the force of a load, relative to the stated one."""
     residual_mm: float = 0.0

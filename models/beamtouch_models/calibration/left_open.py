@@ -1,4 +1,4 @@
-"""What a fit to unlabelled contacts leaves open: errors of the position, and the floor that states them.
+"""The uncertainty that a fit to unlabelled contacts leaves: errors of the position, and the floor that states them.
 
 The errors of a fit are correlated across channels, and the largest of them lie along the influence curve, where
 residuals do not see them. The floor of a model is independent per channel. So it is scaled until it states the position

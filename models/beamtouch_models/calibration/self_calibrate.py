@@ -28,7 +28,7 @@ from beamtouch_models.progress import Progress
 KINDS = ("gain", "position", "curve", "offset")
 """Departures that unlabelled contacts determine. Rigidity is a scale of the forces."""
 FIXITY = "fixity"
-"""What unlabelled contacts can hardly tell from gains and positions; they only show that it is there."""
+"""Unlabelled contacts hardly tell it from gains and positions; they only show that it is there."""
 
 
 @dataclass(frozen=True)

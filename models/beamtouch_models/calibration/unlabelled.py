@@ -61,7 +61,7 @@ class ContactFit:
 
     @property
     def cost(self) -> float:
-        """What the fit makes as small as possible: misfit of the single contacts, and size of the departures."""
+        """The quantity that the fit minimises: misfit of the single contacts, and size of the departures."""
         return float(self.single @ self.misfit) + self.penalty
 
 
@@ -114,7 +114,7 @@ def fit_contacts(
 
 
 class _Estimate(NamedTuple):
-    """What a fit has found so far."""
+    """An intermediate result of a fit."""
 
     vector: Floats
     size: float = 1.0
@@ -124,7 +124,7 @@ class _Estimate(NamedTuple):
     single: Floats = np.empty(0)
     """(contacts,) probability that it is a single contact."""
     covariance: Floats = np.empty((0, 0))
-    """Of the fitted departures."""
+    """Covariance of the fitted departures."""
     about: Floats = np.empty(0)
     """Standard deviations of the fitted departures about the given model."""
 

@@ -34,7 +34,7 @@ from beamtouch_models.session import Run
 
 
 class Said(IntEnum):
-    """What is said of a sample."""
+    """A statement on a sample."""
 
     NOTHING = 0
     """Too few channels work: the service gives no answer."""
@@ -65,7 +65,7 @@ _SAID = {State.CLEAR: Said.CLEAR, State.CONTACT: Said.CONTACT, State.UNEXPLAINED
 
 @dataclass(frozen=True)
 class Judged:
-    """What is said of samples, (draws, samples)."""
+    """Statements on samples, (draws, samples)."""
 
     said: Indices
     """Values of `Said`."""

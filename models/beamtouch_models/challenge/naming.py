@@ -1,4 +1,4 @@
-"""Whether `check-NAME` names the channel that is wrong, once a fault has been unexplained for long enough."""
+"""Score of `check-NAME`: how often it names the faulty channel, once a fault has been unexplained for long."""
 
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Contacts whose noise is not white, or is hidden by the ADC's steps: with and without what the user measured of it."""
+"""Contacts with correlated noise, or with noise that the ADC's steps hide: measured by the user, or not."""
 
 from dataclasses import replace
 

@@ -30,9 +30,9 @@ class Play:
     fault_mm: Floats | None = None
     """(draws, channels), what sensors without noise and without honest errors measure of a fault."""
     stated: Stated | None = None
-    """What the user states of the sensors; None: that they are as the model assumes."""
+    """The user's statement on the sensors; None: they are as the model assumes."""
     naming: bool = False
-    """Whether it is scored which channel is said to be wrong."""
+    """Whether the naming of a channel is scored."""
     wrong: Indices | None = None
     """(draws,), the index of the channel that is wrong; None if there is none."""
     noisy: Floats | None = None

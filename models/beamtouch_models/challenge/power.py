@@ -1,4 +1,4 @@
-"""The power of a test that knows what happened: how often anyone could notice a fault in one settled sample.
+"""The largest power of any test: how often one that knows the fault notices it in one settled sample.
 
 A fault moves the whitened sample by a known vector m = W mu. What it must be told from is rest or any single contact,
 F W G(x) with F >= 0. The nearest of these is at a distance

@@ -1,4 +1,4 @@
-"""What is said of samples, scored against the truth."""
+"""Scores of a model's statements on samples, against the truth."""
 
 import math
 from dataclasses import dataclass, replace
@@ -58,7 +58,7 @@ class Row:
     power: float | None = None
     """The same for a test that knows what happened, at the same false rate."""
     naming: Naming | None = None
-    """Which channel is said to be wrong, where that is scored."""
+    """Shares of samples that name a channel, where that is scored."""
 
 
 def scored(

@@ -16,7 +16,7 @@ class SensorErrors:
     """Noise over that of the model."""
     missing: Bools
     correlation: float = 0.0
-    """Of the noise of consecutive readings."""
+    """Correlation of the noise of consecutive readings."""
     step_mm: float | None = None
     """Step of the ADC, instead of the model's."""
     tare_mm: Floats | float = 0.0
@@ -25,7 +25,7 @@ class SensorErrors:
 
 @dataclass(frozen=True)
 class Stated:
-    """What `beamtouch-daemon noise` finds of sensors whose noise is not what the model assumes."""
+    """Figures that `beamtouch-daemon noise` prints for sensors whose noise is not what the model assumes."""
 
     noise_mm: float
     """Noise of a reading, in the daemon's configuration."""

@@ -1,4 +1,4 @@
-"""What single contacts say of the gains of the sensors: the part that no position and no force explains."""
+"""Contacts as equations of the gain errors: the residual that no position and no force explains."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,10 +12,8 @@ from beamtouch_models.metadata import Metadata
 SCATTER = 1 / 3
 """Deviation of what differs from contact to contact, over the floor. It keeps a mean of very many readings from
 counting for more than the beam itself repeats."""
-
-
 WRONG = 9.0
-"""What leaving out a channel takes from the misfit before the contact is placed without that channel."""
+"""A contact is placed without a channel if that lowers the misfit by more than this."""
 
 
 @dataclass(frozen=True)

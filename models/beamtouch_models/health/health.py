@@ -26,7 +26,7 @@ CHUNK = 16
 
 @dataclass(frozen=True)
 class ChannelHealth:
-    """How a channel has changed."""
+    """The changes of a channel."""
 
     gain: Estimate
     """Relative to the other channels."""
@@ -39,7 +39,7 @@ class ChannelHealth:
 
 
 class Health:
-    """What contacts say of the channels since a baseline began."""
+    """The changes of all channels since a baseline, from contacts."""
 
     def __init__(self, metadata: Metadata, kept: dict[str, Any] | None = None) -> None:
         """Begin without contacts, or with what `to_json` gave.

@@ -1,4 +1,4 @@
-"""What the parts of the metadata share: strict parsing, and the types of their fields."""
+"""The strict base class of the metadata's parts, and the types of their fields."""
 
 from typing import Annotated
 

@@ -37,7 +37,7 @@ class SmallestForce(Part):
 
     position_mm: Annotated[list[FiniteFloat], Field(min_length=1)]
     force_n: list[PositiveFloat]
-    """Of 100 settled samples at this force, 95 are a contact."""
+    """95 of 100 settled samples at this force are a contact."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -43,12 +43,12 @@ class Curve:
 
     sensors: int
     readings: tuple[int, ...]
-    """How many readings have come since the touch."""
+    """Number of readings since the touch."""
     since_ms: tuple[float, ...]
     error_percent: tuple[Measurement, ...]
-    """Behind the growing mean."""
+    """Error behind the growing mean."""
     limit_percent: tuple[Measurement, ...]
-    """Of the exact posterior of all readings since the touch, which knows when it was."""
+    """Error of the exact posterior of all readings since the touch, whose time it knows."""
 
 
 def curves(scene: Scene, counts: list[int], *, draws: int, seed: int, progress: Fraction = silent) -> list[Curve]:

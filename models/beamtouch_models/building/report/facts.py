@@ -69,7 +69,7 @@ class Facts:
     load_mm: Floats
     """(loads,)"""
     components: Components
-    """Of the influence matrix of the layout, in mm/N."""
+    """Principal components of the influence matrix of the layout, in mm/N."""
     profile: Profile
     layouts: tuple[OtherLayout, ...]
     effects: tuple[Effect, ...]

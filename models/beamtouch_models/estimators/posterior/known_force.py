@@ -28,9 +28,9 @@ class KnownForce:
     """Names of likelihoods, (batch, 1, N)."""
 
     known: str
-    """Of the known force, up to a factor."""
+    """Likelihoods of the known force, up to a factor."""
     tails: str
-    """Of the tails, up to the same factor."""
+    """Likelihoods of the tails, up to the same factor."""
 
 
 def known_force(
