@@ -25,7 +25,7 @@ from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import DRIFTS, log_tilt, tilted
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measured import thresholds_of
-from beamtouch_models.decision import IN_A_ROW
+from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice, Thresholds
 from beamtouch_models.pricing.effects import required
@@ -120,7 +120,7 @@ def false_stretches_of_contacts_per_day(on: Surface, kept: tuple[int, ...], draw
     along = np.einsum("dcm,dm->dc", inside, toward)
     white = rng.normal(size=(draws, size))
     white -= np.einsum("dcm,dnm,dn->dc", inside, inside, white)
-    means, first = overlapping_means(white + radius[:, None] * along, on.filter.window, IN_A_ROW, rng)
+    means, first = overlapping_means(white + radius[:, None] * along, on.filter.window, PERSISTENCE, rng)
     tilt = radius[:, None] * np.einsum("dcm,dnm,dn->dc", basis, basis, along / noise)
     density = (size - 3) * np.log(radius) - radius**2 / 2 - ((size - 2) / 2 - 1) * np.log(2) - gammaln((size - 2) / 2)
     constant = np.zeros_like(clean)
@@ -138,7 +138,7 @@ def false_stretches_of_contacts_per_day(on: Surface, kept: tuple[int, ...], draw
 def _stretches_per_day(on: Surface, kept: tuple[int, ...], drawn: Sequences, reading: Floats) -> float:
     # Only sequences that are odd where they are drawn large count.
     candidates = np.ones(len(reading), np.bool_)
-    for sample in range(drawn.first, drawn.first + IN_A_ROW):
+    for sample in range(drawn.first, drawn.first + PERSISTENCE):
         candidates[candidates] = _odd(on, kept, reading[candidates, sample])
     odd = np.zeros(reading.shape[:2], np.bool_)
     odd[candidates] = _odd(on, kept, reading[candidates])

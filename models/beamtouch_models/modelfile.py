@@ -4,7 +4,6 @@ The service imports this module and no other of the package. It needs onnxruntim
 """
 
 from beamtouch_models.decision import (
-    IN_A_ROW,
     LOG_ODDS,
     MISFIT,
     Decider,
@@ -19,6 +18,7 @@ from beamtouch_models.decision import (
     is_overload,
     is_unchecked,
 )
+from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.health import BestSample, ChannelHealth, Health
 from beamtouch_models.loading import ModelFile, load, load_bytes, read
@@ -48,49 +48,10 @@ from beamtouch_models.session import Answers, session_options
 from beamtouch_models.whitening import whitening
 
 __all__ = [
-    "FORCE_OUTPUTS",
-    "INPUTS",
-    "IN_A_ROW",
-    "LOG_ODDS",
-    "METADATA_PREFIX",
-    "MISFIT",
-    "POSITION_OUTPUTS",
-    "SCHEMA_VERSION",
-    "Accuracy",
-    "Answers",
-    "BestSample",
-    "Calibration",
-    "Channel",
-    "ChannelHealth",
-    "Decider",
-    "Departures",
-    "Drawn",
-    "Evidence",
-    "FilterChoice",
-    "Floor",
-    "Golden",
-    "Health",
-    "Influence",
-    "LeftOut",
-    "Metadata",
-    "ModelFile",
-    "ModelFileError",
-    "Noise",
-    "Ranges",
-    "Sensor",
-    "SmallestForce",
-    "State",
-    "Suspects",
-    "Thresholds",
-    "Verdict",
-    "Weighed",
-    "evidence",
-    "is_odd",
-    "is_overload",
-    "is_unchecked",
-    "load",
-    "load_bytes",
-    "read",
-    "session_options",
-    "whitening",
+    "FORCE_OUTPUTS", "INPUTS", "LOG_ODDS", "METADATA_PREFIX", "MISFIT", "PERSISTENCE", "POSITION_OUTPUTS",
+    "SCHEMA_VERSION", "Accuracy", "Answers", "BestSample", "Calibration", "Channel", "ChannelHealth", "Decider",
+    "Departures", "Drawn", "Evidence", "FilterChoice", "Floor", "Golden", "Health", "Influence", "LeftOut",
+    "Metadata", "ModelFile", "ModelFileError", "Noise", "Ranges", "Sensor", "SmallestForce", "State", "Suspects",
+    "Thresholds", "Verdict", "Weighed", "evidence", "is_odd", "is_overload", "is_unchecked", "load", "load_bytes",
+    "read", "session_options", "whitening",
 ]  # fmt: skip

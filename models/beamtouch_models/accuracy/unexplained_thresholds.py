@@ -26,7 +26,7 @@ from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest
 from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.decision import IN_A_ROW
+from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.metadata import SECONDS_PER_DAY
 
 PER_DAY = 1.0
@@ -108,7 +108,7 @@ def _sequences(basis: Floats, noise: Floats, window: int, rng: np.random.Generat
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
     tilt, reach = radius[:, None] * np.einsum("dcm,dm->dc", basis, toward) / noise, reach_of(noise)
     zero = tilted(tilt, reach, rng)
-    means, first = overlapping_means(radius[:, None] * toward, window, IN_A_ROW, rng)
+    means, first = overlapping_means(radius[:, None] * toward, window, PERSISTENCE, rng)
     sample = np.einsum("dcm,dc->dm", basis, zero)[:, None] + noise[:dimensions] * means
     density = (dimensions - 1) * np.log(radius) - radius**2 / 2
     density -= (dimensions / 2 - 1) * np.log(2) + gammaln(dimensions / 2)

@@ -89,7 +89,7 @@ def fit_contacts(
     zero_mm : (channels,) standard deviation of the zeros
     like : a fit to begin with
     """
-    problem = _Problem(theory, start, contacts, kinds, zero_mm)
+    problem = _ContactProblem(theory, start, contacts, kinds, zero_mm)
     found = problem.improved(
         _Estimate(start) if like is None else _Estimate(like.vector, like.size, like.left_error, 0.1)
     )
@@ -130,7 +130,7 @@ class _Estimate(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Problem:
+class _ContactProblem:
     """The departures to find, and the contacts that tell of them."""
 
     theory: Theory

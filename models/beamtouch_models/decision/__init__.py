@@ -1,16 +1,15 @@
-"""The meaning of a model's answers: rest, one contact, or something that neither explains. Numpy only, and pure.
+"""What the answers of a model mean: rest, one contact, or something that neither explains. Numpy only, and pure.
 
 `evidence` weighs samples under a model; a `Decider` takes the evidence of consecutive samples and keeps the state;
 `Suspects` names the channel without which everything is explained.
 """
 
-from beamtouch_models.decision.decider import IN_A_ROW, Decider, State, Verdict
+from beamtouch_models.decision.decider import Decider, State, Verdict
 from beamtouch_models.decision.doubts import is_odd, is_overload, is_unchecked
 from beamtouch_models.decision.evidence import LOG_ODDS, MISFIT, Evidence, Weighed, evidence
 from beamtouch_models.decision.suspects import SAMPLES, LeftOut, Suspects
 
 __all__ = [
-    "IN_A_ROW",
     "LOG_ODDS",
     "MISFIT",
     "SAMPLES",

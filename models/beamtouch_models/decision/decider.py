@@ -20,10 +20,9 @@ Log odds grow as the square of deflection over noise, so a contact ends at about
 deflection that began it. A load that stands exactly at the threshold of touch falls below that in less than 0.1 % of
 its samples, and a beam at rest is below it in most of them.
 """
-IN_A_ROW = 3
+PERSISTENCE = 3
 """Samples in a row that a contradiction, or its end, must last; likewise a lift that only a large covariance allows
-or that means of few readings show, and a weak touch of a beam that has not come to rest. The thresholds of odd samples
-are chosen for it."""
+or that means of few readings show, and a weak touch of a beam that has not come to rest."""
 CLEARLY = 4
 """Log odds of a touch that is not weak, over those of any touch: twice the deflection."""
 REST = 5
@@ -55,7 +54,7 @@ class Decider:
     def __init__(self, thresholds: Thresholds, state: State | None = State.CLEAR) -> None:
         self._thresholds = thresholds
         self.state = state or State.CLEAR
-        self._persistence = IN_A_ROW if state else 1
+        self._persistence = PERSISTENCE if state else 1
         """Odd samples that make the next one unexplained. Nothing speaks against the very first."""
         self._armed = state is State.CLEAR
         """Whether the beam lay still since the last contact. Then nothing but a touch moves it."""
@@ -75,7 +74,7 @@ class Decider:
             if odd:
                 self._stand_on(evidence)
             self._run = 0 if odd else self._run + self._shows(evidence)
-            if self._run >= IN_A_ROW:
+            if self._run >= PERSISTENCE:
                 self._settle(evidence)
         elif odd:
             self._run += 1
@@ -85,7 +84,7 @@ class Decider:
         else:
             self._run = 0
             self._follow(evidence)
-        self._persistence = IN_A_ROW
+        self._persistence = PERSISTENCE
         shown = odd == (self.state is State.UNEXPLAINED)
         if self.state is State.CONTACT:
             shown = shown and evidence.log_odds > self._touch(evidence)
@@ -109,14 +108,14 @@ class Decider:
         else:
             self._changing += 1
             at_once = evidence.still_log_odds <= touch and evidence.is_settled
-            if at_once or self._changing >= IN_A_ROW:
+            if at_once or self._changing >= PERSISTENCE:
                 self._clear(evidence)
 
     def _touches(self, evidence: Evidence, touch: float) -> bool:
         """Return whether a clear beam is touched; while it rings from a lift, one sample shows only a strong touch."""
         if self._armed:
             return max(evidence.log_odds, evidence.still_log_odds) > touch
-        return evidence.log_odds > CLEARLY * touch or self._changing >= IN_A_ROW
+        return evidence.log_odds > CLEARLY * touch or self._changing >= PERSISTENCE
 
     def _settle(self, evidence: Evidence) -> None:
         """Leave the state `unexplained`."""

@@ -13,7 +13,7 @@ from beamtouch_models.metadata import Metadata
 from beamtouch_models.session import Run
 
 SAMPLES = 40
-"""Samples that must agree. One sample of two contacts may look like a wrong channel; many seldom agree on it."""
+"""Number of samples that count. One sample of two contacts may look like a wrong channel; many seldom agree on it."""
 ROWS = 256
 """Rows in one run of the graph. More would cost memory and save no time."""
 AGREEING = 0.9

@@ -2,10 +2,10 @@
 
 from pydantic import Field, FiniteFloat
 
-from beamtouch_models.metadata.fields import Part
+from beamtouch_models.metadata.fields import MetadataPart
 
 
-class Accuracy(Part):
+class Accuracy(MetadataPart):
     """Mean |position error| in percent of the length (eq. 5 of the paper), over the scene's ranges."""
 
     error_percent: float
@@ -21,7 +21,7 @@ class Accuracy(Part):
         return self.error_percent / self.limit_percent if self.limit_percent else float("nan")
 
 
-class Golden(Part):
+class Golden(MetadataPart):
     """Inputs with the answers that the graph gave when it was built."""
 
     deflection_mm: list[list[FiniteFloat]] = Field(min_length=1)

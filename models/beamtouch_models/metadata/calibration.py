@@ -2,10 +2,10 @@
 
 from pydantic import Field, FiniteFloat, PositiveFloat
 
-from beamtouch_models.metadata.fields import Deviation, Pair, Part
+from beamtouch_models.metadata.fields import Deviation, MetadataPart, Pair
 
 
-class Departures(Part):
+class Departures(MetadataPart):
     """Differences of a real surface from its scene, fitted by a calibration. Lists have an entry per channel."""
 
     position_offset_mm: list[FiniteFloat]
@@ -22,7 +22,7 @@ class Departures(Part):
     """Factor on E I."""
 
 
-class Calibration(Part):
+class Calibration(MetadataPart):
     """A fit to recorded loads, to unlabelled contacts, or to the ones and then to the others."""
 
     departures: Departures

@@ -4,17 +4,17 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, FiniteFloat, model_validator
 
-from beamtouch_models.metadata.fields import Part
+from beamtouch_models.metadata.fields import MetadataPart
 
 
-class DrawnSupport(Part):
+class DrawnSupport(MetadataPart):
     """A support of the beam, as a page draws it."""
 
     at_mm: FiniteFloat
     kind: Literal["simple", "fixed"]
 
 
-class Drawn(Part):
+class Drawn(MetadataPart):
     """The beam as a page draws it."""
 
     supports: list[DrawnSupport]

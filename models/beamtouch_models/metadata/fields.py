@@ -10,7 +10,7 @@ Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
 PositivePair = Annotated[tuple[PositiveFloat, PositiveFloat], Field(strict=False)]
 
 
-class Part(BaseModel):
+class MetadataPart(BaseModel):
     """A part of the metadata. It is immutable, and unknown fields are refused."""
 
     model_config = ConfigDict(

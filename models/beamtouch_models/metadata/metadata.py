@@ -9,7 +9,7 @@ from beamtouch_models.errors import ModelFileError
 from beamtouch_models.metadata.accuracy import Accuracy, Golden
 from beamtouch_models.metadata.calibration import Calibration
 from beamtouch_models.metadata.drawn import Drawn
-from beamtouch_models.metadata.fields import NAME, Part
+from beamtouch_models.metadata.fields import NAME, MetadataPart
 from beamtouch_models.metadata.surface import Channel, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
 from beamtouch_models.metadata.thresholds import SmallestForce, Thresholds, most_false_per_day
 
@@ -21,7 +21,7 @@ MAX_ERROR = 1e3
 """Largest error of a sample, noise or zero, over the largest deflection; a sample carries no information then."""
 
 
-class Metadata(Part):
+class Metadata(MetadataPart):
     """The metadata of a model file: each field is one entry, as JSON, named `beamtouch.<field>`."""
 
     schema_version: Literal[2] = SCHEMA_VERSION

@@ -4,12 +4,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat, PositiveFloat
 
-from beamtouch_models.metadata.fields import NAME, Deviation, Pair, Part, PositivePair
+from beamtouch_models.metadata.fields import NAME, Deviation, MetadataPart, Pair, PositivePair
 
 _GainError = Annotated[float, Field(ge=0, le=1)]
 
 
-class Channel(Part):
+class Channel(MetadataPart):
     """One sensor of the layout."""
 
     name: str = Field(pattern=NAME)
@@ -17,7 +17,7 @@ class Channel(Part):
     """From the left end of the beam."""
 
 
-class Ranges(Part):
+class Ranges(MetadataPart):
     """The ranges that the model was made for; outside them its answers mean nothing."""
 
     position_mm: Pair
@@ -25,7 +25,7 @@ class Ranges(Part):
     """Equal if the force is known."""
 
 
-class Sensor(Part):
+class Sensor(MetadataPart):
     """The sensor and ADC of every channel."""
 
     rate_hz: PositiveFloat
@@ -38,7 +38,7 @@ class Sensor(Part):
     """Nominal characteristic: gap in mm = offset + gain x counts."""
 
 
-class FilterChoice(Part):
+class FilterChoice(MetadataPart):
     """The filter between reading and sample that the model was made for."""
 
     kind: Literal["none", "moving-average", "growing-mean"] = "none"
@@ -57,7 +57,7 @@ class FilterChoice(Part):
         return self.longest or self.window
 
 
-class Noise(Part):
+class Noise(MetadataPart):
     """Standard deviations in mm."""
 
     reading_mm: Deviation
@@ -65,7 +65,7 @@ class Noise(Part):
     """After the filter; the model is made for this noise."""
 
 
-class Floor(Part):
+class Floor(MetadataPart):
     """Errors that calibration leaves and that never average away: standard deviations per channel."""
 
     gain: list[_GainError]
@@ -74,7 +74,7 @@ class Floor(Part):
     """Error of the zero."""
 
 
-class Influence(Part):
+class Influence(MetadataPart):
     """The influence at the sensors, as the estimator knows it: with gains and positions of a calibration."""
 
     mm_per_n: list[list[FiniteFloat]] = Field(min_length=4)

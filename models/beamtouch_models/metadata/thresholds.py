@@ -4,7 +4,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, FiniteFloat, PositiveFloat, model_validator
 
-from beamtouch_models.metadata.fields import Part
+from beamtouch_models.metadata.fields import MetadataPart
 
 MAX_FALSE = 0.01
 """Largest share of samples at rest that may be taken for a contact; above it, nothing tells a contact from rest."""
@@ -19,7 +19,7 @@ def most_false_per_day(rate_hz: float) -> float:
     return MAX_FALSE * SECONDS_PER_DAY * rate_hz
 
 
-class Thresholds(Part):
+class Thresholds(MetadataPart):
     """Thresholds for any covariance, by the number of valid channels; the first entries are for one channel."""
 
     touch: list[_Threshold]
@@ -32,7 +32,7 @@ class Thresholds(Part):
     """Contacts per day at rest that `touch` was chosen for."""
 
 
-class SmallestForce(Part):
+class SmallestForce(MetadataPart):
     """The smallest force that a settled sample shows along the beam, with all channels."""
 
     position_mm: Annotated[list[FiniteFloat], Field(min_length=1)]
