@@ -1,4 +1,4 @@
-"""Trend and autocovariances of readings at rest."""
+"""How long readings at rest stay alike: their trend and their autocovariances."""
 
 import numpy as np
 

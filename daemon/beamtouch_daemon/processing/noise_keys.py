@@ -10,7 +10,7 @@ from beamtouch_daemon.processing.rest_noise import ChannelNoise
 from beamtouch_daemon.processing.stuck import longest_run
 
 ZERO_SHARE = 0.2
-"""Least drift of a zero over the noise, because a recording shows only its own time; a scene takes the same."""
+"""A zero is taken to drift by this part of the noise at least, as a scene does: a recording shows only its own time."""
 STEPS_MATTER = 0.1
 """Steps are stated if their rounding is more than this part of the noise."""
 HIDDEN = 0.02

@@ -22,7 +22,7 @@ class Uncertainty(NamedTuple):
     """The uncertainty of a sample."""
 
     readings: int | None
-    """Number of readings in it; None if no channel has a value, or if the noise of a reading is not known."""
+    """How many readings are in it; None if no channel has a value, or if the noise of a reading is not known."""
     covariance_mm2: list[float] | None
     """Lower triangle by rows; None if it is the variance of so many readings, on the diagonal."""
 

@@ -10,7 +10,7 @@ from beamtouch_daemon.sources.reading import SourceError
 READ_BYTES = 4096
 """Received bytes that one call takes."""
 FAILURES = (OSError, termios.error)
-"""Errors of reading and writing once the device is gone."""
+"""What reading and writing raise once the device is gone."""
 
 
 def opened(path: str, baud: int, parity: str = serial.PARITY_NONE, stop_bits: float = 1) -> serial.Serial:

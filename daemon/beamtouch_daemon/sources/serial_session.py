@@ -20,7 +20,7 @@ BACK_S = 0.1
 CLOCK_WENT_BACK = "the device's clock went back"
 _TOKENS = 1 << 16
 _REPEATED = 1 << 15
-"""Most readings that can be lost without a silence; a larger step of the sequence is a repeated reading."""
+"""So many readings cannot be lost without a silence, so a larger step of the sequence is a repeated reading."""
 
 
 class Session:

@@ -53,7 +53,7 @@ class Estimated:
 def estimate(
     model: ModelFile, surface: str, batch: Batch, samples: Sequence[Sample], ask: Ask | None = None
 ) -> list[Estimated]:
-    """Return what `samples` of a batch of `surface` say under `model`; by default, `model.run` runs it."""
+    """Return what `samples` of a batch of `surface` say under `model`; by default, `model.estimate` runs it."""
     arrangement = Arrangement(model, batch)
     found: list[Estimated] = []
     for start in range(0, len(samples), CHUNK):
