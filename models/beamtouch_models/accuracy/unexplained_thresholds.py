@@ -45,7 +45,7 @@ DRAWS = 8192
 MAX_SETS = 8
 """Number of sets of channels of one size that are simulated; they hardly differ."""
 PLACES = 4
-"""Every so many places of a contact are looked at."""
+"""Step between the places of a contact that are looked at."""
 STEPS = 30
 
 

@@ -15,7 +15,7 @@ FEWEST = 12
 SMALLEST_SPREAD = 0.4
 """Smallest stretch with the middle 80 % of the contacts, over the range of positions."""
 MOST_NOT_SINGLE = 1 / 3
-"""Largest share of what is not a single contact on this surface."""
+"""Largest share of samples that are not a single contact on this surface."""
 WORSE = 1.5
 """Median misfit of left-out contacts over the expected one up to which a fit cannot be worse than the given model."""
 FIXED = 10.0

@@ -95,7 +95,7 @@ def self_calibrate(model: ModelFile, contacts: UnlabelledContacts, progress: Pro
 
 
 def calibrated_prior(metadata: Metadata, found: SelfFit) -> tuple[Prior, Calibration]:
-    """Return the prior of the fitted surface with its floor, and what a model file says of the fit."""
+    """Return the prior of the fitted surface with its floor, and the record of the fit for the model file."""
     fit, before = found.fit, metadata.calibration
     departures = fit.theory.departures(fit.vector)
     calibration = Calibration(

@@ -5,9 +5,9 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 
 MISFITS = (4.0, 16.0, 64.0, 256.0)
-"""Residuals of what is not a single contact, in units of the errors; each is as probable as the others."""
+"""Residuals of several contacts at once, in units of the errors; each is as probable as the others."""
 SHARES = (0.01, 0.5)
-"""Bounds of the share of what is not a single contact."""
+"""Bounds of the share of samples that are not a single contact."""
 
 
 def single_contact(misfit: Floats, degrees: int, share: float) -> Floats:

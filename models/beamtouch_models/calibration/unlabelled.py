@@ -1,7 +1,7 @@
 """The fit of a surface's departures to unlabelled contacts: mean deflections under loads of unknown place and force.
 
-An unlabelled contact is a load whose place and force are those of the fit, with errors as wide as their ranges; what is
-left of its deflections after the best place and force tells of the surface (variable projection: Golub & Pereyra 1973,
+An unlabelled contact is a load whose place and force are those of the fit, with errors as wide as their ranges. The
+residual of its deflections at the best place and force shows the departures (variable projection: Golub & Pereyra 1973,
 doi 10.1137/0710036). Three things are estimated together with the departures, by expectation and maximisation:
 
 - the size of the departures, in units of plausible ones, so that few contacts change little;
@@ -120,7 +120,7 @@ class _Estimate(NamedTuple):
     size: float = 1.0
     left_error: float = GAIN
     share: float = SHARES[0]
-    """Share of what is not a single contact."""
+    """Share of samples that are not a single contact."""
     single: Floats = np.empty(0)
     """(contacts,) probability that it is a single contact."""
     covariance: Floats = np.empty((0, 0))
@@ -131,7 +131,7 @@ class _Estimate(NamedTuple):
 
 @dataclass(frozen=True)
 class _ContactProblem:
-    """The departures to find, and the contacts that tell of them."""
+    """The departures to find, and the contacts that determine them."""
 
     theory: Theory
     start: Floats

@@ -1,4 +1,4 @@
-"""A model behind the daemon's filters: from readings to what it says of every sample."""
+"""A model behind the daemon's filters: from readings to its statement on every sample."""
 
 import math
 from dataclasses import dataclass, fields
@@ -84,7 +84,7 @@ class Judged:
     """(draws, samples, channels), which channels take part."""
 
     def at(self, readings: list[int]) -> "Judged":
-        """Return what is said at some readings of each draw, as one axis of samples."""
+        """Return the statements at some readings of each draw, as one axis of samples."""
         parts = (getattr(self, field.name)[:, readings] for field in fields(self))
         return Judged(*(part.reshape(-1, *part.shape[2:]) for part in parts))
 
@@ -100,9 +100,9 @@ def stages(chosen: FilterChoice, unit_mm: Floats, slowest_period: float) -> tupl
 
 
 def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int = 0, *, naming: bool = False) -> Judged:
-    """Return what the model of a surface says of each reading (draws, readings, channels); draws begin anew.
+    """Return the statements of a surface's model on each reading (draws, readings, channels); draws begin anew.
 
-    Nothing is said of the readings before number `first`. With `naming`, suspects are sought as in the service, which
+    There is none on the readings before number `first`. With `naming`, suspects are sought as in the service, which
     takes time.
     """
     metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
@@ -148,7 +148,7 @@ def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int =
 
 
 def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> JudgedSample:
-    """Return what is said of one sample."""
+    """Return the statement on one sample."""
     if verdict.state is not State.CONTACT:
         return SILENT._replace(said=_SAID[verdict.state], unsteady=verdict.unsteady)
     answer = found.answer

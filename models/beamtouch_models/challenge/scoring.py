@@ -69,7 +69,7 @@ def scored(
     Parameters
     ----------
     name, honest, quiet : name and group of the row
-    said : what is said of the samples (samples,)
+    said : the statements on the samples (samples,)
     truth_mm : (samples,) positions of the contacts; NaN where there is no single contact
     exact_mm : (samples,) lengths of the intervals of the exact posterior; None if there is none
     """

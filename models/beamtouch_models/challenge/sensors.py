@@ -1,4 +1,4 @@
-"""The errors of simulated sensors, and what a user states of them."""
+"""The errors of simulated sensors, and the figures that a user states for them."""
 
 from dataclasses import dataclass
 

@@ -87,7 +87,7 @@ class SimulatedSurface:
         )
 
     def stating(self, stated: Stated) -> Self:
-        """Return the surface with what a user states of its sensors."""
+        """Return the surface with the figures that a user states for its sensors."""
         metadata, channels = self.metadata, self.channels
         return replace(
             self,

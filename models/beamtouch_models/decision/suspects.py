@@ -54,9 +54,9 @@ class Suspects:
         self.suspect = name if count >= AGREEING * SAMPLES else None
 
     def leave_out(self, samples: Sequence[Weighed]) -> list[dict[str, LeftOut]]:
-        """Return what is left of samples, one row each, without each of their channels.
+        """Return the misfits of each sample without each of its channels.
 
-        Nothing where so few channels are left that they fit most contacts.
+        They are left out where the other channels are so few that they fit most contacts.
         """
         parts = [(index, channel) for index, sample in enumerate(samples) for channel in self._working(sample)]
         found = list[dict[str, LeftOut]]({} for _ in samples)

@@ -74,7 +74,7 @@ class Gains:
             self._picked[change.channel, place] = 1
 
     def _column(self, blocks: Indices, channel: int) -> Floats:
-        """Return what a change of a channel from these blocks on shares with all unknowns, (blocks, unknowns)."""
+        """Return the information that a channel's change from each block on shares with each unknown."""
         own = self._information[blocks][:, :, channel]
         later = [self._information[np.maximum(blocks, one.block)][:, one.channel, channel] for one in self._changes]
         return np.column_stack([own, *later])
@@ -134,7 +134,7 @@ def found_changes(history: History, floor: Floats, known: Sequence[Change] = ())
 
 
 def _again(found: ChangeCandidates, channel: int) -> Change:
-    """Return what a known change of a channel looks like now: that of another channel if that is much likelier."""
+    """Return a known change of a channel as it looks now: that of another channel if that is much likelier."""
     best, block = _best(found.ratio), int(found.ratio[:, channel].argmax())
     is_other = found.ratio[best.block, best.channel] - found.ratio[block, channel] >= APART
     return best if is_other else Change(block, channel)

@@ -70,7 +70,7 @@ class Health:
         return self._history.contacts
 
     def to_json(self) -> dict[str, Any]:
-        """Return what is known as JSON values."""
+        """Return the blocks and the changes as JSON values."""
         return {"blocks": self._history.to_json(), "changes": [list(one) for one in self._known]}
 
     def add(self, samples: Sequence[BestSample]) -> None:

@@ -81,7 +81,7 @@ class History:
 
     @classmethod
     def from_json(cls, channels: int, rows: list[list[Any]]) -> Self:
-        """Return a history from JSON values; raises ValueError if they are not those of so many channels."""
+        """Return a history from JSON values; raises ValueError if they have another number of channels."""
         shapes: list[tuple[int, ...]] = [(channels, channels), (channels,), (channels,), (channels,)]
         blocks = []
         for first_us, contacts, *values in rows:

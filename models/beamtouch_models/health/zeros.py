@@ -82,5 +82,5 @@ def _beyond(moved_mm: Floats, zero_mm: float) -> Floats:
 
 
 def _last(after: Floats, seen: Bools, contacts: float) -> int:
-    """Return the last block with so many contacts from it on, and a rest."""
+    """Return the last block with a rest and at least this many contacts from it on."""
     return int(np.flatnonzero((after >= contacts) & seen)[-1])

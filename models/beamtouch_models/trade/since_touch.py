@@ -102,7 +102,7 @@ def _limit(prior: Prior, draws: int, seed: int) -> Measurement:
 
 
 def _errors(scene: Scene, prior: Prior, readings: tuple[int, ...], draws: int, seed: int) -> list[Measurement]:
-    """Return the mean errors in mm after so many readings, behind the filters of the daemon."""
+    """Return the mean errors in mm after each number of readings, behind the filters of the daemon."""
     reading_mm, channels = reading_noise_mm(scene), prior.channels
     period = (slowest_period_ms(scene) or 0.0) * scene.sensors.rate_hz / 1e3
     step_mm = adc_step_mm(scene)

@@ -1,4 +1,4 @@
-"""The posterior of a contact whose force is known, or is another one after all; see `graph` for the symbols.
+"""The posterior of a contact whose force is known, with tails for any other force; see `graph` for the symbols.
 
 Each cell holds two possibilities: the known force F, whose likelihood is exp(-Q_i), Q_i = R_i + a_i (F - f_i)^2, and a
 force from the tails of the prior, whose likelihood is m_i exp(-R_i). Where cells are wider than the posterior, each is
