@@ -9,7 +9,7 @@ from beamtouch_models.health.curve import InfluenceCurve
 GRID = 401
 """Number of positions over the range at which contacts are searched for."""
 LARGEST_FORCE = 100.0
-"""Largest force of a contact, over the largest of its scene."""
+"""Largest force of a contact, over the largest of its scene. At a support, the best force may be any."""
 
 
 def places(theory: Theory, vector: Floats, measured_mm: Floats, deviation_mm: Floats) -> tuple[Floats, Floats]:
@@ -25,5 +25,4 @@ def places(theory: Theory, vector: Floats, measured_mm: Floats, deviation_mm: Fl
     known_n = prior.force_n[0] if prior.force_is_known else None
     linear_mm = curve.linear_mm(measured_mm - curve.offset_mm)
     position, force = curve.best_contacts(linear_mm, deviation_mm**-2, known_n)
-    # At a support, where no sensor moves, the best force may be any.
     return position, np.where((force > 0) & (force <= LARGEST_FORCE * prior.force_n[1]), force, 0.0)

@@ -19,7 +19,7 @@ MOST_NOT_SINGLE = 1 / 3
 WORSE = 1.5
 """Median misfit of left-out contacts over the expected one up to which a fit cannot be worse than the given model."""
 FIXED = 10.0
-"""Decrease of a fit's cost from which on a fixity of the ends is there; without one, none of 120 fits reached it."""
+"""Decrease of a fit's cost that shows a fixity of the ends; without one, none of 120 fits reached it."""
 
 
 def check_contacts(theory: Theory, count: int) -> None:

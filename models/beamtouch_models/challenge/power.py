@@ -10,7 +10,7 @@ ratio of two normal distributions d apart (Neyman & Pearson, doi 10.1098/rsta.19
 
     power = Phi(d - z_alpha),   z_alpha = Phi^-1(1 - alpha).
 
-A channel that is k times as noisy changes no mean. What is left of its direction when the best contact is fitted,
+A channel that is k times as noisy changes no mean. The part of its direction that the best contact leaves,
 p = P W e with the projection P beside W G(x) and W G'(x), has the variance 1 + (k^2 - 1) s^2 |p|^2 instead of 1, and
 
     power = 2 Phi(-z_(alpha/2) / sqrt(1 + (k^2 - 1) s^2 |p|^2)).
@@ -27,7 +27,7 @@ from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.whitening import whitening
 
 PLACES = 1001
-"""Positions of contacts that a fault is told from."""
+"""Positions of the contacts with which a fault is compared."""
 FINER = 65
 """Positions between the neighbours of the nearest of them."""
 CHUNK = 50

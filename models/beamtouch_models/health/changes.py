@@ -19,7 +19,7 @@ CERTAIN = 27.0
 APART = 7.0
 """The ratio of a channel that is named exceeds that of every other channel by this much: odds of 30."""
 LEAST = 3
-"""Contacts that show a change which is named."""
+"""Fewest contacts since a change that is named."""
 NEAR = 2.0
 """Times of a change whose ratios differ by less than this are about as likely."""
 LARGEST = 0.5

@@ -10,7 +10,7 @@ from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.metadata import Metadata
 
 SCATTER = 1 / 3
-"""Deviation of what differs from contact to contact, over the floor. It keeps a mean of very many readings from
+"""Scatter from contact to contact, over the floor. It keeps a mean of very many readings from
 counting for more than the beam itself repeats."""
 WRONG = 9.0
 """A contact is placed without a channel if that lowers the misfit by more than this."""

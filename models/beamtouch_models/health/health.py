@@ -17,7 +17,7 @@ from beamtouch_models.health.zeros import Estimate, interval, rest_block, zero_o
 from beamtouch_models.metadata import Metadata
 
 INFLUENCE = 20.0
-"""Largest ratio of likelihoods (its logarithm, twice) that a contact can give; a change takes more than one contact."""
+"""Largest likelihood ratio (twice its logarithm) that a contact can give, so that no single contact shows a change."""
 POSSIBLE = 8.0
 """From this ratio on, the intervals of the other channels allow for a change of a channel that is not certain."""
 CHUNK = 16

@@ -10,13 +10,13 @@ from beamtouch_models.health.history import History
 from beamtouch_models.quantiles import NORMAL_975
 
 NEWEST = 8
-"""Contacts whose rests say where a zero is now."""
+"""Newest contacts, whose rests give the present zero."""
 LEAST = 3
-"""Contacts before which it must have been there."""
+"""Fewest contacts since a change."""
 DRIFT = 4.0
-"""A change is none within this many standard deviations of the drift that the floor states."""
+"""A zero that moved by less than this many standard deviations of the stated drift has not changed."""
 CERTAIN = 28.0
-"""Square of what exceeds that, over its variance, that counts as certain."""
+"""Square of the move beyond that, over its variance, above which a change is certain."""
 EXACT_MM = 1e-7
 """Smallest standard deviation of a zero; a scene may state none."""
 
