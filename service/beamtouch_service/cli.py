@@ -32,7 +32,7 @@ class _Renamed(argparse.Action):
 
 
 def _parser() -> Parser:
-    words = "Accept samples over HTTP and answer where and how hard something touches the surface."
+    words = "Accept samples over HTTP and state where and how hard something touches the surface."
     parser = Parser(PROGRAM, description=words)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_run(commands.add_parser("run", help="serve until SIGTERM or Ctrl-C"))

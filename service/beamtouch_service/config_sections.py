@@ -14,7 +14,7 @@ StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
 _Text = Annotated[str, Field(min_length=1)]
 
 RENAMED = {"token_file": "write_token_file", "most_mb": "max_mb"}
-"""Keys of earlier versions, and their names now."""
+"""Keys of earlier versions, with their present names."""
 
 
 class ServerSection(BaseModel):
@@ -41,7 +41,7 @@ class ServerSection(BaseModel):
     max_clients_per_address: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] | None = None
     """The same for connections from one address that have not shown a token. Default: half of `max_clients`."""
     max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = limits.MAX_BATCHES_PER_S
-    """For each surface. Further batches get 429."""
+    """Limit for each surface. Further batches get 429."""
     max_streams: Annotated[int, Field(ge=0, le=1000)] = limits.MAX_STREAMS
     """Open streams. Further ones get 503."""
 
@@ -54,7 +54,7 @@ class EventsSection(BaseModel):
     file: _Text | None = None
     """SQLite file. Without it, events are kept in memory until the service stops."""
     keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = limits.KEEP_DAYS
-    """Older events are deleted."""
+    """Age at which events are deleted."""
     max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = limits.MAX_MB
     """Size of the file. Beyond it, the oldest events are deleted."""
 

@@ -11,7 +11,7 @@ class SurfaceSettings:
     """One surface."""
 
     name: str
-    """Empty: the name of its model."""
+    """If empty, the name of its model."""
     model: Path | None
     stale_ms: float
     unexplained_after_s: float

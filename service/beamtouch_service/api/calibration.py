@@ -19,7 +19,7 @@ from beamtouch_service.surfaces.contact import rfc3339
 
 CSV = "text/csv"
 _DECIMALS = 10
-"""Of lengths in mm."""
+"""Decimals of lengths in mm."""
 
 router = gate.make_router("events", Role.READ)
 

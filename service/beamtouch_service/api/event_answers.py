@@ -51,7 +51,7 @@ class Event(BaseModel):
     """Position at the peak force."""
     mean_position_mm: float | None
     samples: int
-    """Number of samples that the mean position is of."""
+    """Number of samples in the mean position."""
     quality: ContactQuality
     """`degraded` if at least one sample lacked channels."""
     model: str
@@ -138,7 +138,7 @@ def as_csv(page: Sequence[Numbered]) -> bytes:
 
 
 def capture(number: int, segment: Segment, samples: list[Contradiction]) -> EventCapture:
-    """Return what is kept of the unexplained stretches of an event."""
+    """Return the kept samples of the unexplained stretches of an event."""
     counts = Counter({channel.name: 0 for sample in samples for channel in sample.channels})
     counts.update(channel.name for sample in samples for channel in sample.channels if channel.explained_without)
     return EventCapture(

@@ -24,7 +24,7 @@ _log = logging.getLogger("beamtouch.service")
 
 
 def run(settings: Settings) -> None:
-    """Serve until SIGTERM or Ctrl-C; raises ConfigError when the settings turn out not to work on this machine."""
+    """Serve until SIGTERM or Ctrl-C; raises ConfigError if the settings do not work on this machine."""
     passed = activated()
     family, address = resolve(settings.host) if passed is None else (passed.family, str(passed.getsockname()[0]))
     _require_tokens(settings, address)

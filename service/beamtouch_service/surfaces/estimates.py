@@ -20,12 +20,12 @@ CHUNK = 256
 
 @dataclass(frozen=True, slots=True)
 class Estimated:
-    """One sample and what it says under the model."""
+    """One sample, and the evidence in it under the model."""
 
     sequence: int
     acquired_unix_us: int
     readings: int | None
-    """How many readings are in it; None if its sender does not say."""
+    """Number of readings in it; None if its sender does not say."""
     bad: dict[str, Quality]
     """Channels that took no part."""
     evidence: Evidence | Problem
@@ -33,7 +33,7 @@ class Estimated:
     weighed: Weighed
     """The samples that were weighed together."""
     row: int
-    """Which of them is this one."""
+    """Index of this sample among them."""
     characteristic: str | None = None
     """Identity of the sender's characteristics and rest gaps; None if it states none."""
 
@@ -53,7 +53,7 @@ class Estimated:
 def estimate(
     model: ModelFile, surface: str, batch: Batch, samples: Sequence[Sample], ask: Ask | None = None
 ) -> list[Estimated]:
-    """Return what `samples` of a batch of `surface` say under `model`; by default, `model.estimate` runs it."""
+    """Return the evidence in `samples` of a batch of `surface` under `model`; by default, `model.estimate` runs it."""
     arrangement = Arrangement(model, batch)
     found: list[Estimated] = []
     for start in range(0, len(samples), CHUNK):
@@ -94,7 +94,7 @@ def _chunk(
 
 
 def _evidence(model: ModelFile, surface: str, ask: Ask, samples: Weighed) -> list[Evidence | Problem]:
-    """Return what each sample says. One without a usable covariance does not spoil the others."""
+    """Return the evidence in each sample. One without a usable covariance does not spoil the others."""
     count = len(samples.deflection_mm)
     if not count:
         return []

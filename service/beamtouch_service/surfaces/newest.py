@@ -18,7 +18,7 @@ class Newest:
     sample: Sample
     acquired_s: float
     notes: list[str]
-    """On its sender: what it notes itself, and whether its noise contradicts the model."""
+    """Notes on the sender: its own, and `noise` if its noise contradicts the model."""
     seen: Seen | None = None
     """None without a model."""
     model: str = ""

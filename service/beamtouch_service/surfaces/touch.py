@@ -43,7 +43,7 @@ class Seen:
     is_odd: bool = False
     """Whether neither rest nor a single contact explains the sample. The state follows only after several of them."""
     why: Contradiction | None = None
-    """What the sample says channel by channel, if it is to be kept: some of an unexplained stretch are."""
+    """The sample channel by channel, if its stretch keeps it."""
 
     shown: bool = True
     """Whether the sample shows the state by itself. If not, the state stands on earlier samples."""
@@ -91,7 +91,7 @@ class Follower:
         self._last: Estimated | None = None
         """The last decided sample."""
         self._length = 0
-        """Samples of the present unexplained stretch with the same channels."""
+        """Samples of the current unexplained stretch with the same channels."""
 
     def follow(self, samples: Iterable[Estimated]) -> list[Seen]:
         """Decide on the next samples."""
@@ -105,7 +105,7 @@ class Follower:
         ]
 
     def _judge(self, estimated: Estimated) -> _Judged | Seen:
-        """Return the state of a sample; what is seen of it if it is undecided."""
+        """Return a sample with its state, or as seen if it is undecided."""
         last = self._last
         # The sample before this one may be missing, or undecided.
         if last and estimated.sequence != last.sequence + 1:
@@ -155,6 +155,6 @@ class Follower:
         return Seen(estimated, decision, state, odd, why, judged.verdict.shown)
 
     def _doubts(self, evidence: Evidence) -> list[str]:
-        """Return what is doubtful about a contact."""
+        """Return the notes on a contact."""
         found: list[str] = [Doubt.OVERLOAD] if is_overload(self._metadata, evidence) else []
         return [*found, Doubt.UNCHECKED] if is_unchecked(evidence) else found

@@ -18,7 +18,7 @@ S_contra = TypeVar("S_contra", contravariant=True)
 
 
 class Witness(Protocol[S_contra]):
-    """Takes what a surface decides."""
+    """Receives the decisions of a surface."""
 
     def fresh(self, surface: S_contra, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
         """Note samples that moved the answer, in order."""

@@ -1,6 +1,6 @@
 """Error and coverage of the position since touch and under moving loads, beside the fixed filter.
 
-`python tests/benchmarks/bench_since_touch.py [--draws 300] [--scenes bench conveyor]`. Readings of simulated contacts
+`python tests/benchmarks/since_touch.py [--draws 300] [--scenes bench conveyor]`. Readings of simulated contacts
 go through the daemon's filters, the model and the decision, as in `design-sensors challenge`. The simulation knows
 nothing of the filters. Gains are perfect, or as far off as the scene of the model states.
 """
