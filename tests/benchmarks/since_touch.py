@@ -19,11 +19,10 @@ import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.building.build import build
-from beamtouch_models.challenge.challenge import run_of
 from beamtouch_models.challenge.honest import _inertia_mm
 from beamtouch_models.challenge.judge import Judged, Said, judge
 from beamtouch_models.challenge.play import drawn
-from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.modelfile import ModelFile, load
 from beamtouch_models.pricing.noise import window_filter
 from beamtouch_models.progress import silent
@@ -38,7 +37,7 @@ LYING_S = 0.4
 MOVES_S = 0.6
 STEPS = 8
 """Steps per reading in which the inertia of the beam is followed."""
-Course = Callable[[Surface, int, np.random.Generator], tuple[Floats, Floats, Bools]]
+Course = Callable[[SimulatedSurface, int, np.random.Generator], tuple[Floats, Floats, Bools]]
 """Position and force at each reading of each draw, NaN without a contact, and which readings are judged."""
 
 
@@ -54,9 +53,9 @@ def made(scene: str, gain_percent: float, folder: Path, *, perfect_zeros: bool) 
     return load(path)
 
 
-def surfaces_of(model: ModelFile) -> dict[str, Surface]:
+def surfaces_of(model: ModelFile) -> dict[str, SimulatedSurface]:
     """Return the surface of a model behind its own filter, and behind the fixed one of the same latency."""
-    surface = Surface.of(model.metadata)
+    surface = SimulatedSurface.of(model.metadata)
     fixed = window_filter(surface.scene, model.metadata.filter.window)
     return {
         "growing": surface,
@@ -75,13 +74,13 @@ def since_touch(model: ModelFile, draws: int, seed: int) -> Iterator[dict[str, o
         there = np.arange(max(at.values()) + 1) >= before
         deflection = surface.under(position, force)[:, None] * there[:, None]
         readings = surface.readings(deflection, surface.honest(draws, rng), rng)
-        said = judge(surface, run_of(model), readings)
+        said = judge(surface, model.run, readings)
         for ms, reading in at.items():
             part = said.at([reading])
             yield {"filter": name, "ms": ms, **figures(surface, part, position)}
 
 
-def figures(surface: Surface, said: Judged, truth_mm: Floats) -> dict[str, float]:
+def figures(surface: SimulatedSurface, said: Judged, truth_mm: Floats) -> dict[str, float]:
     """Return what is said of samples (samples,) against the truth, NaN where there is no contact."""
     contact = said.said == Said.CONTACT
     single = contact & ~np.isnan(truth_mm)
@@ -112,7 +111,7 @@ def courses() -> dict[str, Course]:
 
 
 def slides(
-    surface: Surface, draws: int, rng: np.random.Generator, *, speed: float, stops: bool = False
+    surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, speed: float, stops: bool = False
 ) -> tuple[Floats, Floats, Bools]:
     """Return loads that lie still, move, and stop."""
     low, high = surface.metadata.ranges.position_mm
@@ -128,7 +127,7 @@ def slides(
     return path, force, judged
 
 
-def swings(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
+def swings(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
     """Return loads that swing to and fro."""
     low, high = surface.metadata.ranges.position_mm
     rate_hz, amplitude = surface.metadata.sensor.rate_hz, 0.025 * (high - low)
@@ -138,7 +137,7 @@ def swings(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floa
     return path, np.repeat(drawn(surface, draws, rng)[1][:, None], len(time), axis=1), time >= LYING_S
 
 
-def force_steps(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
+def force_steps(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
     """Return loads at one place whose force changes every 0.1 s."""
     rate_hz = surface.metadata.sensor.rate_hz
     each, count = round(0.1 * rate_hz), 12
@@ -147,7 +146,7 @@ def force_steps(surface: Surface, draws: int, rng: np.random.Generator) -> tuple
     return path, force, np.arange(each * count) >= 2 * each
 
 
-def chatters(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
+def chatters(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
     """Return loads that come and go, for 20 to 120 ms each."""
     rate_hz = surface.metadata.sensor.rate_hz
     readings = round(1.4 * rate_hz)
@@ -158,7 +157,7 @@ def chatters(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Fl
     return np.where(there, position[:, None], np.nan), np.where(there, force[:, None], 0.0), time >= LYING_S
 
 
-def rests(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
+def rests(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
     """Return loads that have rested for the slowest period of the beam."""
     position, force = drawn(surface, draws, rng)
     rate_hz = surface.metadata.sensor.rate_hz
@@ -181,11 +180,11 @@ def moving(model: ModelFile, draws: int, seed: int, only: str = "") -> Iterator[
             else:
                 deflection = surface.under(np.nan_to_num(path, nan=sum(surface.metadata.ranges.position_mm) / 2), force)
             readings = surface.readings(deflection, surface.honest(draws, rng), rng)
-            said = judge(surface, run_of(model), readings).at(np.flatnonzero(judged).tolist())
+            said = judge(surface, model.run, readings).at(np.flatnonzero(judged).tolist())
             yield {"course": course, "filter": name, **figures(surface, said, path[:, judged].ravel())}
 
 
-def followed(surface: Surface, path: Floats, force: Floats) -> Floats:
+def followed(surface: SimulatedSurface, path: Floats, force: Floats) -> Floats:
     """Return deflections of the beam that follows a load with its inertia."""
     deflection = surface.under(path, force)
     if surface.modes is None or surface.mode_shapes is None:

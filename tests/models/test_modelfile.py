@@ -12,7 +12,7 @@ import onnx
 import pytest
 from onnx import helper
 
-from beamtouch_models import modelfile, session
+from beamtouch_models import loading, modelfile, session
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 
 DRAWN = {"supports": [], "at_mm": [0, 400], "load_mm": [200], "deflection_mm_per_n": [[0, 0]]}
@@ -209,8 +209,8 @@ def test_a_file_that_is_too_large_is_refused_unread(tmp_path: Path) -> None:
 
 def test_a_file_that_grows_while_it_is_read_is_refused(bench_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Its size is that of the bench; what is read from it is longer.
-    monkeypatch.setattr(modelfile, "MAX_BYTES", bench_model.stat().st_size - 1)
-    monkeypatch.setattr(modelfile, "_require_readable", lambda *_: None)
+    monkeypatch.setattr(loading, "MAX_BYTES", bench_model.stat().st_size - 1)
+    monkeypatch.setattr(loading, "_require_readable", lambda *_: None)
     with pytest.raises(ModelFileError, match="larger than"):
         modelfile.load(bench_model)
 

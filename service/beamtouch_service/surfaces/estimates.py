@@ -15,7 +15,7 @@ Ask = Callable[[NDArray[np.floating], NDArray[np.floating]], Answers]
 """Takes deflections [mm] (samples, channels) and their whitening [1/mm] (samples, channels, channels); returns a value
 per output and sample."""
 CHUNK = 256
-"""Samples in one call of the model. More would cost memory and save no time."""
+"""Samples that are weighed together. More would cost memory and save no time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,17 +58,13 @@ def estimate(
     found: list[Estimated] = []
     for start in range(0, len(samples), CHUNK):
         part = samples[start : start + CHUNK]
-        found += _chunk(model, surface, arrangement, part, ask or runner(model), batch.characteristic)
+        found += _chunk(model, surface, arrangement, part, ask or model.run, batch.characteristic)
     return found
 
 
 def runner(model: ModelFile) -> Ask:
     """Return a function that runs a model on samples of double precision."""
-
-    def run(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
-        return model.estimate(deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32))
-
-    return run
+    return model.run
 
 
 def _chunk(

@@ -50,7 +50,7 @@ class Surface:
         self.stale_ms = stale_ms
         self.stretches = Stretches(unexplained_after_s)
         """The unexplained stretches in the samples that moved the answer."""
-        self.witness: Witness | None = None
+        self.witness: Witness[Surface] | None = None
         self.newest: Newest | None = None
         """The newest sample; None before the first."""
         self._intake = Intake(stale_ms)
