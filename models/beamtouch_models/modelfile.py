@@ -24,7 +24,7 @@ from beamtouch_models.decision import (
 )
 from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.errors import ModelFileError
-from beamtouch_models.health import BestSample, ChannelHealth, Health
+from beamtouch_models.health import BestSample, ChannelChange, Health
 from beamtouch_models.loading import ModelFile, load, load_bytes, read
 from beamtouch_models.metadata import (
     FORCE_OUTPUTS,
@@ -53,7 +53,7 @@ from beamtouch_models.whitening import whitening
 
 __all__ = [
     "FORCE_OUTPUTS", "INPUTS", "LOG_ODDS", "METADATA_PREFIX", "MISFIT", "PERSISTENCE", "POSITION_OUTPUTS",
-    "SCHEMA_VERSION", "Accuracy", "Answers", "BestSample", "Calibration", "Channel", "ChannelHealth", "Decider",
+    "SCHEMA_VERSION", "Accuracy", "Answers", "BestSample", "Calibration", "Channel", "ChannelChange", "Decider",
     "Departures", "Drawn", "Evidence", "FilterChoice", "Floor", "Golden", "Health", "Hypotheses", "Influence",
     "Judgement", "LeftOut", "Memory", "Metadata", "ModelFile", "ModelFileError", "Noise", "Ranges", "Sensor",
     "SmallestForce", "State", "Suspects", "Thresholds", "Verdict", "Weighed", "evidence", "is_odd", "is_overload",

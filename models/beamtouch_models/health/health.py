@@ -25,7 +25,7 @@ CHUNK = 16
 
 
 @dataclass(frozen=True)
-class ChannelHealth:
+class ChannelChange:
     """The changes of a channel."""
 
     gain: Estimate
@@ -117,19 +117,19 @@ class Health:
         kept = is_contact if limit is None else is_contact | (misfit - explained <= limit)
         return np.where(kept, weight, 0.0)
 
-    def channels(self) -> list[ChannelHealth]:
+    def channels(self) -> list[ChannelChange]:
         """Return the health of each channel in the order of the layout; empty before the first contact."""
         if not self._history.blocks:
             return []
         return [self._channel(channel) for channel in range(len(self._floor))]
 
-    def _channel(self, channel: int) -> ChannelHealth:
+    def _channel(self, channel: int) -> ChannelChange:
         gain, gain_block = self._gain(channel)
         zero, zero_block = zero_of(self._history, channel, float(self._zero_mm[channel])) or (None, 0)
         begins = [block for block, one in ((gain_block, gain), (zero_block, zero)) if one and one.changed]
         first = min(begins, default=0)
         after = int(self._history.after()[first])
-        return ChannelHealth(gain, zero, self._history.blocks[first].first_us, after)
+        return ChannelChange(gain, zero, self._history.blocks[first].first_us, after)
 
     def _gain(self, channel: int) -> tuple[Estimate, int]:
         """Return the change of a gain, and the block with which it began."""

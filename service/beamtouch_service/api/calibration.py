@@ -13,7 +13,7 @@ from beamtouch_service.api import examples, gate, openapi
 from beamtouch_service.api.context import ContextParameter, SurfaceInPath
 from beamtouch_service.api.errors import NO_STORE
 from beamtouch_service.api.times import Time, microseconds
-from beamtouch_service.events.kept_best import Sampled
+from beamtouch_service.events.best_table import Sampled
 from beamtouch_service.problems import Kind
 from beamtouch_service.surfaces.contact import rfc3339
 

@@ -7,7 +7,7 @@ from beamtouch_models.modelfile import ModelFile, State
 from beamtouch_service.events.captures import Capture
 from beamtouch_service.events.segments import End, Segment
 from beamtouch_service.surfaces.estimates import Estimated
-from beamtouch_service.surfaces.touch import Past
+from beamtouch_service.surfaces.follower import Past
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from beamtouch_service.events.segmenter import Segmenter, segment_late_run
 from beamtouch_service.events.segments import End
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.samples import Batch, Sample
-from beamtouch_service.surfaces.estimates import Estimated, estimate, runner
-from beamtouch_service.surfaces.touch import Follower, Past
+from beamtouch_service.surfaces.estimates import Estimated, estimate
+from beamtouch_service.surfaces.follower import Follower, Past
 
 _MAX_EDGES = 4096
 """Edges in memory, some 3 MB; without its edge, a late run starts from the stored event before it."""
@@ -78,7 +78,7 @@ class LateSamples:
         after = self._edges.get((surface, boot_id, run[-1].sequence + 1))
         # Only new samples open an event.
         segmenter = Segmenter(surface, model, boot_id, before, End.UNSEEN)
-        follower = Follower(model, runner(model), surface, stale_ms, past)
+        follower = Follower(model, model.run, surface, stale_ms, past)
         found = segment_late_run(segmenter, follower.follow(run), after)
         for one in found:
             if isinstance(one, Doubtful):

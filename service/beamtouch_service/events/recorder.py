@@ -27,9 +27,9 @@ from beamtouch_service.events.store import EventStore
 from beamtouch_service.events.worker import Worker
 from beamtouch_service.limits import KEEP_DAYS, MAX_MB
 from beamtouch_service.samples import Batch, Sample
+from beamtouch_service.surfaces.follower import Seen
 from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.surfaces.touch import Seen
 
 MAX_LATE = 20_000
 """Late samples that may wait: about a second of work, and some 20 MB."""

@@ -9,7 +9,7 @@ from beamtouch_service.events.commands import Command, Doubtful, Edge, Finish, F
 from beamtouch_service.events.segments import Begin, End, GrowingSegment, Kind, Segment
 from beamtouch_service.surfaces.contact import Decision, Figures
 from beamtouch_service.surfaces.contradiction import Contradiction
-from beamtouch_service.surfaces.touch import Seen
+from beamtouch_service.surfaces.follower import Seen
 
 FLUSH_US = 1_000_000
 """An event that continues is written after this much of the sender's time, so that a crash costs no more."""

@@ -62,11 +62,6 @@ def estimate(
     return found
 
 
-def runner(model: ModelFile) -> Ask:
-    """Return a function that runs a model on samples of double precision."""
-    return model.run
-
-
 def _chunk(
     model: ModelFile,
     surface: str,

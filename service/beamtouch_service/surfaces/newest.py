@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from beamtouch_service.samples import Sample
 from beamtouch_service.surfaces.contact import Contact, ContactQuality, Decision, rfc3339
-from beamtouch_service.surfaces.touch import Seen
+from beamtouch_service.surfaces.follower import Seen
 
 
 @dataclass(frozen=True, slots=True)

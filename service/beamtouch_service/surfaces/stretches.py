@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from beamtouch_models.modelfile import State
 from beamtouch_service.surfaces.contact import Decision
-from beamtouch_service.surfaces.touch import Seen
+from beamtouch_service.surfaces.follower import Seen
 
 
 class Overdue(NamedTuple):

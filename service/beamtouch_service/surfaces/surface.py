@@ -14,6 +14,7 @@ from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.surfaces import refusals
 from beamtouch_service.surfaces.contact import Contact, Decision, Doubt
 from beamtouch_service.surfaces.estimates import estimate
+from beamtouch_service.surfaces.follower import Follower
 from beamtouch_service.surfaces.health import ChannelHealth, SurfaceHealth
 from beamtouch_service.surfaces.intake import Intake
 from beamtouch_service.surfaces.newest import Decided, Newest
@@ -21,7 +22,6 @@ from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.stretches import Stretches
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
-from beamtouch_service.surfaces.touch import Follower
 from beamtouch_service.surfaces.weighing import noise_contradicts
 
 if TYPE_CHECKING:

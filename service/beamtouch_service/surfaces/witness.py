@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 if TYPE_CHECKING:
     from beamtouch_models.modelfile import ModelFile
     from beamtouch_service.samples import Batch, Sample
+    from beamtouch_service.surfaces.follower import Seen
     from beamtouch_service.surfaces.served_model import ServedModel
-    from beamtouch_service.surfaces.touch import Seen
 
 S_contra = TypeVar("S_contra", contravariant=True)
 """The type of the surface."""
