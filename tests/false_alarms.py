@@ -24,7 +24,7 @@ from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, Sequences
 from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import DRIFTS, log_tilt, tilted
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.measured import thresholds_of
+from beamtouch_models.building.measured import thresholds_of, windows_of
 from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice, Thresholds
@@ -95,14 +95,24 @@ def false_contacts_per_day(on: Surface, kept: tuple[int, ...], draws: int, seed:
 
 
 def false_stretches_per_day(on: Surface, kept: tuple[int, ...], draws: int, seed: int = 6) -> float:
-    """Stretches per day that begin at rest while the channels `kept` are valid."""
-    window = max(2, on.filter.window)
+    """Stretches per day that begin at rest while only `kept` are valid, in the worst of the filter's windows."""
+    return max(_stretches_at_rest(on, kept, max(2, window), draws, seed) for window in windows_of(on.filter))
+
+
+def _stretches_at_rest(on: Surface, kept: tuple[int, ...], window: int, draws: int, seed: int) -> float:
     drawn = at_rest(noise_at_rest(on.prior)[list(kept)], window, draws, seed)
     return _stretches_per_day(on, kept, drawn, _unwhitened(on.prior, kept, drawn.sample))
 
 
 def false_stretches_of_contacts_per_day(on: Surface, kept: tuple[int, ...], draws: int, seed: int = 7) -> float:
-    """Stretches per day that begin while contacts of the prior last, whose gains are off by up to twice the floor."""
+    """Stretches per day that begin while contacts of the prior last, in the worst of the filter's windows.
+
+    Gains are off by up to twice the floor.
+    """
+    return max(_stretches_of_contacts(on, kept, window, draws, seed) for window in windows_of(on.filter))
+
+
+def _stretches_of_contacts(on: Surface, kept: tuple[int, ...], window: int, draws: int, seed: int) -> float:
     prior, size, rng = on.prior, len(kept), np.random.default_rng(seed)
     contacts = limit.draw(prior, draws, seed)
     clean = contacts.force_n[:, None] * prior.table(contacts.position_mm)
@@ -120,7 +130,7 @@ def false_stretches_of_contacts_per_day(on: Surface, kept: tuple[int, ...], draw
     along = np.einsum("dcm,dm->dc", inside, toward)
     white = rng.normal(size=(draws, size))
     white -= np.einsum("dcm,dnm,dn->dc", inside, inside, white)
-    means, first = overlapping_means(white + radius[:, None] * along, on.filter.window, PERSISTENCE, rng)
+    means, first = overlapping_means(white + radius[:, None] * along, window, PERSISTENCE, rng)
     tilt = radius[:, None] * np.einsum("dcm,dnm,dn->dc", basis, basis, along / noise)
     density = (size - 3) * np.log(radius) - radius**2 / 2 - ((size - 2) / 2 - 1) * np.log(2) - gammaln((size - 2) / 2)
     constant = np.zeros_like(clean)

@@ -1,8 +1,11 @@
 """False contacts and false stretches of `unexplained`, as events; the benchmark false_alarms takes all masks."""
 
+import numpy as np
 import pytest
 from scipy.special import chdtri
 
+from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds
+from beamtouch_models.building.measured import windows_of
 from false_alarms import (
     false_contacts_per_day,
     false_stretches_of_contacts_per_day,
@@ -31,10 +34,19 @@ def test_on_few_channels_false_stretches_at_rest_are_no_more_frequent(name: str,
     assert false_stretches_per_day(on, kept, 4096) < 2
 
 
-def test_three_odd_samples_in_a_row_allow_lower_thresholds_than_one() -> None:
+def test_three_odd_means_of_four_in_a_row_allow_lower_thresholds_than_one() -> None:
     on = surface("bench")
-    rest, misfit = on.thresholds.rest, on.thresholds.misfit
+    rest, misfit = unexplained_thresholds(on.prior, on.scene.sensors.rate_hz, window=4, seed=1)
     for size in (1, 2, 3, 4):
         # The chi-square quantile of one sample a day is 29 on one degree of freedom and 33 on two.
         assert misfit[size - 1] < chdtri(max(1, size - 2), 1 / on.samples_per_day) - 6
         assert misfit[size - 1] <= rest[size - 1]
+
+
+def test_thresholds_of_a_growing_mean_are_no_lower_than_those_of_its_shortest_and_its_long_means() -> None:
+    on = surface("bench")
+    assert len(windows_of(on.filter)) == 2
+    for window in windows_of(on.filter):
+        rest, misfit = unexplained_thresholds(on.prior, on.scene.sensors.rate_hz, window, seed=1)
+        assert all(np.array(on.thresholds.rest) >= rest)
+        assert all(np.array(on.thresholds.misfit) >= misfit)

@@ -94,11 +94,15 @@ def _influence(prior: Prior) -> Influence:
     return Influence(mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in table])
 
 
+def windows_of(chosen: FilterChoice) -> list[int]:
+    """Return the numbers of readings in a mean for which the thresholds of misfit hold."""
+    return sorted({chosen.window, min(chosen.most, MOST_ALIKE)})
+
+
 def thresholds_of(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> Thresholds:
     """Return the thresholds for the false contacts per day that a scene allows, behind a filter."""
     per_day, rate_hz = scene.requirements.false_contacts_per_day, scene.sensors.rate_hz
-    windows = {chosen.window, min(chosen.most, MOST_ALIKE)}
-    each = [unexplained_thresholds(prior, rate_hz, window, seed) for window in sorted(windows)]
+    each = [unexplained_thresholds(prior, rate_hz, window, seed) for window in windows_of(chosen)]
     rest, misfit = ([max(limits) for limits in zip(*kind, strict=True)] for kind in zip(*each, strict=True))
     return Thresholds(
         touch=touch_thresholds(prior, rate_per_sample(per_day, rate_hz, chosen.window), seed),
