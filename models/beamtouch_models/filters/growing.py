@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from beamtouch_models.filters.means import FloatArray
 from beamtouch_models.filters.significance import chi_square_quantile
+from beamtouch_models.filters.splits import Sums, best_split, is_sharp, is_step, is_touch, parts, sharp_change
 
 OLDEST = (1, 4)
 """Numbers of oldest readings of a window that are compared with the others."""
@@ -25,12 +26,10 @@ RATIO = 1.3
 """Between the lengths of windows; the split between two lengths is found to the reading."""
 CHANGES = 0.002
 """Share of samples at rest in which some window of a size seems to hold a change."""
-SHARP = 1e-6
-"""Probability at rest of a sharp change between two readings."""
 CLEARLY = 1e-4
 """Quantile of the chi-square distribution by which a step must explain more than a slope does."""
-STEP_PART = 0.12
-"""The same, over what the step explains: of a step a slope explains three quarters, of a bend more than a step does."""
+SHARP = 1e-6
+"""Probability at rest of a sharp change between two readings."""
 DRIFT_PART = 4
 """One reading in this many counts where something drifts."""
 CALM = 0.001
@@ -91,7 +90,8 @@ def lone_spikes(values: FloatArray, spike_mm: float) -> tuple[NDArray[np.bool_],
     values (rows, channels); the first two rows are never judged.
     """
     held, spikes, medians = np.zeros(len(values), dtype=np.bool_), np.zeros(values.shape, dtype=np.bool_), values
-    if math.isinf(spike_mm):
+    # Where no reading is far from the one before it, none is far from a median of three.
+    if math.isinf(spike_mm) or not (np.abs(values[1:] - values[:-1]) > spike_mm).any():
         return held, spikes, medians
     first, middle, last = values[:-2], values[1:-1], values[2:]
     medians = values.copy()
@@ -160,7 +160,7 @@ class GrowingMean:
         if not len(signal):
             return signal, state
         rows = np.concatenate([state[-BEFORE:], signal])
-        count, values = len(signal), rows[:, 0]
+        count, values, kept = len(signal), rows[:, 0], len(state) - BEFORE
         waits, spikes, _ = lone_spikes(values, self._spike_mm)
         waits = waits[BEFORE:]
         whole = np.rint(values / self._quantum_mm)
@@ -168,11 +168,16 @@ class GrowingMean:
         pairs = np.stack([np.where(good, whole, 0.0), good], axis=1)
         settled = np.where(spikes[:, np.newaxis], 0.0, pairs)[BEFORE - 1 : -1]
         # Sums of whole numbers are exact, so it does not matter where they began.
-        begun = state[:-BEFORE]
-        begun = begun - begun[0] * (np.abs(begun[-1]).max() > LARGEST)
-        sums = np.concatenate([begun, begun[-1] + np.cumsum(settled, axis=0)])
+        following = np.empty((len(state) + count, *state.shape[1:]))
+        sums = following[:-BEFORE]
+        sums[:kept] = state[:-BEFORE]
+        if np.abs(sums[kept - 1]).max() > LARGEST:
+            sums[:kept] -= state[0]
+        np.cumsum(settled, axis=0, out=sums[kept:])
+        sums[kept:] += sums[kept - 1]
+        following[-BEFORE:] = rows[-BEFORE:]
         # A doubtful reading waits for the next one, in all channels: a step moves them together.
-        at = np.arange(len(begun), len(begun) + count)
+        at = np.arange(kept, kept + count)
         until = sums[at] + np.where(waits[:, np.newaxis, np.newaxis], 0.0, pairs[BEFORE:])
         starts = at + 1 - waits
         total = until - sums[starts - self._sizes(sums, until, starts)]
@@ -180,7 +185,7 @@ class GrowingMean:
         result = np.full_like(total, np.nan)
         np.divide(total[:, 0] * self._quantum_mm, total[:, 1], out=result[:, 0], where=there)
         np.divide(1.0, total[:, 1], out=result[:, 1], where=there)
-        return result, np.concatenate([sums[len(sums) - len(begun) :], rows[len(rows) - BEFORE :]])
+        return result, following[count:]
 
     def _sizes(self, sums: FloatArray, until: FloatArray, starts: NDArray[np.intp]) -> NDArray[np.intp]:
         """Return how many rows are in each mean.
@@ -194,7 +199,7 @@ class GrowingMean:
         starts
             The row after the last one in each mean, shape (means,).
         """
-        windows, needed, part, whole, _ = self._pairs
+        _, needed, part, whole, _ = self._pairs
         total = until[:, np.newaxis] - sums[starts[:, np.newaxis] - needed]
         if total[:, -1, 1].min() == self._longest:
             means = total[:, :, 0] * self._inverse
@@ -203,14 +208,10 @@ class GrowingMean:
         else:
             changed = self._changed(total)
         found = np.full(len(starts), self._longest)
-        if changed.any():
-            for index in np.flatnonzero(changed.any(axis=1)).tolist():
-                place = int(np.searchsorted(windows, needed[whole[changed[index].argmax()]]))
-                reached, fails = int(windows[place - 1]), int(windows[place])
-                start = int(starts[index])
-                size = self._since(sums, until[index], start, reached, fails)
-                few = size < self._fewest and not self._is_touch(sums, start, size)
-                found[index] = self._fewest if few else size
+        at = np.flatnonzero(changed.any(axis=1))
+        if len(at):
+            fails = needed[whole[changed[at].argmax(axis=1)]]
+            found[at] = self._since(Sums(sums, until[at], starts[at]), fails)
         return found
 
     def _changed(self, total: FloatArray) -> NDArray[np.bool_]:
@@ -228,42 +229,18 @@ class GrowingMean:
         changed: NDArray[np.bool_] = (apart * apart * scale).sum(axis=2) > self._agree[tested.sum(axis=2)]
         return changed
 
-    def _since(self, sums: FloatArray, until: FloatArray, start: int, reached: int, fails: int) -> int:
-        """Return how many rows count of a window that holds a change, where a window of `reached` rows holds none."""
-        sizes = np.arange(max(1, reached // 2), fails)
-        before = sums[start - fails : start - sizes[0] + 1][::-1]
-        since, whole = until - before[:-1], until - before[-1]
-        first = whole - since
-        apart = since[:, 0] / np.maximum(since[:, 1], 1) - first[:, 0] / np.maximum(first[:, 1], 1)
-        place = int((apart * apart * (since[:, 1] * first[:, 1] / np.maximum(whole[1], 1))).sum(axis=1).argmax())
-        size = int(sizes[place])
-        # The readings on both sides of the change.
-        newer = (until if size == 1 else sums[start - size + 1]) - sums[start - size]
-        older = before[place] - before[place + 1]
-        jump = (newer[0] - older[0])[(newer[1] > 0) & (older[1] > 0)]
-        is_sharp = float(jump @ jump) / 2 > self._sharp[len(jump)]
-        return size if is_sharp or self._is_step(sums, until, start, size) else -(-size // DRIFT_PART)
-
-    def _is_touch(self, sums: FloatArray, start: int, size: int) -> bool:
-        """Return whether the last `size` rows, two or more, follow a sharp change of a beam that lay still."""
-        if size < 2 or start < size + self._still:
-            return False
-        before = np.diff(sums[start - size - self._still : start - size + 2], axis=0)
-        if not before[:, 1].all():
-            return False
-        calm, first = before[:-1, 0], before[-1, 0]
-        jump, away = first - calm[-1], calm - calm.mean(axis=0)
-        return float(jump @ jump) / 2 > self._sharp[-1] and float((away * away).sum()) < self._calm
-
-    def _is_step(self, sums: FloatArray, until: FloatArray, start: int, size: int) -> bool:
-        """Return whether the last `size` rows and as many before them differ like a step, and not like a slope."""
-        rows = 2 * size
-        ages = np.arange(rows)
-        each = np.diff(np.concatenate([until[np.newaxis], sums[start - 1 - ages]]), axis=0)
-        values, number = -each[:, 0], -each[:, 1]
-        shapes = np.stack([ages < size, ages / rows])[:, :, np.newaxis]
-        count = np.maximum(number.sum(axis=0), 1)
-        centred = (shapes - (shapes * number).sum(axis=1, keepdims=True) / count) * number
-        squares = np.maximum((centred * centred).sum(axis=1), np.finfo(np.float64).tiny)
-        step, slope = ((centred * values).sum(axis=1) ** 2 / squares).sum(axis=1)
-        return bool(step - slope > max(self._clearly, STEP_PART * step))
+    def _since(self, sums: Sums, fails: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Return how many rows count of windows of `fails` rows that hold a change; the windows before hold none."""
+        reached = self._pairs.windows[np.searchsorted(self._pairs.windows, fails) - 1]
+        fewest = np.maximum(1, reached // 2)
+        sizes = sharp_change(sums, fewest, fails, self._sharp)
+        for at in parts(np.flatnonzero(sizes == 0)):
+            sought = sums.of(at)
+            split = best_split(sought, fewest[at], fails[at])
+            sharp = is_sharp(sought, split, self._sharp) | is_step(sought, split, self._clearly)
+            sizes[at] = np.where(sharp, split, -(-split // DRIFT_PART))
+        few = np.flatnonzero(sizes < self._fewest)
+        if len(few):
+            touch = is_touch(sums.of(few), sizes[few], self._still, self._sharp[-1], self._calm)
+            sizes[few[~touch]] = self._fewest
+        return sizes
