@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from beamtouch_models.filters.means import FloatArray
 from beamtouch_models.filters.significance import chi_square_quantile
-from beamtouch_models.filters.splits import Sums, best_split, is_sharp, is_step, is_touch, parts, sharp_change
+from beamtouch_models.filters.splits import SHORT, Sums, best_split, is_sharp, is_step, is_touch, parts, sharp_changes
 
 OLDEST = (1, 4)
 """Numbers of oldest readings of a window that are compared with the others."""
@@ -34,6 +34,8 @@ DRIFT_PART = 4
 """One reading in this many counts where something drifts."""
 CALM = 0.001
 """Probability at rest that readings seem to differ, which shows that a beam did not lie still before a touch."""
+NEVER = 2.0**40
+"""Rows since a sharp change that never was."""
 FINE = 2.0**16
 """Readings are rounded to this part of their noise, so that sums of them are exact however a stream is split."""
 BEFORE = 3
@@ -106,8 +108,9 @@ def lone_spikes(values: FloatArray, spike_mm: float) -> tuple[NDArray[np.bool_],
 class GrowingMean:
     """Finds the mean since the last change of the load.
 
-    Its state has shape (rows, 2, channels): for the last rows the sums and numbers of all readings before them, then
-    the last BEFORE readings as they came, of which the newest is in no sum yet.
+    Its state has shape (rows, 2, channels + 1): for the last rows the sums and numbers of all readings before them, and
+    in the last column the number of rows since the newest sharp change; then the last BEFORE readings as they came, of
+    which the newest is in no sum yet.
 
     Parameters
     ----------
@@ -151,7 +154,8 @@ class GrowingMean:
 
     def fresh(self, channels: int) -> FloatArray:
         """Return the initial state."""
-        state = np.zeros((2 * self._longest + self._fewest + self._still + BEFORE, 2, channels))
+        state = np.zeros((2 * self._longest + self._fewest + self._still + BEFORE, 2, channels + 1))
+        state[:, 0, -1] = NEVER
         state[-BEFORE:] = np.nan
         return state
 
@@ -159,7 +163,7 @@ class GrowingMean:
         """Return means and their relative variance, and the next state."""
         if not len(signal):
             return signal, state
-        rows = np.concatenate([state[-BEFORE:], signal])
+        rows = np.concatenate([state[-BEFORE:, :, :-1], signal])
         count, values, kept = len(signal), rows[:, 0], len(state) - BEFORE
         waits, spikes, _ = lone_spikes(values, self._spike_mm)
         waits = waits[BEFORE:]
@@ -169,49 +173,43 @@ class GrowingMean:
         settled = np.where(spikes[:, np.newaxis], 0.0, pairs)[BEFORE - 1 : -1]
         # Sums of whole numbers are exact, so it does not matter where they began.
         following = np.empty((len(state) + count, *state.shape[1:]))
-        sums = following[:-BEFORE]
-        sums[:kept] = state[:-BEFORE]
+        following[:kept] = state[:-BEFORE]
+        following[-BEFORE:, :, :-1] = rows[-BEFORE:]
+        sums, ages = following[:-BEFORE, :, :-1], following[:-BEFORE, 0, -1]
         if np.abs(sums[kept - 1]).max() > LARGEST:
-            sums[:kept] -= state[0]
+            sums[:kept] -= state[0, :, :-1]
         np.cumsum(settled, axis=0, out=sums[kept:])
         sums[kept:] += sums[kept - 1]
-        following[-BEFORE:] = rows[-BEFORE:]
+        # The sums before a row are one row ahead of what is known of the row itself.
+        sharp = sharp_changes(np.concatenate([sums[kept - 1 : kept] - sums[kept - 2 : kept - 1], settled]), self._sharp)
+        index = np.arange(count)
+        ages[kept - 1 : -1] = index - np.maximum.accumulate(np.where(sharp, index, -1 - ages[kept - 2]))
         # A doubtful reading waits for the next one, in all channels: a step moves them together.
         at = np.arange(kept, kept + count)
         until = sums[at] + np.where(waits[:, np.newaxis, np.newaxis], 0.0, pairs[BEFORE:])
         starts = at + 1 - waits
-        total = until - sums[starts - self._sizes(sums, until, starts)]
+        total = until - sums[starts - self._sizes(Sums(sums, until, starts), ages)]
         there = (total[:, 1] > 0) & good[BEFORE:]
         result = np.full_like(total, np.nan)
         np.divide(total[:, 0] * self._quantum_mm, total[:, 1], out=result[:, 0], where=there)
         np.divide(1.0, total[:, 1], out=result[:, 1], where=there)
         return result, following[count:]
 
-    def _sizes(self, sums: FloatArray, until: FloatArray, starts: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return how many rows are in each mean.
-
-        Parameters
-        ----------
-        sums
-            Sums and numbers of the readings before each row, shape (rows, 2, channels).
-        until
-            The same up to each mean, shape (means, 2, channels).
-        starts
-            The row after the last one in each mean, shape (means,).
-        """
+    def _sizes(self, sums: Sums, ages: FloatArray) -> NDArray[np.intp]:
+        """Return how many rows are in each mean; `ages` (rows,) of the newest sharp change at each row."""
         _, needed, part, whole, _ = self._pairs
-        total = until[:, np.newaxis] - sums[starts[:, np.newaxis] - needed]
+        total = sums.until[:, np.newaxis] - sums.rows[sums.starts[:, np.newaxis] - needed]
         if total[:, -1, 1].min() == self._longest:
             means = total[:, :, 0] * self._inverse
-            apart = means[:, part] - means[:, whole]
+            apart = means.take(part, axis=1) - means.take(whole, axis=1)
             changed = np.einsum("epc,epc->ep", apart, apart) > self._limits
         else:
             changed = self._changed(total)
-        found = np.full(len(starts), self._longest)
+        found = np.full(len(sums.starts), self._longest)
         at = np.flatnonzero(changed.any(axis=1))
         if len(at):
             fails = needed[whole[changed[at].argmax(axis=1)]]
-            found[at] = self._since(Sums(sums, until[at], starts[at]), fails)
+            found[at] = self._since(sums.of(at), fails, ages)
         return found
 
     def _changed(self, total: FloatArray) -> NDArray[np.bool_]:
@@ -229,12 +227,13 @@ class GrowingMean:
         changed: NDArray[np.bool_] = (apart * apart * scale).sum(axis=2) > self._agree[tested.sum(axis=2)]
         return changed
 
-    def _since(self, sums: Sums, fails: NDArray[np.intp]) -> NDArray[np.intp]:
+    def _since(self, sums: Sums, fails: NDArray[np.intp], ages: FloatArray) -> NDArray[np.intp]:
         """Return how many rows count of windows of `fails` rows that hold a change; the windows before hold none."""
         reached = self._pairs.windows[np.searchsorted(self._pairs.windows, fails) - 1]
         fewest = np.maximum(1, reached // 2)
-        sizes = sharp_change(sums, fewest, fails, self._sharp)
-        for at in parts(np.flatnonzero(sizes == 0)):
+        # The newest sharp change between two readings of the window.
+        sizes = fewest + ages[sums.starts - fewest].astype(np.intp)
+        for at in parts(np.flatnonzero((sizes >= fails) | (fails <= SHORT))):
             sought = sums.of(at)
             split = best_split(sought, fewest[at], fails[at])
             sharp = is_sharp(sought, split, self._sharp) | is_step(sought, split, self._clearly)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from beamtouch_models.filters.means import FloatArray
 
 STEP_PART = 0.12
-"""Part of what a step explains that a slope must leave: of a step a slope explains three quarters, of a bend more than a
-step does."""
+"""Part of what a step explains that a slope must leave: a slope explains three quarters of a step, and of a bend more than
+a step does."""
 PROBES = 16
 """Splits that are compared at once, from coarse to fine. The contrast of a change falls evenly on both sides of it."""
 BINS = 16
@@ -54,24 +54,16 @@ def parts(at: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
         yield at[start : start + MOST_ROWS]
 
 
-def sharp_change(
-    sums: Sums, shortest: NDArray[np.intp], fails: NDArray[np.intp], limits: FloatArray
-) -> NDArray[np.intp]:
-    """Return the number of rows since the newest sharp change within long windows, shape (means,); 0 for none.
+def sharp_changes(each: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
+    """Return whether readings (rows, ..., 2, channels), with their numbers, differ sharply from those a row before.
 
-    It is a change between two readings, and it lies from `shortest` to `fails` rows, shape (means,), before the mean.
+    The limits of squares are by the number of channels that both have, as if they had a deviation of 1.
     """
-    found = np.zeros(len(fails), dtype=np.intp)
-    at = np.flatnonzero(fails > SHORT)
-    if not len(at):
-        return found
-    first, last = sums.starts[at] - fails[at] + 1, sums.starts[at] - shortest[at]
-    low, high = int(first.min()), int(last.max())
-    each = sums.rows[low : high + 2] - sums.rows[low - 1 : high + 1]
-    is_far = _squares(each) > 2 * limits[_common(each)]
-    newest = np.maximum.accumulate(np.where(is_far, np.arange(low, high + 1), -1))[last - low]
-    found[at] = np.where(newest >= first, sums.starts[at] - newest, 0)
-    return found
+    values, there = each[..., 0, :], each[..., 1, :] > 0
+    both = there[1:] & there[:-1]
+    apart = np.where(both, values[1:] - values[:-1], 0.0)
+    sharp: NDArray[np.bool_] = (apart * apart).sum(axis=-1) > 2 * limits[both.sum(axis=-1)]
+    return sharp
 
 
 def best_split(sums: Sums, shortest: NDArray[np.intp], fails: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -97,8 +89,8 @@ def best_split(sums: Sums, shortest: NDArray[np.intp], fails: NDArray[np.intp]) 
 
 def is_sharp(sums: Sums, sizes: NDArray[np.intp], limits: FloatArray) -> NDArray[np.bool_]:
     """Return whether the two readings at a split differ sharply, shape (means,); limits by the number of channels."""
-    each = -np.diff(sums.before(sizes[:, np.newaxis] + np.array([-1, 0, 1])), axis=1).swapaxes(0, 1)
-    sharp: NDArray[np.bool_] = (_squares(each) > 2 * limits[_common(each)])[0]
+    each = -np.diff(sums.before(sizes[:, np.newaxis] + np.array([-1, 0, 1])), axis=1)
+    sharp: NDArray[np.bool_] = sharp_changes(each.swapaxes(0, 1), limits)[0]
     return sharp
 
 
@@ -134,18 +126,3 @@ def is_touch(sums: Sums, sizes: NDArray[np.intp], still: int, sharp: float, calm
         & ((away * away).sum(axis=(1, 2)) < calm)
     )
     return touch
-
-
-def _common(each: FloatArray) -> NDArray[np.intp]:
-    """Return how many channels both of two readings in succession have."""
-    there = each[..., 1, :] > 0
-    common: NDArray[np.intp] = (there[1:] & there[:-1]).sum(axis=-1)
-    return common
-
-
-def _squares(each: FloatArray) -> FloatArray:
-    """Return the squared distance of each reading from the one before it, over the channels that both have."""
-    values, there = each[..., 0, :], each[..., 1, :] > 0
-    apart = np.where(there[1:] & there[:-1], values[1:] - values[:-1], 0.0)
-    squares: FloatArray = (apart * apart).sum(axis=-1)
-    return squares
