@@ -214,7 +214,9 @@ class Chain:
         """Return the number of readings from which each mean is made."""
         if not self._restarts:
             return [longest] * len(variance)
-        least = np.where(np.isnan(variance), 1.0, variance).min(axis=1)
+        least = variance.min(axis=1)
+        if np.isnan(least).any():
+            least = np.where(np.isnan(variance), 1.0, variance).min(axis=1)
         spans: list[int] = np.minimum(np.ceil(1 / least - 1e-9), longest).astype(np.intp).tolist()
         return spans
 

@@ -147,6 +147,8 @@ class GrowingMean:
         alike = CHANGES / self._pairs.tests
         self._agree = np.array([chi_square_quantile(number, alike) for number in working]) * FINE**2
         self._sharp = np.array([chi_square_quantile(number, SHARP) for number in working]) * FINE**2
+        self._may_be_sharp = math.sqrt(2 * self._sharp.min() / len(unit_mm))
+        """A change of a single channel below which there is no sharp one, in parts of the noise."""
         self._clearly = chi_square_quantile(len(unit_mm), CLEARLY) * FINE**2
         self._inverse = 1 / self._pairs.lengths[:, np.newaxis]
         self._limits = self._agree[-1] * (self._inverse[self._pairs.part, 0] - self._inverse[self._pairs.whole, 0])
@@ -163,37 +165,65 @@ class GrowingMean:
         """Return means and their relative variance, and the next state."""
         if not len(signal):
             return signal, state
-        rows = np.concatenate([state[-BEFORE:, :, :-1], signal])
-        count, values, kept = len(signal), rows[:, 0], len(state) - BEFORE
+        count, kept = len(signal), len(state) - BEFORE
+        values = np.concatenate([state[-BEFORE:, 0, :-1], signal[:, 0]])
         waits, spikes, _ = lone_spikes(values, self._spike_mm)
-        waits = waits[BEFORE:]
-        whole = np.rint(values / self._quantum_mm)
-        good = ~np.isnan(whole)
-        pairs = np.stack([np.where(good, whole, 0.0), good], axis=1)
-        settled = np.where(spikes[:, np.newaxis], 0.0, pairs)[BEFORE - 1 : -1]
-        # Sums of whole numbers are exact, so it does not matter where they began.
+        pairs = self._pairs_of(values[BEFORE - 1 :])
+        # A doubtful reading waits for the next one, in all channels: a step moves them together.
+        at = np.arange(kept, kept + count)
+        starts, last = at + 1, pairs[1:]
+        if waits.any():
+            starts, last = starts - waits[BEFORE:], np.where(waits[BEFORE:, np.newaxis, np.newaxis], 0.0, last)
+        settled = pairs[:-1]
+        if spikes.any():
+            settled = np.where(spikes[BEFORE - 1 : -1, np.newaxis], 0.0, settled)
+        following = self._following(state, settled)
+        following[-BEFORE:, 0, :-1] = values[-BEFORE:]
+        sums = following[:-BEFORE, :, :-1]
+        until = sums[kept:] + last
+        total = until - sums[starts - self._sizes(Sums(sums, until, starts), following[:-BEFORE, 0, -1])]
+        result = np.empty_like(total)
+        there = (total[:, 1] > 0) & (pairs[1:, 1] > 0)
+        if there.all():
+            np.divide(total[:, 0] * self._quantum_mm, total[:, 1], out=result[:, 0])
+            np.divide(1.0, total[:, 1], out=result[:, 1])
+        else:
+            result[:] = np.nan
+            np.divide(total[:, 0] * self._quantum_mm, total[:, 1], out=result[:, 0], where=there)
+            np.divide(1.0, total[:, 1], out=result[:, 1], where=there)
+        return result, following[count:]
+
+    def _pairs_of(self, values: FloatArray) -> FloatArray:
+        """Return values (rows, channels) in parts of the noise, and their number: 0 for one that is missing."""
+        pairs = np.ones((len(values), 2, values.shape[1]))
+        np.divide(values, self._quantum_mm, out=pairs[:, 0])
+        np.rint(pairs[:, 0], out=pairs[:, 0])
+        missing = np.isnan(pairs[:, 0])
+        if missing.any():
+            pairs[missing[:, np.newaxis].repeat(2, axis=1)] = 0.0
+        return pairs
+
+    def _following(self, state: FloatArray, settled: FloatArray) -> FloatArray:
+        """Return the state with rows after some readings (readings, 2, channels), before its last rows are known."""
+        count, kept = len(settled), len(state) - BEFORE
         following = np.empty((len(state) + count, *state.shape[1:]))
         following[:kept] = state[:-BEFORE]
-        following[-BEFORE:, :, :-1] = rows[-BEFORE:]
-        sums, ages = following[:-BEFORE, :, :-1], following[:-BEFORE, 0, -1]
-        if np.abs(sums[kept - 1]).max() > LARGEST:
+        sums, ages = following[:-BEFORE, :, :-1], following[:, 0, -1]
+        # Sums of whole numbers are exact, so it does not matter where they began.
+        if abs(sums[kept - 1].ravel()).max() > LARGEST:
             sums[:kept] -= state[0, :, :-1]
         np.cumsum(settled, axis=0, out=sums[kept:])
         sums[kept:] += sums[kept - 1]
         # The sums before a row are one row ahead of what is known of the row itself.
-        sharp = sharp_changes(np.concatenate([sums[kept - 1 : kept] - sums[kept - 2 : kept - 1], settled]), self._sharp)
+        each = np.concatenate([sums[kept - 1 : kept] - sums[kept - 2 : kept - 1], settled])
         index = np.arange(count)
-        ages[kept - 1 : -1] = index - np.maximum.accumulate(np.where(sharp, index, -1 - ages[kept - 2]))
-        # A doubtful reading waits for the next one, in all channels: a step moves them together.
-        at = np.arange(kept, kept + count)
-        until = sums[at] + np.where(waits[:, np.newaxis, np.newaxis], 0.0, pairs[BEFORE:])
-        starts = at + 1 - waits
-        total = until - sums[starts - self._sizes(Sums(sums, until, starts), ages)]
-        there = (total[:, 1] > 0) & good[BEFORE:]
-        result = np.full_like(total, np.nan)
-        np.divide(total[:, 0] * self._quantum_mm, total[:, 1], out=result[:, 0], where=there)
-        np.divide(1.0, total[:, 1], out=result[:, 1], where=there)
-        return result, following[count:]
+        newest = np.full(count, -1.0 - ages[kept - 2])
+        if abs(each[1:, 0] - each[:-1, 0]).max() > self._may_be_sharp:
+            sharp = sharp_changes(each, self._sharp)
+            newest = np.maximum.accumulate(np.where(sharp, index, newest))
+        ages[kept - 1 : kept - 1 + count] = index - newest
+        ages[kept - 1 + count] = NEVER  # not known before the next reading
+        return following
 
     def _sizes(self, sums: Sums, ages: FloatArray) -> NDArray[np.intp]:
         """Return how many rows are in each mean; `ages` (rows,) of the newest sharp change at each row."""

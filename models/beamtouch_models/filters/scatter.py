@@ -119,8 +119,9 @@ class Scatter:
             newest = changed[len(rows) - len(mean) :]
         else:
             # Whether a reading was a spike shows when the next one has come.
-            held, spikes, medians = lone_spikes(rows[-len(mean) - BEFORE :], self._spike_mm)
-            judged = np.where(spikes, medians, rows[-len(mean) - BEFORE :])
+            recent = rows[-len(mean) - BEFORE :]
+            held, spikes, medians = lone_spikes(recent, self._spike_mm)
+            judged = np.where(spikes, medians, recent) if spikes.any() else recent
             clean = np.concatenate([past.cleaned[:-1], judged[BEFORE - 1 :]])
             changed, newest = np.any(np.abs(rows - clean) > 0, axis=1), held[BEFORE:]
         moves, view, unfair, moved = self._moves(rows, clean, mean, spans, changed, newest, moved=past.moved)

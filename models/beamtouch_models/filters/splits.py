@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from beamtouch_models.filters.means import FloatArray
 
 STEP_PART = 0.12
-"""Part of what a step explains that a slope must leave: a slope explains three quarters of a step, and of a bend more than
-a step does."""
+"""Part of what a step explains that a slope must leave: a slope explains three quarters of a step, and of a bend more
+than a step does."""
 PROBES = 16
 """Splits that are compared at once, from coarse to fine. The contrast of a change falls evenly on both sides of it."""
 BINS = 16
