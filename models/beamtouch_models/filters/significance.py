@@ -30,6 +30,7 @@ LONGER_SLOPES = (1, 2)
 of the variance; but a way that is not straight shows in the shorter one."""
 
 
+@lru_cache(maxsize=1024)
 def chi_square_quantile(freedom: int, beyond: float) -> float:
     """Return the value that a chi-square variable exceeds with probability `beyond`; inf without degrees of freedom.
 
