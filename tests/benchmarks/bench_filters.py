@@ -77,7 +77,7 @@ def per_sample_us(stages: tuple[Stage, ...], rate_hz: int, truth: FloatArray) ->
     began = time.process_time()
     for start in range(first, len(values), piece):
         filtered = chain.apply(values[start : start + piece])
-        filtered.covariances_mm2(np.flatnonzero(filtered.moves))
+        filtered.covariances_mm2(np.flatnonzero(filtered.uncertain))
     return (time.process_time() - began) / rate_hz * 1e6
 
 

@@ -99,8 +99,15 @@ class Filtered:
     """Standard deviation of a reading, shape (channels,); None if it is not known."""
     moves: NDArray[np.bool_]
     """Whether the readings scatter more than their noise explains, shape (readings,); never without a known noise."""
+    lags: NDArray[np.bool_]
+    """Whether the newest readings are apart from a long mean that does not move, shape (readings,)."""
     excess_mm2: FloatArray
-    """Covariance beyond that of the noise, of the means that move, shape (moving, channels, channels)."""
+    """Covariance beyond that of the noise, of the means that move or lag, shape (uncertain, channels, channels)."""
+
+    @property
+    def uncertain(self) -> NDArray[np.bool_]:
+        """Whether the covariance of a mean is more than that of the noise, shape (readings,)."""
+        return self.moves | self.lags
 
     @property
     def readings(self) -> FloatArray:
@@ -126,8 +133,9 @@ class Filtered:
             raise ValueError(message)
         white = np.where(np.isnan(self.mean_mm[rows]), 0.0, self.relative_variance[rows]) * self.noise_mm**2
         covariances: FloatArray = white[:, :, np.newaxis] * np.eye(white.shape[1])
-        moving = self.moves[rows]
-        covariances[moving] += self.excess_mm2[np.cumsum(self.moves)[rows[moving]] - 1]
+        uncertain = self.uncertain
+        exceeding = uncertain[rows]
+        covariances[exceeding] += self.excess_mm2[np.cumsum(uncertain)[rows[exceeding]] - 1]
         return covariances
 
 
@@ -193,6 +201,7 @@ class Chain:
             np.concatenate([part.relative_variance for part in parts]),
             self._noise_mm,
             np.concatenate([part.moves for part in parts]),
+            np.concatenate([part.lags for part in parts]),
             np.concatenate([part.excess_mm2 for part in parts]),
         )
 
@@ -203,12 +212,13 @@ class Chain:
             if stage.span == 1:
                 cleaned = signal
         mean, variance = signal[:, 0], signal[:, 1]
-        moves, excess = np.zeros(len(values), dtype=np.bool_), np.zeros((0, self._channels, self._channels))
+        moves = lags = np.zeros(len(values), dtype=np.bool_)
+        excess = np.zeros((0, self._channels, self._channels))
         if self._scatter and len(values):
             entered = values if cleaned is unfiltered else cleaned[:, 0]
             spans = self._spans(variance, self._scatter.span)
-            moves, excess, self._past = self._scatter.excess(values, entered, mean, variance, spans, self._past)
-        return Filtered(mean, variance, self._noise_mm, moves, excess)
+            moves, lags, excess, self._past = self._scatter.excess(values, entered, mean, variance, spans, self._past)
+        return Filtered(mean, variance, self._noise_mm, moves, lags, excess)
 
     def _spans(self, variance: FloatArray, longest: int) -> list[int]:
         """Return the number of readings from which each mean is made."""

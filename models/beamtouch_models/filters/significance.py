@@ -7,6 +7,9 @@ finds something in at most `FALSE` of the samples.
 
 Once something has been found, less is enough to find it again: `LINGERS`. Ringing swings through readings that agree,
 and a load that moves may pass a place where the deflection hardly changes.
+
+A mean of many readings is so precise that a load which begins to move leaves it before any test can know. So the newest
+8, 16, ... readings are compared with such a mean, and what noise does not explain of their distance is its lag.
 """
 
 import math
@@ -21,10 +24,15 @@ from numpy.typing import NDArray
 from beamtouch_models.filters.means import FloatArray
 
 FALSE = 0.001
+SHARED = 0.99
+"""Largest part of a mean that its newest readings may be to be compared with it."""
 LINGERS = 0.015
 """As `FALSE`, in the samples after one in which something was found."""
 LINEAR = 0.001
 """A slope counts if the scatter about it is below this quantile: a step is no slope."""
+LAGS = 0.1
+"""Probability at rest that the newest so many readings seem to be apart from a mean of many more. They move no sample,
+so that there may be more of them."""
 LONGER_SLOPES = (1, 2)
 """Lengths over which slopes are looked for, relative to the shortest. A slope over twice as many readings has an eighth
 of the variance; but a way that is not straight shows in the shorter one."""
@@ -69,6 +77,9 @@ class Found(NamedTuple):
     """Sums of squares about the mean, in units of the noise, shape (samples,)."""
     slopes: FloatArray
     """The most significant slope per reading, in units of the noise, shape (samples, channels); 0 if none counts."""
+    lags: FloatArray
+    """Distance of the newest readings from the mean that noise does not explain, in units of the noise, shape
+    (samples, channels); 0 if noise explains it."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +88,8 @@ class Look:
 
     contrasts: FloatArray
     """Shape (contrasts, rows), newest row last: the mean of the readings that are compared, the means for each slope,
-    the slopes, then the differences. Each has unit length."""
+    the slopes, then the differences, then the newest readings that a longer mean is compared with. Each has unit
+    length."""
     members: FloatArray
     """Shape (1 + slopes, rows): 1 for the rows that are compared, and for those in each slope."""
     slope_lengths: FloatArray
@@ -88,8 +100,14 @@ class Look:
     """Limits of the scatter about each slope, shape (channels + 1, slopes)."""
     newest: FloatArray
     """Limit of the square of the newest deviation, shape (channels + 1,)."""
+    numbers: FloatArray
+    """Numbers of newest readings that a longer mean is compared with, shape (numbers,)."""
+    lagging: FloatArray
+    """Squares of their distance that noise explains, shape (channels + 1,)."""
 
-    def find(self, deviations: FloatArray, working: NDArray[np.intp] | int, *, moved: bool) -> Found:
+    def find(
+        self, deviations: FloatArray, working: NDArray[np.intp] | int, variance: FloatArray, *, moved: bool
+    ) -> Found:
         """Return what the tests find.
 
         Parameters
@@ -98,6 +116,8 @@ class Look:
             Deviations from any constant, in units of the noise, shape (samples, rows, channels); 0 if missing.
         working
             Number of working channels, shape (samples,), or the same for all.
+        variance
+            Relative variance of the mean's noise, shape (samples,).
         moved
             Whether something was found before these samples. If not, nothing lingers before anything moves.
         """
@@ -106,21 +126,46 @@ class Look:
         squares = (projected * projected).sum(axis=2)
         total = (self.members @ (deviations * deviations)).sum(axis=2)
         within: FloatArray = total[:, 0] - squares[:, 0]
-        tested = squares[:, 1 + slopes :]
+        tested = squares[:, 1 + slopes : squares.shape[1] - len(self.numbers)]
         about = total[:, 1:] - squares[:, 1 : 1 + slopes] - tested[:, :slopes]
         tested[:, :slopes] *= about < self.linear[working]
         moves = self.surely.passed(within, tested, working)
+        lags = self._lags(projected, squares, working, variance)
         if not moved and not moves.any():
-            return Found(moves, moves, within, np.zeros_like(projected[:, 0]))
+            return Found(moves, moves, within, np.zeros_like(projected[:, 0]), lags)
         best, at = tested[:, :slopes].argmax(axis=1), np.arange(len(tested))
         counts = tested[at, best] > self.lingering.contrasts[working, 0]
         slope = projected[at, 1 + slopes + best] * (counts / self.slope_lengths[best])[:, np.newaxis]
-        return Found(moves, self.lingering.passed(within, tested, working), within, slope)
+        return Found(moves, self.lingering.passed(within, tested, working), within, slope, lags)
+
+    def _lags(
+        self, projected: FloatArray, squares: FloatArray, working: NDArray[np.intp] | int, variance: FloatArray
+    ) -> FloatArray:
+        """Return the lags of the means."""
+        lags = np.zeros_like(projected[:, 0])
+        number = len(self.numbers)
+        if not number:
+            return lags
+        # A mean shares its newest readings with those that it is compared with.
+        own = 1 - self.numbers * variance[:, np.newaxis]
+        apart = squares[:, -number:]
+        found = (apart > self.lagging[working, np.newaxis] * own) & (own > 1 - SHARED)
+        rows = np.flatnonzero(found.any(axis=1))
+        if len(rows):
+            ratio = np.where(found[rows], apart[rows] / np.maximum(own[rows], 1 - SHARED), 0.0)
+            best, at = ratio.argmax(axis=1), np.arange(len(rows))
+            limit = self.lagging[working if isinstance(working, int) else working[rows]]
+            part = np.sqrt((1 - limit / ratio[at, best]) / self.numbers[best])
+            lags[rows] = projected[rows, projected.shape[1] - number + best] * part[:, np.newaxis]
+        return lags
 
 
 @lru_cache(maxsize=256)
-def look_at(readings: int, for_slope: int, rows: int, channels: int) -> Look:
-    """Return the contrasts between the last `readings`, and the slopes of the last `for_slope` and more, of `rows`."""
+def look_at(readings: int, for_slope: int, rows: int, channels: int, first: int | None = None) -> Look:
+    """Return the contrasts between the last `readings`, and the slopes of the last `for_slope` and more, of `rows`.
+
+    A longer mean is compared with the newest `first`, 2 `first`, 4 `first`, ... readings; None: with none.
+    """
     ages = np.arange(rows)[::-1]
     lengths = [times * for_slope for times in LONGER_SLOPES]
     centred = np.array([np.where(ages < length, (length - 1) / 2 - ages, 0.0) for length in lengths])
@@ -131,6 +176,10 @@ def look_at(readings: int, for_slope: int, rows: int, channels: int) -> Look:
         / math.sqrt(new * (readings - new) * readings)
         for new in news
     ]
+    numbers = (
+        [] if first is None else [first * 2**power for power in range(rows.bit_length()) if first * 2**power <= rows]
+    )
+    newest = [np.where(ages < number, 1 / math.sqrt(number), 0.0) for number in numbers]
     members = np.array([ages < number for number in (readings, *lengths)], dtype=np.float64)
     means = members / np.sqrt([[readings], *([length] for length in lengths)])
     working = range(channels + 1)
@@ -145,11 +194,15 @@ def look_at(readings: int, for_slope: int, rows: int, channels: int) -> Look:
         return Limits(limits(readings - 1, beyond), np.stack(each, axis=1))
 
     return Look(
-        contrasts=np.concatenate([means, centred / norms[:, np.newaxis], np.reshape(differences, (-1, rows))]),
+        contrasts=np.concatenate(
+            [means, centred / norms[:, np.newaxis], np.reshape([*differences, *newest], (-1, rows))]
+        ),
         members=members,
         slope_lengths=norms,
         surely=level(FALSE),
         lingering=level(LINGERS),
         linear=np.stack([limits(length - 2, LINEAR) for length in lengths], axis=1),
         newest=limits(1, FALSE),
+        numbers=np.array(numbers, dtype=np.float64),
+        lagging=limits(1, LAGS),
     )
