@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from beamtouch_models.filters import Chain, Filtered, FloatArray, growing_mean_stage
-from beamtouch_models.filters.growing import CHANGES, pairs_of
+from beamtouch_models.filters.growing import CHANGES
+from beamtouch_models.filters.pairs import pairs_of
 
 LONGEST = 200
 CHANNELS = 4
@@ -161,3 +162,29 @@ def test_the_first_swings_of_a_beam_are_no_touch_of_a_beam_that_lies_still() -> 
         assert filtered.moves[202:240].all()
         # From the third reading on; the very first ones do not show the load yet.
         assert (stated[203:240] < chi2.ppf(0.999, CHANNELS)).mean() > 0.8
+
+
+@pytest.mark.parametrize(("speed", "readings", "least"), [(0.02, 60, 0.93), (0.05, 30, 0.75)])
+def test_a_load_that_begins_to_move_is_within_the_covariance_before_any_test_finds_it(
+    speed: float, readings: int, least: float
+) -> None:
+    way = np.clip(np.arange(220 + readings) - 219, 0, None)[:, np.newaxis] * speed * ACROSS / np.linalg.norm(ACROSS)
+    floor = 0.3**2 * np.eye(CHANNELS)
+    held = []
+    for one in noise(220 + readings, 21, 100):
+        filtered = grown(way + one, period=PERIOD)
+        error = (filtered.mean_mm - way)[-readings // 3 :]
+        stated = filtered.covariance_mm2[-readings // 3 :] + floor
+        held.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(stated), error) < chi2.ppf(0.95, CHANNELS))
+    assert np.mean(held) > least
+
+
+def test_at_rest_a_mean_seldom_lags_by_more_than_noise_and_never_by_much() -> None:
+    filtered = [grown(one, period=PERIOD) for one in noise(1000, 22, 20)]
+    lags = np.concatenate([one.lags[LONGEST:] for one in filtered])
+    moves = np.concatenate([one.moves[LONGEST:] for one in filtered])
+    assert lags.mean() < 0.3
+    assert moves.mean() < 0.01
+    for one in filtered:
+        lagging = np.flatnonzero(one.lags)
+        assert (np.trace(one.covariances_mm2(lagging), axis1=1, axis2=2) < CHANNELS).all()

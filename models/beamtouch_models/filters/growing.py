@@ -10,20 +10,15 @@ docs/decisions/017-mean-since-touch.md explains the form and has the measurement
 """
 
 import math
-from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.filters.means import FloatArray
+from beamtouch_models.filters.means import BEFORE, FloatArray, lone_spikes
+from beamtouch_models.filters.pairs import pairs_of
 from beamtouch_models.filters.significance import chi_square_quantile
 from beamtouch_models.filters.splits import SHORT, Sums, best_split, is_sharp, is_step, is_touch, parts, sharp_changes
 
-OLDEST = (1, 4)
-"""Numbers of oldest readings of a window that are compared with the others."""
-RATIO = 1.3
-"""Between the lengths of windows; the split between two lengths is found to the reading."""
 CHANGES = 0.002
 """Share of samples at rest in which some window of a size seems to hold a change."""
 CLEARLY = 1e-4
@@ -38,71 +33,10 @@ NEVER = 2.0**40
 """Rows since a sharp change that never was."""
 FINE = 2.0**16
 """Readings are rounded to this part of their noise, so that sums of them are exact however a stream is split."""
-BEFORE = 3
-"""Readings that decide which of the last ones are spikes."""
 LARGEST = 2.0**50
 """Sums above it begin anew; those of 2**53 would not be exact."""
 SMALLEST_MM = 1e-9
 """Readings without noise are compared with this, so that rounding errors are no change."""
-
-
-class Pairs(NamedTuple):
-    """Pairs of windows whose means are compared: the newest readings of a window with all of it."""
-
-    windows: NDArray[np.intp]
-    """Lengths of the windows that a mean may have, ascending, from 1 to the longest."""
-    lengths: NDArray[np.intp]
-    """All lengths whose means are needed."""
-    part: NDArray[np.intp]
-    """Place of the shorter one of each pair in `lengths`."""
-    whole: NDArray[np.intp]
-    """Place of the longer one, ascending."""
-    tests: int
-    """Largest number of pairs with the same window."""
-
-
-def pairs_of(longest: int) -> Pairs:
-    """Return the pairs up to `longest` readings."""
-    windows = [1]
-    while windows[-1] < longest:
-        windows.append(min(longest, max(windows[-1] + 1, int(windows[-1] * RATIO))))
-    pairs: list[tuple[int, int]] = []
-    for shorter, window in pairwise(windows):
-        newest = {2**power for power in range(window.bit_length())}
-        # What differs among the oldest readings hardly changes the mean of the newest ones.
-        oldest = {shorter, *(window - few for few in OLDEST)}
-        pairs += [(part, window) for part in sorted(newest | oldest) if 0 < part < window]
-    needed = sorted({1, longest, *(length for pair in pairs for length in pair)})
-    part, whole = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-    most = max((sum(window == other for _, other in pairs) for window in windows), default=1)
-    return Pairs(
-        np.array(windows),
-        np.array(needed),
-        np.searchsorted(needed, part),
-        np.searchsorted(needed, whole),
-        max(1, most),
-    )
-
-
-def lone_spikes(values: FloatArray, spike_mm: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray]:
-    """Return which rows (rows,) are doubtful while they are the newest, which readings are spikes, and their medians.
-
-    A spike is further than `spike_mm` from the median of itself and its neighbours, and the reading before it is not.
-    The newest reading is doubtful if it is so far from the median of the last three. Medians have the shape of the
-    values (rows, channels); the first two rows are never judged.
-    """
-    held, spikes, medians = np.zeros(len(values), dtype=np.bool_), np.zeros(values.shape, dtype=np.bool_), values
-    # Where no reading is far from the one before it, none is far from a median of three.
-    if math.isinf(spike_mm) or not (np.abs(values[1:] - values[:-1]) > spike_mm).any():
-        return held, spikes, medians
-    first, middle, last = values[:-2], values[1:-1], values[2:]
-    medians = values.copy()
-    medians[1:-1] = median = np.maximum(np.minimum(first, middle), np.minimum(np.maximum(first, middle), last))
-    odd = np.abs(middle - median) > spike_mm  # False where the median is NaN
-    # Readings that deviate one after the other are no lone spikes.
-    spikes[2:-1] = odd[1:] & ~odd[:-1]
-    held[2:] = ((np.abs(last - median) > spike_mm) & ~odd).any(axis=1)
-    return held, spikes, medians
 
 
 class GrowingMean:

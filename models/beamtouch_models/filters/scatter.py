@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters.excess import Evidence, Excess
-from beamtouch_models.filters.growing import BEFORE, lone_spikes
-from beamtouch_models.filters.means import FloatArray, windows
+from beamtouch_models.filters.means import BEFORE, FloatArray, lone_spikes, windows
 from beamtouch_models.filters.significance import LONGER_SLOPES, Found, Look, look_at
 from beamtouch_models.filters.steps import are_steps
 from beamtouch_models.filters.view import View, decide

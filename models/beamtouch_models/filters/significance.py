@@ -7,9 +7,6 @@ finds something in at most `FALSE` of the samples.
 
 Once something has been found, less is enough to find it again: `LINGERS`. Ringing swings through readings that agree,
 and a load that moves may pass a place where the deflection hardly changes.
-
-A mean of many readings is so precise that a load which begins to move leaves it before any test can know. So the newest
-8, 16, ... readings are compared with such a mean, and what noise does not explain of their distance is its lag.
 """
 
 import math
@@ -21,18 +18,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_models.filters.lags import LAGS, lags_of
 from beamtouch_models.filters.means import FloatArray
 
 FALSE = 0.001
-SHARED = 0.99
-"""Largest part of a mean that its newest readings may be to be compared with it."""
 LINGERS = 0.015
 """As `FALSE`, in the samples after one in which something was found."""
 LINEAR = 0.001
 """A slope counts if the scatter about it is below this quantile: a step is no slope."""
-LAGS = 0.1
-"""Probability at rest that the newest so many readings seem to be apart from a mean of many more. They move no sample,
-so that there may be more of them."""
 LONGER_SLOPES = (1, 2)
 """Lengths over which slopes are looked for, relative to the shortest. A slope over twice as many readings has an eighth
 of the variance; but a way that is not straight shows in the shorter one."""
@@ -126,38 +119,18 @@ class Look:
         squares = (projected * projected).sum(axis=2)
         total = (self.members @ (deviations * deviations)).sum(axis=2)
         within: FloatArray = total[:, 0] - squares[:, 0]
-        tested = squares[:, 1 + slopes : squares.shape[1] - len(self.numbers)]
+        first = squares.shape[1] - len(self.numbers)
+        tested = squares[:, 1 + slopes : first]
         about = total[:, 1:] - squares[:, 1 : 1 + slopes] - tested[:, :slopes]
         tested[:, :slopes] *= about < self.linear[working]
         moves = self.surely.passed(within, tested, working)
-        lags = self._lags(projected, squares, working, variance)
+        lags = lags_of(projected[:, first:], squares[:, first:], self.numbers, self.lagging[working], variance)
         if not moved and not moves.any():
             return Found(moves, moves, within, np.zeros_like(projected[:, 0]), lags)
         best, at = tested[:, :slopes].argmax(axis=1), np.arange(len(tested))
         counts = tested[at, best] > self.lingering.contrasts[working, 0]
         slope = projected[at, 1 + slopes + best] * (counts / self.slope_lengths[best])[:, np.newaxis]
         return Found(moves, self.lingering.passed(within, tested, working), within, slope, lags)
-
-    def _lags(
-        self, projected: FloatArray, squares: FloatArray, working: NDArray[np.intp] | int, variance: FloatArray
-    ) -> FloatArray:
-        """Return the lags of the means."""
-        lags = np.zeros_like(projected[:, 0])
-        number = len(self.numbers)
-        if not number:
-            return lags
-        # A mean shares its newest readings with those that it is compared with.
-        own = 1 - self.numbers * variance[:, np.newaxis]
-        apart = squares[:, -number:]
-        found = (apart > self.lagging[working, np.newaxis] * own) & (own > 1 - SHARED)
-        rows = np.flatnonzero(found.any(axis=1))
-        if len(rows):
-            ratio = np.where(found[rows], apart[rows] / np.maximum(own[rows], 1 - SHARED), 0.0)
-            best, at = ratio.argmax(axis=1), np.arange(len(rows))
-            limit = self.lagging[working if isinstance(working, int) else working[rows]]
-            part = np.sqrt((1 - limit / ratio[at, best]) / self.numbers[best])
-            lags[rows] = projected[rows, projected.shape[1] - number + best] * part[:, np.newaxis]
-        return lags
 
 
 @lru_cache(maxsize=256)

@@ -1,0 +1,50 @@
+"""The lag of a mean of many readings behind the newest ones.
+
+Such a mean is so precise that a load which begins to move leaves its interval before any test can know. So the newest
+8, 16, 32, ... readings are compared with the mean, and the part of their distance that noise does not explain counts
+as its uncertainty. At rest that is little, and rare.
+"""
+
+import numpy as np
+
+from beamtouch_models.filters.means import FloatArray
+
+LAGS = 0.1
+"""Probability at rest that a number of newest readings seem to be apart from the mean."""
+SHARED = 0.99
+"""Largest part of a mean that may be the newest readings that it is compared with."""
+
+
+def lags_of(
+    projected: FloatArray, squares: FloatArray, numbers: FloatArray, limits: FloatArray, variance: FloatArray
+) -> FloatArray:
+    """Return the lags of means, in units of the noise, shape (means, channels); 0 where noise explains the distance.
+
+    Parameters
+    ----------
+    projected
+        Sums of the newest deviations over the root of their number, in units of the noise, shape (means, numbers,
+        channels).
+    squares
+        Their squares, summed over the channels, shape (means, numbers).
+    numbers
+        How many newest readings they are, shape (numbers,).
+    limits
+        Squares that noise explains, shape (means,), or the same for all.
+    variance
+        Relative variance of the noise of each mean, shape (means,).
+    """
+    lags = np.zeros((len(projected), projected.shape[2]))
+    if not len(numbers):
+        return lags
+    # A mean shares its newest readings with those that it is compared with.
+    own = 1 - numbers * variance[:, np.newaxis]
+    limits = np.broadcast_to(limits, variance.shape)
+    found = (squares > limits[:, np.newaxis] * own) & (own > 1 - SHARED)
+    rows = np.flatnonzero(found.any(axis=1))
+    if len(rows):
+        ratio = np.where(found[rows], squares[rows] / np.maximum(own[rows], 1 - SHARED), 0.0)
+        best, at = ratio.argmax(axis=1), np.arange(len(rows))
+        part = np.sqrt((1 - limits[rows] / ratio[at, best]) / numbers[best])
+        lags[rows] = projected[rows, best] * part[:, np.newaxis]
+    return lags
