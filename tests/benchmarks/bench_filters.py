@@ -1,11 +1,10 @@
 """Processor time of the daemon's filters per sample: the growing mean beside the fixed mean, with their covariances.
 
-`python tests/benchmarks/bench_filters.py [--seconds 20]`. Readings of four channels come in pieces of 5 ms, as from a
+`python tests/benchmarks/bench_filters.py [--runs 5]`. Readings of four channels come in pieces of 5 ms, as from a
 serial line, or of one reading. Each figure is the least of several runs, which a busy machine disturbs least.
 """
 
 import argparse
-import sys
 import time
 from collections.abc import Callable
 
@@ -34,7 +33,7 @@ WAY_PER_S = np.array([80.0, -30.0, -30.0, 40.0])
 RUNS = 5
 
 
-def filters(rate_hz: int) -> dict[str, Stage | tuple[Stage, ...]]:
+def filters(rate_hz: int) -> dict[str, tuple[Stage, ...]]:
     """Return the filters that are compared."""
     window = max(1, round(LATENCY_S * rate_hz))
     period = PERIOD_S * rate_hz
@@ -46,17 +45,20 @@ def filters(rate_hz: int) -> dict[str, Stage | tuple[Stage, ...]]:
 
 def at_rest(since_s: FloatArray) -> FloatArray:
     """Return a beam without a load."""
-    return 0.0 * since_s[:, np.newaxis] * CONTACT
+    truth: FloatArray = 0.0 * since_s[:, np.newaxis] * CONTACT
+    return truth
 
 
 def touched(since_s: FloatArray) -> FloatArray:
     """Return a beam under a load that rests."""
-    return (since_s >= 0)[:, np.newaxis] * CONTACT
+    truth: FloatArray = (since_s >= 0)[:, np.newaxis] * CONTACT
+    return truth
 
 
 def moving(since_s: FloatArray) -> FloatArray:
     """Return a beam under a load that moves."""
-    return CONTACT + np.maximum(since_s, 0.0)[:, np.newaxis] * WAY_PER_S
+    truth: FloatArray = CONTACT + np.maximum(since_s, 0.0)[:, np.newaxis] * WAY_PER_S
+    return truth
 
 
 COURSES: dict[str, Callable[[FloatArray], FloatArray]] = {
@@ -81,11 +83,9 @@ def per_sample_us(stages: tuple[Stage, ...], rate_hz: int, truth: FloatArray) ->
     return (time.process_time() - began) / rate_hz * 1e6
 
 
-def main() -> int:
-    """Print a row per rate and course; returns 0."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"runs per figure ({RUNS})")
-    runs = parser.parse_args().runs
+def run(runs: int = RUNS) -> list[dict[str, object]]:
+    """Return a row per rate and course: the time with a growing mean over that with a fixed one."""
+    rows: list[dict[str, object]] = []
     for rate_hz in RATES_HZ:
         since_s = np.arange(-2 * rate_hz, rate_hz) / rate_hz
         for name, course in COURSES.items():
@@ -95,10 +95,13 @@ def main() -> int:
                 for kind, stages in filters(rate_hz).items()
             }
             ratio = least["growing"] / least["fixed"]
-            text = "  ".join(f"{kind} {value:.0f} us" for kind, value in least.items())
-            print(f"{rate_hz} Hz  {name}  {text}  ratio {ratio:.2f}", flush=True)
-    return 0
+            each = {f"{kind}, us per sample": value for kind, value in least.items()}
+            rows.append({"name": f"{rate_hz} Hz, {name}: growing over fixed", "value": ratio, "unit": "times", **each})
+    return rows
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"runs per figure ({RUNS})")
+    for row in run(parser.parse_args().runs):
+        print(*(f"{key} {value:.3g}" if isinstance(value, float) else value for key, value in row.items()), sep="  ")
