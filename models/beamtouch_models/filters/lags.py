@@ -39,12 +39,12 @@ def lags_of(
         return lags
     # A mean shares its newest readings with those that it is compared with.
     own = 1 - numbers * variance[:, np.newaxis]
-    limits = np.broadcast_to(limits, variance.shape)
-    found = (squares > limits[:, np.newaxis] * own) & (own > 1 - SHARED)
-    rows = np.flatnonzero(found.any(axis=1))
-    if len(rows):
-        ratio = np.where(found[rows], squares[rows] / np.maximum(own[rows], 1 - SHARED), 0.0)
-        best, at = ratio.argmax(axis=1), np.arange(len(rows))
-        part = np.sqrt((1 - limits[rows] / ratio[at, best]) / numbers[best])
-        lags[rows] = projected[rows, best] * part[:, np.newaxis]
+    explained = np.reshape(limits, (-1, 1)) * own
+    above = squares > explained
+    if above.any():
+        above &= own > 1 - SHARED
+        ratio = np.where(above, squares / np.where(above, explained, 1.0), 1.0)
+        best, at = ratio.argmax(axis=1), np.arange(len(ratio))
+        part = np.sqrt((1 - 1 / ratio[at, best]) / numbers[best])
+        lags[:] = projected[at, best] * part[:, np.newaxis]
     return lags
