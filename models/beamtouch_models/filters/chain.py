@@ -24,6 +24,9 @@ could make a beam at rest look touched.
 LOW_PASS_SPAN = 8
 """A low-pass spans this many times 1 / a readings: exp(-8) of a step remains after them, a sixth of the noise of a
 reading if the step was 500 times that noise."""
+LAG_READINGS = 2
+"""The distance of a growing mean from its newest readings counts from this many times its fewest readings on. Fewer
+readings scatter so much at rest that their distance says little."""
 MOST_COMPARED = 8
 """Readings of a growing mean whose scatter is looked at. The mean itself shows slower motion."""
 
@@ -44,6 +47,8 @@ class Stage:
     """Returns the initial state for so many channels; None: rows of NaN."""
     lone_spike_mm: float | None = None
     """Distance of a lone spike from the median, if the filter leaves out spikes itself; None: it does not."""
+    lag_readings: int | None = None
+    """Fewest newest readings whose distance from the mean counts as its lag; None: the mean is too short to lag."""
 
 
 def spike_stage(limit_mm: float) -> Stage:
@@ -84,7 +89,15 @@ def growing_mean_stage(
     growing = GrowingMean(longest, unit_mm, spike_mm, fewest, slowest_period)
     spike = math.inf if spike_mm is None else spike_mm
     span = min(longest, MOST_COMPARED)
-    return Stage(longest, growing.step, span, restarts=True, fresh=growing.fresh, lone_spike_mm=spike)
+    return Stage(
+        longest,
+        growing.step,
+        span,
+        restarts=True,
+        fresh=growing.fresh,
+        lone_spike_mm=spike,
+        lag_readings=max(MOST_COMPARED, LAG_READINGS * fewest),
+    )
 
 
 @dataclass(frozen=True)
@@ -175,7 +188,12 @@ class Chain:
         if self._noise_mm is not None:
             usual_mm = unit_of(self._noise_mm, step_mm, channels)
             self._scatter = Scatter(
-                averaging.span, slowest_period, usual_mm, restarts=averaging.restarts, spike_mm=averaging.lone_spike_mm
+                averaging.span,
+                slowest_period,
+                usual_mm,
+                restarts=averaging.restarts,
+                spike_mm=averaging.lone_spike_mm,
+                lag_readings=averaging.lag_readings,
             )
         longest = max([1, *(stage.memory for stage in chosen), self._scatter.memory if self._scatter else 0])
         self._block = max(1, BLOCK_VALUES // (longest * channels))

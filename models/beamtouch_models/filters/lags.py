@@ -1,8 +1,8 @@
 """The lag of a mean of many readings behind the newest ones.
 
-Such a mean is so precise that a load which begins to move leaves its interval before any test can know. So the newest
-8, 16, 32, ... readings are compared with the mean, and the part of their distance that noise does not explain counts
-as its uncertainty. At rest that is little, and rare.
+Such a mean is so precise that a load which begins to move leaves its interval before any test can know. So numbers of
+newest readings, each twice the one before, are compared with the mean. The part of their distance that noise does not
+explain counts as its uncertainty. At rest that is little, and rare.
 """
 
 import numpy as np

@@ -62,6 +62,8 @@ class Scatter:
     spike_mm
         Distance of a lone spike from the median, if the mean leaves out spikes itself; None: the readings arrive as
         they entered it.
+    lag_readings
+        Fewest newest readings whose distance from the mean counts as its lag; None: nothing does.
     """
 
     def __init__(
@@ -72,6 +74,7 @@ class Scatter:
         *,
         restarts: bool = False,
         spike_mm: float | None = None,
+        lag_readings: int | None = None,
     ) -> None:
         self.span = span
         self._still = math.ceil(STILL_PART * slowest_period)
@@ -82,7 +85,7 @@ class Scatter:
         self._means = max(span, half)
         self._restarts = restarts
         self._excess = Excess(noise_mm, self._unit_mm, half)
-        self._spike_mm = spike_mm
+        self._spike_mm, self._lag_readings = spike_mm, lag_readings
 
     @property
     def memory(self) -> int:
@@ -252,5 +255,4 @@ class Scatter:
         return found
 
     def _look(self, span: int) -> Look:
-        first = self.span if self._restarts else None
-        return look_at(self._compared(span), self._slope, self._rows, len(self._unit_mm), first)
+        return look_at(self._compared(span), self._slope, self._rows, len(self._unit_mm), self._lag_readings)
