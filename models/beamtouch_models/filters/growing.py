@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters.means import BEFORE, FloatArray, lone_spikes
-from beamtouch_models.filters.pairs import pairs_of
+from beamtouch_models.filters.pairs import differ, pairs_of
 from beamtouch_models.filters.significance import chi_square_quantile
 from beamtouch_models.filters.splits import SHORT, Sums, best_split, is_sharp, is_step, is_touch, parts, sharp_changes
 
@@ -168,28 +168,13 @@ class GrowingMean:
             apart = means.take(part, axis=1) - means.take(whole, axis=1)
             changed = np.einsum("epc,epc->ep", apart, apart) > self._limits
         else:
-            changed = self._changed(total)
+            changed = differ(self._pairs, total, self._agree)
         found = np.full(len(sums.starts), self._longest)
         at = np.flatnonzero(changed.any(axis=1))
         if len(at):
             fails = needed[whole[changed[at].argmax(axis=1)]]
             found[at] = self._since(sums.of(at), fails, ages)
         return found
-
-    def _changed(self, total: FloatArray) -> NDArray[np.bool_]:
-        """Return which pairs differ, (means, pairs), where some windows lack readings.
-
-        The sums and numbers of the readings in them have shape (means, lengths, 2, channels).
-        """
-        _, _, part, whole, _ = self._pairs
-        number = total[:, :, 1]
-        means = total[:, :, 0] / np.maximum(number, 1)
-        few, many = number[:, part], number[:, whole]
-        tested = (few > 0) & (few < many)
-        apart = means[:, part] - means[:, whole]
-        scale = np.where(tested, few * many / np.maximum(many - few, 1), 0.0)
-        changed: NDArray[np.bool_] = (apart * apart * scale).sum(axis=2) > self._agree[tested.sum(axis=2)]
-        return changed
 
     def _since(self, sums: Sums, fails: NDArray[np.intp], ages: FloatArray) -> NDArray[np.intp]:
         """Return how many rows count of windows of `fails` rows that hold a change; the windows before hold none."""
@@ -200,7 +185,10 @@ class GrowingMean:
         for at in parts(np.flatnonzero((sizes >= fails) | (fails <= SHORT))):
             sought = sums.of(at)
             split = best_split(sought, fewest[at], fails[at])
-            sharp = is_sharp(sought, split, self._sharp) | is_step(sought, split, self._clearly)
+            sharp = is_sharp(sought, split, self._sharp)
+            unclear = np.flatnonzero(~sharp)
+            if len(unclear):
+                sharp[unclear] = is_step(sought.of(unclear), split[unclear], self._clearly)
             sizes[at] = np.where(sharp, split, -(-split // DRIFT_PART))
         few = np.flatnonzero(sizes < self._fewest)
         if len(few):

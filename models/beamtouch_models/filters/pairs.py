@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_models.filters.means import FloatArray
+
 OLDEST = (1, 4)
 """Numbers of oldest readings of a window that are compared with the others."""
 RATIO = 1.3
@@ -48,3 +50,19 @@ def pairs_of(longest: int) -> Pairs:
         np.searchsorted(needed, whole),
         max(1, most),
     )
+
+
+def differ(pairs: Pairs, total: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
+    """Return which pairs differ, (means, pairs), where some windows lack readings.
+
+    The sums and numbers of the readings in the windows, `total`, have shape (means, lengths, 2, channels). The limits
+    of the squares are by the number of channels, as if readings had a deviation of 1.
+    """
+    number = total[:, :, 1]
+    means = total[:, :, 0] / np.maximum(number, 1)
+    few, many = number[:, pairs.part], number[:, pairs.whole]
+    tested = (few > 0) & (few < many)
+    apart = means[:, pairs.part] - means[:, pairs.whole]
+    scale = np.where(tested, few * many / np.maximum(many - few, 1), 0.0)
+    changed: NDArray[np.bool_] = (apart * apart * scale).sum(axis=2) > limits[tested.sum(axis=2)]
+    return changed

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from beamtouch_models.filters.excess import Evidence, Excess
 from beamtouch_models.filters.means import BEFORE, FloatArray, lone_spikes, windows
-from beamtouch_models.filters.significance import LONGER_SLOPES, Found, Look, look_at
 from beamtouch_models.filters.steps import are_steps
-from beamtouch_models.filters.view import View, decide
+from beamtouch_models.filters.view import Looks, Sizes, View, decide
 
 SMALLEST_NOISE_MM = 1e-9
 """Readings without noise are compared with this, so that rounding errors are no motion."""
@@ -23,8 +22,6 @@ SCATTER_PART = 1 / 2
 """Part of the slowest period over which means scatter by their amplitude."""
 LONE = 1
 """Readings in a window that may be replaced as spikes. More of them are the motion of the beam."""
-MOST_MISSING = 1 / 2
-"""Part of the readings of a channel that may be missing where rest is to be proved."""
 
 
 class Past(NamedTuple):
@@ -35,15 +32,6 @@ class Past(NamedTuple):
     """As they entered the mean."""
     means: FloatArray
     moved: bool
-
-
-class Sizes(NamedTuple):
-    """Sizes of means."""
-
-    spans: list[int]
-    """Number of readings in each mean that are looked at."""
-    variance: FloatArray
-    """Relative variance of the noise of its least noisy channel, shape (means,)."""
 
 
 class Scatter:
@@ -80,12 +68,12 @@ class Scatter:
         self._still = math.ceil(STILL_PART * slowest_period)
         half = max(1, math.ceil(SCATTER_PART * slowest_period))
         self._unit_mm = np.maximum(noise_mm, SMALLEST_NOISE_MM)
-        self._slope = max(2 * span, half)
-        self._rows = max(LONGER_SLOPES[-1] * self._slope, span + self._compared(span))
+        self._looks = Looks(span, self._still, max(2 * span, half), self._unit_mm, lag_readings)
+        self._rows = self._looks.rows
         self._means = max(span, half)
         self._restarts = restarts
         self._excess = Excess(noise_mm, self._unit_mm, half)
-        self._spike_mm, self._lag_readings = spike_mm, lag_readings
+        self._spike_mm = spike_mm
 
     @property
     def memory(self) -> int:
@@ -135,10 +123,7 @@ class Scatter:
             judged = np.where(spikes, medians, recent) if spikes.any() else recent
             clean = np.concatenate([past.cleaned[:-1], judged[BEFORE - 1 :]])
             changed, newest = np.any(np.abs(rows - clean) > 0, axis=1), held[BEFORE:]
-        least = variance.min(axis=1)
-        if np.isnan(least).any():
-            least = np.where(np.isnan(variance), 1.0, variance).min(axis=1)
-        sizes = Sizes(spans, least)
+        sizes = Sizes.of(spans, variance)
         moves, view, unfair, moved = self._moves(rows, clean, mean, sizes, changed, newest, moved=past.moved)
         lags = view.found.lags * self._unit_mm
         lagging = lags.any(axis=1) & ~moves
@@ -150,7 +135,7 @@ class Scatter:
             excess[of] = self._of_moving(moving, mean, variance, means, sizes, view, unfair)
             if self._restarts:
                 units = windows(rows, self._rows)[moving] / self._unit_mm
-                steps = are_steps(units, np.rint(1 / least[moving]).astype(np.intp), self._still)
+                steps = are_steps(units, np.rint(1 / sizes.variance[moving]).astype(np.intp), self._still)
                 excess[of[steps]] = np.diag(self._unit_mm**2)
         kept = slice(len(rows) - self._rows + 1, None)
         return moves, lagging, excess, Past(rows[kept], clean[kept], means[len(means) - self._means :], moved)
@@ -181,8 +166,8 @@ class Scatter:
                 slopes=view.found.slopes[at],
                 unfair=unfair[at],
             )
-            look = self._look(span)
-            excess[kinds == span] = self._excess.of(evidence, span, self._compared(span), look.newest)
+            look = self._looks.look(span)
+            excess[kinds == span] = self._excess.of(evidence, span, self._looks.compared(span), look.newest)
         return excess
 
     def _moves(
@@ -202,57 +187,20 @@ class Scatter:
         moves, all readings count as they came.
         """
         spiky = bool(changed.any() or newest.any())
-        raw = self._view(windows(rows, self._rows), mean, sizes, moved=moved or spiky)
+        raw = self._looks.view(windows(rows, self._rows), mean, sizes, moved=moved or spiky)
         moves = raw.found.moves
         if not spiky:
             if moved or moves.any():
                 for index, lingers in enumerate(raw.found.lingers.tolist()):
                     moved = moves[index] = bool(moves[index]) or (moved and lingers)
             return moves, raw, np.full(len(mean), self._restarts), moved
-        window = windows(changed.astype(np.float64), self._rows)[:, -self._compared(self.span) : -1]
+        window = windows(changed.astype(np.float64), self._rows)[:, -self._looks.compared(self.span) : -1]
         near = window.sum(axis=1) + newest
         if moved and (moves | raw.found.lingers).all():
             return np.ones(len(mean), dtype=np.bool_), raw, (near > 0) | self._restarts, moved
         replaced = windows(clean, self._rows).copy()
         replaced[:, -1] = rows[len(rows) - len(mean) :]  # what took the place of the newest reading may hide a touch
-        tidy = self._view(replaced, mean, sizes, moved=True)
+        tidy = self._looks.view(replaced, mean, sizes, moved=True)
         as_came = near > LONE
         moves, moved = decide(raw.found, tidy.found, as_came, newest, moved=moved)
         return moves, raw.or_else(tidy, as_came), (as_came & (near > 0)) | self._restarts, moved
-
-    def _view(self, rows: FloatArray, mean: FloatArray, sizes: Sizes, *, moved: bool) -> View:
-        """Return what the last readings (means, rows, channels) show about each mean."""
-        deviations = rows - mean[:, np.newaxis]
-        if not np.isnan(deviations.sum()):
-            return View(deviations, None, None, self._find(deviations, mean.shape[1], sizes, moved=moved))
-        known, there = ~np.isnan(deviations), ~np.isnan(mean)
-        deviations[~known] = 0.0
-        begun = np.logical_or.accumulate(known.any(axis=2), axis=1)
-        missing = (begun[:, :, np.newaxis] & ~known)[:, -self._compared(self.span) :].mean(axis=1)
-        found = self._find(deviations, there.sum(axis=1), sizes, moved=True)
-        moves = found.moves | ((missing > MOST_MISSING) & there).any(axis=1)
-        return View(deviations, known, missing, found._replace(moves=moves))
-
-    def _compared(self, span: int) -> int:
-        """Return the number of readings that must agree to prove rest."""
-        return max(span, self._still)
-
-    def _find(self, deviations: FloatArray, working: NDArray[np.intp] | int, sizes: Sizes, *, moved: bool) -> Found:
-        """Return what the tests find in the deviations."""
-        units = deviations / self._unit_mm
-        spans, variance = sizes
-        kinds = set(spans)
-        if len(kinds) == 1:
-            return self._look(spans[0]).find(units, working, variance, moved=moved)
-        flags = np.empty((2, len(units)), dtype=np.bool_)
-        found = Found(flags[0], flags[1], np.empty(len(units)), np.empty_like(units[:, 0]), np.empty_like(units[:, 0]))
-        for span in kinds:
-            at = np.flatnonzero(np.array(spans) == span)
-            there = working if isinstance(working, int) else working[at]
-            part = self._look(span).find(units[at], there, variance[at], moved=True)
-            for whole, values in zip(found, part, strict=True):
-                whole[at] = values
-        return found
-
-    def _look(self, span: int) -> Look:
-        return look_at(self._compared(span), self._slope, self._rows, len(self._unit_mm), self._lag_readings)
