@@ -40,7 +40,11 @@ def test_the_split_is_that_of_an_exhaustive_search(since: int, size: float) -> N
 def test_a_step_is_told_from_a_slope_and_from_a_bend(since: int) -> None:
     noise = np.random.default_rng(3).standard_normal((ROWS, CHANNELS))
     ages = np.arange(ROWS)[::-1, np.newaxis]
-    shapes = {"step": ages < since, "slope": ages / (2 * since), "bend": np.clip(ages - since, 0, None) / since}
+    shapes: dict[str, FloatArray] = {
+        "step": (ages < since).astype(np.float64),
+        "slope": ages / (2 * since),
+        "bend": np.clip(ages - since, 0, None) / since,
+    }
     found = {
         name: bool(is_step(sums_of(noise + 40 * shape), np.array([since]), 20.0)[0]) for name, shape in shapes.items()
     }
