@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -43,12 +43,19 @@ class Line:
     scene, model : scene file and the model file built from it
     daemon_config : the config that `design-sensors build --daemon-config` wrote for the model
     surfaces : the surfaces to run
+    sections : further sections of the configuration of the service
     """
 
     def __init__(
-        self, folder: Path, scene: Path, model: Path, daemon_config: Path, surfaces: Sequence[Surface]
+        self,
+        folder: Path,
+        scene: Path,
+        model: Path,
+        daemon_config: Path,
+        surfaces: Sequence[Surface],
+        sections: Mapping[str, Any] | None = None,
     ) -> None:
-        self.folder, self.surfaces = folder, surfaces
+        self.folder, self.surfaces, self._sections = folder, surfaces, dict(sections or {})
         self.url = ""
         """Base URL of the service, once started."""
         self.summary = folder / "summary.json"
@@ -124,7 +131,7 @@ class Line:
     def _start_service(self) -> str:
         surfaces = {surface.name: {"model": str(self._model)} for surface in self.surfaces}
         server = {"port": 0, "write_token_file": "token"}
-        config = {"server": server, "events": {"file": "events.db"}, "surfaces": surfaces}
+        config = {"server": server, "events": {"file": "events.db"}, "surfaces": surfaces, **self._sections}
         (self.folder / "service.toml").write_text(tomli_w.dumps(config))
         self._start("service", ["beamtouch-service", "run", "--config", str(self.folder / "service.toml")])
         return self._first_line("service").rpartition(" ")[2]

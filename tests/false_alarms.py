@@ -1,8 +1,8 @@
 """False contacts and false stretches of `unexplained` per day: through a graph, over sequences of overlapping windows.
 
-Importance sampling over sequences, as in `beamtouch_models.accuracy.stretches`: zeros anywhere within twice their
-drift, evenly, and the errors of the gains likewise. A contact lasts from the threshold of touch to an eighth of it, a
-stretch begins with three odd samples in a row.
+Importance sampling over sequences, as in `beamtouch_models.accuracy.unexplained_thresholds`: zeros anywhere within
+twice their drift, evenly, and the errors of the gains likewise. A contact lasts from the threshold of touch to an
+eighth of it, a stretch begins with three odd samples in a row.
 """
 
 from dataclasses import dataclass
@@ -13,18 +13,19 @@ from scipy.special import gammaln
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.stretches import FARTHEST, IN_A_ROW, Sequences, at_rest, stretches
-from beamtouch_models.accuracy.touch import (
+from beamtouch_models.accuracy.touch_thresholds import (
     directions,
     noise_at_rest,
     rate_per_sample,
     rest_like_contact,
     shapes_at_rest,
 )
+from beamtouch_models.accuracy.unexplained_thresholds import FARTHEST, Sequences, at_rest, stretches
 from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import DRIFTS, log_tilt, tilted
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.measured import thresholds_of
+from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import SECONDS_PER_DAY, FilterChoice, Thresholds
 from beamtouch_models.pricing.effects import required
@@ -119,7 +120,7 @@ def false_stretches_of_contacts_per_day(on: Surface, kept: tuple[int, ...], draw
     along = np.einsum("dcm,dm->dc", inside, toward)
     white = rng.normal(size=(draws, size))
     white -= np.einsum("dcm,dnm,dn->dc", inside, inside, white)
-    means, first = overlapping_means(white + radius[:, None] * along, on.filter.window, IN_A_ROW, rng)
+    means, first = overlapping_means(white + radius[:, None] * along, on.filter.window, PERSISTENCE, rng)
     tilt = radius[:, None] * np.einsum("dcm,dnm,dn->dc", basis, basis, along / noise)
     density = (size - 3) * np.log(radius) - radius**2 / 2 - ((size - 2) / 2 - 1) * np.log(2) - gammaln((size - 2) / 2)
     constant = np.zeros_like(clean)
@@ -137,7 +138,7 @@ def false_stretches_of_contacts_per_day(on: Surface, kept: tuple[int, ...], draw
 def _stretches_per_day(on: Surface, kept: tuple[int, ...], drawn: Sequences, reading: Floats) -> float:
     # Only sequences that are odd where they are drawn large count.
     candidates = np.ones(len(reading), np.bool_)
-    for sample in range(drawn.first, drawn.first + IN_A_ROW):
+    for sample in range(drawn.first, drawn.first + PERSISTENCE):
         candidates[candidates] = _odd(on, kept, reading[candidates, sample])
     odd = np.zeros(reading.shape[:2], np.bool_)
     odd[candidates] = _odd(on, kept, reading[candidates])

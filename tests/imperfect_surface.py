@@ -35,7 +35,7 @@ def true_prior(metadata: Metadata, real: Imperfections) -> Prior:
     scene = real.applied_to(parse_scene(metadata.scene, metadata.name))
     sensor_mm = real.sensors_mm(np.array([channel.position_mm for channel in metadata.layout]))
     prior = Prior.of(influence_of(scene), sensor_mm, metadata.noise.sample_mm)
-    return dataclasses.replace(prior, stated=real.seen_mm)
+    return dataclasses.replace(prior, measured=real.seen_mm)
 
 
 def write_readings(
@@ -44,7 +44,7 @@ def write_readings(
     """Write what `record` would: so many samples of each load, with the noise of a reading in each."""
     rng = np.random.default_rng(seed)
     names = [channel.name for channel in metadata.layout]
-    clean = prior.stated(force_n[:, None] * prior.influence_at(position_mm))
+    clean = prior.measured(force_n[:, None] * prior.influence_at(position_mm))
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         columns = ("counts", "deflection_mm", "quality")

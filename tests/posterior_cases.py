@@ -11,7 +11,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from beamtouch_models.accuracy.forces import HIGHEST
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.touch import directions, rest_like_contact
+from beamtouch_models.accuracy.touch_thresholds import directions, rest_like_contact
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes

@@ -52,14 +52,14 @@ def recorded(
     true = np.clip(said + hand_mm * rng.normal(size=count), low, high)
     pressed = force * (1 + FORCE_PER_MM * hand_mm * rng.normal(size=count))
     prior = true_prior(metadata, real)
-    clean = prior.stated(pressed[:, None] * prior.influence_at(true))
+    clean = prior.measured(pressed[:, None] * prior.influence_at(true))
     deviation = metadata.noise.reading_mm / np.sqrt(SAMPLES)
     first = np.arange(count) * SAMPLES + 2
     return Loads(
         number=np.arange(1, count + 1),
         position_mm=said,
         force_n=force,
-        stated_mm=clean + rng.normal(scale=deviation, size=clean.shape),
+        measured_mm=clean + rng.normal(scale=deviation, size=clean.shape),
         deviation_mm=np.full(clean.shape, deviation),
         lines=np.stack([first, first + SAMPLES - 1], axis=1),
     )

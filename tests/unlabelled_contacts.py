@@ -8,7 +8,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.contacts import Contacts
+from beamtouch_models.calibration.contacts import UnlabelledContacts
 from beamtouch_models.calibration.places import places
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.metadata import Metadata
@@ -46,7 +46,9 @@ def surface(metadata: Metadata, kind: Kind, rng: np.random.Generator) -> Imperfe
     )
 
 
-def drawn(metadata: Metadata, real: Imperfections, kind: Kind, rng: np.random.Generator, count: int) -> Contacts:
+def drawn(
+    metadata: Metadata, real: Imperfections, kind: Kind, rng: np.random.Generator, count: int
+) -> UnlabelledContacts:
     """Draw contacts over the ranges of the scene."""
     prior = true_prior(metadata, real)
     position, force = rng.uniform(*prior.position_mm, count), rng.uniform(*prior.force_n, count)
@@ -56,8 +58,8 @@ def drawn(metadata: Metadata, real: Imperfections, kind: Kind, rng: np.random.Ge
     beside = _anywhere(prior, rng, count)
     deflection = deflection + np.where(rng.random((count, 1)) < kind.two_at_once, beside, 0.0)
     deviation = metadata.noise.reading_mm / np.sqrt(kind.readings or metadata.filter.window)
-    stated = prior.stated(deflection) + deviation * rng.normal(size=deflection.shape)
-    return Contacts(stated, np.full(stated.shape, deviation))
+    measured = prior.measured(deflection) + deviation * rng.normal(size=deflection.shape)
+    return UnlabelledContacts(measured, np.full(measured.shape, deviation))
 
 
 def _anywhere(prior: Prior, rng: np.random.Generator, count: int) -> Floats:
@@ -67,14 +69,14 @@ def _anywhere(prior: Prior, rng: np.random.Generator, count: int) -> Floats:
     return deflection
 
 
-def write_contacts(path: Path, model: ModelFile, contacts: Contacts, characteristic: str = "a1") -> Path:
+def write_contacts(path: Path, model: ModelFile, contacts: UnlabelledContacts, characteristic: str = "a1") -> Path:
     """Write contacts as the service offers them, one per second."""
     names = model.channels
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         columns = [f"{name}_{end}" for end in ("mm", "sd_mm") for name in names]
         writer.writerow(["event", "time", "model", "characteristic", "readings", *columns])
-        rows = np.concatenate([contacts.stated_mm, contacts.deviation_mm], axis=1)
+        rows = np.concatenate([contacts.measured_mm, contacts.deviation_mm], axis=1)
         for number, row in enumerate(rows, start=1):
             time = f"2026-11-22T{number // 3600:02}:{number // 60 % 60:02}:{number % 60:02}.000Z"
             cells = [f"{value:.9f}" for value in row]
@@ -88,6 +90,6 @@ def missed_mm(theory: Theory, vector: Floats, metadata: Metadata, real: Imperfec
     low, high = prior.position_mm
     margin = 0.05 * (high - low)
     position = np.linspace(low + margin, high - margin, 60)
-    stated = prior.stated(np.mean(prior.force_n) * prior.influence_at(position))
-    found, _ = places(theory, vector, stated, np.full(stated.shape, metadata.noise.sample_mm))
+    measured = prior.measured(np.mean(prior.force_n) * prior.influence_at(position))
+    found, _ = places(theory, vector, measured, np.full(measured.shape, metadata.noise.sample_mm))
     return float(np.abs(found - position).mean())

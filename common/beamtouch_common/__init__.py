@@ -1,1 +1,1 @@
-"""The ground floor: what all packages share. It imports none of them, and needs pydantic at most."""
+"""The ground floor: code that all packages share. It imports none of them, and needs pydantic at most."""

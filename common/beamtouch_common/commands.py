@@ -99,7 +99,7 @@ def complain(program: str, text: str, code: int) -> int:
 
 
 def announce(line: str) -> None:
-    """Print a line at once. A command that runs on does so also where nobody reads it."""
+    """Print a line at once. A command runs on even if its output is closed."""
     try:
         print(line, flush=True)
     except OSError:
@@ -114,7 +114,7 @@ def _is_interrupted(error: BaseException | None) -> bool:
 
 
 def _is_output_lost() -> bool:
-    """Return whether standard output takes nothing more. If so, drop what it holds: Python would fail at its end."""
+    """Return whether standard output is closed. If so, drop its buffer: Python would fail at its end."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()

@@ -2,7 +2,7 @@
 
 
 class InputError(ValueError):
-    """Something that the user gave is wrong; the message is one line that says what to do. Exit code 2."""
+    """Wrong input from the user; the message is one line that says what to do. Exit code 2."""
 
 
 class FailedError(RuntimeError):

@@ -75,7 +75,7 @@ def parse_toml(
     try:
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        # These include numbers and nesting beyond what the parser takes.
+        # These include numbers and nesting beyond the limits of the parser.
         message = f"{origin}: not valid TOML: {error}"
         raise InputError(message) from None
     return validate(kind, content, origin, renamed=renamed, context=context)

@@ -1,4 +1,4 @@
-"""Repeated failures: how long to wait between attempts, and how often to log them."""
+"""Repeated failures: the waits between attempts, and a limit on log messages."""
 
 import logging
 from time import monotonic

@@ -7,7 +7,7 @@ from html import escape
 from itertools import pairwise
 from typing import Literal
 
-from beamtouch_models.drawing import Colour, fill, opening, stroke
+from beamtouch_models.svg import Colour, fill, opening, stroke
 
 WIDTH, HEIGHT = 640, 340
 LEFT, RIGHT, TOP, BOTTOM = 64, 16, 14, 46

@@ -1,21 +1,24 @@
-"""The command `design-sensors`. This module has the arguments; `commands` has the work."""
+"""The command `design-sensors`. `arguments` has its arguments, and `commands` the work."""
 
-import argparse
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from pathlib import Path
 
-from beamtouch_common.commands import DONE, Parser, exit_code, whole_number
+from beamtouch_common.commands import DONE, Parser, exit_code
+from beamtouch_models.arguments import (
+    add_build,
+    add_calibrate,
+    add_challenge,
+    add_evaluate,
+    add_explain,
+    add_inspect,
+    add_place,
+    add_reproduce,
+    add_trade,
+)
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
 
 PROGRAM = "design-sensors"
-ESTIMATORS = ("posterior", "small-network", "paper-network")
-"""The names in `estimators.estimator`, which takes too long to import for --help."""
-MAX_DRAWS = 1_000_000
-"""Bounds memory: each contact takes about 2 kB."""
-MAX_PLAYS = 10_000
-"""Bounds memory: each course of events takes about 100 kB."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -34,188 +37,18 @@ def _parser() -> Parser:
     parser = Parser(PROGRAM, description="Design a touch-sensing beam: sensor positions and model, offline.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, add_arguments, text in (
-        ("build", _add_build, "place the sensors, make the estimator and write the model file"),
-        ("calibrate", _add_calibrate, "fit a model to a real beam, using recorded loads or unlabelled contacts"),
-        ("challenge", _add_challenge, "put a model through touches, ringing, motion, sensor errors and faults"),
-        ("evaluate", _add_evaluate, "measure a model and compare it with the accuracy limit"),
-        ("explain", _add_explain, "print how much each physical effect matters in a scene"),
-        ("inspect", _add_inspect, "print the metadata of a model file"),
-        ("place", _add_place, "choose sensor positions and state how much better any other layout could be"),
-        ("reproduce", _add_reproduce, "recompute the paper's figures and compare them with the paper"),
-        ("trade", _add_trade, "measure accuracy against speed, number of sensors and filter"),
+        ("build", add_build, "place the sensors, make the estimator and write the model file"),
+        ("calibrate", add_calibrate, "fit a model to a real beam, using recorded loads or unlabelled contacts"),
+        ("challenge", add_challenge, "put a model through touches, ringing, motion, sensor errors and faults"),
+        ("evaluate", add_evaluate, "measure a model and compare it with the accuracy limit"),
+        ("explain", add_explain, "print how much each physical effect matters in a scene"),
+        ("inspect", add_inspect, "print the metadata of a model file"),
+        ("place", add_place, "choose sensor positions and state how much better any other layout could be"),
+        ("reproduce", add_reproduce, "recompute the paper's figures and compare them with the paper"),
+        ("trade", add_trade, "measure accuracy against speed, number of sensors and filter"),
     ):
         add_arguments(commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}."))
     return parser
-
-
-def _add_build(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
-    parser.add_argument(
-        "--sensors", type=whole_number(1, 64), metavar="N", help="number of sensors, instead of the scene's"
-    )
-    parser.add_argument(
-        "--estimator",
-        choices=ESTIMATORS,
-        default=ESTIMATORS[0],
-        help=f"estimator of the position (default: {ESTIMATORS[0]})",
-    )
-    parser.add_argument(
-        "--daemon-config", type=Path, metavar="FILE", help="also write a configuration for beamtouch-daemon (TOML)"
-    )
-    parser.add_argument("--report", type=Path, metavar="FILE", help="also write a report of the build (.html)")
-    _add_seed(parser)
-    _add_json(parser)
-
-
-def _add_calibrate(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument(
-        "readings", type=Path, nargs="?", metavar="READINGS.csv", help="loads recorded by `beamtouch-daemon record`"
-    )
-    source.add_argument(
-        "--events",
-        type=Path,
-        metavar="FILE",
-        help="instead: contacts of unknown place and force, from the service's /surfaces/NAME/calibration-data (CSV)",
-    )
-    parser.add_argument(
-        "--leave-out",
-        type=whole_number(0, 2**31 - 1),
-        action="append",
-        default=[],
-        metavar="LOAD",
-        help="number of a recorded load to ignore; may be given several times",
-    )
-    for name, metavar, text in (
-        ("--placing-mm", "MM", "standard deviation of a load's true position from the stated one, in mm (default: 1)"),
-        (
-            "--force-percent",
-            "P",
-            "standard deviation of a load's true force from the stated one, in percent (default: 1)",
-        ),
-    ):
-        parser.add_argument(name, type=float, default=1.0, metavar=metavar, help=text)
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
-    _add_json(parser)
-
-
-def _add_challenge(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
-    parser.add_argument(
-        "--draws",
-        type=whole_number(10, MAX_PLAYS),
-        default=400,
-        metavar="N",
-        help="number of simulated courses of events per case (default: 400)",
-    )
-    _add_seed(parser)
-    _add_json(parser)
-
-
-def _add_evaluate(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
-    parser.add_argument(
-        "--noise",
-        type=float,
-        action="append",
-        default=[],
-        metavar="MM",
-        help="noise of a sample (standard deviation), instead of the model's; may be given several times",
-    )
-    parser.add_argument(
-        "--draws",
-        type=whole_number(100, MAX_DRAWS),
-        default=16_384,
-        metavar="N",
-        help="number of simulated contacts, rounded up to a power of two; below about 2000, a stated standard error is "
-        "a lower bound (default: 16384)",
-    )
-    _add_seed(parser)
-    _add_json(parser)
-
-
-def _add_explain(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
-    _add_json(parser)
-
-
-def _add_inspect(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
-    _add_json(parser)
-
-
-def _add_place(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
-    parser.add_argument(
-        "--sensors", type=whole_number(1, 64), metavar="N", help="number of sensors, instead of the scene's"
-    )
-    parser.add_argument(
-        "--components",
-        type=whole_number(1, 64),
-        metavar="K",
-        help="number of leading eigenvalues in the product (default: all)",
-    )
-    criteria = ("eigenvalue-product", "position-error")
-    parser.add_argument(
-        "--criterion", choices=criteria, default=criteria[0], help="what to optimise (default: eigenvalue-product)"
-    )
-    parser.add_argument("--search", choices=("exact", "paper"), default="exact", help="search method (default: exact)")
-    parser.add_argument(
-        "--prove",
-        action="store_true",
-        help="prove that no layout on the grid is better, or state how much better one could be",
-    )
-    _add_seed(parser)
-    _add_json(parser)
-
-
-def _add_reproduce(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the plots and numbers"
-    )
-    _add_seed(parser)
-    _add_json(parser)
-
-
-def _add_trade(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
-    parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the table, plot and JSON"
-    )
-    wish = parser.add_mutually_exclusive_group()
-    wish.add_argument(
-        "--latency-ms", type=float, metavar="L", help="build the most accurate model that answers within L ms"
-    )
-    wish.add_argument(
-        "--error-mm", type=float, metavar="E", help="build the quickest model with a mean error of at most E mm"
-    )
-    parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, help="estimators to measure (default: all)")
-    parser.add_argument(
-        "--draws",
-        type=whole_number(100, MAX_DRAWS),
-        default=4096,
-        metavar="N",
-        help="simulated contacts per point, rounded up to a power of two; below about 2000, a stated standard error is "
-        "a lower bound (default: 4096)",
-    )
-    _add_seed(parser)
-    _add_json(parser)
-
-
-def _add_seed(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--seed",
-        type=whole_number(0, 2**32 - 1),
-        default=0,
-        metavar="S",
-        help="seed of all random numbers (default: 0)",
-    )
-
-
-def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print one JSON object on standard output")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What a model file is, in words, for every command that describes one."""
+"""A model file in words, for every command that describes one."""
 
 from collections.abc import Sequence
 from itertools import groupby

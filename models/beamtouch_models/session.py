@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from threading import Lock, Timer
 
 import numpy as np
@@ -18,7 +18,7 @@ Run = Callable[[NDArray[np.floating], NDArray[np.floating]], Answers]
 """Takes deflections in mm (batch, channels) and their whitening in 1/mm (batch, channels, channels)."""
 
 CHUNK = 64
-"""Samples per call of a runner, few enough for the cache."""
+"""Samples in one run of a graph, few enough for the cache."""
 MAX_MEMORY_BYTES = 64 * 1024 * 1024
 """Memory that all graphs on trial share for intermediate results; a sample of a real model takes under 1 MiB."""
 LIMIT_S = 10.0
@@ -90,18 +90,34 @@ def session_options() -> ort.SessionOptions:
 
 
 def runner(content: bytes) -> Run:
-    """Return a function that runs an ONNX file's content on many samples, in chunks that fit the cache."""
+    """Return a function that runs an ONNX file's content on many samples."""
     session = open_session(content)
     names = [output.name for output in session.get_outputs()]
-    deflection, whitening = (entry.name for entry in session.get_inputs())
+    inputs = [entry.name for entry in session.get_inputs()]
 
-    def run(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
-        reading, weights = deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32)
-        chunks = [slice(start, start + CHUNK) for start in range(0, len(reading), CHUNK)]
-        parts = [session.run(None, {deflection: reading[c], whitening: weights[c]}) for c in chunks]
-        return {name: np.concatenate([part[index] for part in parts]) for index, name in enumerate(names)}
+    def answer(*values: Floats32) -> Answers:
+        return dict(zip(names, session.run(None, dict(zip(inputs, values, strict=True))), strict=True))
 
-    return run
+    return partial(run_in_chunks, answer)
+
+
+def run_in_chunks(
+    answer: Callable[[Floats32, Floats32], Answers],
+    deflection_mm: NDArray[np.floating],
+    whitening_per_mm: NDArray[np.floating],
+) -> Answers:
+    """Return the answers of a graph to many samples, in chunks that fit the cache.
+
+    Parameters
+    ----------
+    answer : runs the graph on a batch
+    deflection_mm : (samples, channels); there may be none
+    whitening_per_mm : (samples, channels, channels)
+    """
+    inputs = deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32)
+    chunks = [slice(start, start + CHUNK) for start in range(0, max(1, len(deflection_mm)), CHUNK)]
+    parts = [answer(inputs[0][chunk], inputs[1][chunk]) for chunk in chunks]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 @contextmanager

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import NoReturn
 
 from beamtouch_common.commands import DONE, INTERRUPTED, Parser, exit_code
+from beamtouch_common.files import load_toml
 from beamtouch_service.config import load_settings
+from beamtouch_service.config_sections import RENAMED, ConfigFile, ModbusServerSection
 
 PROGRAM = "beamtouch-service"
 
@@ -32,7 +34,7 @@ class _Renamed(argparse.Action):
 
 
 def _parser() -> Parser:
-    words = "Accept samples over HTTP and answer where and how hard something touches the surface."
+    words = "Accept samples over HTTP and state where and how hard something touches the surface."
     parser = Parser(PROGRAM, description=words)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_run(commands.add_parser("run", help="serve until SIGTERM or Ctrl-C"))
@@ -40,7 +42,15 @@ def _parser() -> Parser:
     check = commands.add_parser("check", help="describe a model file", description=words)
     check.add_argument("model", metavar="MODEL", help="model file from `design-sensors build`")
     check.add_argument("--json", action="store_true", help="print one JSON object on standard output")
+    _add_registers(commands.add_parser("registers", help="print the Modbus register map"))
     return parser
+
+
+def _add_registers(registers: argparse.ArgumentParser) -> None:
+    registers.description = "Print the map of the Modbus registers that [modbus_server] serves."
+    words = "also print the blocks of the surfaces in this configuration of the service, and its word order"
+    registers.add_argument("--config", metavar="FILE", help=words)
+    registers.add_argument("--json", action="store_true", help="print one JSON object on standard output")
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:
@@ -72,6 +82,16 @@ def _check(arguments: argparse.Namespace) -> int:
     return DONE
 
 
+def _registers(arguments: argparse.Namespace) -> int:
+    from beamtouch_service.outputs.modbus import document  # noqa: PLC0415  # as in _run
+
+    file = load_toml(ConfigFile, Path(arguments.config), renamed=RENAMED) if arguments.config else ConfigFile()
+    section = file.modbus_server or ModbusServerSection()
+    show = document.as_json if arguments.json else document.as_text
+    print(show(list(file.surfaces), section.word_order))
+    return DONE
+
+
 def _run(arguments: argparse.Namespace) -> int:
     options = {name: getattr(arguments, name) for name in _OPTIONS}
     settings = load_settings(Path(arguments.config) if arguments.config else None, options)
@@ -90,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def work() -> int:
         arguments = _parser().parse_args(argv)
-        return {"run": _run, "check": _check}[arguments.command](arguments)
+        return {"run": _run, "check": _check, "registers": _registers}[arguments.command](arguments)
 
     return exit_code(PROGRAM, "service", work)
 

@@ -7,7 +7,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml, validate
 from beamtouch_service.access import Access
 from beamtouch_service.config_sections import RENAMED, ConfigFile, Overrides, SurfaceSection
-from beamtouch_service.settings import EventSettings, Settings, SurfaceSettings, TlsFiles
+from beamtouch_service.settings import EventSettings, ModbusSettings, Settings, SurfaceSettings, TlsFiles
 
 MIN_TOKEN_CHARACTERS = 16
 _MAX_TOKEN_BYTES = 4096
@@ -49,6 +49,7 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         surfaces=_merge_surfaces(file, folder, overrides),
         max_streams=server.max_streams,
         events=EventSettings(_path(file.events.file, folder), file.events.keep_days, file.events.max_mb),
+        modbus_server=ModbusSettings(**dict(file.modbus_server)) if file.modbus_server else None,
     )
 
 

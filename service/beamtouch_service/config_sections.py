@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from beamtouch_service import limits
 from beamtouch_service.samples import SurfaceName
+from beamtouch_service.settings import WordOrder
 
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
@@ -14,7 +15,7 @@ StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
 _Text = Annotated[str, Field(min_length=1)]
 
 RENAMED = {"token_file": "write_token_file", "most_mb": "max_mb"}
-"""Keys of earlier versions, and their names now."""
+"""Keys of earlier versions, with their present names."""
 
 
 class ServerSection(BaseModel):
@@ -41,7 +42,7 @@ class ServerSection(BaseModel):
     max_clients_per_address: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] | None = None
     """The same for connections from one address that have not shown a token. Default: half of `max_clients`."""
     max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = limits.MAX_BATCHES_PER_S
-    """For each surface. Further batches get 429."""
+    """Limit for each surface. Further batches get 429."""
     max_streams: Annotated[int, Field(ge=0, le=1000)] = limits.MAX_STREAMS
     """Open streams. Further ones get 503."""
 
@@ -54,9 +55,26 @@ class EventsSection(BaseModel):
     file: _Text | None = None
     """SQLite file. Without it, events are kept in memory until the service stops."""
     keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = limits.KEEP_DAYS
-    """Older events are deleted."""
+    """Age at which events are deleted."""
     max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = limits.MAX_MB
     """Size of the file. Beyond it, the oldest events are deleted."""
+
+
+class ModbusServerSection(BaseModel):
+    """`[modbus_server]`: contacts as Modbus input registers. Without this section, there is no Modbus server."""
+
+    model_config = _STRICT
+
+    host: _Text = "127.0.0.1"
+    """Address to listen on. Modbus knows no tokens: everyone who reaches it can read the contacts."""
+    port: Port = 502
+    """0 picks a free port. Ports below 1024 require a privilege."""
+    word_order: WordOrder = "big"
+    """Order of the two registers of a 32-bit value: `big` (ABCD) or `little` (CDAB)."""
+    max_clients: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] = limits.MAX_MODBUS_CLIENTS
+    """Open connections. For one more, the one that has been idle for the longest time is closed."""
+    idle_s: Annotated[FiniteFloat, Field(ge=0.1, le=86_400)] = limits.MODBUS_IDLE_S
+    """A connection without a request for this long is closed."""
 
 
 class SurfaceSection(BaseModel):
@@ -79,7 +97,9 @@ class ConfigFile(BaseModel):
 
     server: ServerSection = ServerSection()
     events: EventsSection = EventsSection()
+    modbus_server: ModbusServerSection | None = None
     surfaces: dict[SurfaceName, SurfaceSection] = Field(default_factory=dict)
+    """In their order in the file, which is that of their blocks of Modbus registers."""
 
 
 class Overrides(BaseModel):

@@ -7,13 +7,16 @@ from time import monotonic
 STALE_MS = 500.0
 """No contact is given from a sample older than this."""
 UNEXPLAINED_AFTER_S = 10.0
-"""An unexplained stretch that lasts longer asks for someone to look."""
+"""An unexplained stretch that lasts longer needs attention."""
 MAX_BATCHES_PER_S = 2000.0
 """For each surface."""
 MAX_STREAMS = 32
 MAX_CLIENTS = 256
 MAX_CLIENTS_LIMIT = 4096
 """Upper limit of the setting: a new connection may have to search all of them for one to replace."""
+MAX_MODBUS_CLIENTS = 32
+MODBUS_IDLE_S = 60.0
+"""A Modbus connection without a request for this long is closed."""
 KEEP_DAYS = 30.0
 MAX_MB = 100.0
 """Size of the record of events."""
@@ -62,7 +65,7 @@ class Seldom:
 
 
 class SeldomFilter(logging.Filter):
-    """Lets each message of a logger through once per minute, because clients can provoke endless complaints."""
+    """Passes each message of a logger once per minute, because clients can provoke any number of them."""
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         super().__init__()

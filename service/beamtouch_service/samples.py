@@ -14,13 +14,13 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 MAX_CHANNELS = 64
 MAX_SAMPLES = 2000
-"""In a batch. All other requests wait while its samples are estimated."""
+"""Limit for a batch. All other requests wait while its samples are estimated."""
 MAX_READINGS = 1_000_000
-"""In a sample."""
+"""Limit for a sample."""
 ROUNDING = 1e-9
-"""A covariance may miss being positive semi-definite by this part of its largest variance: senders round entries."""
+"""Largest negative eigenvalue of a covariance, as a part of its largest variance: senders round entries."""
 MAX_NOISE_MM = 1e4
-"""Largest standard deviation of a channel. Beyond it a covariance tells nothing, and its figures overflow."""
+"""Largest standard deviation of a channel. Beyond it, figures overflow."""
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 ChannelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
@@ -44,7 +44,7 @@ class Quality(StrEnum):
 
 
 class Note(StrEnum):
-    """Findings of the sender on the surface."""
+    """Notes of the sender on the surface."""
 
     RATE = "rate"
     """The device does not keep its rate, so filter windows are longer or shorter than configured."""
@@ -58,13 +58,13 @@ class Sample(BaseModel):
     sequence: int = Field(ge=0, lt=2**53)
     """Counts the samples since the sender started. A gap is a loss."""
     acquired_unix_us: int = Field(ge=0, lt=2**53)
-    """When the newest reading in it was taken, by the sender's clock; for the record, never for freshness."""
+    """Time of its newest reading by the sender's clock; for the record, never for freshness."""
     deflection_mm: list[FiniteFloat | None] = Field(min_length=1, max_length=MAX_CHANNELS)
     """One value per channel, positive in the direction of the load; null for a missing channel."""
     quality: Annotated[list[Annotated[Quality, Field(strict=False)]], Field(max_length=MAX_CHANNELS)]
     """One quality per channel."""
     readings: int | None = Field(default=None, ge=1, le=MAX_READINGS)
-    """How many readings are in it. Null: the sender states no noise, and the sample counts as a settled one."""
+    """Number of readings in it. Null: the sender states no noise, and the sample counts as a settled one."""
     covariance_mm2: list[Covariance] | None = Field(default=None, max_length=MAX_CHANNELS * (MAX_CHANNELS + 1) // 2)
     """Covariance of the deflections [mm^2]: the lower triangle by rows, 0 for a channel that is not good.
 
@@ -148,11 +148,11 @@ class Batch(BaseModel):
     """Age of the last sample at sending, by the sender's monotonic clock. Freshness depends on nothing else."""
     samples: list[Sample] = Field(min_length=1, max_length=MAX_SAMPLES)
     notes: list[Annotated[Note, Field(strict=False)]] = Field(default=[], max_length=len(Note))
-    """Findings of the sender while it took these samples. Older senders state none."""
+    """Notes of the sender while it took these samples. Older senders state none."""
     noise_mm: list[Noise] | None = Field(default=None, max_length=MAX_CHANNELS)
     """Standard deviation of one reading of each channel, as the sender assumes it. Older senders state none."""
     characteristic: str | None = Field(default=None, pattern=r"^[A-Za-z0-9-]{1,64}$")
-    """Identity of the sender's characteristics and rest gaps: another one after each change of either."""
+    """Identity of the sender's characteristics and rest gaps; it changes with either."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

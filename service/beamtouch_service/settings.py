@@ -2,8 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from beamtouch_service.access import Access
+
+WordOrder = Literal["big", "little"]
+"""The half of a 32-bit value that its first register holds: `big` the high one (ABCD), `little` the low one (CDAB)."""
 
 
 @dataclass(frozen=True)
@@ -11,7 +15,7 @@ class SurfaceSettings:
     """One surface."""
 
     name: str
-    """Empty: the name of its model."""
+    """If empty, the name of its model."""
     model: Path | None
     stale_ms: float
     unexplained_after_s: float
@@ -36,6 +40,17 @@ class TlsFiles:
 
 
 @dataclass(frozen=True)
+class ModbusSettings:
+    """The Modbus TCP server."""
+
+    host: str
+    port: int
+    word_order: WordOrder
+    max_clients: int
+    idle_s: float
+
+
+@dataclass(frozen=True)
 class Settings:
     """All settings, checked."""
 
@@ -49,3 +64,5 @@ class Settings:
     surfaces: tuple[SurfaceSettings, ...]
     max_streams: int
     events: EventSettings
+    modbus_server: ModbusSettings | None
+    """None: there is none."""

@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, score_positions
 from beamtouch_models.placement.problem import Problem, equal_layout, problem_from
-from beamtouch_models.placement.search_exact import Run, exact_search, first_best
+from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best
 from beamtouch_models.placement.search_paper import paper_runs
 from example_scenes import paper_scene
 from stated_problems import problem_in
@@ -57,7 +57,7 @@ class Peer:
         return scores
 
 
-def _ours(peer: Peer, count: int, search: Callable[[Problem, int], list[Run]], seed: int) -> Array:
+def _ours(peer: Peer, count: int, search: Callable[[Problem, int], list[SearchRun]], seed: int) -> Array:
     influence, rules = problem_in(paper_scene())
     problem = problem_from(peer.matrix, rules, equal_layout(rules, influence.length_mm, count), count)
     return problem.rules.position_mm[first_best(search(problem, seed)).layout] - 1

@@ -91,7 +91,7 @@ def measured(model: ModelFile, real: Imperfections, number: int, kind: Kind, see
     made = runner(to_bytes(remade(metadata, prior, calibration, silent).graph))
     truth = true_prior(metadata, real)
     fresh = limit.draw(truth, DRAWS, seed)
-    reading = truth.stated(fresh.deflection_mm)
+    reading = truth.measured(fresh.deflection_mm)
     old = answered(model.estimate, prior_of_model(metadata), reading)
     new = answered(made, prior, reading)
     best = limit.posterior_median_mm(truth, fresh.deflection_mm)

@@ -8,7 +8,7 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.challenge.honest import _inertia_mm
 from beamtouch_models.challenge.play import drawn
-from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.challenge.surface import SimulatedSurface
 
 SPEEDS_MM_PER_S = (3, 10, 30, 100, 300, 1000)
 LYING_S = 0.4
@@ -18,7 +18,7 @@ STEPS = 8
 """Steps per reading in which the inertia of the beam is followed."""
 FOLLOWED = ("moves", "slide", "swings")
 """Beginnings of the names of courses whose inertia counts."""
-Course = Callable[[Surface, int, np.random.Generator], tuple[Floats, Floats, Bools]]
+Course = Callable[[SimulatedSurface, int, np.random.Generator], tuple[Floats, Floats, Bools]]
 """Position and force at each reading of each draw, NaN without a contact, and which readings are judged."""
 
 
@@ -30,7 +30,7 @@ def courses() -> dict[str, Course]:
 
 
 def slides(
-    surface: Surface, draws: int, rng: np.random.Generator, *, speed: float, stops: bool = False
+    surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, speed: float, stops: bool = False
 ) -> tuple[Floats, Floats, Bools]:
     """Return loads that lie still, move, and stop."""
     low, high = surface.metadata.ranges.position_mm
@@ -46,7 +46,7 @@ def slides(
     return path, force, judged
 
 
-def swings(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
+def swings(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
     """Return loads that swing to and fro."""
     low, high = surface.metadata.ranges.position_mm
     rate_hz, amplitude = surface.metadata.sensor.rate_hz, 0.025 * (high - low)
@@ -56,7 +56,7 @@ def swings(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floa
     return path, np.repeat(drawn(surface, draws, rng)[1][:, None], len(time), axis=1), time >= LYING_S
 
 
-def force_steps(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
+def force_steps(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
     """Return loads at one place whose force changes every 0.1 s."""
     rate_hz = surface.metadata.sensor.rate_hz
     each, count = round(0.1 * rate_hz), 12
@@ -65,7 +65,7 @@ def force_steps(surface: Surface, draws: int, rng: np.random.Generator) -> tuple
     return path, force, np.arange(each * count) >= 2 * each
 
 
-def chatters(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
+def chatters(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
     """Return loads that come and go, for 20 to 120 ms each."""
     rate_hz = surface.metadata.sensor.rate_hz
     readings = round(1.4 * rate_hz)
@@ -76,7 +76,7 @@ def chatters(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Fl
     return np.where(there, position[:, None], np.nan), np.where(there, force[:, None], 0.0), time >= LYING_S
 
 
-def rests(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
+def rests(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats, Bools]:
     """Return loads that have rested for the slowest period of the beam."""
     position, force = drawn(surface, draws, rng)
     rate_hz = surface.metadata.sensor.rate_hz
@@ -86,7 +86,7 @@ def rests(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Float
     return np.where(there, position[:, None], np.nan), there * force[:, None], judged
 
 
-def followed(surface: Surface, path: Floats, force: Floats) -> Floats:
+def followed(surface: SimulatedSurface, path: Floats, force: Floats) -> Floats:
     """Return deflections of the beam that follows a load with its inertia."""
     deflection = surface.under(path, force)
     if surface.modes is None or surface.mode_shapes is None:

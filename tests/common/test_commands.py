@@ -91,6 +91,7 @@ def test_every_command_that_takes_a_pipe_is_interrupted_below() -> None:
             "beamtouch-daemon",
             "run",
         ),  # reads its configuration in a loop that is not interrupted in the middle of a turn
+        ("beamtouch-service", "registers"),  # reads its configuration at once, and prints
         ("beamtouch-service", "check"),  # these read a model file, which must be a regular file
         ("design-sensors", "challenge"),
         ("design-sensors", "evaluate"),

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.processing import noise_keys
 from beamtouch_daemon.processing.noise_keys import keys_of, rounded_up
 from beamtouch_daemon.processing.rest_noise import ChannelNoise, measured, readings_needed
+from beamtouch_models.challenge import noises
 from beamtouch_models.filters import FloatArray
+from beamtouch_models.pricing import noise as priced_noise
 
 NOISE_MM, STEP_MM, RATE_HZ = 0.002, 0.0001, 200.0
 CHANNELS, MINUTE = 4, 12_000
@@ -177,3 +180,8 @@ def test_values_are_rounded_up_to_three_digits() -> None:
         10.0,
         1e-12,
     ]
+
+
+def test_daemon_and_models_take_the_same_for_hidden_noise_and_for_zeros() -> None:
+    assert noise_keys.HIDDEN == noises.HIDDEN
+    assert noise_keys.ZERO_SHARE == priced_noise.ZERO_SHARE

@@ -4,7 +4,7 @@ import pytest
 
 from beamtouch_models import cli
 from beamtouch_models.accuracy import evaluation
-from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig import cli as rig_cli
 from beamtouch_models.trade import points, timing
@@ -12,9 +12,9 @@ from in_process import Command, command_of
 
 
 @pytest.fixture(scope="module")
-def surface(bench: ModelFile) -> Surface:
+def surface(bench: ModelFile) -> SimulatedSurface:
     """The surface of the bench, as `challenge` simulates it."""
-    return Surface.of(bench.metadata)
+    return SimulatedSurface.of(bench.metadata)
 
 
 @pytest.fixture

@@ -43,7 +43,7 @@ def error_over_limit(model: ModelFile, real: Imperfections) -> tuple[float, floa
     """Error of a model on the true surface over that surface's limit, and the coverage of its intervals."""
     prior = true_prior(model.metadata, real)
     drawn = limit.draw(prior, 4000, 9)
-    stated = prior.stated(drawn.deflection_mm).astype(np.float32)
+    stated = prior.measured(drawn.deflection_mm).astype(np.float32)
     answers = model.estimate(
         stated, prior_of_model(model.metadata).whitening(stated.astype(np.float64)).astype(np.float32)
     )
@@ -91,7 +91,7 @@ def test_the_file_says_what_was_fitted_and_rebuilds_from_itself(calibrated: Cali
     best = limit.posterior_median_mm(prior, drawn.deflection_mm)
     assert np.abs(answers["position_mm"] - drawn.position_mm).mean() < 1.02 * np.abs(best - drawn.position_mm).mean()
     # What is stated is undone by the graph: y + curve y^2 is the deflection again.
-    reading = prior.stated(drawn.deflection_mm) - np.array(calibration.departures.offset_mm)
+    reading = prior.measured(drawn.deflection_mm) - np.array(calibration.departures.offset_mm)
     linear = reading + calibration.departures.curve_per_mm * reading**2
     assert linear == pytest.approx(drawn.deflection_mm, abs=1e-12)
 
@@ -100,7 +100,7 @@ def test_a_beam_rests_before_and_after_its_next_tare(bench: ModelFile) -> None:
     rng = np.random.default_rng(1)
     drifted_mm = np.array([0.008, -0.006, 0.01, 0.004])
     loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng, count=12)
-    metadata = calibrate(bench, dataclasses.replace(loads, stated_mm=loads.stated_mm + drifted_mm), silent).metadata
+    metadata = calibrate(bench, dataclasses.replace(loads, measured_mm=loads.measured_mm + drifted_mm), silent).metadata
     assert metadata.calibration is not None
     assert metadata.calibration.departures.offset_mm == pytest.approx(drifted_mm.tolist(), abs=0.001)
     noise_mm2 = np.full(4, metadata.noise.sample_mm**2)
@@ -130,7 +130,7 @@ def test_leverages_leave_out_as_fitting_again_does(bench: ModelFile, tmp_path: P
     whole = fit(theory, loads, kinds, rounds=1)
     for index in (0, 4, 9):
         rest = fit(theory, loads.without(index), kinds, rounds=1)
-        off = loads.stated_mm[index] - theory.stated_mm(rest.vector, loads)[index]
+        off = loads.measured_mm[index] - theory.measured_mm(rest.vector, loads)[index]
         assert whole.left_out_mm[index] == pytest.approx(off, rel=0.2, abs=0.05 * np.abs(whole.left_out_mm).max())
 
 
@@ -160,7 +160,7 @@ def test_a_model_that_is_worse_is_not_written(
 def write_loads(path: Path, metadata: Metadata, loads: Loads) -> None:
     """Write loads as `record` does, with the mean of its samples for each sample."""
     columns = ["load", "position_mm", "force_n", *(f"{channel.name}_deflection_mm" for channel in metadata.layout)]
-    each = zip(loads.number, loads.position_mm, loads.force_n, loads.stated_mm, strict=True)
+    each = zip(loads.number, loads.position_mm, loads.force_n, loads.measured_mm, strict=True)
     rows = [[number, position, force, *stated] for number, position, force, stated in each for _ in range(200)]
     with path.open("w", newline="") as file:
         csv.writer(file).writerows([columns, *rows])

@@ -10,17 +10,17 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_models.challenge import faults, honest, noises
-from beamtouch_models.challenge.challenge import misses, rows_of, run_of
+from beamtouch_models.challenge.challenge import misses, rows_of
 from beamtouch_models.challenge.judge import Said, judge
 from beamtouch_models.challenge.naming import Naming, naming
 from beamtouch_models.challenge.play import Case
 from beamtouch_models.challenge.scoring import Row
-from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.modelfile import ModelFile
 
 
 def only(model: ModelFile, case: Case, draws: int = 150, seed: int = 1) -> list[Row]:
-    return rows_of(model, Surface.of(model.metadata), None, case, draws, np.random.default_rng(seed))
+    return rows_of(model, SimulatedSurface.of(model.metadata), None, case, draws, np.random.default_rng(seed))
 
 
 def test_the_model_of_the_bench_is_honest_at_rest_and_one_with_too_small_a_floor_is_not(bench: ModelFile) -> None:
@@ -39,9 +39,9 @@ def test_the_model_of_the_bench_is_honest_at_rest_and_one_with_too_small_a_floor
     assert any(goal.startswith("held") for goal in misses(row))
 
 
-def test_a_touch_is_unsteady_first_and_an_untouched_beam_is_clear(bench: ModelFile, surface: Surface) -> None:
+def test_a_touch_is_unsteady_first_and_an_untouched_beam_is_clear(bench: ModelFile, surface: SimulatedSurface) -> None:
     play = honest.touched(surface, 40, np.random.default_rng(3))
-    heard = judge(surface, run_of(bench), surface.readings(play.deflection_mm, play.errors, np.random.default_rng(4)))
+    heard = judge(surface, bench.run, surface.readings(play.deflection_mm, play.errors, np.random.default_rng(4)))
     before = play.rows[0][1]
     assert (heard.said[:, :before] == Said.CLEAR).all()
     assert (heard.said[:, -1] == Said.CONTACT).mean() > 0.95
@@ -76,17 +76,19 @@ def test_wedges_are_noticed_and_near_contacts_cannot_be(bench: ModelFile) -> Non
     assert near.noticed < 0.2
 
 
-def test_the_wrong_channel_is_named_and_two_contacts_are_not_blamed_on_one(bench: ModelFile, surface: Surface) -> None:
+def test_the_wrong_channel_is_named_and_two_contacts_are_not_blamed_on_one(
+    bench: ModelFile, surface: SimulatedSurface
+) -> None:
     play = faults.wedged(surface, 5, np.random.default_rng(12), touched=True)
     assert play.wrong is not None
-    told = naming(surface, run_of(bench), play, np.random.default_rng(13))
+    told = naming(surface, bench.run, play, np.random.default_rng(13))
     assert told == (1.0, 0.0, 5)
     # Had another channel been wrong, the same answers would blame the wrong one.
-    blamed = naming(surface, run_of(bench), replace(play, wrong=(play.wrong + 1) % 4), np.random.default_rng(13))
+    blamed = naming(surface, bench.run, replace(play, wrong=(play.wrong + 1) % 4), np.random.default_rng(13))
     assert blamed == (0.0, 1.0, 5)
     two = faults.two_at_the_quarters(surface, 5, np.random.default_rng(14))
     assert two.wrong is None
-    assert naming(surface, run_of(bench), two, np.random.default_rng(15)) == (0.0, 0.0, 5)
+    assert naming(surface, bench.run, two, np.random.default_rng(15)) == (0.0, 0.0, 5)
     fault = Row("row", False, False, 400, None, None, 0, None, 0, None, 1.0, 0.0, 0.0, 0.0, 0.0, None, None)
     fault = replace(fault, noticed=1.0, power=1.0)
     assert misses(replace(fault, naming=Naming(0.9, 0.04, 25))) == []  # one of 25
@@ -112,7 +114,7 @@ def test_a_beam_that_rings_after_a_lift_is_not_touched(name: str, built_model: C
 def test_a_model_without_a_stated_mass_is_challenged_without_ringing(bench: ModelFile) -> None:
     text = bench.metadata.scene.replace("density_kg_m3 = 7850\n", "")
     bare = replace(bench, metadata=bench.metadata.model_copy(update={"scene": text}))
-    surface = Surface.of(bare.metadata)
+    surface = SimulatedSurface.of(bare.metadata)
     assert surface.modes is None
     assert surface.slowest_period == 0
     assert not any("rings" in str(case.make) for case in honest.honest_cases(surface))

@@ -8,11 +8,11 @@ from scipy.stats import chi2, norm
 from beamtouch_models.challenge import faults
 from beamtouch_models.challenge.play import Case, drawn
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
-from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.whitening import whitening
 
 
-def whitened(surface: Surface, fault_mm: np.ndarray) -> np.ndarray:
+def whitened(surface: SimulatedSurface, fault_mm: np.ndarray) -> np.ndarray:
     covariance = np.eye(surface.channels) * surface.metadata.noise.sample_mm**2
     floor = surface.metadata.floor
     return whitening(fault_mm, covariance, floor.gain, floor.zero_mm)
@@ -26,7 +26,9 @@ CASES = (
 
 
 @pytest.mark.parametrize("case", CASES, ids=["pull", "two contacts", "stuck"])
-def test_the_distance_of_a_fault_is_that_of_the_nearest_contact_or_of_rest(surface: Surface, case: Case) -> None:
+def test_the_distance_of_a_fault_is_that_of_the_nearest_contact_or_of_rest(
+    surface: SimulatedSurface, case: Case
+) -> None:
     fault = case.make(surface, 12, np.random.default_rng(7)).fault_mm
     assert fault is not None
     found = distances(surface, fault, np.ones(fault.shape, np.bool_))
@@ -41,7 +43,7 @@ def test_the_distance_of_a_fault_is_that_of_the_nearest_contact_or_of_rest(surfa
         assert distance == pytest.approx(min(least, away(np.zeros(2))), rel=2e-3, abs=2e-3)
 
 
-def test_the_power_is_that_of_the_likelihood_ratio_and_no_misfit_does_better(surface: Surface) -> None:
+def test_the_power_is_that_of_the_likelihood_ratio_and_no_misfit_does_better(surface: SimulatedSurface) -> None:
     alpha, random = 1e-3, np.random.default_rng(8)
     fault = faults.two_contacts(surface, 60, random, apart=0.5, ratio=1.0).fault_mm
     assert fault is not None
@@ -67,7 +69,7 @@ def test_the_power_is_that_of_the_likelihood_ratio_and_no_misfit_does_better(sur
     assert np.mean(misfit) < power + 0.01
 
 
-def test_the_power_for_a_noisy_channel_is_that_of_its_direction(surface: Surface) -> None:
+def test_the_power_for_a_noisy_channel_is_that_of_its_direction(surface: SimulatedSurface) -> None:
     alpha, random, draws = 1e-2, np.random.default_rng(9), 60
     position, force = drawn(surface, draws, random)
     clean = surface.under(position, force)

@@ -6,29 +6,29 @@ import numpy as np
 import pytest
 
 from beamtouch_models.challenge.challenge import misses
-from beamtouch_models.challenge.judge import Judged, Said, Sample
+from beamtouch_models.challenge.judge import Judged, JudgedSample, Said
 from beamtouch_models.challenge.scoring import Row, ghosts, scored
 
 
-def said(*samples: Sample) -> Judged:
+def said(*samples: JudgedSample) -> Judged:
     columns = (np.array(column) for column in zip(*samples, strict=True))
-    by_name = dict(zip(Sample._fields, columns, strict=True))
+    by_name = dict(zip(JudgedSample._fields, columns, strict=True))
     return Judged(**by_name, mean_mm=np.zeros((len(samples), 4)), valid=np.ones((len(samples), 4), np.bool_))
 
 
 def test_scores_of_samples_by_hand() -> None:
     contact = Said.CONTACT
     judged = said(
-        Sample(contact, False, False, 100.0, 90.0, 120.0),  # 100 +20: holds 115
-        Sample(contact, False, False, 100.0, 90.0, 120.0),  # 135 is beyond the interval, within twice the half of 20
-        Sample(contact, False, False, 100.0, 90.0, 120.0),  # 141 is not
-        Sample(contact, False, False, 100.0, 90.0, 120.0),  # 79: more than twice 10 below
-        Sample(contact, True, False, 100.0, 90.0, 120.0),  # far off, and said to be unsteady
-        Sample(contact, True, False, 100.0, 90.0, 120.0),
-        Sample(contact, True, True, 100.0, 90.0, 120.0),
-        Sample(Said.CLEAR),
-        Sample(Said.UNEXPLAINED, unsteady=True),
-        Sample(),
+        JudgedSample(contact, False, False, 100.0, 90.0, 120.0),  # 100 +20: holds 115
+        JudgedSample(contact, False, False, 100.0, 90.0, 120.0),  # 135: within twice the half of 20
+        JudgedSample(contact, False, False, 100.0, 90.0, 120.0),  # 141 is not
+        JudgedSample(contact, False, False, 100.0, 90.0, 120.0),  # 79: more than twice 10 below
+        JudgedSample(contact, True, False, 100.0, 90.0, 120.0),  # far off, and said to be unsteady
+        JudgedSample(contact, True, False, 100.0, 90.0, 120.0),
+        JudgedSample(contact, True, True, 100.0, 90.0, 120.0),
+        JudgedSample(Said.CLEAR),
+        JudgedSample(Said.UNEXPLAINED, unsteady=True),
+        JudgedSample(),
     )
     truth = np.array([115.0, 135.0, 141.0, 79.0, 300.0, 100.0, 100.0, 50.0, 50.0, 50.0])
     row = scored("by hand", judged, truth, honest=True, exact_mm=np.full(10, 20.0))

@@ -9,12 +9,12 @@ from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge import honest, noises
 from beamtouch_models.challenge.play import drawn
 from beamtouch_models.challenge.power import distances
-from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.metadata import Calibration, Departures
 from beamtouch_models.modelfile import ModelFile
 
 
-def test_what_sensors_measure(surface: Surface) -> None:
+def test_what_sensors_measure(surface: SimulatedSurface) -> None:
     draws, random = 400, np.random.default_rng(5)
     position, force = drawn(surface, draws, random)
     clean = np.repeat(surface.under(position, force)[:, None], 60, axis=1)
@@ -52,7 +52,7 @@ def test_the_noise_of_a_mean_of_alike_readings() -> None:
     assert noises.coloured_times(0.7, 100_000) == pytest.approx(np.sqrt(1.7 / 0.3), rel=1e-4)
 
 
-def test_a_tare_takes_out_what_the_sensors_show_at_rest(surface: Surface) -> None:
+def test_a_tare_takes_out_what_the_sensors_show_at_rest(surface: SimulatedSurface) -> None:
     errors = surface.perfect(3)
     away_mm = np.array([0.1, 0.0, -0.2, 0.3]) * np.ones((3, 1))
     rest = replace(errors, zero_mm=away_mm, tare_mm=away_mm)
@@ -61,7 +61,7 @@ def test_a_tare_takes_out_what_the_sensors_show_at_rest(surface: Surface) -> Non
     np.testing.assert_allclose(plain, tared, atol=1e-4)  # a count is 0.06 um
 
 
-def test_a_slow_load_is_where_it_is_at_rest_and_a_fast_one_swings_around_it(surface: Surface) -> None:
+def test_a_slow_load_is_where_it_is_at_rest_and_a_fast_one_swings_around_it(surface: SimulatedSurface) -> None:
     def away_mm(speed_mm_per_s: float) -> float:
         play = honest.moves(surface, 20, np.random.default_rng(6), speed_mm_per_s=speed_mm_per_s)
         # The force is the same at all times, so the deflection of the first reading tells it.
@@ -82,13 +82,13 @@ def test_a_calibrated_surface_measures_what_its_model_expects(bench: ModelFile) 
         departures=departures, fitted=["gain"], loads=9, residual_mm=0.0, error_before_mm=9.0, error_after_mm=1.0
     )
     metadata = bench.metadata.model_copy(update={"calibration": calibration})
-    calibrated = Surface.of(metadata)
-    moved_mm = calibrated.sensor_mm - Surface.of(bench.metadata).sensor_mm
+    calibrated = SimulatedSurface.of(metadata)
+    moved_mm = calibrated.sensor_mm - SimulatedSurface.of(bench.metadata).sensor_mm
     np.testing.assert_allclose(moved_mm, [1.0, -2.0, 0.5, 0.0])
     prior = prior_of_model(metadata)
     position, force = drawn(calibrated, 20, np.random.default_rng(10))
     clean = calibrated.under(position, force)
     measured = calibrated.measured(clean[:, None], calibrated.perfect(20))[:, 0]
-    np.testing.assert_allclose(measured, prior.stated(force[:, None] * prior.influence_at(position)), rtol=1e-5)
+    np.testing.assert_allclose(measured, prior.measured(force[:, None] * prior.influence_at(position)), rtol=1e-5)
     assert distances(calibrated, measured, np.ones(measured.shape, np.bool_)).max() < 0.05
     assert distances(calibrated, clean, np.ones(measured.shape, np.bool_)).min() > 1

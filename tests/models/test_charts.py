@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.charts import HEIGHT, LEFT, RIGHT, WIDTH, Chart, Series, draw, round_ticks
-from beamtouch_models.drawing import standalone
+from beamtouch_models.svg import standalone
 from tags import Tags
 
 

@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from beamtouch_models import cli, modelfile
+from beamtouch_models import arguments, modelfile
 from beamtouch_models.estimators.estimator import NAMES, Name
 from beamtouch_models.estimators.paper_graph import paper_graph, trained_as_in_the_paper
 from example_scenes import SCENES
@@ -19,7 +19,7 @@ COMMAND = str(Path(sys.executable).parent / "design-sensors")
 
 
 def test_the_command_knows_the_names() -> None:
-    assert cli.ESTIMATORS == NAMES == get_args(Name)
+    assert arguments.ESTIMATORS == NAMES == get_args(Name)
 
 
 def test_the_papers_network_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:

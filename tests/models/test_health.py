@@ -8,7 +8,7 @@ import pytest
 
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.errors import ModelFileError
-from beamtouch_models.health.curve import Curve
+from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.health.history import RESOLUTION, Block, History
 from beamtouch_models.modelfile import BestSample, Health, ModelFile
 from drawn_contacts import Drawn
@@ -37,7 +37,7 @@ def after(drawn: Drawn, baseline: int, *later: Sequence[BestSample]) -> Health:
 
 
 def test_the_table_gives_the_influence_and_finds_the_contact(bench: ModelFile) -> None:
-    curve, prior = Curve.of(bench.metadata), prior_of_model(bench.metadata)
+    curve, prior = InfluenceCurve.of(bench.metadata), prior_of_model(bench.metadata)
     assert curve is not None
     position = np.linspace(5.0, 395.0, 211)
     shape, slope = curve.at(position)

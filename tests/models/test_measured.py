@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from beamtouch_models.accuracy.touch import rate_per_sample, smallest_force_n, touch_thresholds
+from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, smallest_force_n, touch_thresholds
 from beamtouch_models.building.measured import measured, thresholds_of
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.export import to_bytes

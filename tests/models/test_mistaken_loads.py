@@ -156,7 +156,7 @@ def test_a_mistyped_load_that_is_accepted_does_no_harm(built_model: Callable[[st
     found = supported_fit(case.theory, case.loads, lambda _done: None)
     exact = recorded(metadata, case.real, np.random.default_rng(9))
     scene, fitted = (
-        np.sqrt(np.mean((case.theory.stated_mm(vector, exact) - exact.stated_mm) ** 2)) / metadata.noise.sample_mm
+        np.sqrt(np.mean((case.theory.measured_mm(vector, exact) - exact.measured_mm) ** 2)) / metadata.noise.sample_mm
         for vector in (np.zeros(case.theory.size), found.vector)
     )
     assert scene > 20
@@ -166,7 +166,7 @@ def test_a_mistyped_load_that_is_accepted_does_no_harm(built_model: Callable[[st
 def test_swapped_channels_are_named(bench: ModelFile) -> None:
     rng = np.random.default_rng(3)
     loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng)
-    loads = dataclasses.replace(loads, stated_mm=loads.stated_mm[:, [0, 2, 1, 3]])
+    loads = dataclasses.replace(loads, measured_mm=loads.measured_mm[:, [0, 2, 1, 3]])
     with pytest.raises(LoadsError, match="s2 and s3 seem to be swapped"):
         checked_fit(bench, loads, silent)
 
@@ -176,23 +176,23 @@ def test_channels_in_reverse_order_are_named(name: str, built_model: Callable[[s
     model, rng = modelfile.load(built_model(name)), np.random.default_rng([0, 1])
     loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
     with pytest.raises(LoadsError, match="channels seem to be in reverse order, or positions to be measured from the"):
-        checked_fit(model, dataclasses.replace(loads, stated_mm=loads.stated_mm[:, ::-1]), silent)
+        checked_fit(model, dataclasses.replace(loads, measured_mm=loads.measured_mm[:, ::-1]), silent)
     mirrored = model.metadata.length_mm - loads.position_mm
     with pytest.raises(LoadsError, match="channels seem to be in reverse order, or positions to be measured from the"):
         checked_fit(model, dataclasses.replace(loads, position_mm=mirrored), silent)
 
 
-@pytest.mark.parametrize("stated_mm", ["all zero", "all the same", "of a mirrored beam", "of shuffled loads"])
+@pytest.mark.parametrize("measured_mm", ["all zero", "all the same", "of a mirrored beam", "of shuffled loads"])
 def test_a_recording_that_is_of_another_surface_makes_no_model(
-    stated_mm: str, built_model: Callable[[str], Path]
+    measured_mm: str, built_model: Callable[[str], Path]
 ) -> None:
     model, rng = modelfile.load(built_model("cantilever")), np.random.default_rng(5)
     loads = recorded(model.metadata, random_imperfections(model.metadata, rng), rng)
     changed = {
-        "all zero": np.zeros_like(loads.stated_mm),
-        "all the same": np.full_like(loads.stated_mm, 0.1),
-        "of a mirrored beam": loads.stated_mm[::-1],
-        "of shuffled loads": rng.permutation(loads.stated_mm),
-    }[stated_mm]
+        "all zero": np.zeros_like(loads.measured_mm),
+        "all the same": np.full_like(loads.measured_mm, 0.1),
+        "of a mirrored beam": loads.measured_mm[::-1],
+        "of shuffled loads": rng.permutation(loads.measured_mm),
+    }[measured_mm]
     with pytest.raises(NotGoodEnoughError, match="nothing was written: the recording does not fit this model's"):
-        checked_fit(model, dataclasses.replace(loads, stated_mm=changed), silent)
+        checked_fit(model, dataclasses.replace(loads, measured_mm=changed), silent)

@@ -12,7 +12,7 @@ import onnx
 import pytest
 from onnx import helper
 
-from beamtouch_models import modelfile, session
+from beamtouch_models import loading, modelfile, session
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 
 DRAWN = {"supports": [], "at_mm": [0, 400], "load_mm": [200], "deflection_mm_per_n": [[0, 0]]}
@@ -144,7 +144,11 @@ def test_metadata_that_is_wrong_is_named(
         ("touch", [-5, -5, -5, -5], r"thresholds\.touch\.0: .* greater than or equal to 1"),
         ("rest", [1e-300, 30, 30, 30], r"thresholds\.rest\.0: .* greater than or equal to 1"),
         ("rest", [30, 30, 30, 1e300], r"thresholds\.rest\.3: .* less than or equal to"),
-        ("misfit", [None, None, 25, 25], r"thresholds\.misfit\.0: .* number"),
+        (
+            "misfit",
+            [None, None, 25, 25],
+            "before one channel and two had a threshold .*; rebuild it from its own scene",
+        ),
         ("touch", [17, 17, 17], "thresholds and floor: each list must have 4 entries"),
     ],
 )
@@ -205,8 +209,8 @@ def test_a_file_that_is_too_large_is_refused_unread(tmp_path: Path) -> None:
 
 def test_a_file_that_grows_while_it_is_read_is_refused(bench_model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Its size is that of the bench; what is read from it is longer.
-    monkeypatch.setattr(modelfile, "MAX_BYTES", bench_model.stat().st_size - 1)
-    monkeypatch.setattr(modelfile, "_require_readable", lambda *_: None)
+    monkeypatch.setattr(loading, "MAX_BYTES", bench_model.stat().st_size - 1)
+    monkeypatch.setattr(loading, "_require_readable", lambda *_: None)
     with pytest.raises(ModelFileError, match="larger than"):
         modelfile.load(bench_model)
 

@@ -18,7 +18,7 @@ def test_a_recording_that_a_spreadsheet_saved_is_read(bench: ModelFile, tmp_path
     honest = read_loads(path, bench.metadata)
     without_time = "".join(line.partition(",")[2] for line in path.read_text().splitlines(keepends=True))
     path.write_text(without_time, encoding="utf-8-sig")  # with a byte order mark before the first column
-    assert np.array_equal(read_loads(path, bench.metadata).stated_mm, honest.stated_mm)
+    assert np.array_equal(read_loads(path, bench.metadata).measured_mm, honest.measured_mm)
 
 
 def test_a_load_number_that_was_used_twice_is_refused(bench: ModelFile, tmp_path: Path) -> None:

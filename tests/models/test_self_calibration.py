@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
 from beamtouch_models.building.model_prior import physics_of, prior_of_model
 from beamtouch_models.calibration.calibrate import calibrate
-from beamtouch_models.calibration.contacts import Contacts, ContactsError, read_contacts
+from beamtouch_models.calibration.contacts import ContactsError, UnlabelledContacts, read_contacts
 from beamtouch_models.calibration.left_open import LeftOpen
 from beamtouch_models.calibration.loads import read_loads
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, SelfFit, self_calibrate, self_fit
@@ -63,7 +64,7 @@ def test_200_contacts_bring_the_error_to_the_limit(
     model = modelfile.load_bytes(calibrated.content, "calibrated")  # its golden answers come out
     prior = true_prior(bench.metadata, real)
     fresh = limit.draw(prior, 3000, 9)
-    reading = prior.stated(fresh.deflection_mm)
+    reading = prior.measured(fresh.deflection_mm)
     best = np.abs(limit.posterior_median_mm(prior, fresh.deflection_mm) - fresh.position_mm).mean()
 
     def seen(one: ModelFile) -> dict[str, np.ndarray]:
@@ -134,7 +135,7 @@ def test_fixed_ends_are_refused_with_the_reason(bench: ModelFile, kind: Kind) ->
 
 
 def test_hinged_ends_are_not_refused(bench: ModelFile) -> None:
-    assert all(fitted(bench, OFF, seed)[0].fit.unexplained < 1e-3 for seed in range(6))
+    assert all(fitted(bench, OFF, seed)[0].fit.left_error < 1e-3 for seed in range(6))
 
 
 def test_contacts_at_one_place_are_refused(bench: ModelFile) -> None:
@@ -145,7 +146,7 @@ def test_contacts_at_one_place_are_refused(bench: ModelFile) -> None:
 def test_swapped_channels_are_refused(bench: ModelFile) -> None:
     real = surface(bench.metadata, OFF, np.random.default_rng(1))
     contacts = drawn(bench.metadata, real, OFF, np.random.default_rng(2), 100)
-    swapped = dataclasses.replace(contacts, stated_mm=contacts.stated_mm[:, [1, 0, 2, 3]])
+    swapped = dataclasses.replace(contacts, measured_mm=contacts.measured_mm[:, [1, 0, 2, 3]])
     with pytest.raises(NotGoodEnoughError, match="do not fit this model's surface"):
         self_fit(bench, swapped, quiet)
 
@@ -155,7 +156,7 @@ def test_two_channels_are_too_few(built_model: Callable[[str], Path]) -> None:
     layout = model.metadata.layout[:2]
     two = dataclasses.replace(model, metadata=model.metadata.model_copy(update={"layout": layout}))
     with pytest.raises(NotGoodEnoughError, match=r"2 channels fit a contact of any place and force.* it takes 3"):
-        self_fit(two, Contacts(np.ones((50, 2)), np.ones((50, 2))), quiet)
+        self_fit(two, UnlabelledContacts(np.ones((50, 2)), np.ones((50, 2))), quiet)
 
 
 def test_a_known_force_is_used(built_model: Callable[[str], Path]) -> None:
@@ -168,6 +169,15 @@ def test_a_known_force_is_used(built_model: Callable[[str], Path]) -> None:
     gain = np.array(theory.departures(one.fit.vector).gain)
     errors = GAIN * one.fit.spread[theory.kinds["gain"]]
     assert gain.mean() == pytest.approx(np.mean(real.gain), abs=3 * errors.mean())
+
+
+def test_what_seems_to_press_on_a_support_does_not_end_a_fit(built_model: Callable[[str], Path]) -> None:
+    # Two contacts at once often look like one on the middle support, where the best force is 1e8 N.
+    model = modelfile.load(built_model("two-spans"))
+    one, real = fitted(model, Kind(gain=0.02, two_at_once=0.1), 2, 150)
+    gain = np.array(one.fit.theory.departures(one.fit.vector).gain)
+    errors = GAIN * one.fit.spread[one.fit.theory.kinds["gain"]]
+    assert np.all(np.abs(gain / gain.mean() - np.array(real.gain) / np.mean(real.gain)) < 4 * errors)
 
 
 def test_it_goes_on_from_a_calibrated_model(bench: ModelFile, tmp_path: Path) -> None:
@@ -248,8 +258,36 @@ def test_rows_of_the_newest_characteristic_count_and_each_event_once(bench: Mode
     )
     found = read_contacts(path, bench.metadata)
     assert (len(found), found.other_characteristic) == (5, 4)
-    assert found.stated_mm == pytest.approx(contacts.stated_mm[4:], abs=1e-9)
+    assert found.measured_mm == pytest.approx(contacts.measured_mm[4:], abs=1e-9)
     assert found.deviation_mm == pytest.approx(contacts.deviation_mm[4:], abs=1e-9)
+
+
+def _with_rests(path: Path, rest_mm: NDArray[np.floating], deviation_mm: float) -> Path:
+    """Add rests (contacts, channels) to a file of contacts."""
+    head, *rows = path.read_text().splitlines()
+    names = [f"s{channel + 1}_rest_{end}mm" for end in ("", "sd_") for channel in range(rest_mm.shape[1])]
+    cells = [[f"{value:.9f}" for value in [*each, *[deviation_mm] * len(each)]] for each in rest_mm]
+    path.write_text(
+        "\n".join(",".join(row) for row in zip([head, *rows], [",".join(one) for one in [names, *cells]], strict=True))
+    )
+    return path
+
+
+def test_contacts_whose_zeros_moved_are_told(
+    design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path
+) -> None:
+    real, rng = surface(bench.metadata, OFF, np.random.default_rng(1)), np.random.default_rng(2)
+    # Too few to be used, so that it is quick.
+    contacts = drawn(bench.metadata, real, OFF, rng, 11)
+    zero_mm, deviation_mm = np.array(bench.metadata.floor.zero_mm), 3 * bench.metadata.floor.zero_mm[1]
+    for moved, named in ((0.0, False), (60.0, True)):
+        rest_mm = rng.normal(scale=deviation_mm, size=contacts.measured_mm.shape)
+        rest_mm[6:, 1] += moved * zero_mm[1]
+        path = _with_rests(write_contacts(tmp_path / "contacts.csv", bench, contacts), rest_mm, deviation_mm)
+        done = design_sensors_here("calibrate", bench_model, "--events", path, "-o", tmp_path / "new.onnx")
+        assert done.returncode == 1
+        assert ("the zeros of s2 moved" in done.stderr) is named
+        assert ("?since=" in done.stderr) is named
 
 
 @pytest.mark.parametrize(
@@ -280,7 +318,9 @@ def test_wrong_files_are_refused_in_one_line(
     change: Callable[[str], str],
     reason: str,
 ) -> None:
-    path = write_contacts(tmp_path / "contacts.csv", bench, Contacts(np.full((3, 4), 0.1), np.full((3, 4), 0.001)))
+    path = write_contacts(
+        tmp_path / "contacts.csv", bench, UnlabelledContacts(np.full((3, 4), 0.1), np.full((3, 4), 0.001))
+    )
     path.write_text(change(path.read_text().replace("\r", "").rstrip("\n")))
     with pytest.raises(ContactsError, match=r"contacts\.csv"):
         read_contacts(path, bench.metadata)

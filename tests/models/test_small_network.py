@@ -12,7 +12,7 @@ from scipy.special import chdtri
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.touch import rate_per_sample, touch_thresholds
+from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, touch_thresholds
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.small_network import Network, layers_of, loss_and_gradient, table_of, train
 from beamtouch_models.estimators.small_network_graph import small_network_graph

@@ -20,7 +20,7 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.metadata import FilterChoice
-from beamtouch_models.pricing.noise import choose_filter
+from beamtouch_models.pricing.noise import choose_filter, window_filter
 from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 from beamtouch_models.trade.front import NotToBeHadError, most_accurate, pareto_front, quickest
@@ -86,7 +86,7 @@ def test_numbers_of_sensors_and_windows_follow_the_scene() -> None:
     bench, _ = load_scene(SCENES / "bench.toml")
     assert counts_of(bench) == [2, 3, 4, 5]
     assert [chosen.window for chosen in windows_of(bench)] == [1, 2, 4]
-    assert windows_of(bench)[-1] == choose_filter(bench)
+    assert windows_of(bench)[-1] == window_filter(bench, choose_filter(bench).window)
     paper = parse_scene(PAPER, "paper")
     assert [chosen.window for chosen in windows_of(paper)] == [1, 2, 4, 8]
     assert windows_of(paper)[0] == choose_filter(paper)

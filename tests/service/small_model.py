@@ -110,7 +110,7 @@ def _content(name: str, channels: int, min_channels: int, outputs: tuple[str, ..
             misfit=[1e6, 1e6, *[30.0] * channels][:channels],
             false_contacts_per_day=1 / 30,
         ),
-        smallest_force=modelfile.Seen(position_mm=[200.0], force_n=[0.5]),
+        smallest_force=modelfile.SmallestForce(position_mm=[200.0], force_n=[0.5]),
         drawn=modelfile.Drawn(supports=[], at_mm=[0.0, 400.0], load_mm=[200.0], deflection_mm_per_n=[[0.0, 0.0]]),
         seed=1,
         accuracy=modelfile.Accuracy(

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from beamtouch_common.errors import InputError
 from beamtouch_service.config import load_settings, load_token
 from beamtouch_service.config_sections import ConfigFile
-from beamtouch_service.settings import EventSettings, Settings
+from beamtouch_service.settings import EventSettings, ModbusSettings, Settings
 from wrong_numbers import with_wrong_numbers
 
 EXAMPLE = Path(__file__).parents[2] / "service" / "service.example.toml"
@@ -208,3 +208,13 @@ def test_only_a_number_is_a_number() -> None:
             continue
         taken.append(what)
     assert not taken
+
+
+def test_the_example_shows_the_modbus_server_as_it_is_by_default(tmp_path: Path) -> None:
+    assert load_settings(None, {}).modbus_server is None
+    by_default = load(tmp_path, "[modbus_server]\n").modbus_server
+    _, _, section = EXAMPLE.read_text().partition("# [modbus_server]")
+    shown = section.partition("\n\n")[0].replace("\n# ", "\n")
+
+    assert load(tmp_path, f"[modbus_server] # {shown}\n").modbus_server == by_default
+    assert by_default == ModbusSettings("127.0.0.1", 502, "big", 32, 60)

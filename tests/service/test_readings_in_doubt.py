@@ -10,8 +10,8 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.contact import Decision
-from beamtouch_service.surfaces.estimates import estimate, runner
-from beamtouch_service.surfaces.touch import Follower
+from beamtouch_service.surfaces.estimates import estimate
+from beamtouch_service.surfaces.follower import Follower
 from service.event_story import BETWEEN, RESTING, TOUCHING, Row
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def test_channels_are_left_out_only_as_often_as_needed(build_model: BuildModel, 
 
     def ask(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
         rows.append(len(deflection_mm))
-        return runner(model)(deflection_mm, whitening_per_mm)
+        return model.run(deflection_mm, whitening_per_mm)
 
     batch = Batch.model_validate(make_batch(*[[0.5, 0.25, 0.75, 0.125]] * 2000))
     estimates = estimate(model, "press-7", batch, batch.samples)
@@ -132,7 +132,7 @@ def test_channels_are_left_out_only_as_often_as_needed(build_model: BuildModel, 
 
 def test_a_channel_that_drops_out_is_not_named_any_more(build_model: BuildModel, make_batch: MakeBatch) -> None:
     model = modelfile.load(build_model(channels=4))
-    follower = Follower(model, runner(model), "press-7", 500)
+    follower = Follower(model, model.run, "press-7", 500)
     wedged, two = [0.5, 0.25, 0.75, 0.125], [0.5, 0.25, 0.75, None]
     quality = ["good", "good", "good", "missing"]
     parts = [make_batch(*[wedged] * 60), make_batch(*[two] * 3, sequence=61, quality=quality)]

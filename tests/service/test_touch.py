@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from beamtouch_service.samples import Batch, Sample
-    from beamtouch_service.surfaces.touch import Seen
+    from beamtouch_service.surfaces.follower import Seen
     from service.conftest import Bench, BuildModel, MakeBatch
 
     ParseBatch = Callable[..., Batch]

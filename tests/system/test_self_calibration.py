@@ -1,13 +1,5 @@
 """The steps of the README from a surface whose sensors are off to a calibrated model, typed as they stand there."""
 
-import os
-import re
-import signal
-import socket
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import httpx2
@@ -18,48 +10,14 @@ from beamtouch_models import modelfile
 from beamtouch_models.building.model_prior import physics_of
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.rig.imperfections import load_imperfections
-from example_scenes import SCENES
 from plain_http import TIMEOUT_S
+from typed_readme import blocks, shell
 from unlabelled_contacts import missed_mm
-from waiting import wait_until
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
-README = Path(__file__).parent.parent.parent / "README.md"
-PROGRAMS = Path(sys.executable).parent
-ENOUGH, PATIENCE_S, RATE_HZ = 40, 400, 50.0
-"""Contacts to wait for, and how long: there is one a second, of which a busy machine misses some."""
-
-
-def steps() -> tuple[str, str, str]:
-    """The section's imperfections, what it starts, and what it does a few minutes later."""
-    section = README.read_text().split("## Calibrating without known loads")[1].split("\n## ")[0]
-    blocks = re.findall(r"```\w*\n(.*?)```", section, re.DOTALL)
-    return blocks[0], blocks[1], blocks[2]
-
-
-def free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        port: int = listener.getsockname()[1]
-        return port
-
-
-@contextmanager
-def typed(commands: str, folder: Path) -> Iterator[None]:
-    """A shell that has typed commands, with what they leave running; it ends with the block."""
-    shell = subprocess.Popen(
-        ["bash", "-c", f"set -e\n{commands}\nwait"], cwd=folder, env=environment(), start_new_session=True
-    )
-    try:
-        yield
-    finally:
-        os.killpg(shell.pid, signal.SIGTERM)
-        shell.wait(timeout=60)
-
-
-def environment() -> dict[str, str]:
-    return {**os.environ, "PATH": f"{PROGRAMS}:{os.environ['PATH']}"}
+ENOUGH = 40
+"""Contacts to wait for: there is one a second, of which a busy machine misses some."""
 
 
 def has_enough_contacts(url: str) -> bool:
@@ -71,38 +29,43 @@ def has_enough_contacts(url: str) -> bool:
     return answer.is_success and len(answer.text.splitlines()) > ENOUGH
 
 
+def model_in_use(url: str) -> str:
+    """Return the identity of the model that the service uses."""
+    identity: str = httpx2.get(f"{url}/surfaces/bench", timeout=TIMEOUT_S).json()["model"]
+    return identity
+
+
 def test_the_steps_of_the_readme_calibrate_a_surface(tmp_path: Path) -> None:
-    imperfections, begin, later = steps()
-    (tmp_path / "off.toml").write_text(imperfections)
-    (tmp_path / "models").symlink_to(SCENES.parent)
-    rig, service = free_port(), free_port()
-    begin = begin.replace("beamtouch-service run", f"beamtouch-service run --port {service}").replace("5020", str(rig))
-    # The daemon's configuration has the ports of the commands as they stand, and a rate too high for a busy machine.
-    changes = f"s/5020/{rig}/; s/8420/{service}/; s/^rate_hz = .*/rate_hz = {RATE_HZ}/"
-    begin = begin.replace("beamtouch-daemon run", f"sed -i '{changes}' daemon.toml\nbeamtouch-daemon run")
-    with typed(begin, tmp_path):
-        wait_until(lambda: has_enough_contacts(f"http://127.0.0.1:{service}"), PATIENCE_S, pause_s=1)
-        done = subprocess.run(
-            ["bash", "-ec", later.replace("8420", str(service))],
-            cwd=tmp_path,
-            env=environment(),
-            capture_output=True,
-            text=True,
-            timeout=300,
-            check=False,
-        )
-    assert done.returncode == 0, done.stderr
-    metadata = modelfile.load(tmp_path / "bench-real.onnx").metadata
+    prepare, start, calibrate, shown, adopt = blocks("Calibrating without known loads")
+    with shell(tmp_path) as typed:
+        typed.type(prepare)
+        typed.type(start)
+        typed.wait_until(lambda: has_enough_contacts(typed.url))
+        before = model_in_use(typed.url)
+        printed = typed.type(calibrate)
+        replace, ask, stop = adopt.splitlines()
+        typed.type(replace)
+        typed.wait_until(lambda: model_in_use(typed.url) != before)
+        typed.type(ask)
+        typed.type(stop)
+        typed.leave()
+    folder = tmp_path / "build" / "off"
+    metadata = modelfile.load(folder / "bench-real.onnx").metadata
     calibration = metadata.calibration
     assert calibration is not None
     assert calibration.contacts >= ENOUGH
-    assert f"calibrated with {calibration.contacts} unlabelled contacts" in done.stdout
+    assert first_words(shown) == [word for word in first_words(printed) if word in first_words(shown)]
     assert calibration.misfit_before is not None
     assert calibration.misfit_after is not None
     assert calibration.misfit_after < 0.5 * calibration.misfit_before
-    theory, real = Theory.of(physics_of(metadata), metadata), load_imperfections(tmp_path / "off.toml")
-    before, after = (
+    theory, real = Theory.of(physics_of(metadata), metadata), load_imperfections(folder / "off.toml")
+    missed_before, missed_after = (
         missed_mm(theory, vector, metadata, real)
         for vector in (np.zeros(theory.size), theory.vector_of(calibration.departures))
     )
-    assert after < 0.5 * before
+    assert missed_after < 0.5 * missed_before
+
+
+def first_words(text: str) -> list[str]:
+    """Return the first word of each line."""
+    return [line.split()[0] for line in text.splitlines() if line.strip()]

@@ -1,1 +1,1 @@
-"""The commands of the command line, a module each: run, check, tare, record."""
+"""The commands of the command line, a module each: run, check, tare, record, noise."""

@@ -38,7 +38,7 @@ class SurfaceState:
     channels: tuple[ChannelState, ...] = ()
     error: str | None = None
     limits: tuple[str, ...] = ()
-    """Cases in which its readings may be old or foreign unnoticed, a sentence each."""
+    """Cases in which old or foreign readings may pass unnoticed, a sentence each."""
 
     @property
     def is_good(self) -> bool:

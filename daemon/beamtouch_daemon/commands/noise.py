@@ -34,7 +34,7 @@ MAX_SECONDS = 3600.0
 MAX_READINGS = 2_000_000
 """Limit of the readings of a surface, for memory."""
 PATIENCE_S = 60.0
-"""Limit on recording for longer than asked when readings are lost; as long again as asked, if that is longer."""
+"""Limit of the extra time when readings are lost; the time that was asked for, if that is longer."""
 PROGRESS_S = 10.0
 
 
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _seconds(asked: float | None, surface: Surface) -> float:
-    """Return how long to record; InputError if that is too short, or too long for the memory."""
+    """Return the time to record; InputError if it is too short, or too long for the memory."""
     needed_s = readings_needed(surface) / surface.rate_hz
     seconds = max(DEFAULT_S, MARGIN * needed_s) if asked is None else asked
     longest_s = min(MAX_SECONDS, MAX_READINGS / surface.rate_hz)

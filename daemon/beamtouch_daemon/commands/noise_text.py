@@ -1,4 +1,4 @@
-"""The answer of `noise`: a table for people with the lines to paste, and the same as JSON."""
+"""The output of `noise`: a table with the lines to paste, and the same as JSON."""
 
 import json
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ class Measured:
         return "single readings"
 
     def correlation_ms(self, channel: ChannelNoise) -> float:
-        """Return after how long a reading says as much as an independent one; a period for white noise."""
+        """Return the time after which a reading counts as independent; a period for white noise."""
         return 1e3 * channel.correlated_readings / self.settings.rate_hz
 
 

@@ -1,4 +1,4 @@
-"""The dialogue of `record`: its questions, and what the answers mean.
+"""The dialogue of `record`: its questions and the meaning of the answers.
 
 On a terminal, a wrong answer repeats the question. Without a terminal nobody would see the question, so a wrong answer
 ends the recording.

@@ -19,9 +19,9 @@ from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, R
 from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
 
 MAX_PERIOD_READINGS = 4000
-"""Limit of the readings in a slowest period, as every sample is compared with half of them."""
+"""Limit of the readings in a slowest period: every sample is compared with half of them."""
 MAX_MEAN_READINGS = 10_000
-"""Limit of the readings in a growing mean."""
+"""Limit of the readings in a growing mean, for memory and time."""
 
 
 class Metrics(Strict):
@@ -32,7 +32,7 @@ class Metrics(Strict):
 
 
 def place_of(source: Source, channel: Channel) -> tuple[str, int, int]:
-    """Return host, unit and first register of a channel; ValueError if the configuration does not say them."""
+    """Return host, unit and first register of a channel; ValueError if the configuration does not state them."""
     message = ""
     module = None if isinstance(source, SerialLine) or source.module is None else module_of(source.module)
     if isinstance(source, SerialLine) and (channel.input, channel.unit, channel.host, channel.type) != (None,) * 4:
@@ -115,7 +115,8 @@ class Surface(Strict):
             message = 'filter.kind = "growing-mean" needs noise_mm; `beamtouch-daemon noise` measures it'
         elif isinstance(self.filter, GrowingMean) and self.filter.longest(self.rate_hz) > MAX_MEAN_READINGS:
             message = (
-                f"filter.max_mean_ms: at most {MAX_MEAN_READINGS} readings, {MAX_MEAN_READINGS / self.rate_hz * 1e3:g}"
+                f"filter.max_mean_ms: at most {MAX_MEAN_READINGS / self.rate_hz * 1e3:g}, "
+                f"the time of {MAX_MEAN_READINGS} readings"
             )
         elif isinstance(self.source, SerialLine) and (self.rate_hz < 1 or self.rate_hz != int(self.rate_hz)):
             message = "rate_hz must be a whole number for a serial source"

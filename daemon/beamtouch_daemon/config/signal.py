@@ -24,7 +24,7 @@ Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
 
 class _Spike(Strict):
     spike_mm: Positive | None = None
-    """Replace a deflection by the median of the last three if it differs from it by more than this."""
+    """A deflection that is further than this from the median of the last three is a spike, and is replaced by it."""
 
 
 class NoFilter(_Spike):
@@ -60,14 +60,14 @@ class Adaptive(_Spike):
 
 
 class GrowingMean(_Spike):
-    """Mean of all readings since the load last changed."""
+    """Mean of all readings since the load last changed: an answer at once, which sharpens while the load rests."""
 
     kind: Literal["growing-mean"]
     max_mean_ms: Annotated[FiniteFloat, Field(gt=0, le=60_000)] = 1000.0
-    """Longest time that a mean spans; at least one reading, and at most 10 000, are in it."""
+    """Longest time that a mean spans. It bounds `readings` of the samples."""
 
     window: Annotated[int, Field(ge=1, le=10_000)] = 4
-    """Number of readings in the mean while the beam moves."""
+    """Smallest number of readings in the mean while the beam moves."""
 
     def longest(self, rate_hz: float) -> int:
         """Return the largest number of readings in a mean."""

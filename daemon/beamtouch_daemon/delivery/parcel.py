@@ -37,7 +37,7 @@ class Parcel(Generic[_T]):
         return [item for part in reversed(self._parts) for item in part]
 
     async def send(self, client: ServiceClient, surface: str, fault: Fault) -> Verdict:
-        """Send what is left until nothing is, or until the service takes no more.
+        """Send the remaining samples until none are left, or until the service takes no more.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""The spool's ledger: what waits in the file, what was delivered, dropped and set aside. In memory only."""
+"""The spool's ledger: counts of waiting, delivered, dropped and set-aside samples. In memory only."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -7,7 +7,7 @@ from beamtouch_daemon.delivery.spool_entries import Entry
 
 
 class Ledger:
-    """Counts of samples by surface, and the numbers of batches that the file has but that wait no more."""
+    """Counts of samples by surface, and the numbers of batches in the file that no longer wait."""
 
     def __init__(self) -> None:
         self.waiting: Counter[str] = Counter()
@@ -27,7 +27,7 @@ class Ledger:
 
     @property
     def over(self) -> set[int]:
-        """Numbers of batches in the file that wait no more."""
+        """Numbers of batches in the file that no longer wait."""
         return self.done | self.skipped
 
     def added(self, surface: str, samples: int, length: int) -> int:
@@ -68,7 +68,7 @@ class Ledger:
         self.skipped.clear()
 
     def take_stock(self, size: int, last: int, waiting: Counter[str], lost: Counter[str]) -> None:
-        """Note what a file holds that was opened: its bytes, its highest number, what waits in it, and what it lost."""
+        """Note the content of an opened file: its bytes, its highest number, its waiting samples, and its losses."""
         before = Counter(self.waiting)
         self.bytes = size
         self.next = max(self.next, last + 1)

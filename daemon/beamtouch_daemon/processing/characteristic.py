@@ -68,7 +68,7 @@ class Characteristic:
 
     @property
     def identity(self) -> str:
-        """Short text that is another one after any change of a characteristic or a rest gap."""
+        """Short text that changes with any characteristic and any rest gap."""
         shapes_and_values = b"".join(repr(values.shape).encode() + values.tobytes() for values in astuple(self))
         return hashlib.sha256(shapes_and_values).hexdigest()[:12]
 

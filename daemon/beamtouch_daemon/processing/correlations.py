@@ -1,11 +1,11 @@
-"""How long readings at rest stay alike: their trend and their autocovariances."""
+"""Correlation in time of readings at rest: their trend and their autocovariances."""
 
 import numpy as np
 
 from beamtouch_models.filters import FloatArray
 
 WINDOW = 5.0
-"""Correlations are summed over so many correlation times (Sokal, Monte Carlo methods, 1997, sec. 3)."""
+"""Length of the sum of correlations, in correlation times (Sokal, Monte Carlo methods, 1997, sec. 3)."""
 
 
 def without_line(values: FloatArray) -> FloatArray:
@@ -29,7 +29,7 @@ def summed_correlations(blocks: FloatArray) -> tuple[FloatArray, FloatArray]:
     lags /= np.arange(length, 0, -1)[:, np.newaxis]
     last = np.arange(length // 5)
     totals = 2 * np.cumsum(lags[: length // 5], axis=0) - lags[0]
-    totals /= (1 - (2 * last + 1) / length)[:, np.newaxis]  # what the means of the blocks took out
+    totals /= (1 - (2 * last + 1) / length)[:, np.newaxis]  # the part that the means of the blocks removed
     summed = np.empty(blocks.shape[2])
     for channel, total in enumerate(totals.T):
         enough = last * lags[0, channel] >= WINDOW * total

@@ -10,16 +10,16 @@ from beamtouch_daemon.processing.rest_noise import ChannelNoise
 from beamtouch_daemon.processing.stuck import longest_run
 
 ZERO_SHARE = 0.2
-"""A zero is taken to drift by this part of the noise at least, as a scene does: a recording shows only its own time."""
+"""Least drift of a zero, as a part of the noise, as in a scene: a recording shows only its own time."""
 STEPS_MATTER = 0.1
 """Steps are stated if their rounding is more than this part of the noise."""
 HIDDEN = 0.02
-"""Noise that the steps hide, in steps: so little that it averages out nothing of the rounding."""
+"""Noise that is stated where the steps hide it, in steps: it is too small to average the rounding away."""
 MIN_BITS, MAX_BITS = 6, 16
-"""The ADCs that a scene knows."""
+"""Values of `adc_bits` that a scene accepts."""
 RUNS_DIFFER = 1.5
 LONGEST_MS = 3_600_000.0
-"""Longest time without a change that is stated: an hour."""
+"""Largest `stuck_after_ms` that is stated: an hour."""
 DIGITS = 3
 
 
@@ -54,7 +54,7 @@ def keys_of(found: Sequence[ChannelNoise], surface: Surface) -> Keys:
     bits = _bits(surface, step) if rounding > STEPS_MATTER * noise else None
     sensor = math.sqrt(max(noise**2 - rounding**2, 0.0)) if loud else HIDDEN * step
     if any(one.is_rounded for one in found) and (loud or bits is None):
-        # A scene takes noise so loud to average the rounding out, which it does not here. The tare is rounded too.
+        # A scene would take such noise to average the rounding away, but it does not. The tare is rounded too.
         drift = math.hypot(drift, math.sqrt(2) * rounding)
     return Keys(
         daemon_noise_mm=rounded_up(noise),
@@ -84,7 +84,7 @@ def _bits(surface: Surface, step_mm: float) -> int | None:
 
 
 def _stuck_after_ms(found: Sequence[ChannelNoise], noise_mm: float, surface: Surface) -> dict[str, float]:
-    """Return for how long counts may stay equal, by channel, where the stated noise allows a much shorter time."""
+    """Return the time for which counts may stay equal, by channel, where the stated noise allows much less."""
     times = {}
     for one, count_mm in zip(found, Characteristic.of(surface.channels).steepest.tolist(), strict=True):
         stated = longest_run(noise_mm / count_mm, surface.rate_hz)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from beamtouch_daemon.sources.reading import Reading
 
 TOLERANCE = 0.1
-"""Relative. Settling times, cutoffs and zero tracking shift by as much, which is closer than anyone states them. Device
-clocks are better: a ceramic resonator is within 0.5 %, a timer with coarse steps within a few percent."""
+"""Tolerance of the rate. Settling times, cutoffs and zero tracking shift by as much; nobody states them more closely.
+Device clocks are better: a ceramic resonator is within 0.5 %, a timer with coarse steps within a few percent."""
 BLOCK_S = 1.5
 BLOCK_READINGS = 20
 """The rate is measured over the longer of this time and this number of readings."""
@@ -20,7 +20,7 @@ AGREEING = 2
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether the rate fits, and the measurement that says so."""
+    """The measured rate, and whether it fits."""
 
     fits: bool
     measured_hz: float

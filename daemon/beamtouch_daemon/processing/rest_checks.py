@@ -1,4 +1,4 @@
-"""The checks that a recording shows a beam at rest whose sensors work. They do not trust the configured noise."""
+"""Checks that a recording is of a beam at rest with working sensors. They do not trust the configured noise."""
 
 from collections.abc import Mapping
 
@@ -23,7 +23,7 @@ JUMP_READINGS = 4
 """Means over the longer of this time and this number of readings show whether the beam is touched."""
 LONGER = 4
 FEWEST_MEANS = 30
-"""Light touches show in means that are this many times longer, and so on, while the recording holds enough of them."""
+"""Factor between the lengths of means, of which longer ones show lighter touches, and the fewest means of a length."""
 MAX_JUMP = 8.0
 """Largest change between two adjacent means, wherever they meet, relative to their usual change; noise does not reach
 it in a year."""
@@ -135,7 +135,7 @@ def _together(residual: FloatArray, surface: Surface) -> str:
 
 
 def _jump(values: FloatArray, width: int, step: float) -> tuple[int, float] | None:
-    """Return place and size of the largest change of values (readings,) that is no noise; None if there is none."""
+    """Return place and size of the largest change of values (readings,) beyond noise; None if there is none."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     longest = max(width, len(values) // FEWEST_MEANS)
     while width <= longest:

@@ -1,4 +1,4 @@
-"""Noise of the readings of a beam at rest: how they scatter, how long they stay alike, and how far their zeros drift.
+"""Noise of the readings of a beam at rest: their scatter, its correlation in time, and the drift of their zeros.
 
 A recording is divided into blocks. The scatter within blocks is noise, the difference between blocks is drift. Noise
 that stays alike over several readings averages away more slowly than white noise. So the configured filter runs over
@@ -44,9 +44,9 @@ class ChannelNoise:
     noise_mm: float
     """Standard deviation of a reading, without drift."""
     correlated_readings: float
-    """Number of readings that say as much as one independent reading; 1 for white noise."""
+    """Number of readings that are worth one independent reading; 1 for white noise."""
     effective_noise_mm: float
-    """Noise of white readings whose filtered values scatter as much as the measured ones."""
+    """Noise of white readings whose filtered values would scatter as the measured ones do."""
     fast_noise_mm: float
     """Noise of white readings that differ from one to the next as much as the measured ones."""
     drift_mm: float

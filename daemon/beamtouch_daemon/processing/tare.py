@@ -1,4 +1,4 @@
-"""Rest gaps, measured while nothing touches the beam, and the checks that it really is at rest."""
+"""Rest gaps, measured while nothing touches the beam, and checks that the beam rests."""
 
 import math
 from collections.abc import Mapping, Sequence

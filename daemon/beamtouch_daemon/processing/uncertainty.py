@@ -1,4 +1,4 @@
-"""Statement of a sample's uncertainty: the number of readings in it, and their covariance where it says more."""
+"""The stated uncertainty of a sample: the number of its readings, and a covariance where that is not enough."""
 
 import math
 from typing import NamedTuple
@@ -22,7 +22,7 @@ class Uncertainty(NamedTuple):
     """The uncertainty of a sample."""
 
     readings: int | None
-    """How many readings are in it; None if no channel has a value, or if the noise of a reading is not known."""
+    """Number of readings in it; None if no channel has a value, or if the noise of a reading is not known."""
     covariance_mm2: list[float] | None
     """Lower triangle by rows; None if it is the variance of so many readings, on the diagonal."""
 
@@ -58,7 +58,7 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
 
 
 def _rounded(triangle: FloatArray, white_mm2: float) -> list[float]:
-    """Return a triangle in as few digits as keep the matrix positive; `white_mm2` is the noise variance in it."""
+    """Return a triangle with the fewest digits that keep the matrix positive; `white_mm2` is its noise variance."""
     quantum = max(DIGITS_BELOW_NOISE * white_mm2, SIGNIFICANT * float(triangle.max()))
     digits = -math.floor(math.log10(quantum)) if quantum > 0 else 0
     values: list[float] = (np.round(triangle, digits) if 0 < digits < MAX_DIGITS else triangle).tolist()

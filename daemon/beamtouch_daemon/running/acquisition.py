@@ -44,7 +44,7 @@ class Acquisition:
         self._pipeline = Pipeline(surface, rest_gap_mm)
         self._backoff = Backoff(max_s=REOPEN_S)
         self._fault = Fault(_log, name)
-        self._tally = Tally(_log, f"{name}: %d readings lost")
+        self._tally = Tally(_log, f"{name}: readings lost: %d")
 
     async def run(self) -> None:
         """Read until cancelled; a session that fails is followed by another one."""

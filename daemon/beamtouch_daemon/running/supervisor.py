@@ -1,4 +1,4 @@
-"""Starts, replaces and stops the workers as the configuration says."""
+"""Starts, replaces and stops the workers, following the configuration."""
 
 import asyncio
 import logging

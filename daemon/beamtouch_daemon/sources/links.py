@@ -41,7 +41,7 @@ class RtuLink:
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """Cases in which its answers may be old or foreign unnoticed, a sentence each."""
+        """Cases in which old or foreign answers may pass unnoticed, a sentence each."""
         if not self._unit.is_unprovable:
             return (COPIES,)
         silence_s = forgotten_s(self.timeout_s)

@@ -33,7 +33,7 @@ class Link(Protocol):
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """Cases known so far in which its answers may be old or foreign unnoticed, a sentence each."""
+        """Known cases in which old or foreign answers may pass unnoticed, a sentence each."""
         ...
 
     def opened(self) -> AbstractAsyncContextManager[None]:

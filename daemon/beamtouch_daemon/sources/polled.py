@@ -39,7 +39,7 @@ class PolledSource:
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """Cases known so far in which answers of the units may be old or foreign unnoticed, a sentence each."""
+        """Known cases in which old or foreign answers may pass unnoticed, a sentence each."""
         return tuple(dict.fromkeys(limit for part in self._parts for limit in part.link.limits))
 
     async def readings(self) -> AsyncGenerator[list[Reading], None]:

@@ -8,9 +8,9 @@ import serial
 from beamtouch_daemon.sources.reading import SourceError
 
 READ_BYTES = 4096
-"""Received bytes that one call takes."""
+"""Largest number of bytes that one call reads."""
 FAILURES = (OSError, termios.error)
-"""What reading and writing raise once the device is gone."""
+"""Exceptions of reading and writing once the device is gone."""
 
 
 def opened(path: str, baud: int, parity: str = serial.PARITY_NONE, stop_bits: float = 1) -> serial.Serial:

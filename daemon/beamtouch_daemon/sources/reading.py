@@ -32,7 +32,7 @@ class Reading(NamedTuple):
     """Raw counts of all channels at one instant; means of several conversions may have fractions."""
 
     monotonic_s: float
-    """When it was taken, on the monotonic clock of this host."""
+    """Time of its acquisition, on the monotonic clock of this host."""
     counts: tuple[float | None, ...]
     """One per channel, in the order of the configuration; None if the device did not send it."""
     lost: int = 0
@@ -44,7 +44,7 @@ class Source(Protocol):
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """Cases known so far in which readings may be old or foreign unnoticed, a sentence each."""
+        """Known cases in which old or foreign readings may pass unnoticed, a sentence each."""
         ...
 
     def readings(self) -> AsyncGenerator[list[Reading], None]:

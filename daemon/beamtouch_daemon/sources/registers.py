@@ -1,4 +1,4 @@
-"""Registers of Modbus units: how to group them into requests, and how to decode them. Pure; no I/O."""
+"""Registers of Modbus units: their grouping into requests, and their decoding. Pure; no I/O."""
 
 import math
 import struct

@@ -22,7 +22,7 @@ from beamtouch_daemon.sources.rtu_proof import Proof
 from beamtouch_daemon.sources.rtu_unit import AFTER_A_FAILURE, AT_A_START, EXPLORE_S, READ_FUNCTIONS, Probe, Unit
 
 QUIET_S = (0.1, 0.5)
-"""At the start of a session, a proof needs silence for one timeout, but at least and at most this long."""
+"""Bounds of the silence that a proof needs at the start of a session; in between, it is one timeout."""
 PROOFS = 3
 """Number of proofs for a unit that sends unexpected answers. Then it is suspect: another master may be asking it."""
 LEARNING_S = 5.0

@@ -1,4 +1,4 @@
-"""The order of a unit's answers: which ones it may still owe, and which requests prove that it owes none. Pure; no I/O.
+"""The order of a unit's answers: those that it may still owe, and requests that prove that it owes none. Pure; no I/O.
 
 Modbus RTU answers carry no number, but a unit answers in order. A probe is a request whose answer cannot be mistaken
 for a value, because it has another function or another length. After the answer to a probe, every earlier request has
@@ -78,7 +78,7 @@ class Unit:
         self.explored_s = -EXPLORE_S
         self.proven_s = 0.0
         self.has_waited = False
-        """Whether its first pause without requests is over."""
+        """True once its first pause without requests is over."""
         self._owed: dict[Probe, _Owed] = {}
 
     @property

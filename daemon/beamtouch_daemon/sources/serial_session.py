@@ -20,7 +20,7 @@ BACK_S = 0.1
 CLOCK_WENT_BACK = "the device's clock went back"
 _TOKENS = 1 << 16
 _REPEATED = 1 << 15
-"""So many readings cannot be lost without a silence, so a larger step of the sequence is a repeated reading."""
+"""More readings cannot be lost without a silence, so a larger step of the sequence is a repeated reading."""
 
 
 class Session:

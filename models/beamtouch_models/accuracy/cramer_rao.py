@@ -3,7 +3,7 @@
 The standard deviation of an unbiased estimate is at least one over the root of the Fisher information. For a reading of
 mean F g(x) with independent Gaussian errors s per channel, the information is |F g'(x) / s|^2 if the force is known.
 If the force is open, only the part of g'/s orthogonal to g/s counts: a change along g may as well come from the force.
-The errors are those of the noise, of gains and of zeros; what their size itself tells of the contact is left out.
+The errors are those of the noise, of gains and of zeros. Their size depends on the contact; the bound ignores that.
 Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, 1993, sec. 3.7 and 3.8.
 """
 

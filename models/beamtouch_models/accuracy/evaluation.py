@@ -9,11 +9,10 @@ from beamtouch_models.accuracy.contacts import Contacts, simulated
 from beamtouch_models.accuracy.limit import SCRAMBLINGS
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
-from beamtouch_models.accuracy.touch import directions, noise_at_rest, rest_like_contact, smallest_force_n
+from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest, rest_like_contact, smallest_force_n
 from beamtouch_models.arrays import Floats
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.loading import ModelFile
 from beamtouch_models.progress import Fraction, silent
-from beamtouch_models.session import CHUNK
 
 MIDDLE = (0.2, 0.8)
 """Bounds of the middle of the beam, over its length."""
@@ -107,14 +106,11 @@ def at_noise(prior: Prior, noise_mm: float) -> Prior:
 
 def estimates(model: ModelFile, prior: Prior, deflection_mm: Floats) -> dict[str, Floats]:
     """Return the answers to deflections (samples, channels) that are linear in the force; all channels are valid."""
-    reading = prior.stated(deflection_mm)
+    reading = prior.measured(deflection_mm)
     # Without noise any small covariance will do.
     noise_mm = prior.noise_mm or model.metadata.noise.sample_mm
-    inputs = reading.astype(np.float32), at_noise(prior, noise_mm).whitening(reading).astype(np.float32)
-    # A graph takes kilobytes for each sample of a batch.
-    chunks = [slice(start, start + CHUNK) for start in range(0, len(reading), CHUNK)]
-    answers = [model.estimate(*(values[chunk] for values in inputs)) for chunk in chunks]
-    return {name: np.concatenate([one[name] for one in answers]).astype(np.float64) for name in model.outputs}
+    answers = model.run(reading, at_noise(prior, noise_mm).whitening(reading))
+    return {name: values.astype(np.float64) for name, values in answers.items()}
 
 
 def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> Errors:

@@ -1,4 +1,4 @@
-"""The prior of the force: what the scene states, with tails, because what is improbable is not impossible."""
+"""The prior of the force: the range that the scene states, with tails for improbable forces beyond it."""
 
 from dataclasses import dataclass
 

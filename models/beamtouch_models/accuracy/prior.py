@@ -29,7 +29,7 @@ class SampleErrors:
     """Relative gain error that is left after calibration."""
     zero_mm: float = 0.0
     mounting_mm: float = 0.0
-    """Of a sensor's position along the beam."""
+    """Error of a sensor's position along the beam."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Prior:
     channels: int
     influence_at: Callable[[Floats], Floats]
     """From load positions in mm (loads,) to the influence matrix (loads, channels) in mm/N."""
-    stated: Callable[[Floats], Floats] = lambda deflection_mm: deflection_mm
+    measured: Callable[[Floats], Floats] = lambda deflection_mm: deflection_mm
     """From deflections (samples, channels) that are linear in the force to measured deflections."""
     gain: ArrayLike = 0.0
     """(channels,) or one number, standard deviation of the relative gain error that is left after calibration."""
@@ -121,9 +121,9 @@ class Prior:
     def without(self, *missing: int) -> Self:
         """Return the prior of the surface without some channels."""
         kept = np.setdiff1d(np.arange(self.channels), missing)
-        whole = self.stated
+        whole = self.measured
 
-        def stated(deflection_mm: Floats) -> Floats:
+        def measured(deflection_mm: Floats) -> Floats:
             every = np.zeros((len(deflection_mm), self.channels))
             every[:, kept] = deflection_mm
             return whole(every)[:, kept]
@@ -135,7 +135,7 @@ class Prior:
             self,
             channels=len(kept),
             influence_at=influence,
-            stated=stated,
+            measured=measured,
             gain=gain,
             zero_mm=zero_mm,
             uncertain_at=uncertain,

@@ -1,4 +1,4 @@
-"""Zeros of whitened samples: anywhere within twice their drift, evenly, and drawn where they matter.
+"""Random zeros of whitened samples: uniform within twice their drift, and drawn where they matter.
 
 Importance sampling tilts their density by exp(tilt . zero).
 """

@@ -10,9 +10,9 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.drawing import drawn_of
 from beamtouch_models.building.held_limit import check_held
-from beamtouch_models.building.measured import check_seen, measured
+from beamtouch_models.building.measured import Measured, check_seen, measured
 from beamtouch_models.building.sensor_rules import check_spacing, sample_errors, sensor_of, sensor_rules
-from beamtouch_models.estimators.estimator import NAMES, Name, estimator_of
+from beamtouch_models.estimators.estimator import NAMES, Estimator, Name, estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges
 from beamtouch_models.physics.beam import influence_of, max_deflection_mm
@@ -91,7 +91,16 @@ def build(
     progress("measuring the accuracy against the limit", 0.8)
     check_held(made, prior, seed + 4)
     found = measured(made, prior, scene, physics.filter, seed)
-    metadata = Metadata(
+    metadata = _metadata(name, text, physics, placement, made, found, seed)
+    return Built(to_bytes(made.graph, metadata), metadata, placement, physics)
+
+
+def _metadata(
+    name: str, text: str, physics: Physics, placement: Placement, made: Estimator, found: Measured, seed: int
+) -> Metadata:
+    """Return the metadata of an estimator of a surface, with the scene's TOML text."""
+    scene = physics.scene
+    return Metadata(
         name=name,
         estimator=made.name,
         length_mm=scene.beam.length_mm,
@@ -112,7 +121,6 @@ def build(
         golden=found.golden,
         scene=text,
     )
-    return Built(to_bytes(made.graph, metadata), metadata, placement, physics)
 
 
 def _placed(physics: Physics, count: int | None, seed: int) -> tuple[Placement, Prior]:

@@ -26,7 +26,7 @@ def check_held(made: Estimator, prior: Prior, seed: int) -> None:
         An answer is not finite, or the mean error or the coverage misses its bound beyond chance.
     """
     drawn = limit.draw(prior, DRAWS, seed)
-    deflection = prior.stated(drawn.deflection_mm)
+    deflection = prior.measured(drawn.deflection_mm)
     answers = runner(to_bytes(made.graph))(deflection, prior.whitening(deflection))
     if not all(np.isfinite(values).all() for values in answers.values()):
         message = "nothing was written: some answers of the model are not finite; check the scene for extreme values"

@@ -8,8 +8,7 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import mean_of, ratio_of
-from beamtouch_models.accuracy.stretches import unexplained_thresholds
-from beamtouch_models.accuracy.touch import (
+from beamtouch_models.accuracy.touch_thresholds import (
     directions,
     noise_at_rest,
     rate_per_sample,
@@ -18,11 +17,12 @@ from beamtouch_models.accuracy.touch import (
     touch_threshold,
     touch_thresholds,
 )
+from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.export import to_bytes
-from beamtouch_models.metadata import Accuracy, FilterChoice, Floor, Golden, Influence, Seen, Thresholds
+from beamtouch_models.metadata import Accuracy, FilterChoice, Floor, Golden, Influence, SmallestForce, Thresholds
 from beamtouch_models.scene import Scene
 from beamtouch_models.session import Run, runner
 from beamtouch_models.whitening import whitening
@@ -46,7 +46,7 @@ class Measured:
     """Fields of the metadata that are measured."""
 
     thresholds: Thresholds
-    smallest_force: Seen
+    smallest_force: SmallestForce
     floor: Floor
     influence: Influence
     accuracy: Accuracy
@@ -62,7 +62,7 @@ def measured(estimator: Estimator, prior: Prior, scene: Scene, chosen: FilterCho
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
     return Measured(
         thresholds,
-        Seen(position_mm=inside.tolist(), force_n=seen.tolist()),
+        SmallestForce(position_mm=inside.tolist(), force_n=seen.tolist()),
         Floor(gain=gain, zero_mm=zero_mm),
         _influence(prior),
         _accuracy(prior, run, seed + 2),
@@ -115,7 +115,7 @@ def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
     if best is None:
         message = "without noise there is no accuracy limit"
         raise ValueError(message)
-    deflection = prior.stated(contacts.drawn.deflection_mm)
+    deflection = prior.measured(contacts.drawn.deflection_mm)
     error = contacts.mean_error_mm(run(deflection, prior.whitening(deflection))["position_mm"])
     reached, least = (mean_of(values, weight).scaled(100 / prior.length_mm) for values in (error, best))
     return Accuracy(
@@ -131,7 +131,7 @@ def _golden(prior: Prior, run: Run, seed: int) -> Golden:
     """Return the answers of the graph for a few contacts, one with a channel missing, one unsteady, and for rest."""
     drawn = limit.draw(prior, GOLDEN_DRAWS, seed)
     linear = np.concatenate([drawn.deflection_mm, drawn.deflection_mm[:2], np.zeros((1, prior.channels))])
-    deflection = prior.stated(linear)
+    deflection = prior.measured(linear)
     covariance = np.tile(np.eye(prior.channels) * prior.noise_mm**2, (len(deflection), 1, 1))
     # A load that has just come: its own deflection scatters.
     covariance[GOLDEN_DRAWS] += np.outer(linear[GOLDEN_DRAWS], linear[GOLDEN_DRAWS]) / 4

@@ -33,7 +33,7 @@ def prior_of_model(metadata: Metadata) -> Prior:
 def departed(prior: Prior, beam: Beam, width_mm: float, sensor_mm: Floats, departures: Departures) -> Prior:
     """Return the prior of a surface that differs from its scene, with its beam, width of contact and sensors.
 
-    Its deflections are linear in the force and hold the gains; `stated` adds curve and offsets.
+    Its deflections are linear in the force and hold the gains; `measured` adds curve and offsets.
     """
     changed = changed_beam(beam, departures.rigidity, departures.fixity)
     true_mm = np.clip(sensor_mm + np.array(departures.position_offset_mm), 0.0, beam.length_mm)
@@ -43,10 +43,10 @@ def departed(prior: Prior, beam: Beam, width_mm: float, sensor_mm: Floats, depar
         matrix: Floats = gain * influence(changed, true_mm, load_mm, width_mm)
         return matrix
 
-    return replace(prior, influence_at=influence_at, stated=partial(stated_by, departures))
+    return replace(prior, influence_at=influence_at, measured=partial(measured_by, departures))
 
 
-def stated_by(departures: Departures, deflection_mm: Floats) -> Floats:
+def measured_by(departures: Departures, deflection_mm: Floats) -> Floats:
     """Return measured deflections (loads, channels) in mm, from deflections that include the gains."""
     # The root of y + curve y^2 = deflection that is 0 at 0, in the form that does not cancel.
     square = np.maximum(1 + 4 * departures.curve_per_mm * deflection_mm, 0.0)

@@ -15,13 +15,13 @@ from beamtouch_models.calibration.rebuilt import rebuilt
 from beamtouch_models.calibration.swapped import swapped
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.errors import NotGoodEnoughError
+from beamtouch_models.loading import ModelFile
 from beamtouch_models.metadata import Calibration, Metadata
-from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.pricing.noise import floor_of
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import parse_scene
 
-UNEXPLAINED = 0.1
+LARGEST_LEFT = 0.1
 """Largest error of a fit, over the deflections that the scene predicts, and over the length.
 
 Above it, the recording is of another surface.
@@ -65,9 +65,9 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
     if suspects:
         raise LoadsError(_contradiction(loads, suspects))
     found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
-    expected_mm = theory.stated_mm(np.zeros(theory.size), loads)[np.isfinite(loads.stated_mm)]
+    expected_mm = theory.measured_mm(np.zeros(theory.size), loads)[np.isfinite(loads.measured_mm)]
     left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
-    if not left <= UNEXPLAINED:
+    if not left <= LARGEST_LEFT:
         raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained"))
     before = errors_of_model(model.metadata, loads)
     after = np.empty(len(loads.number))
@@ -76,7 +76,7 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
         after[index] = error_without(theory, loads, found, index)
     # A single sample has this error in addition, and the loads themselves stand a little off.
     best = float(np.hypot(limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
-    if not after.mean() <= max(UNEXPLAINED * model.metadata.length_mm, best):
+    if not after.mean() <= max(LARGEST_LEFT * model.metadata.length_mm, best):
         raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {after.mean():.3g} mm"))
     # A fit without departures is right only if the scene itself locates well.
     worse = np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best)

@@ -15,6 +15,10 @@ from beamtouch_models.metadata import Metadata
 
 MOST = 2000
 """Largest number of contacts that are used, the newest; it bounds the time of a fit."""
+DRIFT = 4.0
+"""Rests that differ by more than this many times the stated drift show that a zero has moved; health uses the same."""
+SURELY = 4.0
+"""Deviations of each rest that may be noise."""
 MAX_BYTES = 64 << 20
 """Largest file; a row takes about 200 bytes."""
 
@@ -24,10 +28,10 @@ class ContactsError(InputError):
 
 
 @dataclass(frozen=True)
-class Contacts:
+class UnlabelledContacts:
     """Contacts of unknown place and force."""
 
-    stated_mm: Floats
+    measured_mm: Floats
     """(contacts, channels) mean deflection."""
     deviation_mm: Floats
     """(contacts, channels) standard deviation of that mean."""
@@ -35,12 +39,29 @@ class Contacts:
     """Number of rows that were left out because they have an older characteristic."""
     older: int = 0
     """Number of rows that were left out because there are more than `MOST` newer ones."""
+    rest_mm: Floats | None = None
+    """(contacts, 2, channels) mean deflection of the rest before each contact and its deviation, NaN where it was not
+    seen; None without any."""
 
     def __len__(self) -> int:
-        return len(self.stated_mm)
+        return len(self.measured_mm)
 
-    def __getitem__(self, kept: Bools | Indices) -> "Contacts":
-        return replace(self, stated_mm=self.stated_mm[kept], deviation_mm=self.deviation_mm[kept])
+    def __getitem__(self, kept: Bools | Indices) -> "UnlabelledContacts":
+        rest_mm = None if self.rest_mm is None else self.rest_mm[kept]
+        return replace(self, measured_mm=self.measured_mm[kept], deviation_mm=self.deviation_mm[kept], rest_mm=rest_mm)
+
+    def moved_zeros(self, zero_mm: Floats) -> Indices:
+        """Return the channels whose rests surely differ by more than `DRIFT` times the drift `zero_mm` (channels,).
+
+        The fit takes a zero to be the same in all contacts.
+        """
+        if self.rest_mm is None:
+            return np.empty(0, np.intp)
+        rest, deviation = self.rest_mm[~np.isnan(self.rest_mm).any(axis=(1, 2))].transpose(1, 0, 2)
+        if len(rest) == 0:
+            return np.empty(0, np.intp)
+        surely = (rest - SURELY * deviation).max(axis=0) - (rest + SURELY * deviation).min(axis=0)
+        return np.flatnonzero(surely > DRIFT * zero_mm)
 
 
 @dataclass(frozen=True)
@@ -50,11 +71,13 @@ class _Row:
     event: tuple[str, str]
     time: datetime
     characteristic: str
-    stated_mm: list[float]
+    measured_mm: list[float]
     deviation_mm: list[float]
+    rest_mm: list[list[float]]
+    """Mean and deviation; NaN where it was not seen."""
 
 
-def read_contacts(path: Path, metadata: Metadata) -> Contacts:
+def read_contacts(path: Path, metadata: Metadata) -> UnlabelledContacts:
     """Read the contacts of a model's surface; raises ContactsError with the reason.
 
     Rows of the newest characteristic count, and an event counts once.
@@ -109,14 +132,15 @@ def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _R
         raise ContactsError(message)
     try:
         time = datetime.fromisoformat(row["time"] or "")
-        stated, deviation = ([float(row[f"{name}_{end}"]) for name in channels] for end in ("mm", "sd_mm"))
+        measured, deviation = ([float(row[f"{name}_{end}"]) for name in channels] for end in ("mm", "sd_mm"))
+        rest = [[float(row.get(f"{name}_{end}") or "nan") for name in channels] for end in ("rest_mm", "rest_sd_mm")]
     except (ValueError, TypeError):
         message = "a value is missing, or not a number or a time"
         raise ContactsError(message) from None
     if time.tzinfo is None:
         message = f"the time {row['time']} has no zone; it must end in Z"
         raise ContactsError(message)
-    for name, value, error in zip(channels, stated, deviation, strict=True):
+    for name, value, error in zip(channels, measured, deviation, strict=True):
         if not (np.isfinite(value) and 0 < error < np.inf):
             message = f"{name} must have a finite deflection and a positive finite deviation"
             raise ContactsError(message)
@@ -126,12 +150,13 @@ def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _R
                 f"{metadata.max_deflection_mm:.3g} mm at most; check the unit and the daemon's config"
             )
             raise ContactsError(message)
-    return _Row((row["event"] or "", row["time"]), time, row["characteristic"] or "", stated, deviation)
+    return _Row((row["event"] or "", row["time"]), time, row["characteristic"] or "", measured, deviation, rest)
 
 
-def _newest(rows: list[_Row]) -> Contacts:
+def _newest(rows: list[_Row]) -> UnlabelledContacts:
     """Return the rows with the characteristic of the newest, at most MOST."""
     same = [row for row in rows if row.characteristic == rows[-1].characteristic]
     used = same[-MOST:]
-    stated, deviation = (np.array([getattr(row, name) for row in used]) for name in ("stated_mm", "deviation_mm"))
-    return Contacts(stated, deviation, len(rows) - len(same), len(same) - len(used))
+    names = ("measured_mm", "deviation_mm", "rest_mm")
+    measured, deviation, rest = (np.array([getattr(row, name) for row in used]) for name in names)
+    return UnlabelledContacts(measured, deviation, len(rows) - len(same), len(same) - len(used), rest)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.calibration.errors import Deflections, Errors
+from beamtouch_models.calibration.errors import Deflections, RecordingErrors
 from beamtouch_models.calibration.leverages import hat_matrix, left_out_residuals
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.calibration.theory import FIXITY, MAX_FIXITY, Theory
@@ -34,7 +34,7 @@ class Fit:
     theory: Theory
     kinds: tuple[str, ...]
     vector: Floats
-    errors: Errors
+    errors: RecordingErrors
     """Errors of the recording as the fit finds them."""
     scatter: float
     """Standard deviation of the residuals, per degree of freedom, in units of the errors that the recording states."""
@@ -85,9 +85,9 @@ class _Problem:
         return np.concatenate([places[:0], *(places[self.theory.kinds[kind]] for kind in self.kinds)])
 
     @cached_property
-    def stated(self) -> Bools:
+    def is_measured(self) -> Bools:
         """(loads, channels), whether there is a measurement."""
-        return np.isfinite(self.loads.stated_mm)
+        return np.isfinite(self.loads.measured_mm)
 
     def with_free(self, vector: Floats, part: Floats) -> Floats:
         """Return the vector with other values of the fitted departures."""
@@ -97,15 +97,15 @@ class _Problem:
 
     def left_mm(self, vector: Floats) -> Floats:
         """Return the residuals (loads, channels); 0 without a measurement."""
-        return np.where(self.stated, self.loads.stated_mm - self.theory.stated_mm(vector, self.loads), 0.0)
+        return np.where(self.is_measured, self.loads.measured_mm - self.theory.measured_mm(vector, self.loads), 0.0)
 
     def slopes(self, vector: Floats) -> Floats:
         """Return the change of each deflection with the fitted departures, (loads, channels, departures)."""
-        return self.theory.slopes(vector, self.loads, self.kinds)[..., self.free] * self.stated[..., None]
+        return self.theory.slopes(vector, self.loads, self.kinds)[..., self.free] * self.is_measured[..., None]
 
     def weighed(self, slopes: Floats, whitening: Floats) -> Floats:
         """Return whitened slopes, a row for each deflection."""
-        return (whitening @ slopes).reshape(self.stated.size, len(self.free))
+        return (whitening @ slopes).reshape(self.is_measured.size, len(self.free))
 
     def solved(self, vector: Floats, whitening: Floats) -> Floats:
         """Return the vector with the likeliest departures for this whitening of the residuals."""
@@ -140,16 +140,22 @@ def fit(
         vector = problem.solved(vector, whitening)
         left, at = problem.left_mm(vector), problem.slopes(vector)
         # Only departures that the data determine, rather than the prior, use up degrees of freedom.
-        freedom = max(1.0, problem.stated.sum() - float(np.trace(hat_matrix(problem.weighed(at, whitening)))))
+        freedom = max(1.0, problem.is_measured.sum() - float(np.trace(hat_matrix(problem.weighed(at, whitening)))))
         errors = moved.errors_of(left, loads.errors, errors, freedom)
     return _judged(problem, vector, moved, errors, freedom, left, at)
 
 
 def _judged(
-    problem: _Problem, vector: Floats, moved: Deflections, errors: Errors, freedom: float, left: Floats, at: Floats
+    problem: _Problem,
+    vector: Floats,
+    moved: Deflections,
+    errors: RecordingErrors,
+    freedom: float,
+    left: Floats,
+    at: Floats,
 ) -> Fit:
     """Return the fit with these residuals and slopes, and its errors of loads that are left out of it."""
-    theory, stated, free = problem.theory, problem.stated, problem.free
+    theory, measured, free = problem.theory, problem.is_measured, problem.free
     whitening, as_stated = moved.whitening(errors), moved.whitening(problem.loads.errors)
     weighed = problem.weighed(at, whitening)
     left_out = np.linalg.solve(whitening, left_out_residuals(whitening @ left[..., None], weighed))[..., 0]
@@ -163,9 +169,9 @@ def _judged(
         errors,
         scatter=float(np.sqrt(((as_stated @ left[..., None]) ** 2).sum() / freedom)),
         freedom=freedom,
-        left_out_mm=np.where(stated, left_out, np.nan),
-        left_out=float(np.sqrt(((as_stated @ left_out[..., None]) ** 2).sum() / stated.sum())),
-        prediction_mm=float(np.sqrt(np.einsum("lcv,vw,lcw->", at, own, at) / stated.sum())),
+        left_out_mm=np.where(measured, left_out, np.nan),
+        left_out=float(np.sqrt(((as_stated @ left_out[..., None]) ** 2).sum() / measured.sum())),
+        prediction_mm=float(np.sqrt(np.einsum("lcv,vw,lcw->", at, own, at) / measured.sum())),
         covariance=covariance,
     )
 

@@ -6,8 +6,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.contacts import Contacts
-from beamtouch_models.calibration.unlabelled import ContactFit, degrees_of, fit_contacts, linear
+from beamtouch_models.calibration.contacts import UnlabelledContacts
+from beamtouch_models.calibration.linear import degrees_of, linear
+from beamtouch_models.calibration.unlabelled import ContactFit, fit_contacts
 
 PARTS = 4
 """Number of parts of the contacts; each is left out of one fit."""
@@ -31,13 +32,13 @@ class HeldOut:
     """Sum of the misfits of single contacts over the largest that is allowed."""
 
 
-def held_out(fit: ContactFit, contacts: Contacts, zero_mm: Floats, most: float) -> HeldOut:
+def held_out(fit: ContactFit, contacts: UnlabelledContacts, zero_mm: Floats, most: float) -> HeldOut:
     """Leave out one part of the contacts at a time, spread over time.
 
     Parameters
     ----------
     zero_mm : (channels,) standard deviation of the zeros
-    most : relative error of deflections that may stay unexplained
+    most : relative error of deflections that may be left
     """
     theory, count = fit.theory, len(contacts)
     after, allowed = np.empty(count), np.empty(count)
@@ -48,27 +49,27 @@ def held_out(fit: ContactFit, contacts: Contacts, zero_mm: Floats, most: float) 
         allowed[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, most, rest.covariance)
     before = _misfits(fit, fit.start, contacts, zero_mm, 0.0, None)
     degrees = degrees_of(theory)
-    most = float(chi2.isf(CHANCE, degrees * fit.single.sum()))
+    largest = float(chi2.isf(CHANCE, degrees * fit.single.sum()))
     return HeldOut(
         float(np.median(before)),
         float(np.median(after)),
         float(chi2.median(degrees)),
-        float(fit.single @ allowed) / most,
+        float(fit.single @ allowed) / largest,
     )
 
 
 def _misfits(
     fit: ContactFit,
     vector: Floats,
-    contacts: Contacts,
+    contacts: UnlabelledContacts,
     zero_mm: Floats,
-    unexplained: float,
+    left_error: float,
     covariance: Floats | None,
 ) -> Floats:
     """Return the misfits (contacts,) of contacts under departures, whose covariance counts as an error."""
     theory = fit.theory
-    at = linear(theory, vector, contacts, zero_mm, unexplained)
-    total = at.covariance_mm2(theory, unexplained)
+    at = linear(theory, vector, contacts, zero_mm, left_error)
+    total = at.covariance_mm2(theory, left_error)
     if covariance is not None:
         slopes = theory.slopes(vector, at.loads, fit.kinds)
         total = total + np.einsum("lcv,vw,ldw->lcd", slopes, covariance, slopes)

@@ -1,4 +1,4 @@
-"""What a fit to unlabelled contacts leaves open: errors of the position, and the floor that states them.
+"""The uncertainty that a fit to unlabelled contacts leaves: errors of the position, and the floor that states them.
 
 The errors of a fit are correlated across channels, and the largest of them lie along the influence curve, where
 residuals do not see them. The floor of a model is independent per channel. So it is scaled until it states the position
@@ -62,7 +62,7 @@ class LeftOpen:
         each = np.sqrt((moved / np.maximum(self._clean_mm**2, np.finfo(np.float64).tiny)).mean(axis=0))
         each = np.maximum(each, LEAST_GAIN)
         factor = float(np.quantile(self.position_mm / self.stated_mm(each), ENOUGH))
-        floor: Floats = np.hypot(factor * each, self.fit.unexplained)
+        floor: Floats = np.hypot(factor * each, self.fit.left_error)
         return np.maximum(floor, LEAST_GAIN)
 
     @cached_property
@@ -77,7 +77,7 @@ class LeftOpen:
 
     @cached_property
     def _clean_mm(self) -> Floats:
-        return self.theory.stated_mm(self.fit.vector, self._loads)
+        return self.theory.measured_mm(self.fit.vector, self._loads)
 
     @cached_property
     def _slopes(self) -> Floats:

@@ -9,7 +9,7 @@ import numpy as np
 
 from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.calibration.errors import Errors
+from beamtouch_models.calibration.errors import RecordingErrors
 from beamtouch_models.metadata import Metadata
 
 FEWEST_POSITIONS = 4
@@ -21,7 +21,7 @@ MAX_DEFLECTIONS = 100.0
 FORCE_FACTOR = 1000.0
 """Factor by which a force may lie below or above the range of forces; beyond, it cannot be in N."""
 GOOD = "good"
-STATED = Errors(placing_mm=1.0, force=0.01)
+STATED = RecordingErrors(placing_mm=1.0, force=0.01)
 """Errors of loads that a person places by a ruler and weighs on a scale."""
 
 
@@ -37,13 +37,13 @@ class Loads:
     """(loads,) numbers in the file."""
     position_mm: Floats
     force_n: Floats
-    stated_mm: Floats
+    measured_mm: Floats
     """(loads, channels) mean deflection; NaN if a channel was not good."""
     deviation_mm: Floats
     """(loads, channels) standard deviation of that mean."""
     lines: Indices
     """(loads, 2) first and last line of each load in the file, counted from 1."""
-    errors: Errors = STATED
+    errors: RecordingErrors = STATED
     """Stated errors of the positions and forces of the loads."""
 
     def without(self, index: int) -> "Loads":
@@ -52,7 +52,7 @@ class Loads:
         return self[kept]
 
     def __getitem__(self, kept: Bools) -> "Loads":
-        arrays = ("number", "position_mm", "force_n", "stated_mm", "deviation_mm", "lines")
+        arrays = ("number", "position_mm", "force_n", "measured_mm", "deviation_mm", "lines")
         return replace(self, **{name: getattr(self, name)[kept] for name in arrays})
 
 
@@ -93,7 +93,7 @@ def read_loads(path: Path, metadata: Metadata, leave_out: Sequence[int] = ()) ->
 def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadata) -> Loads:
     number = np.array([int(row["load"]) for row in rows])
     position, force = (np.array([float(row[column]) for row in rows]) for column in ("position_mm", "force_n"))
-    stated = np.array(
+    measured = np.array(
         [
             [
                 float(row[f"{name}_deflection_mm"] or "nan") if row.get(f"{name}_quality", GOOD) == GOOD else np.nan
@@ -102,18 +102,18 @@ def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadat
             for row in rows
         ]
     )
-    beyond = np.argwhere(np.abs(stated) > MAX_DEFLECTIONS * metadata.max_deflection_mm)
+    beyond = np.argwhere(np.abs(measured) > MAX_DEFLECTIONS * metadata.max_deflection_mm)
     if len(beyond):
         line, channel = beyond[0]
         message = (
-            f"{channels[channel]} states {stated[line, channel]:g} mm in line {line + 2}, but this surface deflects by "
-            f"{metadata.max_deflection_mm:.3g} mm at most; check the unit and the daemon's config"
+            f"{channels[channel]} states {measured[line, channel]:g} mm in line {line + 2}, but this surface deflects "
+            f"by {metadata.max_deflection_mm:.3g} mm at most; check the unit and the daemon's config"
         )
         raise LoadsError(message)
     loads = np.unique(number)
     first = np.array([np.flatnonzero(number == load)[0] for load in loads])
-    good = np.array([np.isfinite(stated[number == load]).sum(axis=0) for load in loads])
-    sums = np.array([np.nansum(stated[number == load], axis=0) for load in loads])
+    good = np.array([np.isfinite(measured[number == load]).sum(axis=0) for load in loads])
+    sums = np.array([np.nansum(measured[number == load], axis=0) for load in loads])
     mean = np.where(good >= FEWEST_SAMPLES, sums / np.maximum(good, 1), np.nan)
     # Samples of a moving average share readings, so their mean is only as good as that of as many readings.
     deviation = metadata.noise.reading_mm / np.sqrt(np.maximum(good, 1))
@@ -153,14 +153,14 @@ def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
             f"record at least {FEWEST_POSITIONS}, preferably 10, spread over the whole beam"
         )
         raise LoadsError(message)
-    for number, (start, end), stated in zip(loads.number, loads.lines, loads.stated_mm, strict=True):
-        if np.isnan(stated).all():
+    for number, (start, end), measured in zip(loads.number, loads.lines, loads.measured_mm, strict=True):
+        if np.isnan(measured).all():
             message = (
                 f"{path}: load {number} (lines {start} to {end}) has fewer than {FEWEST_SAMPLES} good samples of each "
                 f"channel; record it again, or use --leave-out {number}"
             )
             raise LoadsError(message)
-    silent = np.isnan(loads.stated_mm).all(axis=0)
+    silent = np.isnan(loads.measured_mm).all(axis=0)
     if silent.any():
         message = f"{path}: {metadata.layout[int(silent.argmax())].name} has no good samples; check it and record again"
         raise LoadsError(message)

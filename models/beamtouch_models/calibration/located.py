@@ -33,7 +33,7 @@ def _error(prior: Prior, departures: Departures | None, loads: Loads, index: int
     The noise is that of the mean, without the floor. With that of a single sample, a weak load would be drawn towards
     the middle of the range, which can hide an error of the surface.
     """
-    reading = loads.stated_mm[index]
+    reading = loads.measured_mm[index]
     valid = np.isfinite(reading)
     if departures is not None:
         reading = reading - np.array(departures.offset_mm)

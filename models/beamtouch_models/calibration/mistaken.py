@@ -106,9 +106,9 @@ def _without(theory: Theory, loads: Loads, left_out: tuple[int, ...], rounds: in
 
 def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
     theory, load = fitted.theory, _only(loads, index)
-    valid = np.isfinite(load.stated_mm[0])
-    predicted = theory.stated_mm(fitted.vector, load)[0]
-    off = (load.stated_mm[0] - predicted)[valid]
+    valid = np.isfinite(load.measured_mm[0])
+    predicted = theory.measured_mm(fitted.vector, load)[0]
+    off = (load.measured_mm[0] - predicted)[valid]
     if not np.sqrt(np.mean(off**2)) >= FAR_NOISES * theory.prior.noise_mm:
         return False
     slope = theory.slopes(fitted.vector, load, fitted.kinds)[0][valid]
@@ -122,10 +122,10 @@ def _contradicts(fitted: Fit, loads: Loads, index: int) -> bool:
 
 def _suspect(fitted: Fit, loads: Loads, index: int, *, certain: bool) -> Suspect:
     """Return where the load pressed and how hard, by least squares over the range of positions."""
-    stated = loads.stated_mm[index]
-    valid = np.isfinite(stated)
+    measured = loads.measured_mm[index]
+    valid = np.isfinite(measured)
     departures = fitted.departures
-    reading = stated - np.array(departures.offset_mm)
+    reading = measured - np.array(departures.offset_mm)
     linear = (reading + departures.curve_per_mm * reading**2)[valid]
     prior = fitted.theory.prior_with(departures)
     grid = np.linspace(*prior.position_mm, GRID)

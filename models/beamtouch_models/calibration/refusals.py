@@ -5,8 +5,9 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.held_out import HeldOut
 from beamtouch_models.calibration.left_open import LeftOpen
+from beamtouch_models.calibration.linear import degrees_of
 from beamtouch_models.calibration.theory import FIXITY, Theory
-from beamtouch_models.calibration.unlabelled import ContactFit, degrees_of
+from beamtouch_models.calibration.unlabelled import ContactFit
 from beamtouch_models.errors import NotGoodEnoughError
 
 FEWEST = 12
@@ -14,11 +15,11 @@ FEWEST = 12
 SMALLEST_SPREAD = 0.4
 """Smallest stretch with the middle 80 % of the contacts, over the range of positions."""
 MOST_NOT_SINGLE = 1 / 3
-"""Largest share of what is not a single contact on this surface."""
+"""Largest share of samples that are not a single contact on this surface."""
 WORSE = 1.5
 """Median misfit of left-out contacts over the expected one up to which a fit cannot be worse than the given model."""
 FIXED = 10.0
-"""Decrease of a fit's cost from which on a fixity of the ends is there; without one, none of 120 fits reached it."""
+"""Decrease of a fit's cost that shows a fixity of the ends; without one, none of 120 fits reached it."""
 
 
 def check_contacts(theory: Theory, count: int) -> None:
@@ -37,10 +38,10 @@ def check_contacts(theory: Theory, count: int) -> None:
 
 
 def check_single(fit: ContactFit, most: float) -> None:
-    """Raise NotGoodEnoughError if contacts do not fit this surface; `most` may stay unexplained of deflections."""
+    """Raise NotGoodEnoughError if contacts do not fit this surface; a relative error of `most` is allowed."""
     other = 1 - float(fit.single.mean())
-    if other > MOST_NOT_SINGLE or fit.unexplained > most:
-        left = f"leaves {fit.unexplained:.1%} of the deflections unexplained"
+    if other > MOST_NOT_SINGLE or fit.left_error > most:
+        left = f"leaves {fit.left_error:.1%} of the deflections unexplained"
         shown = f"{other:.0%} of them are no single contacts on this beam" if other > MOST_NOT_SINGLE else left
         message = (
             f"nothing was written: the contacts do not fit this model's surface. At best, {shown}. "

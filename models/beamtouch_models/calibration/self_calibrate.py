@@ -6,7 +6,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.building.model_prior import physics_of
-from beamtouch_models.calibration.contacts import Contacts
+from beamtouch_models.calibration.contacts import UnlabelledContacts
 from beamtouch_models.calibration.held_out import HeldOut, held_out
 from beamtouch_models.calibration.left_open import LeftOpen
 from beamtouch_models.calibration.rebuilt import rebuilt
@@ -20,15 +20,15 @@ from beamtouch_models.calibration.refusals import (
 )
 from beamtouch_models.calibration.theory import GAIN, Theory
 from beamtouch_models.calibration.unlabelled import ContactFit, fit_contacts
+from beamtouch_models.loading import ModelFile
 from beamtouch_models.metadata import Calibration, Metadata
-from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.pricing.noise import GAIN_ERROR
 from beamtouch_models.progress import Progress
 
 KINDS = ("gain", "position", "curve", "offset")
 """Departures that unlabelled contacts determine. Rigidity is a scale of the forces."""
 FIXITY = "fixity"
-"""What unlabelled contacts can hardly tell from gains and positions; they only show that it is there."""
+"""Unlabelled contacts hardly tell it from gains and positions; they only show that it is there."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class SelfCalibrated:
     found: SelfFit
 
 
-def self_fit(model: ModelFile, contacts: Contacts, progress: Progress) -> SelfFit:
+def self_fit(model: ModelFile, contacts: UnlabelledContacts, progress: Progress) -> SelfFit:
     """Fit the departures of a model's surface to unlabelled contacts; raises as `self_calibrate`."""
     metadata = model.metadata
     theory = Theory.of(physics_of(metadata), metadata)
@@ -79,7 +79,7 @@ def self_fit(model: ModelFile, contacts: Contacts, progress: Progress) -> SelfFi
     return SelfFit(fit, LeftOpen(fit, covariance, noise_mm), left_out)
 
 
-def self_calibrate(model: ModelFile, contacts: Contacts, progress: Progress) -> SelfCalibrated:
+def self_calibrate(model: ModelFile, contacts: UnlabelledContacts, progress: Progress) -> SelfCalibrated:
     """Fit a model to unlabelled contacts and rebuild it.
 
     Raises
@@ -95,7 +95,7 @@ def self_calibrate(model: ModelFile, contacts: Contacts, progress: Progress) -> 
 
 
 def calibrated_prior(metadata: Metadata, found: SelfFit) -> tuple[Prior, Calibration]:
-    """Return the prior of the fitted surface with its floor, and what a model file says of the fit."""
+    """Return the prior of the fitted surface with its floor, and the record of the fit for the model file."""
     fit, before = found.fit, metadata.calibration
     departures = fit.theory.departures(fit.vector)
     calibration = Calibration(

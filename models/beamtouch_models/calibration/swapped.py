@@ -49,4 +49,4 @@ def _swaps(theory: Theory, loads: Loads, names: list[str]) -> Iterator[tuple[str
 
 
 def _ordered(loads: Loads, order: list[int]) -> Loads:
-    return replace(loads, stated_mm=loads.stated_mm[:, order], deviation_mm=loads.deviation_mm[:, order])
+    return replace(loads, measured_mm=loads.measured_mm[:, order], deviation_mm=loads.deviation_mm[:, order])

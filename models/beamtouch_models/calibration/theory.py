@@ -8,7 +8,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
-from beamtouch_models.building.model_prior import departed, stated_by
+from beamtouch_models.building.model_prior import departed, measured_by
 from beamtouch_models.calibration.errors import Deflections
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.metadata import Departures, Metadata
@@ -123,18 +123,18 @@ class Theory:
         """Return the prior of the surface with departures."""
         return departed(self.prior, self.beam, self.width_mm, self.sensor_mm, departures)
 
-    def stated_mm(self, vector: Floats, loads: Loads) -> Floats:
+    def measured_mm(self, vector: Floats, loads: Loads) -> Floats:
         """Return the deflections that its sensors measure under loads, (loads, channels)."""
         departures = self.departures(vector)
         influence = self._influence(departures, loads.position_mm)
-        return stated_by(departures, loads.force_n[:, None] * np.array(departures.gain) * influence)
+        return measured_by(departures, loads.force_n[:, None] * np.array(departures.gain) * influence)
 
     def slopes(self, vector: Floats, loads: Loads, kinds: Sequence[str]) -> Floats:
-        """Return the change of `stated_mm` with each entry of the vector, (loads, channels, departures).
+        """Return the change of `measured_mm` with each entry of the vector, (loads, channels, departures).
 
         It is 0 for the entries of other kinds than `kinds`.
         """
-        at = self.stated_mm(vector, loads)
+        at = self.measured_mm(vector, loads)
         slopes = np.zeros((*at.shape, self.size))
         for kind in kinds:
             part = np.arange(self.size)[self.kinds[kind]]
@@ -142,23 +142,23 @@ class Theory:
             for moved in [part] if kind in PER_CHANNEL else part[:, None]:
                 step = np.zeros(self.size)
                 step[moved] = np.where(vector[moved] > 1, -STEP, STEP)  # away from the bound of a fixity
-                slope = (self.stated_mm(vector + step, loads) - at) / step[moved]
+                slope = (self.measured_mm(vector + step, loads) - at) / step[moved]
                 slopes[:, np.arange(at.shape[1]), moved] = slope
         return slopes
 
     def deflections(self, vector: Floats, loads: Loads) -> Deflections:
-        """Return what moves the deflections of loads about `stated_mm`."""
+        """Return what moves the deflections of loads about `measured_mm`."""
         step_mm = STEP * self.prior.length_mm
         low, high = (
             replace(loads, position_mm=np.clip(loads.position_mm + way * step_mm, 0.0, self.prior.length_mm))
             for way in (-1, 1)
         )
         apart_mm = (high.position_mm - low.position_mm)[:, None]
-        along = (self.stated_mm(vector, high) - self.stated_mm(vector, low)) / apart_mm
-        heavier = self.stated_mm(vector, replace(loads, force_n=(1 + STEP) * loads.force_n))
-        harder = (heavier - self.stated_mm(vector, loads)) / STEP
-        stated = np.isfinite(loads.stated_mm)
-        return Deflections(stated, loads.deviation_mm, np.stack([along, harder]) * stated)
+        along = (self.measured_mm(vector, high) - self.measured_mm(vector, low)) / apart_mm
+        heavier = self.measured_mm(vector, replace(loads, force_n=(1 + STEP) * loads.force_n))
+        harder = (heavier - self.measured_mm(vector, loads)) / STEP
+        is_measured = np.isfinite(loads.measured_mm)
+        return Deflections(is_measured, loads.deviation_mm, np.stack([along, harder]) * is_measured)
 
     @cached_property
     def _scales(self) -> bool:

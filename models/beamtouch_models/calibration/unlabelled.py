@@ -1,7 +1,7 @@
 """The fit of a surface's departures to unlabelled contacts: mean deflections under loads of unknown place and force.
 
-An unlabelled contact is a load whose place and force are those of the fit, with errors as wide as their ranges; what is
-left of its deflections after the best place and force tells of the surface (variable projection: Golub & Pereyra 1973,
+An unlabelled contact is a load whose place and force are those of the fit, with errors as wide as their ranges. The
+residual of its deflections at the best place and force shows the departures (variable projection: Golub & Pereyra 1973,
 doi 10.1137/0710036). Three things are estimated together with the departures, by expectation and maximisation:
 
 - the size of the departures, in units of plausible ones, so that few contacts change little;
@@ -9,30 +9,25 @@ doi 10.1137/0710036). Three things are estimated together with the departures, b
 - for each contact, the probability that it is a single contact. Two contacts at once leave residuals of any size.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.calibration.contacts import Contacts
-from beamtouch_models.calibration.errors import Deflections, Errors
+from beamtouch_models.calibration.contacts import UnlabelledContacts
 from beamtouch_models.calibration.fit import bounds_of
-from beamtouch_models.calibration.loads import Loads
+from beamtouch_models.calibration.linear import Linear, degrees_of, linear
 from beamtouch_models.calibration.normal import Normal
-from beamtouch_models.calibration.places import places
+from beamtouch_models.calibration.single import SHARES, single_contact
 from beamtouch_models.calibration.theory import GAIN, OFFSET_NOISES, Theory
 
 ROUNDS = 12
 """Number of rounds of a fit; after eight, nothing changes by a tenth of its error."""
 SMALLEST_SIZE, LARGEST_SIZE = 0.02, 1.5
 """Bounds of the size of the departures, in units of plausible ones."""
-MISFITS = (4.0, 16.0, 64.0, 256.0)
-"""Residuals of what is not a single contact, in units of the errors; each is as probable as the others."""
-SHARES = (0.01, 0.5)
-"""Bounds of the share of what is not a single contact."""
-ANY_FORCE = 3.0
-"""Error of the force of a contact, relative to the force of the fit: as good as unknown."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +43,7 @@ class ContactFit:
     """(departures, departures) covariance of the vector, in its units; 0 if not fitted."""
     size: float
     """Standard deviation of the departures about the start, in units of plausible ones."""
-    unexplained: float
+    left_error: float
     """Relative error of the deflections beyond noise, zeros and the departures."""
     position_mm: Floats
     """(contacts,) where the fit places them."""
@@ -66,41 +61,8 @@ class ContactFit:
 
     @property
     def cost(self) -> float:
-        """What the fit makes as small as possible: misfit of the single contacts, and size of the departures."""
+        """The quantity that the fit minimises: misfit of the single contacts, and size of the departures."""
         return float(self.single @ self.misfit) + self.penalty
-
-
-@dataclass(frozen=True)
-class Linear:
-    """Contacts at their best places and forces under a vector of departures."""
-
-    loads: Loads
-    moved: Deflections
-    left_mm: Floats
-    """(contacts, channels) measured minus predicted."""
-
-    def covariance_mm2(self, theory: Theory, unexplained: float) -> Floats:
-        """Return the covariance (contacts, channels, channels) of `left_mm`, if place and force are unknown."""
-        noise = np.hypot(self.loads.deviation_mm, unexplained * self.loads.stated_mm)
-        low, high = theory.prior.position_mm
-        force = 0.0 if theory.prior.force_is_known else ANY_FORCE
-        errors = Errors(placing_mm=high - low, force=force)
-        return replace(self.moved, noise_mm=noise).covariance_mm2(errors)
-
-    def whitening(self, theory: Theory, unexplained: float) -> Floats:
-        """Return W (contacts, channels, channels) with W'W the inverse of that covariance."""
-        return np.linalg.inv(np.linalg.cholesky(self.covariance_mm2(theory, unexplained)))
-
-
-def linear(theory: Theory, vector: Floats, contacts: Contacts, zero_mm: Floats, unexplained: float) -> Linear:
-    """Locate contacts on a surface with departures; `zero_mm` (channels,) is the deviation of the zeros."""
-    deviation = np.hypot(contacts.deviation_mm, zero_mm)
-    position, force = places(theory, vector, contacts.stated_mm, np.hypot(deviation, unexplained * contacts.stated_mm))
-    count = np.arange(len(contacts))
-    lines = np.zeros((len(contacts), 2), np.intp)
-    loads = Loads(count, position, force, contacts.stated_mm, deviation, lines)
-    left = contacts.stated_mm - theory.stated_mm(vector, loads)
-    return Linear(loads, theory.deflections(vector, loads), left)
 
 
 def free_of(theory: Theory, kinds: tuple[str, ...]) -> Indices:
@@ -112,7 +74,7 @@ def free_of(theory: Theory, kinds: tuple[str, ...]) -> Indices:
 def fit_contacts(
     theory: Theory,
     start: Floats,
-    contacts: Contacts,
+    contacts: UnlabelledContacts,
     kinds: tuple[str, ...],
     zero_mm: Floats,
     *,
@@ -127,52 +89,83 @@ def fit_contacts(
     zero_mm : (channels,) standard deviation of the zeros
     like : a fit to begin with
     """
-    free, degrees = free_of(theory, kinds), degrees_of(theory)
-    vector = start if like is None else like.vector
-    size, unexplained, share = (1.0, GAIN, SHARES[0]) if like is None else (like.size, like.unexplained, 0.1)
-    for _ in range(rounds):
-        at = linear(theory, vector, contacts, zero_mm, unexplained)
-        whitening = at.whitening(theory, unexplained)
-        misfit = (np.einsum("lcd,ld->lc", whitening, at.left_mm) ** 2).sum(axis=1)
-        single = _single(misfit, degrees, share) * (at.loads.force_n > 0)
-        share = float(np.clip(1 - single.mean(), *SHARES))
-        slopes = theory.slopes(vector, at.loads, kinds)[..., free]
-        about = _prior_deviation(theory, kinds, size, zero_mm)
-        weighed = np.sqrt(single)[:, None, None] * whitening
-        normal = Normal.of(weighed @ slopes, np.einsum("lcd,ld->lc", weighed, at.left_mm))
-        normal = normal.with_prior((vector - start)[free], about)
-        step = normal.step(*(bound - vector[free] for bound in bounds_of(theory, free)))
-        covariance = np.linalg.inv(normal.precision)
-        vector = vector.copy()
-        vector[free] += step
-        used = len(free) - float((np.diag(covariance) / about**2).sum())
-        left = at.left_mm - slopes @ step
-        unexplained = _unexplained(theory, at, left, single, degrees - used / max(single.sum(), 1.0))
-        moved = (vector - start)[free]
-        sized = _sized(theory, kinds)
-        size = float(np.sqrt(((moved**2 + np.diag(covariance))[sized]).mean()))
-        size = float(np.clip(size, SMALLEST_SIZE, LARGEST_SIZE))
-    at = linear(theory, vector, contacts, zero_mm, unexplained)
-    misfit = (np.einsum("lcd,ld->lc", at.whitening(theory, unexplained), at.left_mm) ** 2).sum(axis=1)
+    problem = _ContactProblem(theory, start, contacts, kinds, zero_mm)
+    found = problem.improved(
+        _Estimate(start) if like is None else _Estimate(like.vector, like.size, like.left_error, 0.1)
+    )
+    for _ in range(rounds - 1):
+        found = problem.improved(found)
+    at = linear(theory, found.vector, contacts, zero_mm, found.left_error)
     whole = np.zeros((theory.size, theory.size))
-    whole[np.ix_(free, free)] = covariance
-    penalty = float((((vector - start)[free] / about) ** 2).sum())
+    whole[np.ix_(problem.free, problem.free)] = found.covariance
     return ContactFit(
-        theory, kinds, start, vector, whole, size, unexplained, at.loads.position_mm, single, misfit, penalty
+        theory,
+        kinds,
+        start,
+        found.vector,
+        whole,
+        found.size,
+        found.left_error,
+        at.loads.position_mm,
+        found.single,
+        at.misfit(theory, found.left_error),
+        float((((found.vector - start)[problem.free] / found.about) ** 2).sum()),
     )
 
 
-def degrees_of(theory: Theory) -> int:
-    """Return the degrees of freedom of the residual of a contact: channels beyond its place and, if open, its force."""
-    return theory.prior.channels - (1 if theory.prior.force_is_known else 2)
+class _Estimate(NamedTuple):
+    """An intermediate result of a fit."""
+
+    vector: Floats
+    size: float = 1.0
+    left_error: float = GAIN
+    share: float = SHARES[0]
+    """Share of samples that are not a single contact."""
+    single: Floats = np.empty(0)
+    """(contacts,) probability that it is a single contact."""
+    covariance: Floats = np.empty((0, 0))
+    """Covariance of the fitted departures."""
+    about: Floats = np.empty(0)
+    """Standard deviations of the fitted departures about the given model."""
 
 
-def _single(misfit: Floats, degrees: int, share: float) -> Floats:
-    """Return the probability that each contact is a single one, by its misfit; `share` are not."""
-    log_other = np.logaddexp.reduce([-misfit / 2 / scale**2 - degrees * np.log(scale) for scale in MISFITS], axis=0)
-    odds = np.log(share / (1 - share) / len(MISFITS)) + log_other + misfit / 2
-    single: Floats = 1 / (1 + np.exp(np.minimum(odds, 700.0)))
-    return single
+@dataclass(frozen=True)
+class _ContactProblem:
+    """The departures to find, and the contacts that determine them."""
+
+    theory: Theory
+    start: Floats
+    contacts: UnlabelledContacts
+    kinds: tuple[str, ...]
+    zero_mm: Floats
+
+    @cached_property
+    def free(self) -> Indices:
+        """Places of the fitted departures in the vector of all."""
+        return free_of(self.theory, self.kinds)
+
+    def improved(self, found: _Estimate) -> _Estimate:
+        """Return the estimate after another round."""
+        theory, free, degrees = self.theory, self.free, degrees_of(self.theory)
+        at = linear(theory, found.vector, self.contacts, self.zero_mm, found.left_error)
+        single = single_contact(at.misfit(theory, found.left_error), degrees, found.share) * (at.loads.force_n > 0)
+        slopes = theory.slopes(found.vector, at.loads, self.kinds)[..., free]
+        about = _prior_deviation(theory, self.kinds, found.size, self.zero_mm)
+        weighed = np.sqrt(single)[:, None, None] * at.whitening(theory, found.left_error)
+        normal = Normal.of(weighed @ slopes, np.einsum("lcd,ld->lc", weighed, at.left_mm))
+        normal = normal.with_prior((found.vector - self.start)[free], about)
+        step = normal.step(*(bound - found.vector[free] for bound in bounds_of(theory, free)))
+        covariance = np.asarray(np.linalg.inv(normal.precision), np.float64)
+        vector = found.vector.copy()
+        vector[free] += step
+        used = len(free) - float((np.diag(covariance) / about**2).sum())
+        left = at.left_mm - slopes @ step
+        left_error = _left_error(theory, at, left, single, degrees - used / max(single.sum(), 1.0))
+        sized = _sized(theory, self.kinds)
+        size = float(np.sqrt((((vector - self.start)[free] ** 2 + np.diag(covariance))[sized]).mean()))
+        size = float(np.clip(size, SMALLEST_SIZE, LARGEST_SIZE))
+        share = float(np.clip(1 - single.mean(), *SHARES))
+        return _Estimate(vector, size, left_error, share, single, covariance, about)
 
 
 def _sized(theory: Theory, kinds: tuple[str, ...]) -> Bools:
@@ -189,14 +182,13 @@ def _prior_deviation(theory: Theory, kinds: tuple[str, ...], size: float, zero_m
     return np.maximum(fitted, SMALLEST_SIZE**2)
 
 
-def _unexplained(theory: Theory, at: Linear, left_mm: Floats, single: Floats, degrees: float) -> float:
+def _left_error(theory: Theory, at: Linear, left_mm: Floats, single: Floats, degrees: float) -> float:
     """Return the relative error that makes the misfit of the single contacts equal to their degrees of freedom."""
     if single.sum() <= 0 or degrees <= 0:
         return 0.0
 
-    def beyond(unexplained: float) -> float:
-        misfit = (np.einsum("lcd,ld->lc", at.whitening(theory, unexplained), left_mm) ** 2).sum(axis=1)
-        return float(single @ misfit / single.sum()) - degrees
+    def beyond(left_error: float) -> float:
+        return float(single @ at.misfit(theory, left_error, left_mm) / single.sum()) - degrees
 
     if beyond(0.0) <= 0:
         return 0.0

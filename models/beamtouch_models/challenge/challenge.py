@@ -4,29 +4,28 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bdtrc, chdtrc
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.stretches import left_by_contact
+from beamtouch_models.accuracy.unexplained_thresholds import left_by_contact
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.building.model_prior import prior_of_model
-from beamtouch_models.challenge.faults import error_cases, fault_cases
+from beamtouch_models.challenge.faults import fault_cases
 from beamtouch_models.challenge.honest import honest_cases
 from beamtouch_models.challenge.judge import judge
 from beamtouch_models.challenge.naming import naming
 from beamtouch_models.challenge.play import Case, Play
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
 from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, ghosts, scored
-from beamtouch_models.challenge.surface import Surface
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.challenge.sensor_cases import error_cases
+from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.loading import ModelFile
 from beamtouch_models.progress import Progress, silent
-from beamtouch_models.session import CHUNK, Answers, Run
 
 MISLEADING = 0.005
 """Largest share of samples of honest contacts that may mislead."""
 GHOSTS = 0.005
-"""Largest share of courses of events in which a contact may begin more than once."""
+"""Largest share of courses in which a contact may begin more than once."""
 HELD, HELD_UNSTEADY = 0.93, 0.90
 """Least share of intervals that hold the truth, without a note and with `unsteady`."""
 NOTICED, LIKELY = 0.9, 0.5
@@ -49,7 +48,7 @@ def challenge(model: ModelFile, *, draws: int, seed: int, progress: Progress = s
     SceneError
         The scene in the model cannot be computed.
     """
-    surface = Surface.of(model.metadata)
+    surface = SimulatedSurface.of(model.metadata)
     cases = [*honest_cases(surface), *error_cases(surface), *fault_cases()]
     prior = None if model.metadata.calibration else prior_of_model(model.metadata)
     if prior is not None:
@@ -64,7 +63,7 @@ def challenge(model: ModelFile, *, draws: int, seed: int, progress: Progress = s
 
 
 def rows_of(
-    model: ModelFile, surface: Surface, prior: Prior | None, case: Case, draws: int, rng: np.random.Generator
+    model: ModelFile, surface: SimulatedSurface, prior: Prior | None, case: Case, draws: int, rng: np.random.Generator
 ) -> list[Row]:
     """Play a case and score its rows; readings with the same name are one row.
 
@@ -77,7 +76,7 @@ def rows_of(
     play = case.make(surface, draws, rng)
     readings = surface.readings(play.deflection_mm, play.errors, rng)
     first = max(0, min(reading for _, reading in play.rows) - surface.decided)
-    said = judge(surface.stating(play.stated) if play.stated else surface, run_of(model), readings, first)
+    said = judge(surface.stating(play.stated) if play.stated else surface, model.run, readings, first)
     found = []
     for name in dict.fromkeys(name for name, _ in play.rows):
         at = [reading for other, reading in play.rows if other == name]
@@ -91,24 +90,12 @@ def rows_of(
         if not case.honest and play.fault_mm is not None:
             row = replace(row, power=_power(surface, play, play.fault_mm, part.valid))
         if play.naming:
-            row = replace(row, naming=naming(surface, run_of(model), play, rng))
+            row = replace(row, naming=naming(surface, model.run, play, rng))
         found.append(row)
     return [*found[:-1], replace(found[-1], ghosts=ghosts(said.said))]
 
 
-def run_of(model: ModelFile) -> Run:
-    """Return a function that answers many samples, in chunks that fit the cache."""
-
-    def run(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
-        sample, whitening = deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32)
-        chunks = [slice(start, start + CHUNK) for start in range(0, len(sample), CHUNK)]
-        answers = [model.estimate(sample[chunk], whitening[chunk]) for chunk in chunks]
-        return {name: np.concatenate([one[name] for one in answers]) for name in model.outputs}
-
-    return run
-
-
-def _power(surface: Surface, play: Play, fault_mm: Floats, valid: Bools) -> float:
+def _power(surface: SimulatedSurface, play: Play, fault_mm: Floats, valid: Bools) -> float:
     """Return the power of the test that knows what happened, at the rate of false misfits of single samples."""
     alpha = float(chdtrc(left_by_contact(surface.channels), surface.metadata.thresholds.misfit[-1]))
     if play.noisy is not None:

@@ -1,4 +1,4 @@
-"""Faults and other worlds: sensors beyond their stated errors, and what acts on the beam without being one contact."""
+"""Faults: single sensors beyond their stated errors, and what acts on the beam without being one contact."""
 
 from dataclasses import replace
 from functools import partial
@@ -6,15 +6,11 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.challenge.noises import coarse, coloured
 from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
-from beamtouch_models.challenge.surface import SensorErrors, Surface
+from beamtouch_models.challenge.sensors import SensorErrors
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.physics.beam import influence
 
-GAINS_PERCENT = (0.3, 1.0, 3.0)
-ZEROS = (0.2, 1.0, 3.0, 10.0)
-"""Zeros over the noise of a reading."""
-OFF_MM = 1.0
 WEDGE = 0.22
 """Deflection that a wedge shows, over the largest; 0.5 mm on the bench."""
 DRIFT = 10.0
@@ -29,16 +25,6 @@ AT_THE_QUARTERS = 0.4
 UNEQUAL = 4.0
 SPREAD = (0.1, 0.25, 0.5)
 """Length of a distributed load over that of the beam."""
-
-
-def error_cases(surface: Surface) -> list[Case]:
-    """Return contacts with errors of all sensors; honest where they are within what the model states."""
-    gain, zero_mm = float(surface.gain.min()), float(surface.zero_mm.min())
-    noise_mm = surface.metadata.noise.reading_mm
-    found = [Case(percent / 100 <= gain + 1e-9, partial(gains_off, percent=percent)) for percent in GAINS_PERCENT]
-    found += [Case(noises * noise_mm <= zero_mm + 1e-9, partial(zeros_off, noises=noises)) for noises in ZEROS]
-    found += [Case(False, partial(make, measured=False)) for make in (coloured, coarse)]
-    return [*found, Case(surface.scene.sensors.mounting_tolerance_mm >= OFF_MM, places_off)]
 
 
 def fault_cases() -> list[Case]:
@@ -60,44 +46,7 @@ def fault_cases() -> list[Case]:
     return [Case(False, make) for make in makes]
 
 
-def gains_off(surface: Surface, draws: int, rng: np.random.Generator, *, percent: float) -> Play:
-    """Return contacts measured with gains that are off by some percent, as a standard deviation."""
-    position, force = drawn(surface, draws, rng)
-    honest, perfect = surface.honest(draws, rng), surface.perfect(draws)
-    off = replace(perfect, gain=1 + percent / 100 * rng.normal(size=perfect.gain.shape))
-    return settled(
-        surface, f"gains {percent:g} % off", surface.under(position, force), replace(honest, gain=off.gain),
-        truth_mm=position, faulty=off, as_assumed=True,
-    )  # fmt: skip
-
-
-def zeros_off(surface: Surface, draws: int, rng: np.random.Generator, *, noises: float) -> Play:
-    """Return contacts measured with zeros that are off by some noises of a reading, as a standard deviation."""
-    position, force = drawn(surface, draws, rng)
-    honest, perfect = surface.honest(draws, rng), surface.perfect(draws)
-    noise_mm = surface.metadata.noise.reading_mm
-    off = replace(perfect, zero_mm=noises * noise_mm * rng.normal(size=perfect.gain.shape))
-    return settled(
-        surface, f"zeros {noises:g} noises off", surface.under(position, force), replace(honest, zero_mm=off.zero_mm),
-        truth_mm=position, faulty=off, as_assumed=True,
-    )  # fmt: skip
-
-
-def places_off(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
-    """Return contacts on sensors that are mounted beside their positions."""
-    position, force = drawn(surface, draws, rng)
-    clean = np.empty((draws, surface.channels))
-    for index, (load_mm, load_n) in enumerate(zip(position, force, strict=True)):
-        true_mm = surface.sensor_mm + OFF_MM * rng.normal(size=surface.channels)
-        sensor_mm = np.clip(true_mm, 0.0, surface.beam.length_mm)
-        clean[index] = load_n * influence(surface.beam, sensor_mm, load_mm, surface.scene.contact.width_mm)[0]
-    return settled(
-        surface, f"positions {OFF_MM:g} mm off", clean, surface.honest(draws, rng), truth_mm=position,
-        faulty=surface.perfect(draws),
-    )  # fmt: skip
-
-
-def stuck(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
+def stuck(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Play:
     """Return contacts while one sensor shows rest, with its noise."""
     position, force = drawn(surface, draws, rng)
     one = _one(surface, draws, rng)
@@ -105,14 +54,14 @@ def stuck(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
     return _fault(surface, "one channel stuck at rest", clean, rng, one=one)
 
 
-def wedged(surface: Surface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
+def wedged(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
     """Return a sensor that shows a deflection of its own, with or without a contact."""
     one = _one(surface, draws, rng)
     clean = one * WEDGE * surface.metadata.max_deflection_mm + _clean(surface, draws, rng, touched=touched)
     return _fault(surface, f"one channel wedged, {'contact' if touched else 'no contact'}", clean, rng, one=one)
 
 
-def drifted(surface: Surface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
+def drifted(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, touched: bool) -> Play:
     """Return a sensor whose zero has drifted, in either direction, with or without a contact."""
     either = rng.choice([-1.0, 1.0], size=(draws, 1))
     one = _one(surface, draws, rng)
@@ -121,7 +70,7 @@ def drifted(surface: Surface, draws: int, rng: np.random.Generator, *, touched: 
     return _fault(surface, name, _clean(surface, draws, rng, touched=touched), rng, off, one)
 
 
-def noisy(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
+def noisy(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Play:
     """Return contacts while one channel is many times as noisy as stated."""
     one = _one(surface, draws, rng)
     louder = np.where(one, NOISY, 1.0)
@@ -129,7 +78,7 @@ def noisy(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
     return replace(_fault(surface, f"one channel {NOISY:g} times as noisy", clean, rng, off, one), noisy=louder)
 
 
-def pulled(surface: Surface, draws: int, rng: np.random.Generator, *, times: float) -> Play:
+def pulled(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, times: float) -> Play:
     """Return forces away from the sensors."""
     position, _ = drawn(surface, draws, rng)
     force = np.full(draws, -times * surface.metadata.ranges.force_n[0])
@@ -137,7 +86,9 @@ def pulled(surface: Surface, draws: int, rng: np.random.Generator, *, times: flo
     return _fault(surface, name, surface.under(position, force), rng)
 
 
-def two_contacts(surface: Surface, draws: int, rng: np.random.Generator, *, apart: float, ratio: float) -> Play:
+def two_contacts(
+    surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, apart: float, ratio: float
+) -> Play:
     """Return two contacts at once, some part of the range apart, the second with `ratio` times the force."""
     low, high = surface.metadata.ranges.position_mm
     _, force = drawn(surface, draws, rng)
@@ -151,7 +102,7 @@ def two_contacts(surface: Surface, draws: int, rng: np.random.Generator, *, apar
     return _fault(surface, name, clean, rng)
 
 
-def two_at_the_quarters(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
+def two_at_the_quarters(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Play:
     """Return two equal contacts, each a quarter of the range from an end."""
     low, high = surface.metadata.ranges.position_mm
     force = np.full(draws, AT_THE_QUARTERS * surface.metadata.ranges.force_n[1])
@@ -160,7 +111,7 @@ def two_at_the_quarters(surface: Surface, draws: int, rng: np.random.Generator) 
     return _fault(surface, "two contacts at the quarters", clean, rng)
 
 
-def distributed(surface: Surface, draws: int, rng: np.random.Generator, *, part: float) -> Play:
+def distributed(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, part: float) -> Play:
     """Return loads that press evenly on a part of the beam."""
     width_mm = part * surface.beam.length_mm
     low, high = surface.metadata.ranges.position_mm
@@ -172,7 +123,7 @@ def distributed(surface: Surface, draws: int, rng: np.random.Generator, *, part:
 
 
 def _fault(
-    surface: Surface,
+    surface: SimulatedSurface,
     name: str,
     deflection_mm: Floats,
     rng: np.random.Generator,
@@ -190,11 +141,11 @@ def _fault(
     return replace(play, naming=True, wrong=None if one is None else np.argmax(one, axis=1))
 
 
-def _clean(surface: Surface, draws: int, rng: np.random.Generator, *, touched: bool) -> Floats:
+def _clean(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, touched: bool) -> Floats:
     position, force = drawn(surface, draws, rng)
     return surface.under(position, force) * touched
 
 
-def _one(surface: Surface, draws: int, rng: np.random.Generator) -> Floats:
+def _one(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Floats:
     """Return 1 for one channel of each draw, and 0 for the others."""
     return np.eye(surface.channels)[rng.integers(surface.channels, size=draws)]

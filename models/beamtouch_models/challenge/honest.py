@@ -8,7 +8,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.challenge.noises import coarse, coloured
 from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
-from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.physics.dynamics import DAMPING_RATIO, GRAVITY
 from beamtouch_models.physics.modes import M_PER_MM, Modes, Swings, beyond_rest, swings
 
@@ -26,7 +26,7 @@ STEPS = 8
 """Steps per reading in which a moving load is followed: in one of them it hardly moves."""
 
 
-def honest_cases(surface: Surface) -> list[Case]:
+def honest_cases(surface: SimulatedSurface) -> list[Case]:
     """Return the cases that the scene allows."""
     makes: list[Make] = [touched, rested]
     if surface.modes is not None:
@@ -45,7 +45,7 @@ def honest_cases(surface: Surface) -> list[Case]:
     return [Case(True, make) for make in makes]
 
 
-def touched(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
+def touched(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Play:
     """Return a touch that the beam follows at once, between two readings."""
     position, force = drawn(surface, draws, rng)
     before = surface.look_back
@@ -58,7 +58,7 @@ def touched(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
     )
 
 
-def rested(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
+def rested(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Play:
     """Return contacts that have settled."""
     position, force = drawn(surface, draws, rng)
     errors = surface.honest(draws, rng)
@@ -68,7 +68,7 @@ def rested(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
 
 
 def rings(
-    surface: Surface, draws: int, rng: np.random.Generator, *, weighs: bool = False, lasting_s: float = 0.0
+    surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, weighs: bool = False, lasting_s: float = 0.0
 ) -> Play:
     """Return loads that set the beam ringing: a force, or a weight that swings with it, at once or growing evenly."""
     position, force = drawn(surface, draws, rng)
@@ -84,7 +84,7 @@ def rings(
     )
 
 
-def lifts(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
+def lifts(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Play:
     """Return forces that end at once: the beam rings, and nothing touches it once the filter has had its time."""
     position, force = drawn(surface, draws, rng)
     before, readings, seconds = _since(surface, draws, rng)
@@ -102,14 +102,14 @@ def lifts(surface: Surface, draws: int, rng: np.random.Generator) -> Play:
     )
 
 
-def _since(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[int, list[int], Floats]:
+def _since(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[int, list[int], Floats]:
     """Return the readings before a change of load, those after it that are judged, and all times since it in s."""
     rate_hz, before = surface.metadata.sensor.rate_hz, surface.look_back
     readings = [max(0, round(ms * 1e-3 * rate_hz - 0.5)) for ms in SINCE_MS]
     return before, readings, (np.arange(-before, readings[-1] + 1) + rng.uniform(size=(draws, 1))) / rate_hz
 
 
-def _swings(surface: Surface, position_mm: Floats, force_n: Floats, *, weighs: bool) -> Swings:
+def _swings(surface: SimulatedSurface, position_mm: Floats, force_n: Floats, *, weighs: bool) -> Swings:
     """Return the oscillators of the beam under loads."""
     modes = surface.modes
     if modes is None:
@@ -119,7 +119,7 @@ def _swings(surface: Surface, position_mm: Floats, force_n: Floats, *, weighs: b
     return swings(modes.at(surface.sensor_mm), modes.under(position_mm), modes.square_s2, force_n, weight_kg)
 
 
-def moves(surface: Surface, draws: int, rng: np.random.Generator, *, speed_mm_per_s: float) -> Play:
+def moves(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, speed_mm_per_s: float) -> Play:
     """Return loads that lie still and then move; the beam follows with its inertia."""
     low, high = surface.metadata.ranges.position_mm
     rate_hz, before = surface.metadata.sensor.rate_hz, surface.look_back
@@ -154,7 +154,7 @@ def _inertia_mm(modes: Modes, sensor_mm: Floats, target: Floats, step_s: float) 
     return added
 
 
-def pressed(surface: Surface, draws: int, rng: np.random.Generator, *, times: float, force_n: float) -> Play:
+def pressed(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, times: float, force_n: float) -> Play:
     """Return contacts of some times an end of the stated range of forces."""
     position, _ = drawn(surface, draws, rng)
     clean = surface.under(position, np.full(draws, times * force_n))
@@ -163,7 +163,7 @@ def pressed(surface: Surface, draws: int, rng: np.random.Generator, *, times: fl
     return replace(play, any_force=True)
 
 
-def without(surface: Surface, draws: int, rng: np.random.Generator, *, missing: int) -> Play:
+def without(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, missing: int) -> Play:
     """Return contacts while some channels, any of them, are missing."""
     position, force = drawn(surface, draws, rng)
     errors = surface.honest(draws, rng)

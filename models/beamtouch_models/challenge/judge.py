@@ -1,4 +1,4 @@
-"""A model behind the daemon's filters: from readings to what it says of every sample."""
+"""A model behind the daemon's filters: from readings to its statement on every sample."""
 
 import math
 from dataclasses import dataclass, fields
@@ -8,18 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
-from beamtouch_models.challenge.surface import Surface
-from beamtouch_models.filters import (
-    Chain,
-    Stage,
-    filled,
-    growing_mean_stage,
-    moving_average_stage,
-    spike_stage,
-    unit_of,
-)
-from beamtouch_models.metadata import FilterChoice, Metadata
-from beamtouch_models.modelfile import (
+from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.decision import (
     Decider,
     Evidence,
     State,
@@ -30,11 +20,21 @@ from beamtouch_models.modelfile import (
     is_overload,
     is_unchecked,
 )
+from beamtouch_models.filters import (
+    Chain,
+    Stage,
+    filled,
+    growing_mean_stage,
+    moving_average_stage,
+    spike_stage,
+    unit_of,
+)
+from beamtouch_models.metadata import FilterChoice, Metadata
 from beamtouch_models.session import Run
 
 
 class Said(IntEnum):
-    """What is said of a sample."""
+    """A statement on a sample."""
 
     NOTHING = 0
     """Too few channels work: the service gives no answer."""
@@ -47,7 +47,7 @@ NOBODY = -1
 """Index of a channel where none is said to be wrong."""
 
 
-class Sample(NamedTuple):
+class JudgedSample(NamedTuple):
     """The first fields of `Judged`, for one sample."""
 
     said: int = Said.NOTHING
@@ -59,13 +59,13 @@ class Sample(NamedTuple):
     suspect: int = NOBODY
 
 
-SILENT = Sample()
+SILENT = JudgedSample()
 _SAID = {State.CLEAR: Said.CLEAR, State.CONTACT: Said.CONTACT, State.UNEXPLAINED: Said.UNEXPLAINED}
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What is said of samples, (draws, samples)."""
+    """Statements on samples, (draws, samples)."""
 
     said: Indices
     """Values of `Said`."""
@@ -84,7 +84,7 @@ class Judged:
     """(draws, samples, channels), which channels take part."""
 
     def at(self, readings: list[int]) -> "Judged":
-        """Return what is said at some readings of each draw, as one axis of samples."""
+        """Return the statements at some readings of each draw, as one axis of samples."""
         parts = (getattr(self, field.name)[:, readings] for field in fields(self))
         return Judged(*(part.reshape(-1, *part.shape[2:]) for part in parts))
 
@@ -99,10 +99,10 @@ def stages(chosen: FilterChoice, unit_mm: Floats, slowest_period: float) -> tupl
     return (*spike, moving_average_stage(chosen.window, filled(chosen.window)))
 
 
-def judge(surface: Surface, run: Run, readings_mm: Floats, first: int = 0, *, naming: bool = False) -> Judged:
-    """Return what the model of a surface says of each reading (draws, readings, channels); draws begin anew.
+def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int = 0, *, naming: bool = False) -> Judged:
+    """Return the statements of a surface's model on each reading (draws, readings, channels); draws begin anew.
 
-    Nothing is said of the readings before number `first`. With `naming`, suspects are sought as in the service, which
+    There is none on the readings before number `first`. With `naming`, suspects are sought as in the service, which
     takes time.
     """
     metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
@@ -124,7 +124,7 @@ def judge(surface: Surface, run: Run, readings_mm: Floats, first: int = 0, *, na
         np.nan_to_num(np.concatenate([one.relative_variance for one in filtered])) * noise_mm**2,
         np.concatenate(valid),
     )
-    rows: list[Sample] = [SILENT] * len(samples.valid)
+    rows: list[JudgedSample] = [SILENT] * len(samples.valid)
     asked = np.arange(len(samples.valid)) % readings_mm.shape[1] >= first
     enough = np.flatnonzero(asked & (samples.valid.sum(axis=1) >= metadata.min_channels))
     length, names = readings_mm.shape[1], [channel.name for channel in metadata.layout]
@@ -143,15 +143,15 @@ def judge(surface: Surface, run: Run, readings_mm: Floats, first: int = 0, *, na
         else:
             suspects.clear()
     columns = (np.array(column).reshape(valid.shape[:2]) for column in zip(*rows, strict=True))
-    by_name = dict(zip(Sample._fields, columns, strict=True))
+    by_name = dict(zip(JudgedSample._fields, columns, strict=True))
     return Judged(**by_name, mean_mm=mean, valid=valid)
 
 
-def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> Sample:
-    """Return what is said of one sample."""
+def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> JudgedSample:
+    """Return the statement on one sample."""
     if verdict.state is not State.CONTACT:
         return SILENT._replace(said=_SAID[verdict.state], unsteady=verdict.unsteady)
     answer = found.answer
     other = is_overload(metadata, found) or is_unchecked(found)
     middle, low, high = (answer[name] for name in ("position_mm", "position_low_mm", "position_high_mm"))
-    return Sample(Said.CONTACT, verdict.unsteady, other, middle, low, high)
+    return JudgedSample(Said.CONTACT, verdict.unsteady, other, middle, low, high)

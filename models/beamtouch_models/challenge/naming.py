@@ -1,4 +1,4 @@
-"""Whether `check-NAME` names the channel that is wrong, once a fault has been unexplained for long enough."""
+"""Score of `check-NAME`: how often it names the faulty channel, once a fault has been unexplained for long."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 
 from beamtouch_models.challenge.judge import NOBODY, Said, judge
 from beamtouch_models.challenge.play import Play
-from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.decision import SAMPLES
 from beamtouch_models.session import Run
 
@@ -26,7 +26,7 @@ class Naming(NamedTuple):
     """Number of samples that are unexplained."""
 
 
-def naming(surface: Surface, run: Run, play: Play, rng: np.random.Generator) -> Naming:
+def naming(surface: SimulatedSurface, run: Run, play: Play, rng: np.random.Generator) -> Naming:
     """Return which channel is named when the last reading of a play has lasted for as long as suspects are sought."""
     deflection_mm = np.repeat(play.deflection_mm[:DRAWS, -1:], surface.look_back + SAMPLES, axis=1)
     errors = play.errors

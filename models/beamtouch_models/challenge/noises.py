@@ -1,11 +1,12 @@
-"""Contacts whose noise is not white, or is hidden by the ADC's steps: with and without what the user measured of it."""
+"""Contacts with correlated noise, or with noise that the ADC's steps hide: measured by the user, or not."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from beamtouch_models.challenge.play import Play, drawn, settled
-from beamtouch_models.challenge.surface import Stated, Surface
+from beamtouch_models.challenge.sensors import Stated
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.pricing.noise import rounding_of
 
 COLOURED = 0.7
@@ -13,12 +14,12 @@ COLOURED = 0.7
 COARSE = 3.0
 """Step of a coarse ADC over the noise."""
 HIDDEN = 0.02
-"""Noise that `beamtouch-daemon noise` states where the steps hide it, in steps."""
+"""Noise that `beamtouch-daemon noise` states where the steps hide it, in steps: `HIDDEN` of its `noise_keys`."""
 TARED = 100
 """Readings of a tare."""
 
 
-def coloured(surface: Surface, draws: int, rng: np.random.Generator, *, measured: bool) -> Play:
+def coloured(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, measured: bool) -> Play:
     """Return contacts with noise that is correlated in time; `measured`: the user states it as `noise` prints it."""
     position, force = drawn(surface, draws, rng)
     metadata = surface.metadata
@@ -43,7 +44,7 @@ def coloured_times(correlation: float, window: int) -> float:
     return float(np.sqrt(1 + 2 * np.sum((1 - apart / window) * correlation**apart)))
 
 
-def coarse(surface: Surface, draws: int, rng: np.random.Generator, *, measured: bool) -> Play:
+def coarse(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, measured: bool) -> Play:
     """Return contacts measured with an ADC that is coarser than the noise; `measured` as above.
 
     The noise is hidden by the steps, so that `noise` states hardly any, and all of the rounding. The gaps at rest have

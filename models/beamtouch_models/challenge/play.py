@@ -1,4 +1,4 @@
-"""One course of events for many draws: what the sensors go through, and where the contact is."""
+"""A course: what the sensors go through in time, and where the contact is, for many draws."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.challenge.surface import SensorErrors, Stated, Surface
+from beamtouch_models.challenge.sensors import SensorErrors, Stated
+from beamtouch_models.challenge.surface import SimulatedSurface
 
 
 @dataclass(frozen=True)
 class Play:
-    """A course of events, for many draws at once."""
+    """A course for many draws at once."""
 
     deflection_mm: Floats
     """(draws, readings, channels), true deflection at the sensors."""
@@ -29,35 +30,35 @@ class Play:
     fault_mm: Floats | None = None
     """(draws, channels), what sensors without noise and without honest errors measure of a fault."""
     stated: Stated | None = None
-    """What the user states of the sensors; None: that they are as the model assumes."""
+    """The user's statement on the sensors; None: they are as the model assumes."""
     naming: bool = False
-    """Whether it is scored which channel is said to be wrong."""
+    """Whether the naming of a channel is scored."""
     wrong: Indices | None = None
     """(draws,), the index of the channel that is wrong; None if there is none."""
     noisy: Floats | None = None
     """(draws, channels), noise of each channel over that of the model, if that is the fault."""
 
 
-Make = Callable[[Surface, int, np.random.Generator], Play]
+Make = Callable[[SimulatedSurface, int, np.random.Generator], Play]
 
 
 @dataclass(frozen=True)
 class Case:
-    """A course of events and its rows."""
+    """A course and its rows."""
 
     honest: bool
     """Whether it is one contact, measured as honestly as the scene states."""
     make: Make
 
 
-def drawn(surface: Surface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
+def drawn(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
     """Return positions and forces (draws,) from the ranges of the model."""
     ranges = surface.metadata.ranges
     return rng.uniform(*ranges.position_mm, size=draws), rng.uniform(*ranges.force_n, size=draws)
 
 
 def settled(
-    surface: Surface,
+    surface: SimulatedSurface,
     name: str,
     deflection_mm: Floats,
     errors: SensorErrors,

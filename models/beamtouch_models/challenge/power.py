@@ -1,4 +1,4 @@
-"""The power of a test that knows what happened: how often anyone could notice a fault in one settled sample.
+"""The largest power of any test: how often one that knows the fault notices it in one settled sample.
 
 A fault moves the whitened sample by a known vector m = W mu. What it must be told from is rest or any single contact,
 F W G(x) with F >= 0. The nearest of these is at a distance
@@ -10,7 +10,7 @@ ratio of two normal distributions d apart (Neyman & Pearson, doi 10.1098/rsta.19
 
     power = Phi(d - z_alpha),   z_alpha = Phi^-1(1 - alpha).
 
-A channel that is k times as noisy changes no mean. What is left of its direction when the best contact is fitted,
+A channel that is k times as noisy changes no mean. The part of its direction that the best contact leaves,
 p = P W e with the projection P beside W G(x) and W G'(x), has the variance 1 + (k^2 - 1) s^2 |p|^2 instead of 1, and
 
     power = 2 Phi(-z_(alpha/2) / sqrt(1 + (k^2 - 1) s^2 |p|^2)).
@@ -23,18 +23,18 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.whitening import whitening
 
 PLACES = 1001
-"""Positions of contacts that a fault is told from."""
+"""Positions of the contacts with which a fault is compared."""
 FINER = 65
 """Positions between the neighbours of the nearest of them."""
 CHUNK = 50
 """Draws at a time, so that their distances to all contacts fit the cache."""
 
 
-def distances(surface: Surface, fault_mm: Floats, valid: Bools) -> Floats:
+def distances(surface: SimulatedSurface, fault_mm: Floats, valid: Bools) -> Floats:
     """Return how far faults (draws, channels) are from rest and from every contact, in deviations; (draws,).
 
     `valid` (draws, channels) says which channels take part.
@@ -58,7 +58,7 @@ def power_of_shift(distance: Floats, alpha: float) -> float:
     return float(ndtr(distance + ndtri(alpha)).mean())
 
 
-def power_of_noise(surface: Surface, clean_mm: Floats, noise: Floats, alpha: float) -> float:
+def power_of_noise(surface: SimulatedSurface, clean_mm: Floats, noise: Floats, alpha: float) -> float:
     """Return the mean power for channels whose noise is some times that of the model; both (draws, channels)."""
     whiten = _whitening(surface, clean_mm, np.ones(clean_mm.shape, np.bool_))
     grid = np.linspace(*surface.metadata.ranges.position_mm, PLACES)
@@ -79,14 +79,14 @@ def power_of_noise(surface: Surface, clean_mm: Floats, noise: Floats, alpha: flo
     return float(2 * ndtr(ndtri(alpha / 2) / np.sqrt(1 + extra)).mean())
 
 
-def _whitening(surface: Surface, deflection_mm: Floats, valid: Bools) -> Floats:
+def _whitening(surface: SimulatedSurface, deflection_mm: Floats, valid: Bools) -> Floats:
     """Return the whitening of settled samples."""
     floor = surface.metadata.floor
     covariance = np.eye(surface.channels) * surface.metadata.noise.sample_mm**2
     return whitening(deflection_mm, covariance, floor.gain, floor.zero_mm, valid)
 
 
-def _away(surface: Surface, places_mm: Floats, whiten: Floats, moved: Floats) -> Floats:
+def _away(surface: SimulatedSurface, places_mm: Floats, whiten: Floats, moved: Floats) -> Floats:
     """Return the distances (draws, places) of whitened samples (draws, channels) from contacts at places."""
     shapes = surface.expected(places_mm) @ whiten.transpose(0, 2, 1)
     size = np.einsum("dpc,dpc->dp", shapes, shapes)

@@ -1,4 +1,4 @@
-"""What is said of samples, scored against the truth."""
+"""Scores of a model's statements on samples, against the truth."""
 
 import math
 from dataclasses import dataclass, replace
@@ -52,13 +52,13 @@ class Row:
     width: float | None
     """Median interval of contacts that are not `unsteady`, over that of the exact posterior under the true errors."""
     ghosts: float | None = None
-    """Share of all draws in which a contact begins more than once; stated in the last row of a course of events."""
+    """Share of all draws in which a contact begins more than once; stated in the last row of a course."""
     noticed: float | None = None
     """Share of a fault's samples that are unexplained or noted; None for honest contacts."""
     power: float | None = None
     """The same for a test that knows what happened, at the same false rate."""
     naming: Naming | None = None
-    """Which channel is said to be wrong, where that is scored."""
+    """Shares of samples that name a channel, where that is scored."""
 
 
 def scored(
@@ -69,7 +69,7 @@ def scored(
     Parameters
     ----------
     name, honest, quiet : name and group of the row
-    said : what is said of the samples (samples,)
+    said : the statements on the samples (samples,)
     truth_mm : (samples,) positions of the contacts; NaN where there is no single contact
     exact_mm : (samples,) lengths of the intervals of the exact posterior; None if there is none
     """

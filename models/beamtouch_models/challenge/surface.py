@@ -1,15 +1,15 @@
 """The simulated surface: the beam of a model's scene as calibrated, its sensors with their errors, and an ADC."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Self
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.building.model_prior import stated_by
+from beamtouch_models.arrays import Floats
+from beamtouch_models.building.model_prior import measured_by
+from beamtouch_models.challenge.sensors import SensorErrors, Stated
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.physics.dynamics import slowest_period_ms
@@ -25,37 +25,7 @@ SPARE = 8
 
 
 @dataclass(frozen=True)
-class SensorErrors:
-    """Errors of the sensors in each draw; fields have shape (draws, channels) or broadcast to it."""
-
-    gain: Floats
-    """Measured over true deflection."""
-    zero_mm: Floats
-    noise: Floats
-    """Noise over that of the model."""
-    missing: Bools
-    correlation: float = 0.0
-    """Of the noise of consecutive readings."""
-    step_mm: float | None = None
-    """Step of the ADC, instead of the model's."""
-    tare_mm: Floats | float = 0.0
-    """Deflection that the sensors showed at rest, and that the tare takes out."""
-
-
-@dataclass(frozen=True)
-class Stated:
-    """What `beamtouch-daemon noise` finds of sensors whose noise is not what the model assumes."""
-
-    noise_mm: float
-    """Noise of a reading, in the daemon's configuration."""
-    zero_mm: float
-    """Error of the zero, in the floor of a model that is built again."""
-    step_mm: float
-    """Step of the ADC, in the daemon's configuration."""
-
-
-@dataclass(frozen=True)
-class Surface:
+class SimulatedSurface:
     """A beam at rest under loads, and its sensors."""
 
     metadata: Metadata
@@ -117,7 +87,7 @@ class Surface:
         )
 
     def stating(self, stated: Stated) -> Self:
-        """Return the surface with what a user states of its sensors."""
+        """Return the surface with the figures that a user states for its sensors."""
         metadata, channels = self.metadata, self.channels
         return replace(
             self,
@@ -180,8 +150,10 @@ class Surface:
 
     def measured(self, deflection_mm: Floats, errors: SensorErrors) -> Floats:
         """Return what sensors without noise measure of true deflections; both (draws, readings, channels)."""
-        stated = self._stated(deflection_mm)
-        measured: Floats = stated * errors.gain[:, None] + errors.zero_mm[:, None]
+        shown = deflection_mm
+        if self.departures is not None:
+            shown = measured_by(self.departures, deflection_mm * np.array(self.departures.gain))
+        measured: Floats = shown * errors.gain[:, None] + errors.zero_mm[:, None]
         return measured
 
     def readings(self, deflection_mm: Floats, errors: SensorErrors, rng: np.random.Generator) -> Floats:
@@ -203,9 +175,3 @@ class Surface:
         good = (gap >= low) & (gap <= high) & ~errors.missing[:, None]
         tare_mm = errors.tare_mm[:, None] if isinstance(errors.tare_mm, np.ndarray) else errors.tare_mm
         return np.where(good, sensor.standoff_mm - gap - tare_mm, np.nan)
-
-    def _stated(self, deflection_mm: Floats) -> Floats:
-        if self.departures is None:
-            return deflection_mm
-        linear = deflection_mm * np.array(self.departures.gain)
-        return partial(stated_by, self.departures)(linear)

@@ -9,7 +9,7 @@ from pathlib import Path
 import onnx
 
 from beamtouch_common.files import write_atomically
-from beamtouch_models import modelfile
+from beamtouch_models import loading
 from beamtouch_models.building.build import Choices, build
 from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
 from beamtouch_models.building.report.facts import gather
@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> None:
                 f"note:    {effect.name} is {effect.price:.2g} times the noise but not modelled: {effect.reason}",
                 file=sys.stderr,
             )
-    inspect.show(modelfile.load_bytes(built.content, str(options.output)), as_json=options.json)
+    inspect.show(loading.load_bytes(built.content, str(options.output)), as_json=options.json)
 
 
 def _say_floor(scene: Scene) -> None:
@@ -80,7 +80,7 @@ def _scene_of(path: Path) -> tuple[Scene, str, str]:
     if path.suffix != ".onnx":
         return *load_scene(path), surface_name(path)
     try:
-        entries = {entry.key: entry.value for entry in onnx.load_from_string(modelfile.read(path)).metadata_props}
+        entries = {entry.key: entry.value for entry in onnx.load_from_string(loading.read(path)).metadata_props}
         text, name = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name"))
     except ModelFileError:
         raise

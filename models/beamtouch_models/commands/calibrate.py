@@ -7,10 +7,10 @@ from dataclasses import replace
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
-from beamtouch_models import modelfile
+from beamtouch_models import loading
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
-from beamtouch_models.calibration.errors import Errors
+from beamtouch_models.calibration.errors import RecordingErrors
 from beamtouch_models.calibration.fit import Fit
 from beamtouch_models.calibration.loads import read_loads
 from beamtouch_models.commands import calibrate_events
@@ -23,7 +23,7 @@ SMALLEST_ERROR, LARGEST_ERROR = 1e-3, 50.0
 
 def run(options: argparse.Namespace) -> None:
     """Calibrate, write the model, and print the departures and the errors before and after."""
-    model = modelfile.load(options.model)
+    model = loading.load(options.model)
     if not options.output.parent.is_dir():
         message = f"{options.output.parent}: no such folder; create it first"
         raise InputError(message)
@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> None:
     with shown_progress() as progress:
         found = calibrate(model, loads, progress)
     write_atomically(options.output, found.content)
-    fresh = modelfile.load(options.output)
+    fresh = loading.load(options.output)
     if options.json:
         print(
             json.dumps({"model": fresh.identity, "output": str(options.output), **_results(found, options.leave_out)})
@@ -44,13 +44,13 @@ def run(options: argparse.Namespace) -> None:
     print("\n".join(f"{label:<10} {text}" for label, text in _lines(found, fresh.identity)))
 
 
-def _errors(placing_mm: float, force_percent: float) -> Errors:
+def _errors(placing_mm: float, force_percent: float) -> RecordingErrors:
     """Return the stated errors of the loads; InputError if nobody can place or weigh loads so well or so badly."""
     for option, value in (("--placing-mm", placing_mm), ("--force-percent", force_percent)):
         if not SMALLEST_ERROR <= value <= LARGEST_ERROR:
             message = f"{option} {value:g} is not from {SMALLEST_ERROR:g} to {LARGEST_ERROR:g}"
             raise InputError(message)
-    return Errors(placing_mm, force_percent / 100)
+    return RecordingErrors(placing_mm, force_percent / 100)
 
 
 def _results(found: Calibrated, left_out: Sequence[int]) -> dict[str, object]:

@@ -7,13 +7,13 @@ import sys
 import numpy as np
 
 from beamtouch_common.files import write_atomically
-from beamtouch_models import modelfile
+from beamtouch_models import loading
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.contacts import Contacts, read_contacts
+from beamtouch_models.calibration.contacts import DRIFT, UnlabelledContacts, read_contacts
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
 from beamtouch_models.commands.departures import departures_in_words
 from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.loading import ModelFile
 
 
 def run(model: ModelFile, options: argparse.Namespace) -> None:
@@ -22,10 +22,18 @@ def run(model: ModelFile, options: argparse.Namespace) -> None:
     for count, why in ((contacts.other_characteristic, "with an older characteristic"), (contacts.older, "older")):
         if count:
             print(f"{count} contacts {why} are left out; the newest {len(contacts)} are used", file=sys.stderr)
+    moved = contacts.moved_zeros(np.array(model.metadata.floor.zero_mm))
+    if len(moved):
+        names = " and ".join(model.channels[channel] for channel in moved)
+        print(
+            f"the zeros of {names} moved by more than {DRIFT:g} times the stated drift, and the fit takes them as "
+            "constant; fetch only the contacts since they moved, with ?since=TIME",
+            file=sys.stderr,
+        )
     with shown_progress() as progress:
         found = self_calibrate(model, contacts, progress)
     write_atomically(options.output, found.content)
-    fresh = modelfile.load(options.output)
+    fresh = loading.load(options.output)
     if options.json:
         print(json.dumps({"model": fresh.identity, "output": str(options.output), **_results(found, contacts)}))
         return
@@ -33,7 +41,7 @@ def run(model: ModelFile, options: argparse.Namespace) -> None:
     print("\n".join(f"{label:<10} {text}" for label, text in rows))
 
 
-def _results(found: SelfCalibrated, contacts: Contacts) -> dict[str, object]:
+def _results(found: SelfCalibrated, contacts: UnlabelledContacts) -> dict[str, object]:
     metadata, fit = found.metadata, found.found
     calibration = metadata.calibration
     return {
@@ -53,7 +61,9 @@ def _results(found: SelfCalibrated, contacts: Contacts) -> dict[str, object]:
     }
 
 
-def _lines(found: SelfCalibrated, contacts: Contacts, identity: str, given: ModelFile) -> list[tuple[str, str]]:
+def _lines(
+    found: SelfCalibrated, contacts: UnlabelledContacts, identity: str, given: ModelFile
+) -> list[tuple[str, str]]:
     metadata, fit, left_open = found.metadata, found.found, found.found.left_open
     departures = fit.fit.theory.departures(fit.fit.vector)
     shown = departures_in_words(metadata, departures, _standard_errors(found))

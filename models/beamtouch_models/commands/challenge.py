@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from beamtouch_common.errors import InputError
-from beamtouch_models import modelfile
+from beamtouch_models import loading
 from beamtouch_models.challenge.challenge import challenge, misses
 from beamtouch_models.challenge.scoring import Row
 from beamtouch_models.commands.progress import shown_progress
@@ -25,7 +25,7 @@ Column = tuple[str, Callable[[Row], str]]
 
 def run(options: argparse.Namespace) -> None:
     """Challenge the model and print the rows of both groups."""
-    model = modelfile.load(options.model)
+    model = loading.load(options.model)
     lacking = [name for name in NEEDED if name not in model.outputs]
     if lacking:
         message = f"{options.model}: its graph does not give {', '.join(lacking)}; build it with another --estimator"

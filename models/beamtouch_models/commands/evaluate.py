@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from beamtouch_common.errors import InputError
-from beamtouch_models import modelfile
+from beamtouch_models import loading
 from beamtouch_models.accuracy.evaluation import Errors, Evaluation, at_noise, evaluate
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.building.model_prior import prior_of_model
@@ -26,7 +26,7 @@ WIDTH_WITHOUT_TERMINAL = 120
 
 def run(options: argparse.Namespace) -> None:
     """Evaluate at each given noise, or at the noise of the model, and print the results."""
-    model = modelfile.load(options.model)
+    model = loading.load(options.model)
     for noise_mm in options.noise:
         if not 0 <= noise_mm < math.inf:
             message = f"--noise {noise_mm:g}: give a standard deviation in mm, 0 or more"
@@ -72,7 +72,7 @@ def _json(found: Evaluation) -> dict[str, Any]:
     return fields
 
 
-def _show(console: Console, model: modelfile.ModelFile, found: Evaluation) -> None:
+def _show(console: Console, model: loading.ModelFile, found: Evaluation) -> None:
     title = f"{model.identity} ({model.metadata.estimator}), noise {found.noise_mm:.3g} mm, {found.draws} contacts"
     table = Table(title=title, box=SIMPLE_HEAD, title_justify="left")
     table.add_column("position error")
@@ -102,7 +102,7 @@ _ROWS: tuple[tuple[str, Callable[[Errors], Measurement | float | None]], ...] = 
 )
 
 
-def _lines(found: Evaluation, model: modelfile.ModelFile) -> list[tuple[str, str, str]]:
+def _lines(found: Evaluation, model: loading.ModelFile) -> list[tuple[str, str, str]]:
     """Return results other than position errors as label, value and remark, without those that the model lacks."""
     share = [
         ("position interval", found.position_coverage, "% of contacts lie inside; nominally 95 %", 100.0),

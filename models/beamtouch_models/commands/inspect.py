@@ -2,16 +2,33 @@
 
 import argparse
 import json
+from typing import Any
 
-from beamtouch_models import modelfile
-from beamtouch_models.building import description
+from beamtouch_models.loading import ModelFile, load
 
 
 def run(options: argparse.Namespace) -> None:
     """Load the model, which checks its golden answers, and print it."""
-    show(modelfile.load(options.model), as_json=options.json)
+    show(load(options.model), as_json=options.json)
 
 
-def show(model: modelfile.ModelFile, *, as_json: bool) -> None:
+def show(model: ModelFile, *, as_json: bool) -> None:
     """Print a model as one JSON object or as text."""
-    print(json.dumps(description.describe(model)) if as_json else model.summary())
+    print(json.dumps(describe(model)) if as_json else model.summary())
+
+
+def describe(model: ModelFile) -> dict[str, Any]:
+    """Return all metadata of a model file, for JSON."""
+    metadata = model.metadata
+    fields = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy", "drawn"})
+    return {
+        **fields,
+        "model": model.identity,
+        "positions_mm": [channel.position_mm for channel in metadata.layout],
+        "channels": model.channels,
+        "noise_mm": metadata.noise.sample_mm,
+        "outputs": list(model.outputs),
+        "lacks": model.lacks,
+        "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},
+        "golden_answers": len(metadata.golden.deflection_mm),
+    }

@@ -25,16 +25,17 @@ from beamtouch_models.estimators.estimator import NAMES
 from beamtouch_models.pricing.noise import growing
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.trade.front import most_accurate, named, pareto_front, quickest
-from beamtouch_models.trade.physics import LeftOut, physics_trade
+from beamtouch_models.trade.physics import EffectLeftOut, physics_trade
+from beamtouch_models.trade.plots import plot, since_touch_plot
 from beamtouch_models.trade.point import Point, Trade
 from beamtouch_models.trade.points import measured_points
 from beamtouch_models.trade.quantised import quantised
-from beamtouch_models.trade.results import HEADINGS, json_of, markdown, plot, row, said, since_touch_plot
+from beamtouch_models.trade.results import HEADINGS, json_of, markdown, row, said
 from beamtouch_models.trade.since_touch import Curve, curves
 
 WIDTH_WITHOUT_TERMINAL = 180
 
-Kept = tuple[Trade, list[LeftOut], list[Curve]]
+Kept = tuple[Trade, list[EffectLeftOut], list[Curve]]
 """The results that the folder has."""
 
 

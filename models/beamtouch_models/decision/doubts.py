@@ -1,4 +1,4 @@
-"""What is doubtful about a sample, from its evidence. Pure."""
+"""Doubts about a sample, from its evidence: odd, overload, unchecked. Pure."""
 
 from beamtouch_models.decision.evidence import CHECKED, Evidence
 from beamtouch_models.metadata import Metadata, Thresholds

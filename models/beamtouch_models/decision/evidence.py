@@ -45,7 +45,7 @@ class Weighed:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What one sample says, under its covariance and the floor of the model."""
+    """The evidence of one sample, under its covariance and the floor of the model."""
 
     deflection_mm: Floats
     """(channels,), from where the beam rests."""
@@ -54,9 +54,9 @@ class Evidence:
     answer: dict[str, float]
     """Output name -> value."""
     channels: int
-    """How many channels took part."""
+    """Number of channels that took part."""
     rest_misfit: float
-    """How badly rest explains the sample: the squared length of the whitened sample."""
+    """Misfit of rest: the squared length of the whitened sample."""
     moves: bool
     """Whether the readings scatter more than their noise."""
     still_log_odds: float
@@ -73,7 +73,7 @@ class Evidence:
 
     @property
     def misfit(self) -> float:
-        """How badly the best contact explains the sample; 0 for a model that does not say."""
+        """Misfit of the best contact; 0 for a model that does not state it."""
         return self.answer.get(MISFIT, 0.0)
 
     def shows(self, deflection_mm: Floats) -> float:

@@ -1,4 +1,4 @@
-"""Which single channel contradicts the others, found by leaving out each in turn. Pure but for the run of the graph."""
+"""The channel that contradicts the others, found by leaving out each in turn. Pure but for the run of the graph."""
 
 from collections import Counter, deque
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from beamtouch_models.metadata import Metadata
 from beamtouch_models.session import Run
 
 SAMPLES = 40
-"""Samples that are asked about. One sample of two contacts may look like a wrong channel; many seldom agree on it."""
+"""Number of samples that count. One sample of two contacts may look like a wrong channel; many seldom agree on it."""
 ROWS = 256
 """Rows in one run of the graph. More would cost memory and save no time."""
 AGREEING = 0.9
@@ -24,15 +24,15 @@ class LeftOut(NamedTuple):
     """A sample without one of its channels."""
 
     misfit: float
-    """How badly the best single contact explains what is left."""
+    """Misfit of the best single contact."""
     rest_misfit: float
-    """How badly rest does."""
+    """Misfit of rest."""
     explained: bool
-    """Whether rest or a single contact explains what is left."""
+    """Whether rest or a single contact explains the sample."""
 
 
 class Suspects:
-    """Keeps what the last unexplained samples say about single channels."""
+    """The suspects of the last unexplained samples, and the channel on which they agree."""
 
     def __init__(self, metadata: Metadata, run: Run) -> None:
         self._metadata, self._run = metadata, run
@@ -54,9 +54,9 @@ class Suspects:
         self.suspect = name if count >= AGREEING * SAMPLES else None
 
     def leave_out(self, samples: Sequence[Weighed]) -> list[dict[str, LeftOut]]:
-        """Return what is left of samples, one row each, without each of their channels.
+        """Return the misfits of each sample without each of its channels.
 
-        Nothing where so few channels are left that they fit most contacts.
+        They are left out where the other channels are so few that they fit most contacts.
         """
         parts = [(index, channel) for index, sample in enumerate(samples) for channel in self._working(sample)]
         found = list[dict[str, LeftOut]]({} for _ in samples)

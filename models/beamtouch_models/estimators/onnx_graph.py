@@ -60,7 +60,7 @@ class Graph:
         return self.apply("Cast", value, to=int(helper.np_dtype_to_tensor_dtype(np.dtype(kind))))
 
     def top(self, value: str, count: int, axis: int, *, largest: bool) -> str:
-        """Return so many of the largest or smallest values along an axis, the best first."""
+        """Return the `count` largest or smallest values along an axis, the best first."""
         name = f"{self.name}top_{len(self.nodes)}"
         inputs = [value, self.ints(count)]
         self.nodes.append(

@@ -6,6 +6,6 @@ seen: it is force. A change that nearly is a shift of the position is hardly see
 """
 
 from beamtouch_models.health.contacts import BestSample
-from beamtouch_models.health.health import ChannelHealth, Health
+from beamtouch_models.health.health import ChannelChange, Health
 
-__all__ = ["BestSample", "ChannelHealth", "Health"]
+__all__ = ["BestSample", "ChannelChange", "Health"]

@@ -19,7 +19,7 @@ CERTAIN = 27.0
 APART = 7.0
 """The ratio of a channel that is named exceeds that of every other channel by this much: odds of 30."""
 LEAST = 3
-"""Contacts that show a change which is named."""
+"""Fewest contacts since a change that is named."""
 NEAR = 2.0
 """Times of a change whose ratios differ by less than this are about as likely."""
 LARGEST = 0.5
@@ -38,7 +38,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Candidates:
+class ChangeCandidates:
     """Changes of the gain of each channel from each block on, (blocks, channels)."""
 
     ratio: Floats
@@ -74,7 +74,7 @@ class Gains:
             self._picked[change.channel, place] = 1
 
     def _column(self, blocks: Indices, channel: int) -> Floats:
-        """Return what a change of a channel from these blocks on shares with all unknowns, (blocks, unknowns)."""
+        """Return the information that a channel's change from each block on shares with each unknown."""
         own = self._information[blocks][:, :, channel]
         later = [self._information[np.maximum(blocks, one.block)][:, one.channel, channel] for one in self._changes]
         return np.column_stack([own, *later])
@@ -89,7 +89,7 @@ class Gains:
         picked[: self._channels] = 0.0
         return float(picked @ self._means), float(np.sqrt(picked @ self._covariance @ picked))
 
-    def candidates(self) -> Candidates:
+    def candidates(self) -> ChangeCandidates:
         """Return what one more change would be worth."""
         blocks = np.arange(len(self._information))
         shape = len(blocks), self._channels
@@ -100,7 +100,7 @@ class Gains:
             explained = np.einsum("ni,ij,nj->n", column, self._covariance, column)
             information[:, channel] = self._information[:, channel, channel] - explained
         information = np.maximum(information, 0.0) + LARGEST**-2
-        return Candidates(score**2 / information, score / information, information)
+        return ChangeCandidates(score**2 / information, score / information, information)
 
 
 def found_changes(history: History, floor: Floats, known: Sequence[Change] = ()) -> list[Change]:
@@ -133,8 +133,8 @@ def found_changes(history: History, floor: Floats, known: Sequence[Change] = ())
     return changes
 
 
-def _again(found: Candidates, channel: int) -> Change:
-    """Return what a known change of a channel looks like now: that of another channel if that is much likelier."""
+def _again(found: ChangeCandidates, channel: int) -> Change:
+    """Return a known change of a channel as it looks now: that of another channel if that is much likelier."""
     best, block = _best(found.ratio), int(found.ratio[:, channel].argmax())
     is_other = found.ratio[best.block, best.channel] - found.ratio[block, channel] >= APART
     return best if is_other else Change(block, channel)

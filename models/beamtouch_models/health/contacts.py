@@ -1,4 +1,4 @@
-"""What single contacts say of the gains of the sensors: the part that no position and no force explains."""
+"""Contacts as equations of the gain errors: the residual that no position and no force explains."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,16 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.health.curve import Curve
+from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.metadata import Metadata
 
 SCATTER = 1 / 3
-"""Deviation of what differs from contact to contact, over the floor. It keeps a mean of very many readings from
+"""Scatter from contact to contact, over the floor. It keeps a mean of very many readings from
 counting for more than the beam itself repeats."""
-
-
 WRONG = 9.0
-"""What leaving out a channel takes from the misfit before the contact is placed without that channel."""
+"""A contact is placed without a channel if that lowers the misfit by more than this."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class Residuals:
     """(contacts, channels)"""
 
 
-def residuals(metadata: Metadata, curve: Curve, samples: Sequence[BestSample], gains: Floats) -> Residuals:
+def residuals(metadata: Metadata, curve: InfluenceCurve, samples: Sequence[BestSample], gains: Floats) -> Residuals:
     """Return what contacts say of the gains; `gains` (channels,) are the errors as far as they are known."""
     gain, zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
     measured = np.array([one.deflection_mm for one in samples])
@@ -69,7 +67,7 @@ def residuals(metadata: Metadata, curve: Curve, samples: Sequence[BestSample], g
     return Residuals(whitened[:, :, :-1], whitened[:, :, -1])
 
 
-def _places(curve: Curve, linear_mm: Floats, weight: Floats) -> tuple[Floats, Floats]:
+def _places(curve: InfluenceCurve, linear_mm: Floats, weight: Floats) -> tuple[Floats, Floats]:
     """Return position and force of contacts (contacts,), by weights (contacts, channels).
 
     The equations are linear about them. A channel whose gain is far off would move them too far for that, so they are

@@ -12,13 +12,11 @@ STEPS = 3
 """Steps of Gauss and Newton from the best entry of the table; each squares the distance to the best contact."""
 SINGULAR = 1e-9
 """Smallest part of the precision of a position that does not depend on the force."""
-SINGULAR = 1e-9
-"""Smallest part of the precision of a position that does not depend on the force."""
 _TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
-class Curve:
+class InfluenceCurve:
     """A table of the influence, with cubic interpolation."""
 
     load_mm: Floats
@@ -67,26 +65,41 @@ class Curve:
         table = self.influence[first[:, None] + np.arange(4)]
         return np.einsum("kn,nkc->nc", values, table), np.einsum("kn,nkc->nc", slopes, table) / step
 
-    def best_contacts(self, linear_mm: Floats, weight: Floats) -> tuple[Floats, Floats]:
-        """Return position [mm] and force [N] (contacts,) that fit deflections best, by weights (contacts, channels)."""
+    def best_contacts(
+        self, linear_mm: Floats, weight: Floats, known_force_n: float | None = None
+    ) -> tuple[Floats, Floats]:
+        """Return position [mm] and force [N] (contacts,) that fit deflections best, by weights (contacts, channels).
+
+        If the force is known, the position alone is found.
+        """
         along = (linear_mm * weight) @ self.influence.T
         square = np.maximum(weight @ (self.influence**2).T, _TINY)
-        best = (np.maximum(along, 0.0) ** 2 / square).argmax(axis=1)
+        if known_force_n is None:
+            best = (np.maximum(along, 0.0) ** 2 / square).argmax(axis=1)
+            force = np.take_along_axis(along / square, best[:, None], axis=1)[:, 0]
+        else:
+            best = (2 * along - known_force_n * square).argmax(axis=1)
+            force = np.full(len(best), known_force_n)
         position = self.load_mm[best]
         reach = 2 * (self.load_mm[1] - self.load_mm[0])
         low, high = np.maximum(position - reach, self.load_mm[0]), np.minimum(position + reach, self.load_mm[-1])
-        force = np.take_along_axis(along / square, best[:, None], axis=1)[:, 0]
         for _ in range(STEPS):
             shape, slope = self.at(position)
             moved = force[:, None] * slope
             left = linear_mm - force[:, None] * shape
-            aa, bb, ab = (_dot(weight, *pair) for pair in ((shape, shape), (moved, moved), (shape, moved)))
-            # One channel, or a contact on a support, does not say where the contact is.
-            determinant = np.maximum(aa * bb - ab**2, SINGULAR * aa * bb + _TINY)
-            step = (aa * _dot(weight, moved, left) - ab * _dot(weight, shape, left)) / determinant
+            along_slope, square_slope = _dot(weight, moved, left), _dot(weight, moved, moved)
+            if known_force_n is None:
+                square_shape, both = _dot(weight, shape, shape), _dot(weight, shape, moved)
+                # One channel, or a contact on a support, does not say where the contact is.
+                independent = square_shape * square_slope
+                determinant = np.maximum(independent - both**2, SINGULAR * independent + _TINY)
+                step = (square_shape * along_slope - both * _dot(weight, shape, left)) / determinant
+            else:
+                step = along_slope / np.maximum(square_slope, _TINY)
             position = np.clip(position + step, low, high)
-            shape, _ = self.at(position)
-            force = _dot(weight, shape, linear_mm) / np.maximum(_dot(weight, shape, shape), _TINY)
+            if known_force_n is None:
+                shape, _ = self.at(position)
+                force = _dot(weight, shape, linear_mm) / np.maximum(_dot(weight, shape, shape), _TINY)
         return position, force
 
 

@@ -11,13 +11,13 @@ from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.health.changes import CERTAIN, Change, Gains, found_changes
 from beamtouch_models.health.contacts import BestSample, Residuals, residuals
-from beamtouch_models.health.curve import Curve
+from beamtouch_models.health.curve import InfluenceCurve
 from beamtouch_models.health.history import Block, History
 from beamtouch_models.health.zeros import Estimate, interval, rest_block, zero_of
 from beamtouch_models.metadata import Metadata
 
 INFLUENCE = 20.0
-"""Largest ratio of likelihoods (its logarithm, twice) that a contact can give; a change takes more than one contact."""
+"""Largest likelihood ratio (twice its logarithm) that a contact can give, so that no single contact shows a change."""
 POSSIBLE = 8.0
 """From this ratio on, the intervals of the other channels allow for a change of a channel that is not certain."""
 CHUNK = 16
@@ -25,8 +25,8 @@ CHUNK = 16
 
 
 @dataclass(frozen=True)
-class ChannelHealth:
-    """How a channel has changed."""
+class ChannelChange:
+    """The changes of a channel."""
 
     gain: Estimate
     """Relative to the other channels."""
@@ -39,7 +39,7 @@ class ChannelHealth:
 
 
 class Health:
-    """What contacts say of the channels since a baseline began."""
+    """The changes of all channels since a baseline, from contacts."""
 
     def __init__(self, metadata: Metadata, kept: dict[str, Any] | None = None) -> None:
         """Begin without contacts, or with what `to_json` gave.
@@ -51,7 +51,7 @@ class Health:
         ValueError
             What was kept is not of this layout.
         """
-        curve = Curve.of(metadata)
+        curve = InfluenceCurve.of(metadata)
         if curve is None:
             message = f"{metadata.name} does not hold the influence at its sensors; build it again"
             raise ModelFileError(message)
@@ -70,7 +70,7 @@ class Health:
         return self._history.contacts
 
     def to_json(self) -> dict[str, Any]:
-        """Return what is known as JSON values."""
+        """Return the blocks and the changes as JSON values."""
         return {"blocks": self._history.to_json(), "changes": [list(one) for one in self._known]}
 
     def add(self, samples: Sequence[BestSample]) -> None:
@@ -117,19 +117,19 @@ class Health:
         kept = is_contact if limit is None else is_contact | (misfit - explained <= limit)
         return np.where(kept, weight, 0.0)
 
-    def channels(self) -> list[ChannelHealth]:
+    def channels(self) -> list[ChannelChange]:
         """Return the health of each channel in the order of the layout; empty before the first contact."""
         if not self._history.blocks:
             return []
         return [self._channel(channel) for channel in range(len(self._floor))]
 
-    def _channel(self, channel: int) -> ChannelHealth:
+    def _channel(self, channel: int) -> ChannelChange:
         gain, gain_block = self._gain(channel)
         zero, zero_block = zero_of(self._history, channel, float(self._zero_mm[channel])) or (None, 0)
         begins = [block for block, one in ((gain_block, gain), (zero_block, zero)) if one and one.changed]
         first = min(begins, default=0)
         after = int(self._history.after()[first])
-        return ChannelHealth(gain, zero, self._history.blocks[first].first_us, after)
+        return ChannelChange(gain, zero, self._history.blocks[first].first_us, after)
 
     def _gain(self, channel: int) -> tuple[Estimate, int]:
         """Return the change of a gain, and the block with which it began."""

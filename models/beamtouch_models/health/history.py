@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from beamtouch_models.arrays import Floats
 
 NEW = 64
-"""Newest contacts that are kept apart."""
+"""Number of newest contacts that are kept apart."""
 RESOLUTION = 8
-"""A block holds at most this part of the contacts after it, so that the time of a change is known to this part."""
+"""An old block holds at most one in this many of the contacts after it; the time of a change is known as closely."""
 MANY = 32
-"""Blocks above the last merge that ask for another."""
+"""Number of blocks beyond the last merge that starts another."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class History:
 
     @classmethod
     def from_json(cls, channels: int, rows: list[list[Any]]) -> Self:
-        """Return a history from JSON values; raises ValueError if they are not those of so many channels."""
+        """Return a history from JSON values; raises ValueError if they have another number of channels."""
         shapes: list[tuple[int, ...]] = [(channels, channels), (channels,), (channels,), (channels,)]
         blocks = []
         for first_us, contacts, *values in rows:

@@ -7,19 +7,18 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.health.contacts import SCATTER, BestSample
 from beamtouch_models.health.history import History
+from beamtouch_models.quantiles import NORMAL_975
 
 NEWEST = 8
-"""Contacts whose rests say where a zero is now."""
+"""Newest contacts, whose rests give the present zero."""
 LEAST = 3
-"""Contacts before which it must have been there."""
+"""Fewest contacts since a change."""
 DRIFT = 4.0
-"""A change is none within this many standard deviations of the drift that the floor states."""
+"""A zero that moved by less than this many standard deviations of the stated drift has not changed."""
 CERTAIN = 28.0
-"""Square of what exceeds that, over its variance, that counts as certain."""
+"""Square of the move beyond that, over its variance, above which a change is certain."""
 EXACT_MM = 1e-7
 """Smallest standard deviation of a zero; a scene may state none."""
-NORMAL = 1.959964
-"""97.5 % quantile of the normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class Estimate:
 
 def interval(value: float, deviation: float, *, changed: bool) -> Estimate:
     """Return a change with its interval."""
-    return Estimate(value, value - NORMAL * deviation, value + NORMAL * deviation, changed)
+    return Estimate(value, value - NORMAL_975 * deviation, value + NORMAL_975 * deviation, changed)
 
 
 def rest_block(sample: BestSample, offset_mm: Floats, zero_mm: Floats) -> tuple[Floats, Floats]:
@@ -83,5 +82,5 @@ def _beyond(moved_mm: Floats, zero_mm: float) -> Floats:
 
 
 def _last(after: Floats, seen: Bools, contacts: float) -> int:
-    """Return the last block with so many contacts from it on, and a rest."""
+    """Return the last block with a rest and at least this many contacts from it on."""
     return int(np.flatnonzero((after >= contacts) & seen)[-1])

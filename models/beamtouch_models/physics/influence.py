@@ -79,7 +79,7 @@ class InfluenceFunction:
         return self.at(sensor_mm, self.load_mm)
 
     def deviation(self, sensor_mm: Floats, load_mm: Floats, tolerance_mm: float) -> Floats:
-        """Return what a tolerance of the sensors' positions makes of the influence, (loads, sensors) in mm/N.
+        """Return the change of the influence by a tolerance of the sensors' positions, (loads, sensors) in mm/N.
 
         These are standard deviations, with the sign of the change towards the right. Errors as `at`.
         """

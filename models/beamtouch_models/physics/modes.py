@@ -1,4 +1,4 @@
-"""Modes of a beam, also with a weight lying on it: what a load that changes adds to the deflection at rest.
+"""Modes of a beam, also with a weight lying on it: the motion that a changing load adds to the deflection at rest.
 
 The beam's mass is taken as points. Their flexibility is the influence matrix, so any supports, sections and foundation
 have modes. Modes are normalised to a mass of 1 kg; the deflection w of mode k at x follows a force F at a as

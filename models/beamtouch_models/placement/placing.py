@@ -17,7 +17,7 @@ from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.position_error import Surrogate, decided, surrogate_of
 from beamtouch_models.placement.problem import Problem, equal_layout, problem_of
 from beamtouch_models.placement.proof import bound_gap, prove
-from beamtouch_models.placement.search_exact import Run, exact_search, first_best, pattern_search
+from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best, pattern_search
 from beamtouch_models.placement.search_paper import paper_runs, paper_search
 from beamtouch_models.progress import Progress, silent
 
@@ -150,7 +150,7 @@ def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading:
     return score - 2 * (leading or len(positions_mm)) * float(np.log(influence.unit_mm_per_n))
 
 
-def _searched(problem: Problem, search: SearchName, seed: int) -> list[Run]:
+def _searched(problem: Problem, search: SearchName, seed: int) -> list[SearchRun]:
     return exact_search(problem, seed) if search == "exact" else paper_runs(problem, seed)
 
 
@@ -167,11 +167,11 @@ def _surrogate_starts(influence: InfluenceFunction, surrogate: Surrogate, equal:
     return [starts[index] for index in np.argsort(-values, kind="stable")]
 
 
-def _total(runs: list[Run]) -> int:
+def _total(runs: list[SearchRun]) -> int:
     return sum(run.evaluations for run in runs)
 
 
 def _placement(
-    rules: Candidates, layout: Indices, score: float, run: Run, evaluations: int, gap: float | None
+    rules: Candidates, layout: Indices, score: float, run: SearchRun, evaluations: int, gap: float | None
 ) -> Placement:
     return Placement(tuple(np.sort(rules.position_mm[layout]).tolist()), score, evaluations, run.scores, gap)

@@ -26,7 +26,7 @@ GAIN = 1e-10
 
 
 @dataclass(frozen=True)
-class Run:
+class SearchRun:
     """The result of a search from one start."""
 
     layout: Indices
@@ -40,7 +40,7 @@ class Run:
         return self.scores[-1]
 
 
-def exact_search(problem: Problem, seed: int) -> list[Run]:
+def exact_search(problem: Problem, seed: int) -> list[SearchRun]:
     """Return runs from equal pitch, the greedy layout and random layouts; the same seed gives the same runs."""
     rng = np.random.default_rng(seed)
     some = problem.leading < problem.count
@@ -54,13 +54,13 @@ def exact_search(problem: Problem, seed: int) -> list[Run]:
     return runs
 
 
-def first_best(runs: list[Run]) -> Run:
+def first_best(runs: list[SearchRun]) -> SearchRun:
     """Return the best run; of runs that are equal within rounding, the first."""
     best = max(run.score for run in runs)
     return next(run for run in runs if run.score >= best - 1e-9)
 
 
-def exchange(problem: Problem, start: Indices) -> Run:
+def exchange(problem: Problem, start: Indices) -> SearchRun:
     """Make the best single exchange until none gains. Only for the product of all eigenvalues."""
     layout = np.sort(start)
     score, gains = _score_and_gains(problem, layout)
@@ -77,7 +77,7 @@ def exchange(problem: Problem, start: Indices) -> Run:
             break
         layout = changed
         scores.append(score)
-    return Run(layout, tuple(scores), evaluations)
+    return SearchRun(layout, tuple(scores), evaluations)
 
 
 def _score_and_gains(problem: Problem, layout: Indices) -> tuple[float, Floats]:
@@ -104,7 +104,7 @@ def _score_and_gains(problem: Problem, layout: Indices) -> tuple[float, Floats]:
     return score, gains
 
 
-def _with_pairs(problem: Problem, run: Run) -> Run:
+def _with_pairs(problem: Problem, run: SearchRun) -> SearchRun:
     """Continue where single exchanges end: move one sensor or two at once, by one or two steps, until nothing gains."""
     return pattern_search(problem.scores, problem.rules, run.layout, step=2, before=run)
 
@@ -114,8 +114,8 @@ def pattern_search(
     rules: Candidates,
     start: Indices,
     step: int | None = None,
-    before: Run | None = None,
-) -> Run:
+    before: SearchRun | None = None,
+) -> SearchRun:
     """Move one or two sensors by a step, keep the best move, and halve the step when nothing gains.
 
     Parameters
@@ -140,7 +140,7 @@ def pattern_search(
             scores.append(float(values[best]))
         else:
             step //= 2
-    return Run(layout, tuple(scores), evaluations)
+    return SearchRun(layout, tuple(scores), evaluations)
 
 
 def _moved(layout: Indices, step: int, candidates: int, rules: Candidates) -> Iterator[Indices]:

@@ -11,7 +11,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.problem import Problem
-from beamtouch_models.placement.search_exact import GAIN, Run
+from beamtouch_models.placement.search_exact import GAIN, SearchRun
 
 RANDOM_STARTS = 2
 LEADING_RANDOM_STARTS = 5
@@ -23,7 +23,7 @@ PATIENCE = 5
 """Generations without a gain at the smallest increment after which a run ends."""
 
 
-def paper_runs(problem: Problem, seed: int) -> list[Run]:
+def paper_runs(problem: Problem, seed: int) -> list[SearchRun]:
     """Return runs from equal pitch, as in the paper, and from random layouts; the same seed gives the same runs."""
     rng = np.random.default_rng(seed)
     random_starts = LEADING_RANDOM_STARTS if problem.leading < problem.count else RANDOM_STARTS
@@ -33,7 +33,7 @@ def paper_runs(problem: Problem, seed: int) -> list[Run]:
 
 def paper_search(
     score: Callable[[Indices], Floats], rules: Candidates, start: Indices, rng: np.random.Generator
-) -> Run:
+) -> SearchRun:
     """Run the paper's search once.
 
     Parameters
@@ -58,7 +58,7 @@ def paper_search(
             idle += increment <= 0.5
             increment = max(increment * SHRINK, 0.5)
             scores.append(scores[-1])
-    return Run(best, tuple(scores), evaluations)
+    return SearchRun(best, tuple(scores), evaluations)
 
 
 def _varied(best: Indices, rules: Candidates, increment: float, rng: np.random.Generator) -> Indices:

@@ -37,7 +37,7 @@ class ByHand:
 
 
 def load_of(line: str, length_mm: float) -> Load:
-    """Read a position and a force, or nothing; ValueError says what is wrong in one line."""
+    """Read a position and a force, or nothing; raises ValueError with the reason in one line."""
     words = line.split()
     if not words:
         return NOTHING

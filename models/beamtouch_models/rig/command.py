@@ -5,7 +5,7 @@ import asyncio
 
 from beamtouch_common.commands import DONE, INTERRUPTED
 from beamtouch_common.errors import InputError
-from beamtouch_models import modelfile
+from beamtouch_models import loading
 from beamtouch_models.rig.by_hand import ByHand
 from beamtouch_models.rig.firmware import ADC_BITS, Firmware
 from beamtouch_models.rig.imperfections import Imperfections, load_imperfections
@@ -19,7 +19,7 @@ from beamtouch_models.scene import load_scene
 def run(options: argparse.Namespace) -> int:
     """Serve the surface until the command is stopped; returns the exit code, InputError for wrong input."""
     scene, _ = load_scene(options.scene)
-    model = modelfile.load(options.model)
+    model = loading.load(options.model)
     length_mm = scene.beam.length_mm
     if options.by_hand:
         script: Script | ByHand = ByHand(length_mm)

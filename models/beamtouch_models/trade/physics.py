@@ -22,7 +22,7 @@ REPEATS = 5
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class EffectLeftOut:
     """A surface without one of its physical effects."""
 
     effect: str
@@ -36,7 +36,7 @@ class LeftOut:
     influence_with_ms: float
 
 
-def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
+def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[EffectLeftOut]:
     """Measure the surface without each effect that can be left out, one at a time.
 
     The surface has the fewest sensors that the scene allows. Steps are left out of a beam without shear, because shear
@@ -67,7 +67,9 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[LeftOut]:
             base = prior_of(effect.having)
             contacts = simulated_enough(base, draws, seed + 1)
         ratio = _error_over_limit(contacts, without)
-        found.append(LeftOut(effect.name, effect.price, effect.verdict, ratio, _table_ms(without), _table_ms(base)))
+        found.append(
+            EffectLeftOut(effect.name, effect.price, effect.verdict, ratio, _table_ms(without), _table_ms(base))
+        )
     return found
 
 

@@ -1,6 +1,6 @@
 """Builds and measures the points of the trade."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
@@ -92,24 +92,19 @@ def measured_points(
         A build refuses the scene, or no point can be built. If only some points fail, they are listed as failures.
     """
     check_scene(scene, choose_filter(scene))
-    layouts = [(count, chosen) for count in counts_of(scene) for chosen in windows_of(scene)]
-    total = len(layouts) * len(estimators)
-    physics_of = cache(partial(required, scene))
+    total = len(counts_of(scene)) * len(windows_of(scene)) * len(estimators)
     made: list[_Made] = []
     points: list[Point] = []
     failures: list[Failure] = []
-    for number, (count, chosen) in enumerate(layouts):
-        try:
-            check_errors(scene, chosen)
-            contacts, prior = _contacts(physics_of(chosen), count, draws, seed)
-        except SceneError as error:
-            failures.append(Failure(None, count, chosen, str(error)))
+    for number, count, chosen, simulated in _layouts(scene, draws, seed):
+        if isinstance(simulated, SceneError):
+            failures.append(Failure(None, count, chosen, str(simulated)))
             continue
         for index, name in enumerate(estimators):
             doing = f"{name}, {count} sensors, mean of {chosen.window} readings"
             progress(doing, 0.8 * (number * len(estimators) + index) / total)
             try:
-                found = _made(scene, name, chosen, prior, contacts, seed)
+                found = _made(scene, name, chosen, *simulated, seed)
             except SceneError as error:
                 failures.append(Failure(name, count, chosen, str(error)))
                 continue
@@ -122,11 +117,25 @@ def measured_points(
     return Trade(tuple(points), tuple(failures), 2 * total)
 
 
-def _contacts(physics: Physics, count: int, draws: int, seed: int) -> tuple[Contacts, Prior]:
+def _layouts(
+    scene: Scene, draws: int, seed: int
+) -> Iterator[tuple[int, int, FilterChoice, tuple[Prior, Contacts] | SceneError]]:
+    """Yield for every layout its number, sensors, filter, and prior with contacts, or the error if it has none."""
+    physics_of = cache(partial(required, scene))
+    layouts = [(count, chosen) for count in counts_of(scene) for chosen in windows_of(scene)]
+    for number, (count, chosen) in enumerate(layouts):
+        try:
+            check_errors(scene, chosen)
+            yield number, count, chosen, _contacts(physics_of(chosen), count, draws, seed)
+        except SceneError as error:
+            yield number, count, chosen, error
+
+
+def _contacts(physics: Physics, count: int, draws: int, seed: int) -> tuple[Prior, Contacts]:
     influence, errors = influence_of(physics.scene), sample_errors(physics.scene, physics.noise.sample_mm)
     layout = np.array(place(influence, sensor_rules(physics.scene), count, seed).positions_mm)
     prior = Prior.real(influence, layout, errors)
-    return simulated_enough(prior, draws, seed + 1), prior
+    return prior, simulated_enough(prior, draws, seed + 1)
 
 
 def _made(scene: Scene, name: Name, chosen: FilterChoice, prior: Prior, contacts: Contacts, seed: int) -> list[_Made]:

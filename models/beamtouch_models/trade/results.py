@@ -1,13 +1,10 @@
-"""The trade as a table, a plot and JSON."""
+"""The trade as tables and as JSON."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from beamtouch_models.accuracy.statistics import Measurement
-from beamtouch_models.charts import Chart, Series, Style, draw
-from beamtouch_models.drawing import standalone
-from beamtouch_models.trade.physics import LeftOut
+from beamtouch_models.trade.physics import EffectLeftOut
 from beamtouch_models.trade.point import Failure, Point, Trade
 from beamtouch_models.trade.since_touch import Curve
 
@@ -27,13 +24,11 @@ HEADINGS = (
     "known after, ms",
     "kB",
 )
-FRONT_COLOUR = 7
-"""The colours before it belong to three estimators in two precisions."""
 PHYSICS_HEADINGS = ("effect", "price", "verdict", "error over limit without it", "influence table, ms", "with it, ms")
 
 
 def json_of(
-    trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut], curves: Sequence[Curve] = ()
+    trade: Trade, front: Sequence[Point], physics: Sequence[EffectLeftOut], curves: Sequence[Curve] = ()
 ) -> dict[str, Any]:
     """Return all results, for JSON."""
     return {
@@ -69,7 +64,7 @@ def row(point: Point, *, on_front: bool) -> tuple[str, ...]:
     )
 
 
-def physics_row(effect: LeftOut) -> tuple[str, ...]:
+def physics_row(effect: EffectLeftOut) -> tuple[str, ...]:
     """Return an effect as the cells of a row."""
     error = effect.error_over_limit
     return (
@@ -83,7 +78,7 @@ def physics_row(effect: LeftOut) -> tuple[str, ...]:
 
 
 def markdown(
-    name: str, trade: Trade, front: Sequence[Point], physics: Sequence[LeftOut], curves: Sequence[Curve] = ()
+    name: str, trade: Trade, front: Sequence[Point], physics: Sequence[EffectLeftOut], curves: Sequence[Curve] = ()
 ) -> str:
     """Return the tables as Markdown."""
     lines = [
@@ -135,58 +130,11 @@ def since_touch_lines(curves: Sequence[Curve]) -> list[str]:
     ]
 
 
-def since_touch_plot(curves: Sequence[Curve], points: Sequence[Point]) -> str:
-    """Return a plot of error over time since touch as SVG, beside the fixed filters of the default estimator."""
-    series = []
-    for colour, curve in enumerate(curves):
-        shown = [number for number, since_ms in enumerate(curve.since_ms) if since_ms > 0]
-        since_ms = [curve.since_ms[number] for number in shown]
-        drawn: list[tuple[str, Sequence[Measurement], Style]] = [
-            (f"{curve.sensors} sensors", curve.error_percent, "line"),
-            ("", curve.limit_percent, "dashed"),
-        ]
-        for label, values, style in drawn:
-            errors = [values[number].value for number in shown]
-            series.append(Series(label, since_ms, errors, colour % FRONT_COLOUR, style))
-        fixed = [
-            point
-            for point in points
-            if (point.estimator, point.sensors, point.quantised) == ("posterior", curve.sensors, False)
-            and point.filter.settling_ms > 0
-        ]
-        x = [point.filter.settling_ms for point in fixed]
-        series.append(Series("", x, [point.error_percent.value for point in fixed], colour % FRONT_COLOUR, "points"))
-    says = (
-        "Mean error over the time since touch, one line per number of sensors. Dashed: the exact posterior of all "
-        "readings. Points: fixed filters, once they have settled"
-    )
-    return standalone(draw(Chart(says, "since touch, ms", "mean |error|, %", series, log_x=True, log_y=True)))
-
-
 def said(failure: Failure) -> str:
     """Return a line on what failed, and why."""
     window = failure.filter.window
     smoothing = "no filter" if window == 1 else f"mean of {window} readings"
     return f"{failure.estimator or 'every estimator'}, {failure.sensors} sensors, {smoothing}: {failure.reason}"
-
-
-def plot(points: Sequence[Point], front: Sequence[Point]) -> str:
-    """Return a plot of error over time as SVG; each point is labelled with its number of sensors."""
-    kinds = list(dict.fromkeys((point.estimator, point.quantised) for point in points))
-    series = []
-    for colour, (name, is_quantised) in enumerate(kinds):
-        some = [point for point in points if (point.estimator, point.quantised) == (name, is_quantised)]
-        x, y = [point.latency_ms for point in some], [point.error_mm for point in some]
-        notes = [f"{point.sensors}{'*' if point in front else ''}" for point in some]
-        series.append(Series(f"{name}{', int8' if is_quantised else ''}", x, y, colour, "points", notes))
-    best = sorted({(point.latency_ms, point.error_mm) for point in front})
-    hull = [(x, y) for index, (x, y) in enumerate(best) if all(y < before for _, before in best[:index])]
-    series.append(Series("front, any number of sensors", [x for x, _ in hull], [y for _, y in hull], FRONT_COLOUR))
-    says = (
-        "Mean error over the time until a contact is known, one point per way to build the model, labelled with its "
-        "number of sensors, and with * on the front"
-    )
-    return standalone(draw(Chart(says, "known after, ms", "mean |error|, mm", series, log_x=True, log_y=True)))
 
 
 def _sorted(points: Sequence[Point]) -> list[Point]:

@@ -43,12 +43,12 @@ class Curve:
 
     sensors: int
     readings: tuple[int, ...]
-    """How many readings have come since the touch."""
+    """Number of readings since the touch."""
     since_ms: tuple[float, ...]
     error_percent: tuple[Measurement, ...]
-    """Behind the growing mean."""
+    """Error behind the growing mean."""
     limit_percent: tuple[Measurement, ...]
-    """Of the exact posterior of all readings since the touch, which knows when it was."""
+    """Error of the exact posterior of all readings since the touch, whose time it knows."""
 
 
 def curves(scene: Scene, counts: list[int], *, draws: int, seed: int, progress: Fraction = silent) -> list[Curve]:
@@ -102,7 +102,7 @@ def _limit(prior: Prior, draws: int, seed: int) -> Measurement:
 
 
 def _errors(scene: Scene, prior: Prior, readings: tuple[int, ...], draws: int, seed: int) -> list[Measurement]:
-    """Return the mean errors in mm after so many readings, behind the filters of the daemon."""
+    """Return the mean errors in mm after each number of readings, behind the filters of the daemon."""
     reading_mm, channels = reading_noise_mm(scene), prior.channels
     period = (slowest_period_ms(scene) or 0.0) * scene.sensors.rate_hz / 1e3
     step_mm = adc_step_mm(scene)

@@ -148,7 +148,7 @@ def create_app(
 
 
 def _require_roles(app: FastAPI) -> None:
-    """Refuse to start with a route that says nothing about who may use it."""
+    """Refuse to start with a route that states no role."""
     found = gate.without_role(app.routes)
     if found:
         message = f"routes without exactly one role: {', '.join(found)}"

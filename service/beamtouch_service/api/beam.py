@@ -1,4 +1,4 @@
-"""`GET /surfaces/NAME/beam`: what the beam looks like at rest and under a contact, by the model of a surface.
+"""`GET /surfaces/NAME/beam`: the shape of the beam at rest and under a contact, by the model of a surface.
 
 It changes only with the model, so it is not part of the stream. The page asks for it once per model.
 """
@@ -22,7 +22,7 @@ _EXAMPLE: dict[int | str, dict[str, Any]] = {
 
 
 class Beam(BaseModel):
-    """A beam as a program draws it."""
+    """The data to draw a beam."""
 
     model: str
     """Name and fingerprint of the model; a contact that states the same one belongs to this beam."""

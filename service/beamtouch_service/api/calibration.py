@@ -13,13 +13,13 @@ from beamtouch_service.api import examples, gate, openapi
 from beamtouch_service.api.context import ContextParameter, SurfaceInPath
 from beamtouch_service.api.errors import NO_STORE
 from beamtouch_service.api.times import Time, microseconds
-from beamtouch_service.events.kept_best import Sampled
+from beamtouch_service.events.best_table import Sampled
 from beamtouch_service.problems import Kind
 from beamtouch_service.surfaces.contact import rfc3339
 
 CSV = "text/csv"
 _DECIMALS = 10
-"""Of lengths in mm."""
+"""Decimals of lengths in mm."""
 
 router = gate.make_router("events", Role.READ)
 

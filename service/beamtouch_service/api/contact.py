@@ -11,7 +11,7 @@ from beamtouch_service.api.context import Context, ContextParameter, SurfaceInPa
 from beamtouch_service.problems import Kind, ProblemError
 from beamtouch_service.surfaces.contact import Contact
 
-_PROBLEMS = (
+PROBLEMS = (
     Kind.STALE,
     Kind.NO_SAMPLES,
     Kind.NO_MODEL,
@@ -20,6 +20,7 @@ _PROBLEMS = (
     Kind.TOO_FEW_CHANNELS,
     Kind.UNUSABLE_ESTIMATE,
 )
+"""Those that the routes answer with, besides `surface-required`."""
 
 
 router = gate.make_router("contact", Role.READ)
@@ -30,13 +31,13 @@ def _answer(context: Context, name: str | None) -> Response:
     return Response(context.contacts.get(surface, context.clock()), media_type="application/json")
 
 
-@router.get("/contact", response_model=Contact, responses=openapi.problems(Kind.SURFACE_REQUIRED, *_PROBLEMS))
+@router.get("/contact", response_model=Contact, responses=openapi.problems(Kind.SURFACE_REQUIRED, *PROBLEMS))
 async def get_contact(context: ContextParameter, surface: SurfaceInQuery = None) -> Response:
     """Return the contact on the only surface, or on the one that is named."""
     return _answer(context, surface)
 
 
-@router.get("/surfaces/{name}/contact", response_model=Contact, responses=openapi.problems(*_PROBLEMS))
+@router.get("/surfaces/{name}/contact", response_model=Contact, responses=openapi.problems(*PROBLEMS))
 async def get_surface_contact(context: ContextParameter, name: SurfaceInPath) -> Response:
     """Return the contact on this surface."""
     return _answer(context, name)

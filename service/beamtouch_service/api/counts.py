@@ -18,9 +18,9 @@ REFUSALS = frozenset({Kind.UNAUTHORIZED, Kind.FORBIDDEN, Kind.TOO_MANY_REQUESTS}
 
 _INFERENCE_S = (10e-6, 20e-6, 50e-6, 100e-6, 200e-6, 500e-6, 1e-3, 2e-3, 5e-3, 10e-3)
 _BATCH_S = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 0.1, 0.2, 0.5, 1.0, 10.0)
-"""From a sample on loopback to the longest that a body may take."""
+"""Bounds [s] from a sample on loopback to the longest time that a body may take."""
 _AGE_S = (1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-"""Around the limits of age that make sense."""
+"""Bounds [s] around sensible limits of age."""
 
 _log = logging.getLogger("beamtouch.service")
 # Each counter would otherwise have a second series with the time of its creation.
@@ -61,7 +61,7 @@ class Counts:
             _log.info("surface %s: the sender changed to %s (changes since the last line: %d)", surface, boot_id, times)
 
     def unexplained(self, surface: Surface) -> None:
-        """Log a stretch on a surface that has come to last too long, once per stretch."""
+        """Log a stretch that lasts too long, once per stretch."""
         overdue = surface.stretches.take_overdue()
         if overdue is None:
             return

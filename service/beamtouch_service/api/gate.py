@@ -59,7 +59,7 @@ def make_router(tag: str, role: Role) -> APIRouter:
 
 
 def without_role(routes: Iterable[BaseRoute]) -> list[str]:
-    """Return the paths of the routes that do not have exactly one role."""
+    """Return the paths of routes without exactly one role."""
     found = []
     for route in iter_route_contexts(list(routes)):
         dependencies = getattr(route, "dependencies", [])

@@ -1,4 +1,4 @@
-"""`GET /health`: whether the process answers, and whether it can answer `GET /contact`."""
+"""`GET /health`: checks that the process answers, and that every surface can answer `GET /contact`."""
 
 from typing import Annotated
 
@@ -33,6 +33,6 @@ async def get_ready(
     context: ContextParameter,
     health: Annotated[bool, Query(description="Also require that no sensor has changed for certain.")] = False,
 ) -> Health:
-    """Say whether the service has a surface, and every surface has a model and fresh samples."""
+    """Check that the service has a surface, and that every surface has a model and fresh samples."""
     context.registry.require_ready(context.clock(), healthy=health)
     return Health(status="ready")

@@ -82,7 +82,7 @@ def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:
             states.add_metric([surface.name, state.value], summary.state is state)
         for note in summary.notes:
             notes.add_metric([surface.name, note], 1)
-        # Of a surface without fresh samples nothing is known.
+        # Without fresh samples, nothing is known of a surface.
         overdue.add_metric(label, surface.stretches.is_overdue and not surface.is_stale(now_s))
         stretches.add_metric(label, surface.stretches.count)
         seconds.add_metric(label, surface.stretches.total_s)

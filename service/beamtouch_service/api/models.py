@@ -23,9 +23,9 @@ class ModelDescription(BaseModel):
     estimator: str
     length_mm: float
     channels: list[str]
-    """In input order."""
+    """Names of the channels, in input order."""
     positions_mm: list[float]
-    """Of the channels, from the left end of the beam."""
+    """Positions of the channels, from the left end of the beam."""
     min_channels: int
     outputs: list[str]
     ranges: Ranges

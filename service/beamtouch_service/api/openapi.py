@@ -1,4 +1,4 @@
-"""OpenAPI details that signatures of routes do not give: problems, the batch, who may use a route."""
+"""OpenAPI details that signatures of routes do not give: problems, the batch, and roles."""
 
 import json
 from typing import Any

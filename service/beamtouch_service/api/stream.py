@@ -43,7 +43,7 @@ router = gate.make_router("stream", Role.READ)
 
 
 class Pace:
-    """Decides which event a stream sends, and when. Pure: the caller gives the time."""
+    """Chooses the events of a stream and their times. Pure: the caller gives the time."""
 
     def __init__(self) -> None:
         self._sent: dict[str, Any] | None = None

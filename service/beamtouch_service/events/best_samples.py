@@ -10,7 +10,7 @@ import numpy as np
 from beamtouch_models.modelfile import ModelFile, State
 from beamtouch_service.surfaces.contact import Decision, Doubt
 from beamtouch_service.surfaces.estimates import Estimated
-from beamtouch_service.surfaces.touch import Seen
+from beamtouch_service.surfaces.follower import Seen
 
 MOST_AT_REST = 16
 """Samples that the mean of a rest counts for at most, so that it follows the zeros."""

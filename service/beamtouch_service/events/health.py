@@ -4,10 +4,9 @@ import logging
 import time
 from dataclasses import dataclass
 
-from beamtouch_models.modelfile import BestSample, Health, ModelFile
-from beamtouch_models.modelfile import ChannelHealth as FoundHealth
+from beamtouch_models.modelfile import BestSample, ChannelChange, Health, ModelFile
 from beamtouch_service.events.best_samples import Best
-from beamtouch_service.events.kept_best import Baseline, Sampled
+from beamtouch_service.events.best_table import Baseline, Sampled
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.surfaces.contact import rfc3339
 from beamtouch_service.surfaces.health import ChannelHealth, Part, SurfaceHealth
@@ -122,7 +121,7 @@ def _stated(kept: _Kept) -> SurfaceHealth:
     return SurfaceHealth(model=kept.model.identity, channels={name: _channel(one) for name, one in channels})
 
 
-def _channel(found: FoundHealth) -> ChannelHealth:
+def _channel(found: ChannelChange) -> ChannelHealth:
     gain, zero = found.gain, found.zero
     percent = [round(100 * value, _PERCENT_DIGITS) for value in (gain.value, gain.low, gain.high)]
     mm = [round(value, _MM_DIGITS) for value in (zero.value, zero.low, zero.high)] if zero else [None] * 3

@@ -4,18 +4,19 @@ from collections import OrderedDict
 from collections.abc import Iterable
 from itertools import pairwise
 
-from beamtouch_models.modelfile import ModelFile, State
-from beamtouch_service.events.segmenter import Command, Doubtful, Edge, Found, Segmenter, TouchSeen, segment_late_run
+from beamtouch_models.modelfile import ModelFile, State, memories_after
+from beamtouch_service.events.commands import Command, Doubtful, Edge, Found, TouchSeen
+from beamtouch_service.events.segmenter import Segmenter, segment_late_run
 from beamtouch_service.events.segments import End
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.samples import Batch, Sample
-from beamtouch_service.surfaces.estimates import Estimated, estimate, runner
-from beamtouch_service.surfaces.touch import Follower
+from beamtouch_service.surfaces.estimates import Estimated, estimate
+from beamtouch_service.surfaces.follower import Follower, Past
 
 _MAX_EDGES = 4096
-"""Edges in memory, some 0.5 MB; without its edge, a late run starts from the stored event before it."""
-_MAX_ASIDE = 5000
-"""Doubtful samples in memory, some 15 MB; without them, an event may stay in pieces."""
+"""Edges in memory, some 3 MB; without its edge, a late run starts from the stored event before it."""
+_MAX_ASIDE = 10_000
+"""Doubtful samples in memory, some 30 MB; without them, an event may stay in pieces."""
 
 
 class LateSamples:
@@ -31,7 +32,7 @@ class LateSamples:
         self._count = 0
         """Number of doubtful samples."""
 
-    def settled(self, surface: str, stale_ms: float, model: ModelFile, found: Iterable[Found]) -> list[Command]:
+    def settled(self, surface: str, stale_ms: float, found: Iterable[Found]) -> list[Command]:
         """Return the commands in what was found; keep the samples beside gaps, and decide doubtful ones if possible."""
         found = list(found)
         edges = [one for one in found if isinstance(one, Edge)]
@@ -41,7 +42,7 @@ class LateSamples:
         commands: list[Command] = []
         for one in found:
             if isinstance(one, Doubtful):
-                commands += self._run(surface, stale_ms, model, one.boot_id, one.samples)
+                commands += self._run(surface, stale_ms, one.model, one.boot_id, one.samples)
             elif not isinstance(one, Edge):
                 commands.append(one)
         # The sample before the first of a stretch may have come while that was doubtful.
@@ -73,17 +74,17 @@ class LateSamples:
             run = [*self._take(of_sender, first), *run]
         while more := self._take(of_sender, run[-1].sequence + 1):
             run = [*run, *more]
-        before = self._state(surface, boot_id, run[0].sequence - 1)
+        before, past = self._before(surface, model, boot_id, run[0].sequence - 1)
         after = self._edges.get((surface, boot_id, run[-1].sequence + 1))
         # Only new samples open an event.
         segmenter = Segmenter(surface, model, boot_id, before, End.UNSEEN)
-        follower = Follower(model, runner(model), surface, stale_ms, state=before)
+        follower = Follower(model, model.run, surface, stale_ms, past)
         found = segment_late_run(segmenter, follower.follow(run), after)
         for one in found:
             if isinstance(one, Doubtful):
                 self._put_aside(of_sender, one)
         known = [one for one in found if not isinstance(one, Doubtful)]
-        return self.settled(surface, stale_ms, model, known)
+        return self.settled(surface, stale_ms, known)
 
     def _take(self, of_sender: tuple[str, str, str], first: int) -> list[Estimated]:
         """Take the doubtful samples that begin with a number."""
@@ -103,9 +104,11 @@ class LateSamples:
             (surface, model, boot_id, oldest), _ = next(iter(self._aside.items()))
             self._take((surface, model, boot_id), oldest)
 
-    def _state(self, surface: str, boot_id: str, sequence: int) -> State | None:
+    def _before(self, surface: str, model: ModelFile, boot_id: str, sequence: int) -> tuple[State | None, Past]:
+        """Return the state after that sample, None if it is not known, and what it leaves to the next one."""
         edge = self._edges.get((surface, boot_id, sequence))
-        if edge and edge.state:
-            return edge.state
         # An undecided sample may be part of an event, too.
-        return self._store.state_after(surface, boot_id, sequence)
+        state = (edge.state if edge else None) or self._store.state_after(surface, boot_id, sequence)
+        if edge and edge.model == model.identity:
+            return state, edge.past
+        return state, Past(memories_after(state))

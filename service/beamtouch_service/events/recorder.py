@@ -17,18 +17,19 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_service.events.commands import Command, Found, Loss
 from beamtouch_service.events.health import HealthKeeper
 from beamtouch_service.events.late import LateSamples
 from beamtouch_service.events.losses import Losses
-from beamtouch_service.events.segmenter import Command, Found, Loss, Segmenter
+from beamtouch_service.events.segmenter import Segmenter
 from beamtouch_service.events.segments import End, Segment
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.events.worker import Worker
 from beamtouch_service.limits import KEEP_DAYS, MAX_MB
 from beamtouch_service.samples import Batch, Sample
+from beamtouch_service.surfaces.follower import Seen
 from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.surface import Surface
-from beamtouch_service.surfaces.touch import Seen
 
 MAX_LATE = 20_000
 """Late samples that may wait: about a second of work, and some 20 MB."""
@@ -96,7 +97,7 @@ class Recorder:
         name, stale_ms = surface.name, surface.stale_ms
         if commands:
             # The worker thread decides doubtful samples.
-            self._submit(name, lambda: self._late.settled(name, stale_ms, model, commands))
+            self._submit(name, lambda: self._late.settled(name, stale_ms, commands))
 
     def stale(self, surface: Surface) -> None:
         """End the open event of a surface: its newest sample is too old."""

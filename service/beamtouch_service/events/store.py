@@ -1,18 +1,18 @@
 """Events in a database, joined from segments. One thread at a time; every call is one transaction."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from sqlalchemy import ColumnElement, Connection, delete, func, select, tuple_
 
 from beamtouch_models.modelfile import State
-from beamtouch_service.events import kept_best, kept_captures, writing
+from beamtouch_service.events import best_table, capture_table, writing
+from beamtouch_service.events.best_table import Baseline, Sampled
 from beamtouch_service.events.captures import Capture
+from beamtouch_service.events.commands import Command
 from beamtouch_service.events.file import EventFile
-from beamtouch_service.events.kept_best import Baseline, Sampled
 from beamtouch_service.events.schema import EVENTS
-from beamtouch_service.events.segmenter import Command
 from beamtouch_service.events.segments import Kind, Segment
 from beamtouch_service.events.writing import CONTENT, Numbered
 from beamtouch_service.surfaces.contradiction import Contradiction
@@ -56,7 +56,7 @@ class EventStore:
                 if isinstance(command, Segment):
                     writing.add(connection, command, now_s)
                 elif isinstance(command, Capture):
-                    kept_captures.write(connection, surface, command)
+                    capture_table.write(connection, surface, command)
                 else:
                     writing.complete(connection, surface, command)
 
@@ -86,27 +86,32 @@ class EventStore:
     def capture(self, event: Segment) -> list[Contradiction]:
         """Return the samples that are kept of the unexplained stretches of an event, in order."""
         with self._engine.connect() as connection:
-            return kept_captures.read(connection, event)
+            return capture_table.read(connection, event)
+
+    def captured(self, numbers: Collection[int]) -> set[int]:
+        """Return which of these events have samples of unexplained stretches."""
+        with self._engine.connect() as connection:
+            return capture_table.captured(connection, numbers)
 
     def best_samples(self, surface: str, since_us: int | None, until_us: int | None, limit: int) -> list[Sampled]:
         """Return the newest contacts of a surface that have a best sample, oldest first, by the time of their touch."""
         with self._engine.connect() as connection:
-            return kept_best.contacts(connection, surface, since_us, until_us, limit)
+            return best_table.contacts(connection, surface, since_us, until_us, limit)
 
     def ended_after(self, surface: str, number: int, most: int) -> list[Sampled]:
         """Return events of higher ids with a best sample, in the order of their ids, up to the first that is open."""
         with self._engine.connect() as connection:
-            return kept_best.ended_after(connection, surface, number, most)
+            return best_table.ended_after(connection, surface, number, most)
 
     def baseline(self, surface: str) -> Baseline | None:
         """Return what is kept of the health of a surface; None if nothing is."""
         with self._engine.connect() as connection:
-            return kept_best.baseline(connection, surface)
+            return best_table.baseline(connection, surface)
 
     def keep_baseline(self, kept: Baseline) -> None:
         """Keep this of the health of a surface."""
         with self._engine.begin() as connection:
-            kept_best.keep(connection, kept)
+            best_table.keep(connection, kept)
 
     def state_after(self, surface: str, boot_id: str, sequence: int) -> State | None:
         """Return the state after that sample, if a stored event ends with it and may go on; None if none does."""
@@ -127,7 +132,7 @@ class EventStore:
             deleted = _delete(connection, _c.recorded_s < now_s - self._keep_s)
         while self.used_bytes() > self._max_bytes:
             with self._engine.begin() as connection:
-                if not kept_captures.drop_oldest(connection, _PRUNE_SHARE):
+                if not capture_table.drop_oldest(connection, _PRUNE_SHARE):
                     break
         while self.used_bytes() > self._max_bytes:
             with self._engine.begin() as connection:
@@ -154,5 +159,5 @@ class EventStore:
 
 def _delete(connection: Connection, these: ColumnElement[bool]) -> int:
     """Delete events with their captures; return how many events."""
-    kept_captures.drop(connection, these)
+    capture_table.drop(connection, these)
     return connection.execute(delete(EVENTS).where(these)).rowcount

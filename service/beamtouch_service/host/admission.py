@@ -33,7 +33,7 @@ class Clients:
     evicted: Callable[[str], None]
     """Counts a connection from an address that was closed to make room."""
     handshakes: Handshakes
-    """Those under way, if the service speaks HTTPS."""
+    """The TLS handshakes under way, if the service speaks HTTPS."""
 
     async def refuse(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse a request of a connection without a place (ASGI)."""

@@ -4,8 +4,8 @@ import asyncio
 import logging
 import signal
 import ssl
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext
 
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.api.app import Application
@@ -17,16 +17,26 @@ from beamtouch_service.settings import TlsFiles
 TICK_S = 1.0
 """Longest time between two looks at the model files, and between two reports of progress."""
 
+Server = Callable[[Context], AbstractAsyncContextManager[None]]
+"""Serves the surfaces of an application over another protocol during a block."""
+
 _log = logging.getLogger("beamtouch.service")
 
 
 class Background:
     """The tasks that run in the lifespan of the application."""
 
-    def __init__(self, keepers: list[ModelKeeper], manager: ServiceManager, files: TlsFiles | None) -> None:
+    def __init__(
+        self,
+        keepers: list[ModelKeeper],
+        manager: ServiceManager,
+        files: TlsFiles | None,
+        server: Server = lambda _context: nullcontext(),
+    ) -> None:
         self._keepers = keepers
         self._manager = manager
         self._files = files
+        self._server = server
         self.ssl: ssl.SSLContext | None = None
         """Context of the connections. The server makes it after the application."""
 
@@ -40,7 +50,8 @@ class Background:
             task.add_done_callback(_log_failure)
         loop.add_signal_handler(signal.SIGHUP, told.set)
         try:
-            yield
+            async with self._server(app.context):
+                yield
         finally:
             # The handler must not be called in a closed loop.
             loop.remove_signal_handler(signal.SIGHUP)

@@ -1,4 +1,4 @@
-"""`beamtouch-service check MODEL`: describes a model file, or says what is wrong with it."""
+"""`beamtouch-service check MODEL`: describes a model file, or the reason to refuse it."""
 
 from pathlib import Path
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from uvicorn._types import ASGI3Application
 
 HEAD_S = 10.0
-"""For a client to send a request line and headers. Without a place, it has only `REFUSED_S`."""
+"""Time for a client to send a request line and headers. Without a place, it has only `REFUSED_S`."""
 MAX_AHEAD = 64
 """Requests that may wait behind the one that is being answered."""
 

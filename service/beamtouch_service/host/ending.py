@@ -23,9 +23,9 @@ class EndingProtocol(HttpToolsProtocol):
     """
 
     deadline: asyncio.TimerHandle | None = None
-    """For the request that has begun, or for the first one to begin."""
+    """Deadline for the request that has begun, or for the first one to begin."""
     refusal: Problem | None = None
-    """Why nothing more is read."""
+    """The problem because of which nothing more is read."""
     is_over = False
     """Nothing more is read."""
     _unread_deadline: asyncio.TimerHandle | None = None

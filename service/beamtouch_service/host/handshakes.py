@@ -8,9 +8,9 @@ from typing import Any
 from beamtouch_service.host.places import Places
 
 HANDSHAKE_S = 5.0
-"""For a client to complete its TLS handshake. A slow controller needs a second or two."""
+"""Time for a client to complete its TLS handshake. A slow controller needs a second or two."""
 MAX_HANDSHAKES = 128
-"""At a time. Each takes half a megabyte."""
+"""Handshakes at a time. Each takes half a megabyte."""
 MAX_HANDSHAKES_PER_ADDRESS = 64
 
 Peer = tuple[Any, ...]

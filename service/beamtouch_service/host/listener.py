@@ -21,8 +21,8 @@ def resolve(host: str) -> tuple[socket.AddressFamily, str]:
     return family, str(address[0])
 
 
-def bind(family: socket.AddressFamily, address: str, port: int) -> socket.socket:
-    """Return a socket bound to the address; raises ConfigError if that is not possible."""
+def bind(family: socket.AddressFamily, address: str, port: int, option: str = "--port") -> socket.socket:
+    """Return a socket bound to the address; raises ConfigError, which names the option of the port, if not possible."""
     # The protocol is explicit because asyncio turns off Nagle's algorithm, which costs 40 ms per answer, only for TCP.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     # A service that has just stopped must be able to start again.
@@ -35,8 +35,8 @@ def bind(family: socket.AddressFamily, address: str, port: int) -> socket.socket
     except OSError as error:
         listener.close()
         remedies = {
-            EADDRINUSE: "in use; stop the program that listens there, or choose another port with --port",
-            EACCES: "not allowed for this user; choose one above 1023 with --port",
+            EADDRINUSE: f"in use; stop the program that listens there, or choose another port with {option}",
+            EACCES: f"not allowed for this user; choose one above 1023 with {option}",
             EADDRNOTAVAIL: "not on this machine; use 127.0.0.1, or an address that `ip address` shows",
         }
         message = f"port {port} on {address}: {remedies.get(error.errno or 0, error.strerror)}"

@@ -22,7 +22,7 @@ class State(Enum):
     """The event that a connection waits for, unless it is busy."""
 
     SILENT = auto()
-    """Its first request."""
+    """The first request."""
     IDLE = auto()
     """The next request."""
     UNREAD = auto()

@@ -1,7 +1,11 @@
 """Sets up the process: models, socket, application, background tasks."""
 
+from __future__ import annotations
+
 import logging
+from contextlib import ExitStack
 from ipaddress import ip_address
+from typing import TYPE_CHECKING
 
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_models.modelfile import ModelFileError
@@ -20,23 +24,31 @@ from beamtouch_service.host.uvicorn_host import Host, configure, serve
 from beamtouch_service.settings import Settings, SurfaceSettings
 from beamtouch_service.surfaces.surface import Surface
 
+if TYPE_CHECKING:
+    from beamtouch_service.host.modbus import ModbusServer
+
 _log = logging.getLogger("beamtouch.service")
 
 
 def run(settings: Settings) -> None:
-    """Serve until SIGTERM or Ctrl-C; raises ConfigError when the settings turn out not to work on this machine."""
+    """Serve until SIGTERM or Ctrl-C; raises ConfigError if the settings do not work on this machine."""
     passed = activated()
     family, address = resolve(settings.host) if passed is None else (passed.family, str(passed.getsockname()[0]))
     _require_tokens(settings, address)
     if settings.tls is not None:
         tls.require(settings.tls)
     kept = [_surface(entry) for entry in settings.surfaces]
-    with passed or bind(family, address, settings.port) as listener:
+    with ExitStack() as stack:
+        listener = stack.enter_context(passed or bind(family, address, settings.port))
+        modbus = _modbus_server(settings)
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
         _log_limits(settings, address)
+        if modbus is not None:
+            stack.callback(modbus.listener.close)
+            _log_readers(settings, modbus)
         manager = ServiceManager()
         keepers = {surface.name: keeper for surface, keeper in kept if keeper is not None}
-        background = Background(list(keepers.values()), manager, settings.tls)
+        background = Background(list(keepers.values()), manager, settings.tls, *([modbus.lifespan] if modbus else []))
         streams, recorder = Streams(settings.max_streams), _recorder(settings)
         app = create_app(
             [surface for surface, _ in kept],
@@ -58,6 +70,24 @@ def run(settings: Settings) -> None:
             serve(host, TlsListener(listener, handshakes) if settings.tls else listener)
         finally:
             recorder.close()
+
+
+def _modbus_server(settings: Settings) -> ModbusServer | None:
+    if settings.modbus_server is None:
+        return None
+    try:
+        from beamtouch_service.host.modbus import ModbusServer  # noqa: PLC0415  # pymodbus is an extra of its own
+    except ModuleNotFoundError as error:
+        if error.name != "pymodbus":
+            raise
+        message = "[modbus_server] needs pymodbus; run: pip install 'beamtouch[modbus-server]'"
+        raise ConfigError(message) from None
+    return ModbusServer(settings.modbus_server, len(settings.surfaces))
+
+
+def _log_readers(settings: Settings, modbus: ModbusServer) -> None:
+    if settings.access.read is not None or not _is_loopback(modbus.address):
+        _log.warning("no token protects the Modbus TCP server: everyone who reaches it can read the contacts")
 
 
 def _recorder(settings: Settings) -> Recorder:

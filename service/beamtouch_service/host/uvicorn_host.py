@@ -1,4 +1,4 @@
-"""uvicorn with the bounds of this service, and how it starts and stops."""
+"""uvicorn with the bounds of this service, and its start and stop."""
 
 import asyncio
 import gc
@@ -28,7 +28,7 @@ from beamtouch_service.limits import MAX_CLIENTS, Seldom, SeldomFilter
 from beamtouch_service.settings import TlsFiles
 
 SHUTDOWN_S = 2
-"""For running answers to finish. A sender repeats what was not acknowledged."""
+"""Time for running answers to finish. A sender repeats what was not acknowledged."""
 IDLE_S = 75
 """An idle connection is closed after this time. Clients that poll do so more often."""
 _ACCEPTED_AT_ONCE = 16
@@ -49,7 +49,7 @@ def configure(
     *,
     handshakes: Handshakes | None = None,
 ) -> uvicorn.Config:
-    """Return how uvicorn is to serve `app`."""
+    """Return the configuration of uvicorn for `app`."""
     places = Places(max_clients, max_clients_per_address or max_clients, is_busy)
     clients = _clients(app, places, handshakes or Handshakes())
     return uvicorn.Config(
@@ -102,7 +102,7 @@ class Loop(asyncio.SelectorEventLoop):
 
 
 class Host(uvicorn.Server):
-    """Tells the service manager about start and stop, and ends what would hold up a stop."""
+    """Reports start and stop to the service manager, and ends streams and unread answers, which would delay a stop."""
 
     def __init__(self, config: uvicorn.Config, manager: ServiceManager, streams: Streams) -> None:
         super().__init__(config)
@@ -111,7 +111,7 @@ class Host(uvicorn.Server):
         streams.drop = self._drop
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listen, and say where."""
+        """Listen, and log the address."""
         await super().startup(sockets)
         scheme = "https" if self.config.is_ssl else "http"
         for listener in sockets or []:

@@ -16,7 +16,7 @@ _DECIMALS = 4
 
 
 class ContactQuality(StrEnum):
-    """Whether all channels took part in the answer."""
+    """`good`: all channels took part in the answer."""
 
     GOOD = "good"
     DEGRADED = "degraded"
@@ -39,13 +39,13 @@ NO_FIGURES = Figures()
 
 
 class Contact(BaseModel):
-    """Whether something touches the surface, where, how hard, how surely, and when."""
+    """State of the surface; position and force of a contact with their intervals; age and origin of the answer."""
 
     surface: str
     state: State
     """`unexplained`: neither rest nor a single contact explains the sample."""
     position_mm: float | None
-    """From the left end of the beam; null unless the state is `contact`."""
+    """Distance from the left end of the beam; null unless the state is `contact`."""
     position_low_mm: float | None
     """Lower end of the 95 % interval."""
     position_high_mm: float | None
@@ -60,9 +60,9 @@ class Contact(BaseModel):
     sequence: int
     """The sample's number since the sender started."""
     readings: int | None
-    """How many readings are in the sample; null if its sender does not say."""
+    """Number of readings in the sample; null if its sender does not say. It grows while a contact rests."""
     misfit: float
-    """How badly rest or the best single contact explains the sample, whichever does it better."""
+    """Misfit of rest or of the best single contact, whichever is smaller."""
     quality: ContactQuality
     degraded_channels: list[str]
     """Channels that took no part; empty if the quality is good."""

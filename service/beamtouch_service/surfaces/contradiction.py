@@ -1,4 +1,4 @@
-"""What an unexplained sample says, channel by channel. Pure: no clock, no state, no I/O."""
+"""An unexplained sample, channel by channel. Pure: no clock, no state, no I/O."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class ChannelDoubt(BaseModel):
     deflection_mm: float
     """Positive in the direction of the load."""
     standard_error_mm: float | None
-    """Of that deflection, as the sender states it."""
+    """Error of that deflection, as the sender states it."""
     rest_residual: float | None
     """The deflection in units of its total error, free of what the channels before it explain by their common error.
     The squares of all channels add up to `rest_misfit`."""
@@ -46,27 +46,27 @@ class Contradiction(BaseModel):
     sampled_at: str
     """Time of the sample by the sender's clock (RFC 3339)."""
     readings: int | None
-    """How many readings are in the sample; null if its sender does not say."""
+    """Number of readings in the sample; null if its sender does not say."""
     misfit: float | None
-    """How badly the best single contact explains the sample."""
+    """Misfit of the best single contact."""
     misfit_limit: float
     """A larger `misfit` is no contact."""
     rest_misfit: float | None
-    """How badly rest explains the sample."""
+    """Misfit of rest."""
     rest_limit: float
     """A larger `rest_misfit` is no rest."""
     log_odds: float | None
-    """Of contact over rest [nats]."""
+    """Log odds of contact over rest [nats]."""
     notes: list[str]
-    """As `GET /contact` gives them."""
+    """Notes, as `GET /contact` gives them."""
     channels: list[ChannelDoubt]
-    """In the order of the model."""
+    """Channels in the order of the model."""
 
 
 def contradiction(
     metadata: Metadata, estimated: Estimated, evidence: Evidence, without: Mapping[str, LeftOut], notes: list[str]
 ) -> Contradiction:
-    """Return what an unexplained sample says; `without` holds the same without each channel."""
+    """Return an unexplained sample channel by channel; `without` has its misfits without each channel."""
     weighed, row, place = estimated.weighed, estimated.row, evidence.channels - 1
     residuals = evidence.whitening_per_mm @ evidence.deflection_mm
     errors_mm = np.sqrt(np.diagonal(weighed.covariance_mm2[row]))

@@ -15,17 +15,17 @@ Ask = Callable[[NDArray[np.floating], NDArray[np.floating]], Answers]
 """Takes deflections [mm] (samples, channels) and their whitening [1/mm] (samples, channels, channels); returns a value
 per output and sample."""
 CHUNK = 256
-"""Samples in one call of the model. More would cost memory and save no time."""
+"""Samples that are weighed together. More would cost memory and save no time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimated:
-    """One sample and what it says under the model."""
+    """One sample, and the evidence in it under the model."""
 
     sequence: int
     acquired_unix_us: int
     readings: int | None
-    """How many readings are in it; None if its sender does not say."""
+    """Number of readings in it; None if its sender does not say."""
     bad: dict[str, Quality]
     """Channels that took no part."""
     evidence: Evidence | Problem
@@ -33,7 +33,7 @@ class Estimated:
     weighed: Weighed
     """The samples that were weighed together."""
     row: int
-    """Which of them is this one."""
+    """Index of this sample among them."""
     characteristic: str | None = None
     """Identity of the sender's characteristics and rest gaps; None if it states none."""
 
@@ -53,22 +53,13 @@ class Estimated:
 def estimate(
     model: ModelFile, surface: str, batch: Batch, samples: Sequence[Sample], ask: Ask | None = None
 ) -> list[Estimated]:
-    """Return what `samples` of a batch of `surface` say under `model`; by default, `model.estimate` runs it."""
+    """Return the evidence in `samples` of a batch of `surface` under `model`; by default, `model.estimate` runs it."""
     arrangement = Arrangement(model, batch)
     found: list[Estimated] = []
     for start in range(0, len(samples), CHUNK):
         part = samples[start : start + CHUNK]
-        found += _chunk(model, surface, arrangement, part, ask or runner(model), batch.characteristic)
+        found += _chunk(model, surface, arrangement, part, ask or model.run, batch.characteristic)
     return found
-
-
-def runner(model: ModelFile) -> Ask:
-    """Return a function that runs a model on samples of double precision."""
-
-    def run(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
-        return model.estimate(deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32))
-
-    return run
 
 
 def _chunk(
@@ -98,7 +89,7 @@ def _chunk(
 
 
 def _evidence(model: ModelFile, surface: str, ask: Ask, samples: Weighed) -> list[Evidence | Problem]:
-    """Return what each sample says. One without a usable covariance does not spoil the others."""
+    """Return the evidence in each sample. One without a usable covariance does not spoil the others."""
     count = len(samples.deflection_mm)
     if not count:
         return []

@@ -6,16 +6,16 @@ from pydantic import BaseModel
 
 
 class Part(StrEnum):
-    """What can change about a channel."""
+    """The properties of a channel that may change."""
 
     GAIN = "gain"
-    """What it measures is proportional to what it should measure, but not equal."""
+    """Measured deflections are wrong by a factor."""
     ZERO = "zero"
-    """It measures a deflection at rest."""
+    """Measured deflections at rest are not zero."""
 
 
 class ChannelHealth(BaseModel):
-    """How the gain and the zero of a channel have changed since a baseline, with 95 % intervals.
+    """Changes of the gain and the zero of a channel since a baseline, with 95 % intervals.
 
     Contacts show how the gains differ from each other. A change that is common to all gains looks like force and is not
     seen. A change that looks like another place of the contact is hardly seen: it makes the intervals of outer channels
@@ -36,9 +36,9 @@ class ChannelHealth(BaseModel):
     contacts: int
     """Number of contacts since then."""
     changed: bool
-    """Whether the channel has changed for certain: one false statement in 1e6 contacts."""
+    """True if the channel has changed for certain: one false statement in 1e6 contacts."""
     changes: list[Part]
-    """What has changed."""
+    """The properties that have changed."""
 
 
 class SurfaceHealth(BaseModel):

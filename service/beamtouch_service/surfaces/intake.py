@@ -1,4 +1,4 @@
-"""From a batch to the samples in it that are new, and those of them that move the answer. Pure."""
+"""The new samples of a batch, and those of them that move the answer. Pure."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class Taken:
     fresh: list[Sample]
     """They move the answer."""
     acquired_s: float
-    """When the last sample of the batch was taken [s, monotonic]."""
+    """Time of the last sample of the batch [s, monotonic]."""
 
 
 class Intake:

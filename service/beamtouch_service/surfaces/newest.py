@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from beamtouch_service.samples import Sample
 from beamtouch_service.surfaces.contact import Contact, ContactQuality, Decision, rfc3339
-from beamtouch_service.surfaces.touch import Seen
+from beamtouch_service.surfaces.follower import Seen
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +18,7 @@ class Newest:
     sample: Sample
     acquired_s: float
     notes: list[str]
-    """On its sender: what it notes itself, and whether its noise contradicts the model."""
+    """Notes on the sender: its own, and `noise` if its noise contradicts the model."""
     seen: Seen | None = None
     """None without a model."""
     model: str = ""

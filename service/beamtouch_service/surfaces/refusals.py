@@ -37,6 +37,6 @@ def busy(surface: str) -> Problem:
 
 
 def changed_channels(surface: str, changed: list[str]) -> Problem:
-    """Return the problem of channels that have changed, for those who ask for it."""
+    """Return the problem of channels that have changed."""
     detail = f"{', '.join(changed)} changed; GET /surfaces/{surface} says how. Check it, then calibrate the model."
     return Problem(Kind.CHANGED_CHANNELS, detail, surface, {"changed_channels": changed})

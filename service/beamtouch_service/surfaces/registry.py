@@ -10,7 +10,7 @@ _MAX_ECHO = 64
 
 
 class Registry:
-    """Finds the surface that a request is about."""
+    """Finds the surface that a request names."""
 
     def __init__(self, surfaces: Iterable[Surface]) -> None:
         self._surfaces = {surface.name: surface for surface in surfaces}

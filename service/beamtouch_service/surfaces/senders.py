@@ -1,4 +1,4 @@
-"""Decides whose samples move the answer of a surface. Pure: the caller gives the time."""
+"""Chooses the sender whose samples move the answer of a surface. Pure: the caller gives the time."""
 
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class Senders:
         Parameters
         ----------
         boot_id, sequence : name the sample
-        acquired_s, arrival_s : when it was taken, and came [s, monotonic]
+        acquired_s, arrival_s : times of its acquisition and its arrival [s, monotonic]
         """
         newest = self._newest
         if newest is None:

@@ -27,7 +27,7 @@ class Inference:
     def ask(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
         """Return the values per output for deflections [mm] and their whitening. They hold until the next call."""
         if len(deflection_mm) != 1:
-            return self._model.estimate(deflection_mm.astype(np.float32), whitening_per_mm.astype(np.float32))
+            return self._model.run(deflection_mm, whitening_per_mm)
         self._deflection_mm[:], self._whitening[:] = deflection_mm, whitening_per_mm
         self._run(self._binding)
         return self._answers

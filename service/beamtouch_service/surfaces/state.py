@@ -17,7 +17,7 @@ class ChannelState(BaseModel):
 
     name: str
     position_mm: float
-    """From the left end of the beam."""
+    """Distance from the left end of the beam."""
     deflection_mm: float | None
     """Positive in the direction of the load; null without a fresh value."""
     quality: str
@@ -32,11 +32,11 @@ class SurfaceState(BaseModel):
     age_ms: float | None
     """Age of the newest sample; null before the first."""
     channels: list[ChannelState]
-    """In the order of the model; empty without one."""
+    """Channels in the order of the model; empty without one."""
     length_mm: float | None
-    """Of the beam; null without a model."""
+    """Length of the beam; null without a model."""
     sequence: int | None
-    """Of the newest sample."""
+    """Number of the newest sample."""
 
 
 def state_of(surface: Surface, now_s: float) -> SurfaceState:

@@ -1,11 +1,11 @@
-"""The samples of an unexplained stretch that are looked into channel by channel. Pure."""
+"""Choice of the samples of an unexplained stretch that are examined channel by channel. Pure."""
 
 WHOLE = 200
-"""Samples at the beginning of a stretch that are all kept."""
+"""Number of samples at the beginning of a stretch, all of which are kept."""
 _PER_DOUBLING = 25
-"""Samples that are kept each time that the stretch becomes twice as long."""
+"""Number of samples that are kept each time that the stretch becomes twice as long."""
 _EVERY = 20
-"""Every so many samples are asked which channel contradicts the others: 40 of them in 4 s at 200 samples a second."""
+"""One in this many samples is examined without each channel: 40 of them in 4 s at 200 samples a second."""
 
 
 def is_kept(number: int) -> bool:
@@ -17,5 +17,5 @@ def is_kept(number: int) -> bool:
 
 
 def is_asked(number: int) -> bool:
-    """Return whether to leave out each channel of a sample in turn, which is dear."""
+    """Return whether to examine a sample without each channel, which takes long."""
     return is_kept(number) or number % _EVERY == 0

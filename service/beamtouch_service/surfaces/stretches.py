@@ -1,19 +1,19 @@
-"""The unexplained stretches of one surface: how many, how long, and whether one lasts too long. Pure."""
+"""The unexplained stretches of one surface: their number, their time, and an alarm for a long one. Pure."""
 
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import State
 from beamtouch_service.surfaces.contact import Decision
-from beamtouch_service.surfaces.touch import Seen
+from beamtouch_service.surfaces.follower import Seen
 
 
 class Overdue(NamedTuple):
-    """A stretch that lasts longer than it may."""
+    """A stretch that lasts too long."""
 
     since_us: int
     """Time of its first sample, by the sender's clock [us since 1970]."""
     suspect: str | None
-    """The channel that contradicts the others, if one does."""
+    """The channel of `check-NAME`, if there is one."""
 
 
 class Stretches:
@@ -27,14 +27,14 @@ class Stretches:
         self.total_s = 0.0
         """Their time, by the ages of the samples [s]."""
         self._since_us: int | None = None
-        """First sample of the present stretch; None without one."""
+        """First sample of the current stretch; None without one."""
         self._length_s = self._last_s = 0.0
         self._suspect: str | None = None
         self._overdue: Overdue | None = None
 
     @property
     def is_overdue(self) -> bool:
-        """Whether the present stretch lasts longer than it may."""
+        """Whether the current stretch lasts too long."""
         return self._length_s > self.after_s
 
     def add(self, seen: Seen, acquired_s: float) -> None:
@@ -57,6 +57,6 @@ class Stretches:
             self._overdue = Overdue(self._since_us, self._suspect)
 
     def take_overdue(self) -> Overdue | None:
-        """Return a stretch that has come to last too long, once; None without one."""
+        """Return a stretch that lasts too long, once; None without one."""
         overdue, self._overdue = self._overdue, None
         return overdue

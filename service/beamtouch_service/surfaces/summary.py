@@ -29,11 +29,11 @@ class SurfaceSummary(BaseModel):
     age_ms: float | None
     """Age of the newest sample; null before the first."""
     state: State | None
-    """As `GET /contact` gives it; null where that is a problem."""
+    """State, as `GET /contact` gives it; null where that is a problem."""
     notes: list[str]
-    """As `GET /contact` gives them."""
+    """Notes, as `GET /contact` gives them."""
     model_error: str | None
-    """Why the newest model file is not used; null if it is used."""
+    """Reason not to use the newest model file; null if it is used."""
     samples: SampleCounts
     health: dict[str, ChannelHealth] | None = None
     """Channel -> how it has changed; empty before the first contact. Null without a model, or if its file does not hold

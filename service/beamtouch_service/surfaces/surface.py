@@ -14,6 +14,7 @@ from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.surfaces import refusals
 from beamtouch_service.surfaces.contact import Contact, Decision, Doubt
 from beamtouch_service.surfaces.estimates import estimate
+from beamtouch_service.surfaces.follower import Follower
 from beamtouch_service.surfaces.health import ChannelHealth, SurfaceHealth
 from beamtouch_service.surfaces.intake import Intake
 from beamtouch_service.surfaces.newest import Decided, Newest
@@ -21,7 +22,6 @@ from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.stretches import Stretches
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
-from beamtouch_service.surfaces.touch import Follower
 from beamtouch_service.surfaces.weighing import noise_contradicts
 
 if TYPE_CHECKING:
@@ -44,13 +44,13 @@ class Surface:
     ) -> None:
         self.name = name
         self.model_error: str | None = None
-        """Why the newest model file is not used."""
+        """Reason not to use the newest model file."""
         self.offered: list[str] | None = None
         """Channels of the newest batch, accepted or not."""
         self.stale_ms = stale_ms
         self.stretches = Stretches(unexplained_after_s)
         """The unexplained stretches in the samples that moved the answer."""
-        self.witness: Witness | None = None
+        self.witness: Witness[Surface] | None = None
         self.newest: Newest | None = None
         """The newest sample; None before the first."""
         self._intake = Intake(stale_ms)
@@ -60,7 +60,7 @@ class Surface:
         self._told_stale = False
         self.timings = Timings()
         self.health: SurfaceHealth | None = None
-        """What the events so far say of the sensors; the recorder of the events states it."""
+        """Health of the sensors, as the recorder finds it in the events so far."""
 
     @property
     def model(self) -> ModelFile | None:
@@ -125,7 +125,7 @@ class Surface:
         return self._intake.senders.changes
 
     def is_stale(self, now_s: float) -> bool:
-        """Say whether the newest sample is too old at `now_s` [s, monotonic]; False before the first."""
+        """Return whether the newest sample is too old at `now_s` [s, monotonic]; False before the first."""
         # Compared before rounding, so that the limit is exact.
         return self.newest is not None and (now_s - self.newest.acquired_s) * 1e3 > self.stale_ms
 
@@ -141,7 +141,7 @@ class Surface:
         return refusals.changed_channels(self.name, changed) if changed else None
 
     def summary(self, now_s: float) -> SurfaceSummary:
-        """Return how this surface does at `now_s` [s, monotonic]."""
+        """Return the summary of this surface at `now_s` [s, monotonic]."""
         newest, found = self.newest, self._decided(now_s)
         decided = None if isinstance(found, Problem) else found
         return SurfaceSummary(

@@ -1,4 +1,4 @@
-"""Interface for measuring how long a surface takes."""
+"""Interface for the durations of a surface's work."""
 
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -18,7 +18,7 @@ class _Nobody:
 
 @dataclass
 class Timings:
-    """Who is told how long things take on one surface."""
+    """Receivers of the durations of one surface."""
 
     inference_s: Observer = field(default_factory=_Nobody)
     """Time per estimate."""

@@ -68,7 +68,7 @@ class Arrangement:
             if value is None or quality is not Quality.GOOD:
                 bad[name] = quality
             elif abs(value) > self._largest_mm:
-                # No load does that. In the single precision of a model, the answer to it could look like any other.
+                # No load does that. In single precision, the model could answer anything.
                 bad[name] = Quality.OUT_OF_RANGE
             values.append(0.0 if value is None or name in bad else value)
         return values, bad

@@ -121,6 +121,8 @@ def test_it_stops_with_a_sender_connected(
     sender = threading.Thread(target=post)
     sender.start()
     assert sent.wait(60)
+    # A later connection is answered, so the sender's has been accepted, and does not only wait in the kernel's queue.
+    assert service.get("/contact").status_code == 503
     code, errors = service.stop(signal.SIGTERM)
     release.set()
     sender.join()

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from html import escape
 
 from beamtouch_models.charts import round_ticks
-from beamtouch_models.drawing import fill, opening, stroke
 from beamtouch_models.metadata import Channel, Metadata
 from beamtouch_models.scene import Scene
 from beamtouch_models.structure import Beam
+from beamtouch_models.svg import fill, opening, stroke
 
 WIDTH, HEIGHT, MARGIN = 900, 236, 48
 BEAM_Y = 92

@@ -12,7 +12,7 @@ from beamtouch_models.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
-from beamtouch_models.modelfile import ModelFile, load_bytes
+from beamtouch_models.loading import ModelFile, load_bytes
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement import Placement, place, place_by_position_error, score_positions
@@ -69,7 +69,7 @@ class Facts:
     load_mm: Floats
     """(loads,)"""
     components: Components
-    """Of the influence matrix of the layout, in mm/N."""
+    """Principal components of the influence matrix of the layout, in mm/N."""
     profile: Profile
     layouts: tuple[OtherLayout, ...]
     effects: tuple[Effect, ...]

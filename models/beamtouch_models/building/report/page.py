@@ -8,8 +8,8 @@ from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
 from beamtouch_models.charts import Chart, Series, draw
 from beamtouch_models.description import per_day, unseen
-from beamtouch_models.drawing import STYLE
 from beamtouch_models.pricing.effect import NEGLIGIBLE
+from beamtouch_models.svg import STYLE
 
 MAX_CHARTED = 8
 """Number of components that are drawn: a chart has as many colours."""

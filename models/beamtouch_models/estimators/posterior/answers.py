@@ -17,9 +17,8 @@ QUANTILES = (0.5, 0.025, 0.975)
 """The median, and the ends of the interval."""
 SMALLEST_MASS = 1e-26
 """Keeps the place within an empty cell finite, and avoids subnormal numbers, which are slow."""
-
 LEAST_EXPONENT = -50.0
-"""Of a likelihood over the largest one, for the same reason; no quantile depends on smaller ones."""
+"""Smallest logarithm of a likelihood over the largest, for the same reason; no quantile depends on smaller ones."""
 
 
 @dataclass(frozen=True)

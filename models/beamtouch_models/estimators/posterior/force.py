@@ -7,9 +7,8 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.estimators.posterior.scoring import Scored
 from beamtouch_models.metadata import FORCE_OUTPUTS
+from beamtouch_models.quantiles import NORMAL_975
 
-NORMAL = 1.959964
-"""97.5 % quantile of the normal distribution."""
 WIDER = 1.08
 """Factor that widens the interval where the posterior is tempered."""
 NARROW = 1e4
@@ -85,7 +84,7 @@ def state_force(
     square = graph.apply("Mul", square, contraction) if contraction else square
     square = graph.apply("Add", square, graph.apply("Div", graph.constant(0.5), scored.precision))
     variance = graph.apply("ReduceSum", graph.apply("Mul", posterior, square), axis, keepdims=1)
-    both = np.array([0.0, -NORMAL, NORMAL])[:, None] * (WIDER if contraction else 1.0)
+    both = np.array([0.0, -NORMAL_975, NORMAL_975])[:, None] * (WIDER if contraction else 1.0)
     value = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both)))
     value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(HIGHEST * force_n[1]))
     first = graph.apply("Gather", value, graph.index(0), axis=1)

@@ -1,4 +1,4 @@
-"""The posterior of a contact whose force is known, or is another one after all; see `graph` for the symbols.
+"""The posterior of a contact whose force is known, with tails for any other force; see `graph` for the symbols.
 
 Each cell holds two possibilities: the known force F, whose likelihood is exp(-Q_i), Q_i = R_i + a_i (F - f_i)^2, and a
 force from the tails of the prior, whose likelihood is m_i exp(-R_i). Where cells are wider than the posterior, each is
@@ -13,10 +13,11 @@ import numpy as np
 
 from beamtouch_models.accuracy.forces import HIGHEST
 from beamtouch_models.estimators.onnx_graph import Graph
-from beamtouch_models.estimators.posterior.force import NORMAL, WIDER, known_and_tails
+from beamtouch_models.estimators.posterior.force import WIDER, known_and_tails
 from beamtouch_models.estimators.posterior.scoring import FLATTEST, Lowest, Scored
 from beamtouch_models.estimators.posterior.tempering import Tempered
 from beamtouch_models.metadata import FORCE_OUTPUTS
+from beamtouch_models.quantiles import NORMAL_975
 
 FARTHEST = -60.0
 """Bound of an exponent, which avoids subnormal numbers; they are slow."""
@@ -27,9 +28,9 @@ class KnownForce:
     """Names of likelihoods, (batch, 1, N)."""
 
     known: str
-    """Of the known force, up to a factor."""
+    """Likelihoods of the known force, up to a factor."""
     tails: str
-    """Of the tails, up to the same factor."""
+    """Likelihoods of the tails, up to the same factor."""
 
 
 def known_force(
@@ -96,7 +97,7 @@ def state_known_force(
     part = graph.apply("ReduceSum", tails, axis, keepdims=1)
     at_known = graph.apply("Mul", graph.apply("Mul", mean, mean), graph.apply("Sub", graph.constant(1.0), part))
     variance = graph.apply("Add", mean_of(square, tails), graph.apply("Max", at_known, graph.constant(0.0)))
-    both = np.array([0.0, -NORMAL, NORMAL]) * (WIDER if contraction else 1.0)
+    both = np.array([0.0, -NORMAL_975, NORMAL_975]) * (WIDER if contraction else 1.0)
     value = graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both))
     value = graph.apply("Add", graph.apply("Add", mean, known), value)
     value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(HIGHEST * known_n))

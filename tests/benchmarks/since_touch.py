@@ -1,6 +1,6 @@
 """Error and coverage of the position since touch and under moving loads, beside the fixed filter.
 
-`python tests/benchmarks/bench_since_touch.py [--draws 300] [--scenes bench conveyor]`. Readings of simulated contacts
+`python tests/benchmarks/since_touch.py [--draws 300] [--scenes bench conveyor]`. Readings of simulated contacts
 go through the daemon's filters, the model and the decision, as in `design-sensors challenge`. The simulation knows
 nothing of the filters. Gains are perfect, or as far off as the scene of the model states.
 """
@@ -8,7 +8,6 @@ nothing of the filters. Gains are perfect, or as far off as the scene of the mod
 import argparse
 import re
 import sys
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -20,10 +19,9 @@ from load_courses import FOLLOWED, courses, followed
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import build
-from beamtouch_models.challenge.challenge import run_of
 from beamtouch_models.challenge.judge import Judged, Said, judge
 from beamtouch_models.challenge.play import drawn
-from beamtouch_models.challenge.surface import Surface
+from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.modelfile import ModelFile, load
 from beamtouch_models.pricing.noise import window_filter
 from beamtouch_models.progress import silent
@@ -32,8 +30,6 @@ from example_scenes import SCENES
 
 SINCE_MS = (0, 5, 10, 20, 45, 95, 195, 495, 995)
 GAINS_PERCENT = (0.0, 0.3, 1.0)
-GOALS = {(0.0, 5): 1.7, (0.0, 95): 0.6, (0.0, 495): 0.35, (0.3, 995): 0.5}
-"""Largest errors in percent of the length, by gains in percent and the time since touch in ms."""
 
 
 def made(scene: str, gain_percent: float, folder: Path, *, perfect_zeros: bool) -> ModelFile:
@@ -48,9 +44,9 @@ def made(scene: str, gain_percent: float, folder: Path, *, perfect_zeros: bool) 
     return load(path)
 
 
-def surfaces_of(model: ModelFile) -> dict[str, Surface]:
+def surfaces_of(model: ModelFile) -> dict[str, SimulatedSurface]:
     """Return the surface of a model behind its own filter, and behind the fixed one of the same latency."""
-    surface = Surface.of(model.metadata)
+    surface = SimulatedSurface.of(model.metadata)
     fixed = window_filter(surface.scene, model.metadata.filter.window)
     return {
         "growing": surface,
@@ -71,13 +67,13 @@ def since_touch(model: ModelFile, draws: int, seed: int, filters: list[str]) -> 
         there = np.arange(max(at.values()) + 1) >= before
         deflection = surface.under(position, force)[:, None] * there[:, None]
         readings = surface.readings(deflection, surface.honest(draws, rng), rng)
-        said = judge(surface, run_of(model), readings)
+        said = judge(surface, model.run, readings)
         for ms, reading in at.items():
             part = said.at([reading])
             yield {"filter": name, "ms": ms, **figures(surface, part, position)}
 
 
-def figures(surface: Surface, said: Judged, truth_mm: Floats) -> dict[str, float]:
+def figures(surface: SimulatedSurface, said: Judged, truth_mm: Floats) -> dict[str, float]:
     """Return what is said of samples (samples,) against the truth, NaN where there is no contact."""
     contact = said.said == Said.CONTACT
     single = contact & ~np.isnan(truth_mm)
@@ -113,32 +109,8 @@ def moving(model: ModelFile, draws: int, seed: int, only: str = "") -> Iterator[
             else:
                 deflection = surface.under(np.nan_to_num(path, nan=sum(surface.metadata.ranges.position_mm) / 2), force)
             readings = surface.readings(deflection, surface.honest(draws, rng), rng)
-            said = judge(surface, run_of(model), readings).at(np.flatnonzero(judged).tolist())
+            said = judge(surface, model.run, readings).at(np.flatnonzero(judged).tolist())
             yield {"course": course, "filter": name, **figures(surface, said, path[:, judged].ravel())}
-
-
-def run(draws: int = 200) -> list[dict[str, object]]:
-    """Return rows of the errors since touch on the bench, and of the loads that move."""
-    rows: list[dict[str, object]] = []
-    with tempfile.TemporaryDirectory() as folder:
-        for gain in (0.0, 0.3):
-            model = made("bench", gain, Path(folder), perfect_zeros=True)
-            for row in since_touch(model, draws, 0, ["growing"]):
-                goal = GOALS.get((gain, int(str(row["ms"]))))
-                if goal is not None:
-                    name = f"error, gains {gain:g} % off, {row['ms']} ms since touch"
-                    rows.append({"name": name, "value": row["error %"], "unit": "% of length", "goal": goal})
-                    rows[-1]["held"] = row["held"]
-        model = made("bench", 0.3, Path(folder), perfect_zeros=False)
-        by_course: dict[object, dict[object, dict[str, object]]] = {}
-        for row in moving(model, max(1, draws // 5), 0):
-            by_course.setdefault(row["course"], {})[row["filter"]] = row
-    for course, both in by_course.items():
-        error, fixed = (float(str(both[kind]["error %"])) for kind in ("growing", "fixed"))
-        held = {key: both["growing"][key] for key in ("held plain", "held unsteady", "unsteady", "misleading")}
-        name = f"{course}: error over that of the fixed filter"
-        rows.append({"name": name, "value": error / fixed, "unit": "times", "goal": 1.1, **held})
-    return rows
 
 
 def said_of(row: dict[str, object]) -> str:

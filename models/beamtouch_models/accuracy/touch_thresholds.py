@@ -54,7 +54,7 @@ class Rest:
 
 
 def rate_per_sample(per_day: float, rate_hz: float, window: int) -> float:
-    """Return the probability that a sample at rest is taken for a contact, for so many false contacts per day.
+    """Return the probability that a sample at rest is taken for a contact, for a number of false contacts per day.
 
     Means of overlapping windows exceed a threshold in clusters. A cluster is one contact. Its mean size follows from
     the overshoot of a random walk (Siegmund, Sequential Analysis, 1985, sec. 8.4).

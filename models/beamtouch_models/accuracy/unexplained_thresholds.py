@@ -22,14 +22,13 @@ import numpy as np
 from scipy.special import gammaln
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.touch import directions, noise_at_rest, shapes_at_rest
+from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest, shapes_at_rest
 from beamtouch_models.accuracy.windows import overlapping_means
 from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Bools, Floats
+from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.metadata import SECONDS_PER_DAY
 
-IN_A_ROW = 3
-"""Odd samples in a row with which a stretch begins."""
 PER_DAY = 1.0
 """False stretches per day of rest."""
 PER_DAY_OF_CONTACT = 0.5
@@ -46,7 +45,7 @@ DRAWS = 8192
 MAX_SETS = 8
 """Number of sets of channels of one size that are simulated; they hardly differ."""
 PLACES = 4
-"""Every so many places of a contact are looked at."""
+"""Step between the places of a contact that are looked at."""
 STEPS = 30
 
 
@@ -109,7 +108,7 @@ def _sequences(basis: Floats, noise: Floats, window: int, rng: np.random.Generat
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
     tilt, reach = radius[:, None] * np.einsum("dcm,dm->dc", basis, toward) / noise, reach_of(noise)
     zero = tilted(tilt, reach, rng)
-    means, first = overlapping_means(radius[:, None] * toward, window, IN_A_ROW, rng)
+    means, first = overlapping_means(radius[:, None] * toward, window, PERSISTENCE, rng)
     sample = np.einsum("dcm,dc->dm", basis, zero)[:, None] + noise[:dimensions] * means
     density = (dimensions - 1) * np.log(radius) - radius**2 / 2
     density -= (dimensions / 2 - 1) * np.log(2) + gammaln(dimensions / 2)

@@ -1,0 +1,194 @@
+"""A model file, loaded: its graph with its metadata, checked before use. `export` writes model files."""
+
+import hashlib
+import os
+import stat
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
+
+from beamtouch_models import description, session
+from beamtouch_models.arrays import Floats32
+from beamtouch_models.errors import ModelFileError
+from beamtouch_models.metadata import INPUTS, THIS_FILE, Metadata
+from beamtouch_models.session import Answers
+
+GOLDEN_TOLERANCE = 1e-3
+"""Largest difference between a golden answer and the file's, in mm, N and nats; float32 needs a tenth of it."""
+
+MAX_BYTES = 4 * 1024 * 1024
+"""Largest model file; `design-sensors build` writes at most a hundredth of it."""
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A loaded model, ready to answer."""
+
+    metadata: Metadata
+    identity: str
+    """`name@` and the first six hex digits of the file's SHA-256."""
+    outputs: tuple[str, ...]
+    session: Any
+    """The onnxruntime session; onnxruntime ships no types."""
+
+    @property
+    def channels(self) -> list[str]:
+        """Channel names in input order."""
+        return [channel.name for channel in self.metadata.layout]
+
+    @property
+    def lacks(self) -> list[str]:
+        """Outputs that are missing: interval, log odds of contact, misfit."""
+        return description.lacking(self.outputs)
+
+    def summary(self) -> str:
+        """Return the metadata as text, each number with its unit and reference."""
+        return description.summary(self.metadata, self.identity, self.outputs)
+
+    def estimate(self, deflection_mm: Floats32, whitening_per_mm: Floats32) -> Answers:
+        """Answer a batch.
+
+        Parameters
+        ----------
+        deflection_mm : (batch, channels) float32, in the order of the layout, 0 for a channel that is missing
+        whitening_per_mm : (batch, channels, channels) float32, as `whitening` returns it
+
+        Returns
+        -------
+        One float32 array (batch,) per output name.
+        """
+        values = self.session.run(None, dict(zip(INPUTS, (deflection_mm, whitening_per_mm), strict=True)))
+        return dict(zip(self.outputs, values, strict=True))
+
+    def run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
+        """Answer any number of samples of any precision, in chunks; otherwise as `estimate`."""
+        return session.run_in_chunks(self.estimate, deflection_mm, whitening_per_mm)
+
+
+def load(path: Path) -> ModelFile:
+    """Load a model file and reproduce its golden answers.
+
+    Raises
+    ------
+    ModelFileError
+        The file cannot be read, is too large or damaged, is not a Beamtouch model, defines functions, needs too much
+        memory or time, or does not give its own golden answers.
+    """
+    return load_bytes(read(path), str(path))
+
+
+def read(path: Path) -> bytes:
+    """Read a model file; one that is larger than `MAX_BYTES`, or is not a regular file, is refused unread.
+
+    Raises
+    ------
+    ModelFileError
+        The file cannot be read, is not a regular file, or is too large.
+    """
+    try:
+        # Check before opening: opening a device can act on it, and opening a pipe can wait.
+        _require_readable(path.stat(), path)
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:  # noqa: PTH123  # by number
+            _require_readable(os.fstat(file.fileno()), path)
+            content = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        message = f"{path}: {error.strerror}"
+        raise ModelFileError(message) from None
+    _require_size(len(content), str(path))
+    return content
+
+
+def _require_readable(status: os.stat_result, path: Path) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        message = f"{path}: it is not a regular file; give a model file"
+        raise ModelFileError(message)
+    _require_size(status.st_size, str(path))
+
+
+def _require_size(size_bytes: int, origin: str) -> None:
+    if size_bytes > MAX_BYTES:
+        message = f"{origin}: it is larger than {MAX_BYTES >> 20} MiB, so `design-sensors build` did not write it"
+        raise ModelFileError(message)
+
+
+def load_bytes(content: bytes, origin: str) -> ModelFile:
+    """Load a model from memory; `origin` is named in errors. Raises ModelFileError as `load` does."""
+    _require_size(len(content), origin)
+    if session.has_functions(content):
+        message = f"{origin}: its graph defines functions, so `design-sensors build` did not write it"
+        raise ModelFileError(message)
+    try:
+        trial = _open(session.open_trial, content)
+        metadata = Metadata.from_entries(trial.get_modelmeta().custom_metadata_map)
+        model = ModelFile(
+            metadata=metadata,
+            identity=f"{metadata.name}@{hashlib.sha256(content).hexdigest()[:6]}",
+            outputs=tuple(output.name for output in trial.get_outputs()),
+            session=trial,
+        )
+        _check_signature(model)
+        _check_golden(model)
+        trusted = _open(session.open_session, content)
+    except ModelFileError as error:
+        message = f"{origin}: {error}".replace(THIS_FILE, origin)
+        raise ModelFileError(message) from None
+    return replace(model, session=trusted)
+
+
+def _open(make: Callable[[bytes], ort.InferenceSession], content: bytes) -> ort.InferenceSession:
+    try:
+        return make(content)
+    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
+        if "xternal" in first_line and " data" in first_line:
+            message = "its weights are in another file, but a model is one file; rebuild it with `design-sensors build`"
+        else:
+            message = f"damaged or not an ONNX file; rebuild it with `design-sensors build` ({first_line})"
+        raise ModelFileError(message) from None
+
+
+def _check_signature(model: ModelFile) -> None:
+    inputs = tuple(entry.name for entry in model.session.get_inputs())
+    if inputs != INPUTS:
+        message = f"inputs {', '.join(inputs)}; expected {', '.join(INPUTS)}"
+        raise ModelFileError(message)
+    if "position_mm" not in model.outputs:
+        message = "output position_mm is missing"
+        raise ModelFileError(message)
+
+
+def _check_golden(model: ModelFile) -> None:
+    golden = model.metadata.golden
+    with session.limited() as options:
+        inputs = zip(golden.deflection_mm, golden.whitening_per_mm, strict=True)
+        rows = [_one_row(model, options, *row) for row in inputs]
+    for name in model.outputs:
+        found = np.array([row[name] for row in rows], np.float32)
+        expected = np.array(golden.answers.get(name, []), np.float32)
+        if expected.shape != found.shape or not np.allclose(
+            found, expected, rtol=GOLDEN_TOLERANCE, atol=GOLDEN_TOLERANCE
+        ):
+            message = f"its golden answers for {name} are not reproduced on this machine"
+            raise ModelFileError(message)
+
+
+def _one_row(
+    model: ModelFile, options: ort.RunOptions, deflection_mm: list[float], whitening_per_mm: list[list[float]]
+) -> dict[str, float]:
+    """Answer one sample as the service does; raises ModelFileError if the graph cannot."""
+    given = (np.array([values], np.float32) for values in (deflection_mm, whitening_per_mm))
+    inputs = dict(zip(INPUTS, given, strict=True))
+    try:
+        values = model.session.run(None, inputs, options)
+        return {name: float(value.reshape(())) for name, value in zip(model.outputs, values, strict=True)}
+    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        if options.terminate:
+            message = f"computing its golden answers takes longer than {session.LIMIT_S:g} s"
+            raise ModelFileError(message) from None
+        message = f"its graph fails on a single sample ({(str(error).splitlines() or [''])[0]})"
+        raise ModelFileError(message) from None

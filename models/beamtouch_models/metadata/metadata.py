@@ -1,0 +1,166 @@
+"""All metadata of a model file, as the entries of an ONNX file."""
+
+import json
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, PositiveFloat, ValidationError, model_validator
+
+from beamtouch_models.errors import ModelFileError
+from beamtouch_models.metadata.accuracy import Accuracy, Golden
+from beamtouch_models.metadata.calibration import Calibration
+from beamtouch_models.metadata.drawn import Drawn
+from beamtouch_models.metadata.fields import NAME, MetadataPart
+from beamtouch_models.metadata.surface import Channel, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
+from beamtouch_models.metadata.thresholds import SmallestForce, Thresholds, most_false_per_day
+
+SCHEMA_VERSION: Literal[2] = 2
+METADATA_PREFIX = "beamtouch."
+THIS_FILE = "MODEL.onnx"
+"""Stands for the name of the file in a message; the loader knows the name."""
+MAX_ERROR = 1e3
+"""Largest error of a sample, noise or zero, over the largest deflection; a sample carries no information then."""
+
+
+class Metadata(MetadataPart):
+    """The metadata of a model file: each field is one entry, as JSON, named `beamtouch.<field>`."""
+
+    schema_version: Literal[2] = SCHEMA_VERSION
+    name: str = Field(pattern=NAME)
+    """Name of the scene, and of the surface unless a configuration gives another."""
+    estimator: str
+    length_mm: PositiveFloat
+    layout: Annotated[list[Channel], Field(min_length=1)]
+    """In input order."""
+    min_channels: int = Field(ge=1)
+    """Smallest number of working channels with which the model gives a position."""
+    ranges: Ranges
+    max_deflection_mm: PositiveFloat
+    """Largest deflection in the scene, anywhere on the beam, at the largest force."""
+    noise: Noise
+    floor: Floor
+    filter: FilterChoice
+    sensor: Sensor
+    thresholds: Thresholds
+    """Unused if the graph gives neither log odds nor a misfit."""
+    smallest_force: SmallestForce
+    drawn: Drawn
+    influence: Influence | None = None
+    """None in older files: without it, nothing is known of how the sensors change."""
+    seed: int
+    accuracy: Accuracy
+    calibration: Calibration | None = None
+    """None if the model was made from the scene alone."""
+    golden: Golden
+    scene: str
+    """TOML text of the scene, so that the model can be rebuilt from its own file."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        names = [channel.name for channel in self.layout]
+        if len(set(names)) != len(names):
+            message = "layout: two channels have the same name"
+            raise ValueError(message)
+        if self.min_channels > len(names):
+            message = f"min_channels: {self.min_channels} of {len(names)} channels"
+            raise ValueError(message)
+        golden = self.golden
+        rows: list[list[float]] = [*golden.deflection_mm, *(row for one in golden.whitening_per_mm for row in one)]
+        if any(len(row) != len(names) for row in rows) or len(rows) != len(golden.deflection_mm) * (len(names) + 1):
+            message = f"golden: every row of inputs must have {len(names)} channels"
+            raise ValueError(message)
+        limits = self.thresholds
+        each: list[list[Any]] = [limits.touch, limits.rest, limits.misfit, self.floor.gain, self.floor.zero_mm]
+        if any(len(values) != len(names) for values in each):
+            message = f"thresholds and floor: each list must have {len(names)} entries"
+            raise ValueError(message)
+        if self.influence and any(len(row) != len(names) for row in self.influence.mm_per_n):
+            message = f"influence: every row must have {len(names)} channels"
+            raise ValueError(message)
+        found = self.calibration.departures if self.calibration else None
+        if found and any(
+            len(values) != len(names) for values in (found.position_offset_mm, found.gain, found.offset_mm)
+        ):
+            message = f"calibration.departures: each list must have {len(names)} entries"
+            raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _within_the_beam(self) -> Self:
+        ranges, drawn, seen = self.ranges, self.drawn, self.smallest_force
+        for name, values in (("position_mm", ranges.position_mm), ("force_n", ranges.force_n)):
+            if values[0] > values[1]:
+                message = f"ranges.{name}: the first must not exceed the second"
+                raise ValueError(message)
+        placed = {
+            "layout": [channel.position_mm for channel in self.layout],
+            "ranges.position_mm": list(ranges.position_mm),
+            "drawn": [*(support.at_mm for support in drawn.supports), *drawn.at_mm, *drawn.load_mm],
+            "smallest_force": seen.position_mm,
+        }
+        for name, positions in placed.items():
+            if not all(0 <= position <= self.length_mm for position in positions):
+                message = f"{name}: every position must lie on the beam, 0..{self.length_mm:g} mm"
+                raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
+    def _within_reason(self) -> Self:
+        if self.thresholds.false_contacts_per_day > (most := most_false_per_day(self.sensor.rate_hz)):
+            message = f"thresholds.false_contacts_per_day: at {self.sensor.rate_hz:g} Hz at most {most:.6g}"
+            raise ValueError(message)
+        if min(self.noise.reading_mm, self.noise.sample_mm) == 0:
+            message = "noise: without noise there are no intervals"
+            raise ValueError(message)
+        errors = {"noise": [self.noise.reading_mm, self.noise.sample_mm], "floor.zero_mm": self.floor.zero_mm}
+        for name, values_mm in errors.items():
+            if max(values_mm) > MAX_ERROR * self.max_deflection_mm:
+                message = f"{name} hides the largest deflection, {self.max_deflection_mm:.3g} mm"
+                raise ValueError(message)
+        return self
+
+    def to_entries(self) -> dict[str, str]:
+        """Return the ONNX metadata entries, key to JSON text."""
+        fields = self.model_dump(mode="json")
+        return {METADATA_PREFIX + key: json.dumps(value, sort_keys=True) for key, value in fields.items()}
+
+    @classmethod
+    def from_entries(cls, entries: dict[str, str]) -> "Metadata":
+        """Read the ONNX metadata entries; raises ModelFileError naming the first entry that is wrong."""
+        ours = {
+            key.removeprefix(METADATA_PREFIX): text for key, text in entries.items() if key.startswith(METADATA_PREFIX)
+        }
+        if not ours:
+            message = "it is an ONNX file but not a Beamtouch model: it has no beamtouch metadata"
+            raise ModelFileError(message)
+        if ours.get("schema_version") == "1":
+            raise _old("schema version 1, from before samples stated their covariance")
+        try:
+            values = {key: json.loads(text) for key, text in ours.items()}
+        except (ValueError, RecursionError):
+            # These include numbers and nesting beyond what the parser takes.
+            message = "its metadata is not JSON"
+            raise ModelFileError(message) from None
+        if _lacks_thresholds(values.get("thresholds")):
+            raise _old("from before one channel and two had a threshold of their own")
+        try:
+            return cls.model_validate(values)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"])
+            reason = first["msg"].removeprefix("Value error, ")
+            message = f"metadata entry {METADATA_PREFIX}{where}: {reason}" if where else f"metadata: {reason}"
+            raise ModelFileError(message) from None
+
+
+def _lacks_thresholds(found: object) -> bool:
+    """Return whether some number of channels has no threshold, as earlier versions of `build` wrote it."""
+    lists = found.values() if isinstance(found, dict) else []
+    return any(isinstance(values, list) and None in values for values in lists)
+
+
+def _old(why: str) -> ModelFileError:
+    message = (
+        f"{why}; rebuild it from its own scene with `design-sensors build {THIS_FILE} -o {THIS_FILE}`, "
+        "and calibrate it again if it was calibrated"
+    )
+    return ModelFileError(message)

@@ -1,0 +1,1 @@
+"""Other ways to the contacts than HTTP, one folder each."""

@@ -1,0 +1,1 @@
+"""Contacts as Modbus input registers, for controllers that know no HTTP. Knows no socket and no clock."""

@@ -1,0 +1,73 @@
+"""The register map as text and JSON, as `beamtouch-service registers` prints it and `docs/registers.md` contains it."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from beamtouch_service.outputs.modbus.registers import BLOCK, NOTES, REGISTERS, STATES, identity
+from beamtouch_service.problems import Kind
+
+
+def as_json(surfaces: Sequence[str], word_order: str) -> str:
+    """Return the map as one JSON object, with the blocks of these surfaces in their order."""
+    return json.dumps(described(surfaces, word_order))
+
+
+def described(surfaces: Sequence[str], word_order: str) -> dict[str, Any]:
+    """Return the map as JSON values."""
+    registers = [
+        {"offset": one.offset, "name": one.name, "type": one.type.text, "registers": one.type.count}
+        | {"meaning": one.meaning}
+        for one in REGISTERS
+    ]
+    return {
+        "function": 4,
+        "registers_per_surface": BLOCK,
+        "word_order": word_order,
+        "registers": registers,
+        "states": {_state_name(state): code for state, (code, _) in STATES.items()},
+        "notes": {str(note): bit for note, (bit, _) in NOTES.items()},
+        "surfaces": [
+            {"surface": name, "address": place * BLOCK, "identity": identity(name)}
+            for place, name in enumerate(surfaces)
+        ],
+    }
+
+
+def as_text(surfaces: Sequence[str], word_order: str) -> str:
+    """Return the map as Markdown tables, with the blocks of these surfaces in their order."""
+    registers = [(_range(one.offset, one.type.count), f"`{one.name}`", one.type.text, one.meaning) for one in REGISTERS]
+    states = [(str(code), f"`{_state_name(state)}`", words) for state, (code, words) in STATES.items()]
+    parts = [
+        f"Input registers (function 4). Each surface has a block of {BLOCK}; offsets count from its first register.",
+        _table(("offset", "register", "type", "value"), registers),
+        _table(("state", "name", "meaning"), states),
+        _table(("bit of `notes`", "note", "meaning"), _of_notes(NOTES)),
+    ]
+    if surfaces:
+        blocks = [
+            (f"`{name}`", _range(place * BLOCK, BLOCK), str(identity(name))) for place, name in enumerate(surfaces)
+        ]
+        parts += [_table(("surface", "addresses", "identity"), blocks), f"Word order: {word_order}."]
+    return "\n\n".join(parts)
+
+
+def _of_notes(notes: Mapping[str, tuple[int, str]]) -> list[tuple[str, ...]]:
+    return [(str(bit), f"`{note}`", words) for note, (bit, words) in notes.items()]
+
+
+def _state_name(state: object) -> str:
+    return state.slug if isinstance(state, Kind) else str(state)
+
+
+def _range(first: int, count: int) -> str:
+    return str(first) if count == 1 else f"{first} to {first + count - 1}"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table whose columns are aligned, so that a terminal shows it well, too."""
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    lines = [head, ["-" * width for width in widths], *rows]
+    return "\n".join(
+        "| " + " | ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)) + " |" for line in lines
+    )

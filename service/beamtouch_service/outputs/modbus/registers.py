@@ -1,0 +1,165 @@
+"""The register map: the one table from which the server fills its registers and the documentation is made.
+
+Controllers are programmed against these numbers. A register keeps its offset, its type and its meaning for good; new
+ones take offsets that are free.
+"""
+
+from binascii import crc_hqx
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from math import ceil, nan
+
+from beamtouch_models.modelfile import State
+from beamtouch_service.outputs.modbus.snapshot import Snapshot
+from beamtouch_service.problems import Kind
+from beamtouch_service.samples import Note, Quality
+from beamtouch_service.surfaces.contact import Doubt
+
+BLOCK = 50
+"""Registers of one surface. Those without a meaning yet read as 0."""
+MAX_SURFACES = 65_536 // BLOCK
+"""More blocks do not fit in the addresses of Modbus."""
+MAX_UINT16 = 0xFFFF
+CONSTANT = 1234.5
+"""A figure in the wrong word order may look right: 276.5215 becomes 96.6. This one does not."""
+_HEARTBEAT_PER_S = 10
+
+STATES: dict[State | Kind, tuple[int, str]] = {
+    State.CLEAR: (1, "the beam rests"),
+    State.CONTACT: (2, "one contact; position and force hold"),
+    State.UNEXPLAINED: (3, "something acts on the beam that is not one contact, or a sensor is wrong"),
+    Kind.NO_MODEL: (16, "the surface has no model"),
+    Kind.NO_SAMPLES: (17, "no sample has arrived since the service started"),
+    Kind.STALE: (18, "the newest sample is older than the limit of the surface (`stale_ms`)"),
+    Kind.TOO_FEW_CHANNELS: (19, "too few channels work"),
+    Kind.UNUSABLE_ESTIMATE: (20, "the model gave no usable answer"),
+}
+"""Codes of the register `state`. 0 is none of them: it is what memory holds that was never filled."""
+
+NOTES: dict[str, tuple[int, str]] = {
+    Doubt.OVERLOAD: (0, "the force is beyond the range of the scene"),
+    Doubt.UNSTEADY: (1, "the readings still move, or the sample is too weak to show the contact by itself"),
+    Doubt.UNCHECKED: (2, "too few channels work to tell a single contact from anything else"),
+    Note.RATE: (3, "the device does not keep its rate"),
+    Doubt.NOISE: (4, "the daemon states another noise than the model was made for"),
+}
+"""Bits of the register `notes`."""
+
+
+class Type(Enum):
+    """Types of registers: name, and how many registers of 16 bits one takes."""
+
+    UINT16 = ("uint16", 1)
+    UINT32 = ("uint32", 2)
+    FLOAT32 = ("float32", 2)
+    NOTES = ("bits", 1)
+    CHANNELS = ("channel bits", 4)
+
+    def __init__(self, text: str, count: int) -> None:
+        self.text = text
+        self.count = count
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One value of the block of a surface."""
+
+    offset: int
+    """Of its first register in the block."""
+    name: str
+    type: Type
+    meaning: str
+    value: Callable[[Snapshot], float]
+
+
+def identity(surface: str) -> int:
+    """Return the identity of a surface: the CRC-16/XMODEM of its name."""
+    return crc_hqx(surface.encode(), 0)
+
+
+def _figure(offset: int, name: str, meaning: str) -> Register:
+    def value(one: Snapshot) -> float:
+        found: float | None = getattr(one.contact, name, None)
+        return nan if found is None else found
+
+    return Register(offset, name, Type.FLOAT32, meaning, value)
+
+
+def _quality(offset: int, quality: Quality, meaning: str) -> Register:
+    return Register(
+        offset, quality.value.replace("-", "_"), Type.CHANNELS, meaning, lambda one: one.channel_bits(quality)
+    )
+
+
+def _state(one: Snapshot) -> int:
+    found = one.contact.state if one.contact else one.problem
+    assert found is not None  # noqa: S101  # a snapshot has a contact or a problem
+    return STATES[found][0]
+
+
+def _notes(one: Snapshot) -> int:
+    return sum(1 << NOTES[note][0] for note in one.notes if note in NOTES)
+
+
+def _age_ms(one: Snapshot) -> int:
+    """Return the age [ms], rounded up so that no sample seems younger than it is."""
+    return MAX_UINT16 if one.age_ms is None else min(max(ceil(one.age_ms), 0), MAX_UINT16)
+
+
+def _readings(one: Snapshot) -> int:
+    return min(one.contact.readings or 0, MAX_UINT16) if one.contact else 0
+
+
+REGISTERS = (
+    Register(
+        0,
+        "identity",
+        Type.UINT16,
+        "CRC-16/XMODEM of the surface's name; compare it before you trust the block",
+        lambda one: identity(one.name),
+    ),
+    Register(
+        1,
+        "heartbeat",
+        Type.UINT16,
+        "counts up 10 times a second and wraps to 0 after 65535",
+        lambda one: int(one.now_s * _HEARTBEAT_PER_S) & MAX_UINT16,
+    ),
+    Register(2, "state", Type.UINT16, "see below; position and force are numbers only with 2", _state),
+    Register(3, "notes", Type.NOTES, "see below; 0 from state 16 on", _notes),
+    Register(4, "age_ms", Type.UINT16, "age of the newest sample, rounded up; 65535: more, or no sample", _age_ms),
+    Register(5, "readings", Type.UINT16, "readings in the sample; 65535: or more; 0: not known", _readings),
+    Register(
+        6,
+        "sequence",
+        Type.UINT32,
+        "number of the newest sample, its lower 32 bits; 0 before the first",
+        lambda one: one.sequence & 0xFFFF_FFFF,
+    ),
+    _figure(8, "position_mm", "from the left end of the beam; NaN unless the state is 2"),
+    _figure(10, "position_low_mm", "lower end of the 95 % interval; NaN as above"),
+    _figure(12, "position_high_mm", "upper end; NaN as above"),
+    _figure(14, "force_n", "NaN as above, and if the model estimates no force"),
+    _figure(16, "force_low_n", "lower end of the 95 % interval; NaN as above"),
+    _figure(18, "force_high_n", "upper end; NaN as above"),
+    Register(
+        20,
+        "constant",
+        Type.FLOAT32,
+        "always 1234.5; a program that reads another value has the wrong word order",
+        lambda _: CONSTANT,
+    ),
+    Register(
+        22,
+        "check",
+        Type.CHANNELS,
+        "the channel that contradicts the others (`check-NAME`); only with state 3",
+        lambda one: one.check_bits,
+    ),
+    _quality(26, Quality.OUT_OF_RANGE, "channels whose gap is outside the range of the sensor"),
+    _quality(30, Quality.SATURATED, "channels whose counts stand at the end of the ADC"),
+    _quality(34, Quality.STUCK, "channels whose counts have not changed for too long"),
+    _quality(38, Quality.MISSING, "channels without readings"),
+)
+"""The block of a surface."""

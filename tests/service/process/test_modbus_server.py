@@ -1,0 +1,199 @@
+"""The Modbus TCP server as a process, over raw sockets: what clients may do to it and to each other."""
+
+from __future__ import annotations
+
+import select
+import signal
+import socket
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, suppress
+from typing import TYPE_CHECKING
+
+import pytest
+
+from processes import resident_mb
+from service.conftest import batch_of
+
+from .modbus import ModbusService, answered, ask, request, start_modbus
+from .raw import closes
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from .conftest import Command, StartService
+
+MAX_GROWTH_MB, MAX_SENT_BYTES = 30.0, 100_000_000
+NOT_MODBUS = [b"GET /contact HTTP/1.1\r\nHost: x\r\n\r\n", b"\0\1\0\5\0\6" + bytes(6), b"\x16\x03\x01" * 9]
+WITHOUT_PYMODBUS = """
+import sys
+from importlib.abc import MetaPathFinder
+
+class Absent(MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name.partition(".")[0] == "pymodbus":
+            raise ModuleNotFoundError(name, name=name)
+
+sys.meta_path.insert(0, Absent())
+from beamtouch_service.cli import main
+sys.exit(main())
+"""
+
+pytestmark = pytest.mark.usefixtures("token_file")
+
+
+@pytest.fixture
+def server(start_service: StartService, tmp_path: Path) -> ModbusService:
+    """A server for four clients; press-7 has a contact."""
+    service = start_modbus(start_service, tmp_path, "max_clients = 4")
+    assert service.http.post(batch_of()).status_code == 200
+    return service
+
+
+def test_requests_that_arrive_together_or_in_pieces_are_all_answered_in_order(server: ModbusService) -> None:
+    words = b"".join(request(number % 100, 1, number) for number in range(500))
+    with server.connected() as connection:
+        sending = threading.Thread(target=connection.sendall, args=(words,))
+        sending.start()
+        together = [answered(connection) for _ in range(500)]
+        sending.join()
+        for place in range(60):
+            connection.sendall(words[place : place + 1])
+        pieces = [answered(connection) for _ in range(5)]
+
+    assert [int.from_bytes(answer[:2]) for answer in together] == list(range(500))
+    assert {len(answer) for answer in together} == {11}
+    assert [int.from_bytes(answer[:2]) for answer in pieces] == list(range(5))
+
+
+def test_a_request_that_is_refused_leaves_the_connection_open(server: ModbusService) -> None:
+    refused = [request(0, 1, function=function) for function in (1, 3, 5, 6, 15, 16, 23, 43)]
+    with server.connected() as connection:
+        before = ask(connection, 2, 1)
+        for words, exception in [*[(one, 1) for one in refused], (request(100, 1), 2), (request(0, 126), 3)]:
+            connection.sendall(words)
+            assert answered(connection)[7:] == bytes([words[7] | 0x80, exception])
+        assert ask(connection, 2, 1) == before == [2]
+
+
+@pytest.mark.parametrize("words", NOT_MODBUS)
+def test_what_is_not_modbus_ends_its_connection_after_the_earlier_answers(server: ModbusService, words: bytes) -> None:
+    with server.connected() as connection:
+        connection.sendall(request(2, 1) + words)
+        assert answered(connection)[9:] == b"\x00\x02"
+        assert closes(connection)
+    assert server.registers(2, 1) == [2]
+    code, errors = server.http.stop(signal.SIGTERM)
+    assert code == 0
+    assert errors.count("not Modbus TCP") == 1
+    assert "Traceback" not in errors
+
+
+def test_a_client_that_ends_its_side_still_gets_its_answers(server: ModbusService) -> None:
+    with server.connected() as connection:
+        connection.sendall(request(2, 1, 1) + request(2, 1, 2))
+        connection.shutdown(socket.SHUT_WR)
+        assert [answered(connection)[:2] for _ in range(3)] == [b"\x00\x01", b"\x00\x02", b""]
+
+
+def test_a_hundred_connections_do_not_keep_out_a_controller(server: ModbusService) -> None:
+    """More than the limit come and stay silent; the oldest of them leave, and the controller stays."""
+    with ExitStack() as stack:
+        controller = stack.enter_context(server.connected())
+        words = ask(controller, 2, 1)
+        crowd = []
+        for _ in range(100):
+            crowd.append(stack.enter_context(server.connected()))
+            assert ask(controller, 2, 1) == words
+        assert [closes(one) for one in crowd[:96]] == [True] * 96
+        late = stack.enter_context(server.connected())
+        assert ask(late, 2, 1) == ask(controller, 2, 1) == words
+    code, errors = server.http.stop(signal.SIGTERM)
+    assert (code, errors.count("too many connections")) == (0, 1)
+
+
+def test_a_connection_without_whole_requests_is_closed(start_service: StartService, tmp_path: Path) -> None:
+    server = start_modbus(start_service, tmp_path, "idle_s = 3.0")
+    with (
+        server.connected() as silent,
+        server.connected() as half,
+        server.connected() as busy,
+        ThreadPoolExecutor() as pool,
+    ):
+        half.sendall(request(0, 1)[:7])
+        closed = [pool.submit(closes, one) for one in (silent, half)]
+        while not all(one.done() for one in closed):
+            assert ask(busy, 52, 1) == [16]
+        assert [one.result() for one in closed] == [True, True]
+        assert ask(busy, 52, 1) == [16]
+
+
+def test_a_client_that_does_not_read_costs_little_and_is_closed(start_service: StartService, tmp_path: Path) -> None:
+    server = start_modbus(start_service, tmp_path, "idle_s = 3.0")
+    before_mb = resident_mb(server.http.process.pid)
+    with server.connected(timeout_s=1.0, receive_bytes=4096) as connection:
+        sent_bytes = flood(connection, request(0, 100) * 1000, MAX_SENT_BYTES)
+        assert server.registers(52, 1) == [16]
+        assert resident_mb(server.http.process.pid) - before_mb < MAX_GROWTH_MB
+        assert sent_bytes < MAX_SENT_BYTES
+        assert is_reset(connection)
+
+
+def flood(connection: socket.socket, words: bytes, max_bytes: int) -> int:
+    """Send words again and again until nothing is taken any more; return how many bytes were taken."""
+    sent_bytes = 0
+    with suppress(OSError):
+        while sent_bytes < max_bytes:
+            sent_bytes += connection.send(words)
+    return sent_bytes
+
+
+def is_reset(connection: socket.socket) -> bool:
+    """Return whether the connection ends within a minute, without reading from it."""
+    waiting = select.poll()
+    waiting.register(connection, 0)
+    return bool(waiting.poll(60_000))
+
+
+def test_a_stop_ends_all_connections(server: ModbusService) -> None:
+    with server.connected() as idle, server.connected() as busy:
+        assert ask(busy, 2, 1) == [2]
+        assert server.http.stop(signal.SIGTERM)[0] == 0
+        assert closes(idle)
+        assert closes(busy)
+
+
+def test_there_is_no_server_unless_it_is_configured(
+    start_service: StartService, tmp_path: Path, token_file: Path
+) -> None:
+    (tmp_path / "service.toml").write_text("[surfaces.bare]\n")
+    service = start_service("--config", "service.toml", "--write-token-file", token_file)
+    assert service.get("/health/live").status_code == 200
+    assert "Modbus" not in service.stop(signal.SIGTERM)[1]
+
+
+def test_a_port_in_use_is_one_line_and_exit_code_2(server: ModbusService, command: Command, tmp_path: Path) -> None:
+    (tmp_path / "other.toml").write_text(f"[modbus_server]\nport = {server.port}\n")
+    process = command("run", "--port", "0", "--config", "other.toml")
+    _, errors = process.communicate(timeout=60)
+
+    assert process.wait() == 2
+    assert f"port {server.port} on 127.0.0.1: in use" in errors
+    assert "modbus_server.port" in errors
+    assert server.registers(2, 1) == [2]
+
+
+def test_without_pymodbus_one_line_names_the_extra(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "service.toml").write_text("[modbus_server]\nport = 0\n")
+    process = command("run", "--port", "0", "--config", "service.toml", program=("-c", WITHOUT_PYMODBUS))
+    _, errors = process.communicate(timeout=60)
+
+    assert (process.wait(), errors.count("\n")) == (2, 1)
+    assert "pip install 'beamtouch[modbus-server]'" in errors
+
+
+@pytest.mark.usefixtures("read_token_file")
+def test_a_server_that_a_read_token_does_not_protect_says_so(start_service: StartService, tmp_path: Path) -> None:
+    (tmp_path / "service.toml").write_text('[server]\nread_token_file = "read-token"\n[modbus_server]\nport = 0\n')
+    service = start_service("--config", "service.toml")
+    assert "no token protects the Modbus TCP server" in service.stop(signal.SIGTERM)[1]
