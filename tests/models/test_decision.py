@@ -297,3 +297,16 @@ def test_if_no_state_is_known_an_odd_sample_is_unexplained_at_once(world: World)
     assert [world.step(one) for one in (wedge, wedge, 0 * wedge)] == [UNEXPLAINED] * 3
     world.decider = Hypotheses(world.metadata.thresholds, memories_after(None))
     assert [world.step(one) for one in (0 * wedge, wedge, wedge)] == [CLEAR, CLEAR + "*", CLEAR + "*"]
+
+
+def test_a_mean_of_many_readings_may_lag_by_less_than_the_noise_of_the_model_and_is_steady(world: World) -> None:
+    load = world.load((100, 8))
+    settled = world.sample(load)
+    noise_mm = world.metadata.noise.sample_mm
+    for lag, moves in ((0.5, False), (2.0, True)):
+        away = lag * noise_mm * np.ones(world.channels)
+        few_mm2 = settled.noise_mm2 / 50
+        covariance_mm2 = (np.diag(few_mm2[0]) + np.outer(away, away))[None]
+        sample = Weighed(settled.deflection_mm, covariance_mm2, few_mm2, settled.valid)
+        (said,) = evidence(world.metadata, world.run, sample)
+        assert said.moves is moves

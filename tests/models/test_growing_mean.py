@@ -7,7 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from beamtouch_models.filters import Chain, Filtered, FloatArray, growing_mean_stage
-from beamtouch_models.filters.growing import CHANGES, pairs_of
+from beamtouch_models.filters.growing import CHANGES
+from beamtouch_models.filters.pairs import pairs_of
 
 LONGEST = 200
 CHANNELS = 4
@@ -24,10 +25,14 @@ def noise(readings: int, seed: int, courses: int | None = None) -> FloatArray:
     return np.random.default_rng(seed).standard_normal(shape)
 
 
-def grown(values: FloatArray, longest: int = LONGEST, period: float = 0.0, spike: float | None = SPIKE) -> Filtered:
+def grown(
+    values: FloatArray, longest: int = LONGEST, period: float = 0.0, spike: float | None = SPIKE, fewest: int = 1
+) -> Filtered:
     """Filter readings in units of their noise."""
     channels = values.shape[1]
-    return Chain((growing_mean_stage(longest, np.ones(channels), spike),), channels, 1.0, period).apply(values)
+    return Chain((growing_mean_stage(longest, np.ones(channels), spike, fewest, period),), channels, 1.0, period).apply(
+        values
+    )
 
 
 def stepped(size: float, readings: int, at: int) -> FloatArray:
@@ -161,3 +166,27 @@ def test_the_first_swings_of_a_beam_are_no_touch_of_a_beam_that_lies_still() -> 
         assert filtered.moves[202:240].all()
         # From the third reading on; the very first ones do not show the load yet.
         assert (stated[203:240] < chi2.ppf(0.999, CHANNELS)).mean() > 0.8
+
+
+@pytest.mark.parametrize(("speed", "readings", "least"), [(0.02, 60, 0.93), (0.05, 30, 0.75)])
+def test_a_load_that_begins_to_move_is_within_the_covariance_before_any_test_finds_it(
+    speed: float, readings: int, least: float
+) -> None:
+    way = np.clip(np.arange(220 + readings) - 219, 0, None)[:, np.newaxis] * speed * ACROSS / np.linalg.norm(ACROSS)
+    floor = 0.3**2 * np.eye(CHANNELS)
+    held = []
+    for one in noise(220 + readings, 21, 100):
+        filtered = grown(way + one, period=PERIOD)
+        error = (filtered.mean_mm - way)[-readings // 3 :]
+        stated = filtered.covariance_mm2[-readings // 3 :] + floor
+        held.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(stated), error) < chi2.ppf(0.95, CHANNELS))
+    assert np.mean(held) > least
+
+
+@pytest.mark.parametrize("fewest", [4, 10, 20])
+def test_at_rest_a_mean_seldom_lags_and_hardly_ever_by_the_noise_of_its_fewest_readings(fewest: int) -> None:
+    filtered = [grown(one, period=5.0 * fewest, fewest=fewest) for one in noise(1000, 22, 20)]
+    assert np.mean([one.lags[LONGEST:] for one in filtered]) < 0.3
+    traces = np.concatenate([np.trace(one.covariance_mm2[LONGEST:], axis1=1, axis2=2) for one in filtered])
+    moves = np.concatenate([one.moves[LONGEST:] for one in filtered])
+    assert (traces[~moves] > 1.5 * CHANNELS / fewest).mean() < 0.002

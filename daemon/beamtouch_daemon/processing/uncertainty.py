@@ -36,7 +36,9 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
     if filtered.noise_mm is None or not samples:
         return [UNKNOWN] * samples
     variance = filtered.relative_variance
-    if not filtered.moves.any() and variance.min() == variance.max():  # False for NaN; the usual case, in half the time
+    if (
+        not filtered.uncertain.any() and variance.min() == variance.max()
+    ):  # False for NaN; the usual case, in half the time
         readings = math.floor(1 / variance[0, 0] + 1e-6)
         if PLAIN[0] <= variance[0, 0] * readings <= PLAIN[1]:
             return [Uncertainty(readings, None)] * samples
@@ -44,7 +46,7 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
     relative = variance * number[:, np.newaxis]
     differs = (relative < PLAIN[0]) | (relative > PLAIN[1])  # False for NaN
     found = [UNKNOWN if math.isnan(readings) else Uncertainty(int(readings), None) for readings in number.tolist()]
-    stated = np.flatnonzero(filtered.moves | differs.any(axis=1))
+    stated = np.flatnonzero(filtered.uncertain | differs.any(axis=1))
     if len(stated):
         row, column = np.tril_indices(filtered.mean_mm.shape[1])
         triangles, least = filtered.covariances_mm2(stated)[:, row, column], float(filtered.noise_mm.min())

@@ -10,7 +10,8 @@ from beamtouch_models.session import Answers, Run
 from beamtouch_models.whitening import whitening
 
 MOVING = 1.5
-"""A sample moves if its variance, over all channels, is more than this many times that of its noise."""
+"""A sample moves if its variance, over all channels, is more than this many times that of its noise, or of the noise
+that the model was made for if this is larger: the mean of many readings may lag by less than that and says so."""
 CHECKED = 3
 """Smallest number of channels that check a contact: two fit one to any sample but a pull and the like."""
 SETTLED = 1.6
@@ -104,7 +105,8 @@ def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
     """
     variance = np.where(samples.valid, np.einsum("nii->ni", samples.covariance_mm2), 0.0)
     noise = np.where(samples.valid, samples.noise_mm2, 0.0)
-    moves = variance.sum(axis=1) > MOVING * noise.sum(axis=1)
+    usual_mm2 = np.where(samples.valid, np.maximum(noise, metadata.noise.sample_mm**2), 0.0)
+    moves = variance.sum(axis=1) > MOVING * usual_mm2.sum(axis=1)
     from_rest = np.where(samples.valid, samples.deflection_mm - _rest_mm(metadata), 0.0)
     weights, answers = _weigh(metadata, run, samples, samples.covariance_mm2)
     rest = _misfit_of_rest(weights, from_rest)

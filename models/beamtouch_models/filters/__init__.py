@@ -12,7 +12,6 @@ reading.
 
 from beamtouch_models.filters.chain import (
     Chain,
-    Filtered,
     Stage,
     adaptive_stage,
     filled,
@@ -22,6 +21,7 @@ from beamtouch_models.filters.chain import (
     spike_stage,
     unit_of,
 )
+from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.means import FloatArray, smoothing
 
 __all__ = [

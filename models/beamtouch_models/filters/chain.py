@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beamtouch_models.filters import means
+from beamtouch_models.filters.filtered import Filtered
 from beamtouch_models.filters.growing import GrowingMean
 from beamtouch_models.filters.means import FloatArray
 from beamtouch_models.filters.scatter import Scatter
@@ -24,6 +24,9 @@ could make a beam at rest look touched.
 LOW_PASS_SPAN = 8
 """A low-pass spans this many times 1 / a readings: exp(-8) of a step remains after them, a sixth of the noise of a
 reading if the step was 500 times that noise."""
+LAG_READINGS = 2
+"""The distance of a growing mean from its newest readings counts from this many times its fewest readings on. Fewer
+readings scatter so much at rest that their distance says little."""
 MOST_COMPARED = 8
 """Readings of a growing mean whose scatter is looked at. The mean itself shows slower motion."""
 
@@ -44,6 +47,8 @@ class Stage:
     """Returns the initial state for so many channels; None: rows of NaN."""
     lone_spike_mm: float | None = None
     """Distance of a lone spike from the median, if the filter leaves out spikes itself; None: it does not."""
+    lag_readings: int | None = None
+    """Fewest newest readings whose distance from the mean counts as its lag; None: the mean is too short to lag."""
 
 
 def spike_stage(limit_mm: float) -> Stage:
@@ -84,51 +89,15 @@ def growing_mean_stage(
     growing = GrowingMean(longest, unit_mm, spike_mm, fewest, slowest_period)
     spike = math.inf if spike_mm is None else spike_mm
     span = min(longest, MOST_COMPARED)
-    return Stage(longest, growing.step, span, restarts=True, fresh=growing.fresh, lone_spike_mm=spike)
-
-
-@dataclass(frozen=True)
-class Filtered:
-    """Means of readings and their uncertainty."""
-
-    mean_mm: FloatArray
-    """Shape (readings, channels); NaN where a channel has no value."""
-    relative_variance: FloatArray
-    """Variance of the white noise of each mean, relative to that of a reading; 1/n for a mean of n readings."""
-    noise_mm: FloatArray | None
-    """Standard deviation of a reading, shape (channels,); None if it is not known."""
-    moves: NDArray[np.bool_]
-    """Whether the readings scatter more than their noise explains, shape (readings,); never without a known noise."""
-    excess_mm2: FloatArray
-    """Covariance beyond that of the noise, of the means that move, shape (moving, channels, channels)."""
-
-    @property
-    def readings(self) -> FloatArray:
-        """Number of readings whose mean has the noise of the least noisy channel, shape (readings,); NaN for none."""
-        least = np.where(np.isnan(self.relative_variance), np.inf, self.relative_variance).min(axis=1)
-        return np.where(np.isfinite(least), 1 / least, np.nan)
-
-    @property
-    def covariance_mm2(self) -> FloatArray:
-        """Covariance of the means [mm^2], shape (readings, channels, channels); zero rows for channels without a value.
-
-        Raises
-        ------
-        ValueError
-            The noise of a reading is not known.
-        """
-        return self.covariances_mm2(np.arange(len(self.moves)))
-
-    def covariances_mm2(self, rows: NDArray[np.intp]) -> FloatArray:
-        """Return the covariances of some of the means [mm^2], shape (rows, channels, channels); errors as above."""
-        if self.noise_mm is None:
-            message = "the covariance needs the noise of a reading"
-            raise ValueError(message)
-        white = np.where(np.isnan(self.mean_mm[rows]), 0.0, self.relative_variance[rows]) * self.noise_mm**2
-        covariances: FloatArray = white[:, :, np.newaxis] * np.eye(white.shape[1])
-        moving = self.moves[rows]
-        covariances[moving] += self.excess_mm2[np.cumsum(self.moves)[rows[moving]] - 1]
-        return covariances
+    return Stage(
+        longest,
+        growing.step,
+        span,
+        restarts=True,
+        fresh=growing.fresh,
+        lone_spike_mm=spike,
+        lag_readings=max(MOST_COMPARED, LAG_READINGS * fewest),
+    )
 
 
 class Chain:
@@ -167,7 +136,12 @@ class Chain:
         if self._noise_mm is not None:
             usual_mm = unit_of(self._noise_mm, step_mm, channels)
             self._scatter = Scatter(
-                averaging.span, slowest_period, usual_mm, restarts=averaging.restarts, spike_mm=averaging.lone_spike_mm
+                averaging.span,
+                slowest_period,
+                usual_mm,
+                restarts=averaging.restarts,
+                spike_mm=averaging.lone_spike_mm,
+                lag_readings=averaging.lag_readings,
             )
         longest = max([1, *(stage.memory for stage in chosen), self._scatter.memory if self._scatter else 0])
         self._block = max(1, BLOCK_VALUES // (longest * channels))
@@ -193,6 +167,7 @@ class Chain:
             np.concatenate([part.relative_variance for part in parts]),
             self._noise_mm,
             np.concatenate([part.moves for part in parts]),
+            np.concatenate([part.lags for part in parts]),
             np.concatenate([part.excess_mm2 for part in parts]),
         )
 
@@ -203,18 +178,21 @@ class Chain:
             if stage.span == 1:
                 cleaned = signal
         mean, variance = signal[:, 0], signal[:, 1]
-        moves, excess = np.zeros(len(values), dtype=np.bool_), np.zeros((0, self._channels, self._channels))
+        moves = lags = np.zeros(len(values), dtype=np.bool_)
+        excess = np.zeros((0, self._channels, self._channels))
         if self._scatter and len(values):
             entered = values if cleaned is unfiltered else cleaned[:, 0]
             spans = self._spans(variance, self._scatter.span)
-            moves, excess, self._past = self._scatter.excess(values, entered, mean, variance, spans, self._past)
-        return Filtered(mean, variance, self._noise_mm, moves, excess)
+            moves, lags, excess, self._past = self._scatter.excess(values, entered, mean, variance, spans, self._past)
+        return Filtered(mean, variance, self._noise_mm, moves, lags, excess)
 
     def _spans(self, variance: FloatArray, longest: int) -> list[int]:
         """Return the number of readings from which each mean is made."""
         if not self._restarts:
             return [longest] * len(variance)
-        least = np.where(np.isnan(variance), 1.0, variance).min(axis=1)
+        least = variance.min(axis=1)
+        if np.isnan(least).any():
+            least = np.where(np.isnan(variance), 1.0, variance).min(axis=1)
         spans: list[int] = np.minimum(np.ceil(1 / least - 1e-9), longest).astype(np.intp).tolist()
         return spans
 

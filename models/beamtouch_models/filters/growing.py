@@ -10,104 +10,41 @@ docs/decisions/017-mean-since-touch.md explains the form and has the measurement
 """
 
 import math
-from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.filters.means import FloatArray
+from beamtouch_models.filters.means import BEFORE, FloatArray, lone_spikes
+from beamtouch_models.filters.pairs import differ, pairs_of
 from beamtouch_models.filters.significance import chi_square_quantile
+from beamtouch_models.filters.splits import SHORT, Sums, best_split, is_sharp, is_step, is_touch, parts, sharp_changes
 
-OLDEST = (1, 4)
-"""Numbers of oldest readings of a window that are compared with the others."""
-RATIO = 1.3
-"""Between the lengths of windows; the split between two lengths is found to the reading."""
 CHANGES = 0.002
 """Share of samples at rest in which some window of a size seems to hold a change."""
-SHARP = 1e-6
-"""Probability at rest of a sharp change between two readings."""
 CLEARLY = 1e-4
 """Quantile of the chi-square distribution by which a step must explain more than a slope does."""
-STEP_PART = 0.12
-"""The same, over what the step explains: of a step a slope explains three quarters, of a bend more than a step does."""
+SHARP = 1e-6
+"""Probability at rest of a sharp change between two readings."""
 DRIFT_PART = 4
 """One reading in this many counts where something drifts."""
 CALM = 0.001
 """Probability at rest that readings seem to differ, which shows that a beam did not lie still before a touch."""
+NEVER = 2.0**40
+"""Rows since a sharp change that never was."""
 FINE = 2.0**16
 """Readings are rounded to this part of their noise, so that sums of them are exact however a stream is split."""
-BEFORE = 3
-"""Readings that decide which of the last ones are spikes."""
 LARGEST = 2.0**50
 """Sums above it begin anew; those of 2**53 would not be exact."""
 SMALLEST_MM = 1e-9
 """Readings without noise are compared with this, so that rounding errors are no change."""
 
 
-class Pairs(NamedTuple):
-    """Pairs of windows whose means are compared: the newest readings of a window with all of it."""
-
-    windows: NDArray[np.intp]
-    """Lengths of the windows that a mean may have, ascending, from 1 to the longest."""
-    lengths: NDArray[np.intp]
-    """All lengths whose means are needed."""
-    part: NDArray[np.intp]
-    """Place of the shorter one of each pair in `lengths`."""
-    whole: NDArray[np.intp]
-    """Place of the longer one, ascending."""
-    tests: int
-    """Largest number of pairs with the same window."""
-
-
-def pairs_of(longest: int) -> Pairs:
-    """Return the pairs up to `longest` readings."""
-    windows = [1]
-    while windows[-1] < longest:
-        windows.append(min(longest, max(windows[-1] + 1, int(windows[-1] * RATIO))))
-    pairs: list[tuple[int, int]] = []
-    for shorter, window in pairwise(windows):
-        newest = {2**power for power in range(window.bit_length())}
-        # What differs among the oldest readings hardly changes the mean of the newest ones.
-        oldest = {shorter, *(window - few for few in OLDEST)}
-        pairs += [(part, window) for part in sorted(newest | oldest) if 0 < part < window]
-    needed = sorted({1, longest, *(length for pair in pairs for length in pair)})
-    part, whole = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-    most = max((sum(window == other for _, other in pairs) for window in windows), default=1)
-    return Pairs(
-        np.array(windows),
-        np.array(needed),
-        np.searchsorted(needed, part),
-        np.searchsorted(needed, whole),
-        max(1, most),
-    )
-
-
-def lone_spikes(values: FloatArray, spike_mm: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray]:
-    """Return which rows (rows,) are doubtful while they are the newest, which readings are spikes, and their medians.
-
-    A spike is further than `spike_mm` from the median of itself and its neighbours, and the reading before it is not.
-    The newest reading is doubtful if it is so far from the median of the last three. Medians have the shape of the
-    values (rows, channels); the first two rows are never judged.
-    """
-    held, spikes, medians = np.zeros(len(values), dtype=np.bool_), np.zeros(values.shape, dtype=np.bool_), values
-    if math.isinf(spike_mm):
-        return held, spikes, medians
-    first, middle, last = values[:-2], values[1:-1], values[2:]
-    medians = values.copy()
-    medians[1:-1] = median = np.maximum(np.minimum(first, middle), np.minimum(np.maximum(first, middle), last))
-    odd = np.abs(middle - median) > spike_mm  # False where the median is NaN
-    # Readings that deviate one after the other are no lone spikes.
-    spikes[2:-1] = odd[1:] & ~odd[:-1]
-    held[2:] = ((np.abs(last - median) > spike_mm) & ~odd).any(axis=1)
-    return held, spikes, medians
-
-
 class GrowingMean:
     """Finds the mean since the last change of the load.
 
-    Its state has shape (rows, 2, channels): for the last rows the sums and numbers of all readings before them, then
-    the last BEFORE readings as they came, of which the newest is in no sum yet.
+    Its state has shape (rows, 2, channels + 1): for the last rows the sums and numbers of all readings before them, and
+    in the last column the number of rows since the newest sharp change; then the last BEFORE readings as they came, of
+    which the newest is in no sum yet.
 
     Parameters
     ----------
@@ -144,6 +81,8 @@ class GrowingMean:
         alike = CHANGES / self._pairs.tests
         self._agree = np.array([chi_square_quantile(number, alike) for number in working]) * FINE**2
         self._sharp = np.array([chi_square_quantile(number, SHARP) for number in working]) * FINE**2
+        self._may_be_sharp = math.sqrt(2 * self._sharp.min() / len(unit_mm))
+        """A change of a single channel below which there is no sharp one, in parts of the noise."""
         self._clearly = chi_square_quantile(len(unit_mm), CLEARLY) * FINE**2
         self._inverse = 1 / self._pairs.lengths[:, np.newaxis]
         self._limits = self._agree[-1] * (self._inverse[self._pairs.part, 0] - self._inverse[self._pairs.whole, 0])
@@ -151,7 +90,8 @@ class GrowingMean:
 
     def fresh(self, channels: int) -> FloatArray:
         """Return the initial state."""
-        state = np.zeros((2 * self._longest + self._fewest + self._still + BEFORE, 2, channels))
+        state = np.zeros((2 * self._longest + self._fewest + self._still + BEFORE, 2, channels + 1))
+        state[:, 0, -1] = NEVER
         state[-BEFORE:] = np.nan
         return state
 
@@ -159,111 +99,99 @@ class GrowingMean:
         """Return means and their relative variance, and the next state."""
         if not len(signal):
             return signal, state
-        rows = np.concatenate([state[-BEFORE:], signal])
-        count, values = len(signal), rows[:, 0]
+        count, kept = len(signal), len(state) - BEFORE
+        values = np.concatenate([state[-BEFORE:, 0, :-1], signal[:, 0]])
         waits, spikes, _ = lone_spikes(values, self._spike_mm)
-        waits = waits[BEFORE:]
-        whole = np.rint(values / self._quantum_mm)
-        good = ~np.isnan(whole)
-        pairs = np.stack([np.where(good, whole, 0.0), good], axis=1)
-        settled = np.where(spikes[:, np.newaxis], 0.0, pairs)[BEFORE - 1 : -1]
-        # Sums of whole numbers are exact, so it does not matter where they began.
-        begun = state[:-BEFORE]
-        begun = begun - begun[0] * (np.abs(begun[-1]).max() > LARGEST)
-        sums = np.concatenate([begun, begun[-1] + np.cumsum(settled, axis=0)])
+        pairs = self._pairs_of(values[BEFORE - 1 :])
         # A doubtful reading waits for the next one, in all channels: a step moves them together.
-        at = np.arange(len(begun), len(begun) + count)
-        until = sums[at] + np.where(waits[:, np.newaxis, np.newaxis], 0.0, pairs[BEFORE:])
-        starts = at + 1 - waits
-        total = until - sums[starts - self._sizes(sums, until, starts)]
-        there = (total[:, 1] > 0) & good[BEFORE:]
-        result = np.full_like(total, np.nan)
-        np.divide(total[:, 0] * self._quantum_mm, total[:, 1], out=result[:, 0], where=there)
-        np.divide(1.0, total[:, 1], out=result[:, 1], where=there)
-        return result, np.concatenate([sums[len(sums) - len(begun) :], rows[len(rows) - BEFORE :]])
+        at = np.arange(kept, kept + count)
+        starts, last = at + 1, pairs[1:]
+        if waits.any():
+            starts, last = starts - waits[BEFORE:], np.where(waits[BEFORE:, np.newaxis, np.newaxis], 0.0, last)
+        settled = pairs[:-1]
+        if spikes.any():
+            settled = np.where(spikes[BEFORE - 1 : -1, np.newaxis], 0.0, settled)
+        following = self._following(state, settled)
+        following[-BEFORE:, 0, :-1] = values[-BEFORE:]
+        sums = following[:-BEFORE, :, :-1]
+        until = sums[kept:] + last
+        total = until - sums[starts - self._sizes(Sums(sums, until, starts), following[:-BEFORE, 0, -1])]
+        result = np.empty_like(total)
+        there = (total[:, 1] > 0) & (pairs[1:, 1] > 0)
+        if there.all():
+            np.divide(total[:, 0] * self._quantum_mm, total[:, 1], out=result[:, 0])
+            np.divide(1.0, total[:, 1], out=result[:, 1])
+        else:
+            result[:] = np.nan
+            np.divide(total[:, 0] * self._quantum_mm, total[:, 1], out=result[:, 0], where=there)
+            np.divide(1.0, total[:, 1], out=result[:, 1], where=there)
+        return result, following[count:]
 
-    def _sizes(self, sums: FloatArray, until: FloatArray, starts: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Return how many rows are in each mean.
+    def _pairs_of(self, values: FloatArray) -> FloatArray:
+        """Return values (rows, channels) in parts of the noise, and their number: 0 for one that is missing."""
+        pairs = np.ones((len(values), 2, values.shape[1]))
+        np.divide(values, self._quantum_mm, out=pairs[:, 0])
+        np.rint(pairs[:, 0], out=pairs[:, 0])
+        missing = np.isnan(pairs[:, 0])
+        if missing.any():
+            pairs[missing[:, np.newaxis].repeat(2, axis=1)] = 0.0
+        return pairs
 
-        Parameters
-        ----------
-        sums
-            Sums and numbers of the readings before each row, shape (rows, 2, channels).
-        until
-            The same up to each mean, shape (means, 2, channels).
-        starts
-            The row after the last one in each mean, shape (means,).
-        """
-        windows, needed, part, whole, _ = self._pairs
-        total = until[:, np.newaxis] - sums[starts[:, np.newaxis] - needed]
+    def _following(self, state: FloatArray, settled: FloatArray) -> FloatArray:
+        """Return the state with rows after some readings (readings, 2, channels), before its last rows are known."""
+        count, kept = len(settled), len(state) - BEFORE
+        following = np.empty((len(state) + count, *state.shape[1:]))
+        following[:kept] = state[:-BEFORE]
+        sums, ages = following[:-BEFORE, :, :-1], following[:, 0, -1]
+        # Sums of whole numbers are exact, so it does not matter where they began.
+        if abs(sums[kept - 1].ravel()).max() > LARGEST:
+            sums[:kept] -= state[0, :, :-1]
+        np.cumsum(settled, axis=0, out=sums[kept:])
+        sums[kept:] += sums[kept - 1]
+        # The sums before a row are one row ahead of what is known of the row itself.
+        each = np.concatenate([sums[kept - 1 : kept] - sums[kept - 2 : kept - 1], settled])
+        index = np.arange(count)
+        newest = np.full(count, -1.0 - ages[kept - 2])
+        if abs(each[1:, 0] - each[:-1, 0]).max() > self._may_be_sharp:
+            sharp = sharp_changes(each, self._sharp)
+            newest = np.maximum.accumulate(np.where(sharp, index, newest))
+        ages[kept - 1 : kept - 1 + count] = index - newest
+        ages[kept - 1 + count] = NEVER  # not known before the next reading
+        return following
+
+    def _sizes(self, sums: Sums, ages: FloatArray) -> NDArray[np.intp]:
+        """Return how many rows are in each mean; `ages` (rows,) of the newest sharp change at each row."""
+        _, needed, part, whole, _ = self._pairs
+        total = sums.until[:, np.newaxis] - sums.rows[sums.starts[:, np.newaxis] - needed]
         if total[:, -1, 1].min() == self._longest:
             means = total[:, :, 0] * self._inverse
-            apart = means[:, part] - means[:, whole]
+            apart = means.take(part, axis=1) - means.take(whole, axis=1)
             changed = np.einsum("epc,epc->ep", apart, apart) > self._limits
         else:
-            changed = self._changed(total)
-        found = np.full(len(starts), self._longest)
-        if changed.any():
-            for index in np.flatnonzero(changed.any(axis=1)).tolist():
-                place = int(np.searchsorted(windows, needed[whole[changed[index].argmax()]]))
-                reached, fails = int(windows[place - 1]), int(windows[place])
-                start = int(starts[index])
-                size = self._since(sums, until[index], start, reached, fails)
-                few = size < self._fewest and not self._is_touch(sums, start, size)
-                found[index] = self._fewest if few else size
+            changed = differ(self._pairs, total, self._agree)
+        found = np.full(len(sums.starts), self._longest)
+        at = np.flatnonzero(changed.any(axis=1))
+        if len(at):
+            fails = needed[whole[changed[at].argmax(axis=1)]]
+            found[at] = self._since(sums.of(at), fails, ages)
         return found
 
-    def _changed(self, total: FloatArray) -> NDArray[np.bool_]:
-        """Return which pairs differ, (means, pairs), where some windows lack readings.
-
-        The sums and numbers of the readings in them have shape (means, lengths, 2, channels).
-        """
-        _, _, part, whole, _ = self._pairs
-        number = total[:, :, 1]
-        means = total[:, :, 0] / np.maximum(number, 1)
-        few, many = number[:, part], number[:, whole]
-        tested = (few > 0) & (few < many)
-        apart = means[:, part] - means[:, whole]
-        scale = np.where(tested, few * many / np.maximum(many - few, 1), 0.0)
-        changed: NDArray[np.bool_] = (apart * apart * scale).sum(axis=2) > self._agree[tested.sum(axis=2)]
-        return changed
-
-    def _since(self, sums: FloatArray, until: FloatArray, start: int, reached: int, fails: int) -> int:
-        """Return how many rows count of a window that holds a change, where a window of `reached` rows holds none."""
-        sizes = np.arange(max(1, reached // 2), fails)
-        before = sums[start - fails : start - sizes[0] + 1][::-1]
-        since, whole = until - before[:-1], until - before[-1]
-        first = whole - since
-        apart = since[:, 0] / np.maximum(since[:, 1], 1) - first[:, 0] / np.maximum(first[:, 1], 1)
-        place = int((apart * apart * (since[:, 1] * first[:, 1] / np.maximum(whole[1], 1))).sum(axis=1).argmax())
-        size = int(sizes[place])
-        # The readings on both sides of the change.
-        newer = (until if size == 1 else sums[start - size + 1]) - sums[start - size]
-        older = before[place] - before[place + 1]
-        jump = (newer[0] - older[0])[(newer[1] > 0) & (older[1] > 0)]
-        is_sharp = float(jump @ jump) / 2 > self._sharp[len(jump)]
-        return size if is_sharp or self._is_step(sums, until, start, size) else -(-size // DRIFT_PART)
-
-    def _is_touch(self, sums: FloatArray, start: int, size: int) -> bool:
-        """Return whether the last `size` rows, two or more, follow a sharp change of a beam that lay still."""
-        if size < 2 or start < size + self._still:
-            return False
-        before = np.diff(sums[start - size - self._still : start - size + 2], axis=0)
-        if not before[:, 1].all():
-            return False
-        calm, first = before[:-1, 0], before[-1, 0]
-        jump, away = first - calm[-1], calm - calm.mean(axis=0)
-        return float(jump @ jump) / 2 > self._sharp[-1] and float((away * away).sum()) < self._calm
-
-    def _is_step(self, sums: FloatArray, until: FloatArray, start: int, size: int) -> bool:
-        """Return whether the last `size` rows and as many before them differ like a step, and not like a slope."""
-        rows = 2 * size
-        ages = np.arange(rows)
-        each = np.diff(np.concatenate([until[np.newaxis], sums[start - 1 - ages]]), axis=0)
-        values, number = -each[:, 0], -each[:, 1]
-        shapes = np.stack([ages < size, ages / rows])[:, :, np.newaxis]
-        count = np.maximum(number.sum(axis=0), 1)
-        centred = (shapes - (shapes * number).sum(axis=1, keepdims=True) / count) * number
-        squares = np.maximum((centred * centred).sum(axis=1), np.finfo(np.float64).tiny)
-        step, slope = ((centred * values).sum(axis=1) ** 2 / squares).sum(axis=1)
-        return bool(step - slope > max(self._clearly, STEP_PART * step))
+    def _since(self, sums: Sums, fails: NDArray[np.intp], ages: FloatArray) -> NDArray[np.intp]:
+        """Return how many rows count of windows of `fails` rows that hold a change; the windows before hold none."""
+        reached = self._pairs.windows[np.searchsorted(self._pairs.windows, fails) - 1]
+        fewest = np.maximum(1, reached // 2)
+        # The newest sharp change between two readings of the window.
+        sizes = fewest + ages[sums.starts - fewest].astype(np.intp)
+        for at in parts(np.flatnonzero((sizes >= fails) | (fails <= SHORT))):
+            sought = sums.of(at)
+            split = best_split(sought, fewest[at], fails[at])
+            sharp = is_sharp(sought, split, self._sharp)
+            unclear = np.flatnonzero(~sharp)
+            if len(unclear):
+                sharp[unclear] = is_step(sought.of(unclear), split[unclear], self._clearly)
+            sizes[at] = np.where(sharp, split, -(-split // DRIFT_PART))
+        few = np.flatnonzero(sizes < self._fewest)
+        if len(few):
+            touch = is_touch(sums.of(few), sizes[few], self._still, self._sharp[-1], self._calm)
+            sizes[few[~touch]] = self._fewest
+        return sizes

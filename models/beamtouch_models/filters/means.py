@@ -13,6 +13,8 @@ FloatArray = NDArray[np.float64]
 
 SPIKE_MEMORY = 2
 LOW_PASS_MEMORY = 1
+BEFORE = 3
+"""Readings that decide which of the last ones are spikes."""
 REPLACED = 3.0
 """Variance of a replaced reading.
 
@@ -145,3 +147,24 @@ def _mean(rows: FloatArray) -> FloatArray:
     mean[:, ~there] = np.nan
     np.divide(mean, np.stack([number, number * number]), out=mean, where=there)
     return mean
+
+
+def lone_spikes(values: FloatArray, spike_mm: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray]:
+    """Return which rows (rows,) are doubtful while they are the newest, which readings are spikes, and their medians.
+
+    A spike is further than `spike_mm` from the median of itself and its neighbours, and the reading before it is not.
+    The newest reading is doubtful if it is so far from the median of the last three. Medians have the shape of the
+    values (rows, channels); the first two rows are never judged.
+    """
+    held, spikes, medians = np.zeros(len(values), dtype=np.bool_), np.zeros(values.shape, dtype=np.bool_), values
+    # Where no reading is far from the one before it, none is far from a median of three.
+    if math.isinf(spike_mm) or not (np.abs(values[1:] - values[:-1]) > spike_mm).any():
+        return held, spikes, medians
+    first, middle, last = values[:-2], values[1:-1], values[2:]
+    medians = values.copy()
+    medians[1:-1] = median = np.maximum(np.minimum(first, middle), np.minimum(np.maximum(first, middle), last))
+    odd = np.abs(middle - median) > spike_mm  # False where the median is NaN
+    # Readings that deviate one after the other are no lone spikes.
+    spikes[2:-1] = odd[1:] & ~odd[:-1]
+    held[2:] = ((np.abs(last - median) > spike_mm) & ~odd).any(axis=1)
+    return held, spikes, medians

@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters.excess import Evidence, Excess
-from beamtouch_models.filters.growing import BEFORE, lone_spikes
-from beamtouch_models.filters.means import FloatArray, windows
-from beamtouch_models.filters.significance import LONGER_SLOPES, Found, Look, look_at
+from beamtouch_models.filters.means import BEFORE, FloatArray, lone_spikes, windows
 from beamtouch_models.filters.steps import are_steps
-from beamtouch_models.filters.view import View, decide
+from beamtouch_models.filters.view import Looks, Sizes, View, decide
 
 SMALLEST_NOISE_MM = 1e-9
 """Readings without noise are compared with this, so that rounding errors are no motion."""
@@ -24,8 +22,6 @@ SCATTER_PART = 1 / 2
 """Part of the slowest period over which means scatter by their amplitude."""
 LONE = 1
 """Readings in a window that may be replaced as spikes. More of them are the motion of the beam."""
-MOST_MISSING = 1 / 2
-"""Part of the readings of a channel that may be missing where rest is to be proved."""
 
 
 class Past(NamedTuple):
@@ -54,6 +50,8 @@ class Scatter:
     spike_mm
         Distance of a lone spike from the median, if the mean leaves out spikes itself; None: the readings arrive as
         they entered it.
+    lag_readings
+        Fewest newest readings whose distance from the mean counts as its lag; None: nothing does.
     """
 
     def __init__(
@@ -64,13 +62,14 @@ class Scatter:
         *,
         restarts: bool = False,
         spike_mm: float | None = None,
+        lag_readings: int | None = None,
     ) -> None:
         self.span = span
         self._still = math.ceil(STILL_PART * slowest_period)
         half = max(1, math.ceil(SCATTER_PART * slowest_period))
         self._unit_mm = np.maximum(noise_mm, SMALLEST_NOISE_MM)
-        self._slope = max(2 * span, half)
-        self._rows = max(LONGER_SLOPES[-1] * self._slope, span + self._compared(span))
+        self._looks = Looks(span, self._still, max(2 * span, half), self._unit_mm, lag_readings)
+        self._rows = self._looks.rows
         self._means = max(span, half)
         self._restarts = restarts
         self._excess = Excess(noise_mm, self._unit_mm, half)
@@ -94,8 +93,8 @@ class Scatter:
         variance: FloatArray,
         spans: list[int],
         past: Past,
-    ) -> tuple[NDArray[np.bool_], FloatArray, Past]:
-        """Return which means carry an excess covariance, the excess of these [mm^2], and the next state.
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray, Past]:
+        """Return which means move, which others lag, the excess covariance of both [mm^2], and the next state.
 
         Parameters
         ----------
@@ -119,47 +118,64 @@ class Scatter:
             newest = changed[len(rows) - len(mean) :]
         else:
             # Whether a reading was a spike shows when the next one has come.
-            held, spikes, medians = lone_spikes(rows[-len(mean) - BEFORE :], self._spike_mm)
-            judged = np.where(spikes, medians, rows[-len(mean) - BEFORE :])
+            recent = rows[-len(mean) - BEFORE :]
+            held, spikes, medians = lone_spikes(recent, self._spike_mm)
+            judged = np.where(spikes, medians, recent) if spikes.any() else recent
             clean = np.concatenate([past.cleaned[:-1], judged[BEFORE - 1 :]])
             changed, newest = np.any(np.abs(rows - clean) > 0, axis=1), held[BEFORE:]
-        moves, view, unfair, moved = self._moves(rows, clean, mean, spans, changed, newest, moved=past.moved)
+        sizes = Sizes.of(spans, variance)
+        moves, view, unfair, moved = self._moves(rows, clean, mean, sizes, changed, newest, moved=past.moved)
+        lags = view.found.lags * self._unit_mm
+        lagging = lags.any(axis=1) & ~moves
+        uncertain = moves | lagging
+        excess = lags[uncertain, :, np.newaxis] * lags[uncertain, np.newaxis]
         moving = np.flatnonzero(moves)
-        excess = np.empty((len(moving), mean.shape[1], mean.shape[1]))
         if len(moving):
-            before = windows(means[:-1], self._means)
-            kinds = np.array(spans)[moving]
-            for span in set(kinds.tolist()):
-                at = moving[kinds == span]
-                evidence = Evidence(
-                    deviations=view.deviations[at],
-                    known=None if view.known is None else view.known[at],
-                    missing=None if view.missing is None else view.missing[at],
-                    before=before[at] - mean[at, np.newaxis],
-                    variance=variance[at],
-                    squares=view.found.squares[at],
-                    slopes=view.found.slopes[at],
-                    unfair=unfair[at],
-                )
-                look = self._look(span)
-                excess[kinds == span] = self._excess.of(evidence, span, self._compared(span), look.newest)
+            of = np.cumsum(uncertain)[moving] - 1
+            excess[of] = self._of_moving(moving, mean, variance, means, sizes, view, unfair)
             if self._restarts:
-                least = np.where(np.isnan(variance[moving]), np.inf, variance[moving]).min(axis=1)
-                steps = are_steps(
-                    windows(rows, self._rows)[moving] / self._unit_mm,
-                    np.rint(1 / least).astype(np.intp),
-                    self._still,
-                )
-                excess[steps] = np.diag(self._unit_mm**2)
+                units = windows(rows, self._rows)[moving] / self._unit_mm
+                steps = are_steps(units, np.rint(1 / sizes.variance[moving]).astype(np.intp), self._still)
+                excess[of[steps]] = np.diag(self._unit_mm**2)
         kept = slice(len(rows) - self._rows + 1, None)
-        return moves, excess, Past(rows[kept], clean[kept], means[len(means) - self._means :], moved)
+        return moves, lagging, excess, Past(rows[kept], clean[kept], means[len(means) - self._means :], moved)
+
+    def _of_moving(
+        self,
+        moving: NDArray[np.intp],
+        mean: FloatArray,
+        variance: FloatArray,
+        means: FloatArray,
+        sizes: Sizes,
+        view: View,
+        unfair: NDArray[np.bool_],
+    ) -> FloatArray:
+        """Return the excess of the means that move [mm^2], shape (moving, channels, channels)."""
+        excess = np.empty((len(moving), mean.shape[1], mean.shape[1]))
+        before = windows(means[:-1], self._means)
+        kinds = np.array(sizes.spans)[moving]
+        for span in set(kinds.tolist()):
+            at = moving[kinds == span]
+            evidence = Evidence(
+                deviations=view.deviations[at],
+                known=None if view.known is None else view.known[at],
+                missing=None if view.missing is None else view.missing[at],
+                before=before[at] - mean[at, np.newaxis],
+                variance=variance[at],
+                squares=view.found.squares[at],
+                slopes=view.found.slopes[at],
+                unfair=unfair[at],
+            )
+            look = self._looks.look(span)
+            excess[kinds == span] = self._excess.of(evidence, span, self._looks.compared(span), look.newest)
+        return excess
 
     def _moves(
         self,
         rows: FloatArray,
         clean: FloatArray,
         mean: FloatArray,
-        spans: list[int],
+        sizes: Sizes,
         changed: NDArray[np.bool_],
         newest: NDArray[np.bool_],
         *,
@@ -171,55 +187,20 @@ class Scatter:
         moves, all readings count as they came.
         """
         spiky = bool(changed.any() or newest.any())
-        raw = self._view(windows(rows, self._rows), mean, spans, moved=moved or spiky)
+        raw = self._looks.view(windows(rows, self._rows), mean, sizes, moved=moved or spiky)
         moves = raw.found.moves
         if not spiky:
             if moved or moves.any():
                 for index, lingers in enumerate(raw.found.lingers.tolist()):
                     moved = moves[index] = bool(moves[index]) or (moved and lingers)
             return moves, raw, np.full(len(mean), self._restarts), moved
-        window = windows(changed.astype(np.float64), self._rows)[:, -self._compared(self.span) : -1]
+        window = windows(changed.astype(np.float64), self._rows)[:, -self._looks.compared(self.span) : -1]
         near = window.sum(axis=1) + newest
         if moved and (moves | raw.found.lingers).all():
             return np.ones(len(mean), dtype=np.bool_), raw, (near > 0) | self._restarts, moved
         replaced = windows(clean, self._rows).copy()
         replaced[:, -1] = rows[len(rows) - len(mean) :]  # what took the place of the newest reading may hide a touch
-        tidy = self._view(replaced, mean, spans, moved=True)
+        tidy = self._looks.view(replaced, mean, sizes, moved=True)
         as_came = near > LONE
         moves, moved = decide(raw.found, tidy.found, as_came, newest, moved=moved)
         return moves, raw.or_else(tidy, as_came), (as_came & (near > 0)) | self._restarts, moved
-
-    def _view(self, rows: FloatArray, mean: FloatArray, spans: list[int], *, moved: bool) -> View:
-        """Return what the last readings (means, rows, channels) show about each mean."""
-        deviations = rows - mean[:, np.newaxis]
-        if not np.isnan(deviations.sum()):
-            return View(deviations, None, None, self._find(deviations, mean.shape[1], spans, moved=moved))
-        known, there = ~np.isnan(deviations), ~np.isnan(mean)
-        deviations[~known] = 0.0
-        begun = np.logical_or.accumulate(known.any(axis=2), axis=1)
-        missing = (begun[:, :, np.newaxis] & ~known)[:, -self._compared(self.span) :].mean(axis=1)
-        found = self._find(deviations, there.sum(axis=1), spans, moved=True)
-        moves = found.moves | ((missing > MOST_MISSING) & there).any(axis=1)
-        return View(deviations, known, missing, found._replace(moves=moves))
-
-    def _compared(self, span: int) -> int:
-        """Return the number of readings that must agree to prove rest."""
-        return max(span, self._still)
-
-    def _find(self, deviations: FloatArray, working: NDArray[np.intp] | int, spans: list[int], *, moved: bool) -> Found:
-        """Return what the tests find in the deviations."""
-        units = deviations / self._unit_mm
-        kinds = set(spans)
-        if len(kinds) == 1:
-            return self._look(spans[0]).find(units, working, moved=moved)
-        flags = np.empty((2, len(units)), dtype=np.bool_)
-        found = Found(flags[0], flags[1], np.empty(len(units)), np.empty_like(units[:, 0]))
-        for span in kinds:
-            at = np.flatnonzero(np.array(spans) == span)
-            part = self._look(span).find(units[at], working if isinstance(working, int) else working[at], moved=True)
-            for whole, values in zip(found, part, strict=True):
-                whole[at] = values
-        return found
-
-    def _look(self, span: int) -> Look:
-        return look_at(self._compared(span), self._slope, self._rows, len(self._unit_mm))

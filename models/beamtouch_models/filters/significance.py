@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_models.filters.lags import LAGS, lags_of
 from beamtouch_models.filters.means import FloatArray
 
 FALSE = 0.001
@@ -30,6 +31,7 @@ LONGER_SLOPES = (1, 2)
 of the variance; but a way that is not straight shows in the shorter one."""
 
 
+@lru_cache(maxsize=1024)
 def chi_square_quantile(freedom: int, beyond: float) -> float:
     """Return the value that a chi-square variable exceeds with probability `beyond`; inf without degrees of freedom.
 
@@ -68,6 +70,9 @@ class Found(NamedTuple):
     """Sums of squares about the mean, in units of the noise, shape (samples,)."""
     slopes: FloatArray
     """The most significant slope per reading, in units of the noise, shape (samples, channels); 0 if none counts."""
+    lags: FloatArray
+    """Distance of the newest readings from the mean that noise does not explain, in units of the noise, shape
+    (samples, channels); 0 if noise explains it."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +81,8 @@ class Look:
 
     contrasts: FloatArray
     """Shape (contrasts, rows), newest row last: the mean of the readings that are compared, the means for each slope,
-    the slopes, then the differences. Each has unit length."""
+    the slopes, then the differences, then the newest readings that a longer mean is compared with. Each has unit
+    length."""
     members: FloatArray
     """Shape (1 + slopes, rows): 1 for the rows that are compared, and for those in each slope."""
     slope_lengths: FloatArray
@@ -87,8 +93,14 @@ class Look:
     """Limits of the scatter about each slope, shape (channels + 1, slopes)."""
     newest: FloatArray
     """Limit of the square of the newest deviation, shape (channels + 1,)."""
+    numbers: FloatArray
+    """Numbers of newest readings that a longer mean is compared with, shape (numbers,)."""
+    lagging: FloatArray
+    """Squares of their distance that noise explains, shape (channels + 1,)."""
 
-    def find(self, deviations: FloatArray, working: NDArray[np.intp] | int, *, moved: bool) -> Found:
+    def find(
+        self, deviations: FloatArray, working: NDArray[np.intp] | int, variance: FloatArray, *, moved: bool
+    ) -> Found:
         """Return what the tests find.
 
         Parameters
@@ -97,6 +109,8 @@ class Look:
             Deviations from any constant, in units of the noise, shape (samples, rows, channels); 0 if missing.
         working
             Number of working channels, shape (samples,), or the same for all.
+        variance
+            Relative variance of the mean's noise, shape (samples,).
         moved
             Whether something was found before these samples. If not, nothing lingers before anything moves.
         """
@@ -105,21 +119,26 @@ class Look:
         squares = (projected * projected).sum(axis=2)
         total = (self.members @ (deviations * deviations)).sum(axis=2)
         within: FloatArray = total[:, 0] - squares[:, 0]
-        tested = squares[:, 1 + slopes :]
+        first = squares.shape[1] - len(self.numbers)
+        tested = squares[:, 1 + slopes : first]
         about = total[:, 1:] - squares[:, 1 : 1 + slopes] - tested[:, :slopes]
         tested[:, :slopes] *= about < self.linear[working]
         moves = self.surely.passed(within, tested, working)
+        lags = lags_of(projected[:, first:], squares[:, first:], self.numbers, self.lagging[working], variance)
         if not moved and not moves.any():
-            return Found(moves, moves, within, np.zeros_like(projected[:, 0]))
+            return Found(moves, moves, within, np.zeros_like(projected[:, 0]), lags)
         best, at = tested[:, :slopes].argmax(axis=1), np.arange(len(tested))
         counts = tested[at, best] > self.lingering.contrasts[working, 0]
         slope = projected[at, 1 + slopes + best] * (counts / self.slope_lengths[best])[:, np.newaxis]
-        return Found(moves, self.lingering.passed(within, tested, working), within, slope)
+        return Found(moves, self.lingering.passed(within, tested, working), within, slope, lags)
 
 
 @lru_cache(maxsize=256)
-def look_at(readings: int, for_slope: int, rows: int, channels: int) -> Look:
-    """Return the contrasts between the last `readings`, and the slopes of the last `for_slope` and more, of `rows`."""
+def look_at(readings: int, for_slope: int, rows: int, channels: int, first: int | None = None) -> Look:
+    """Return the contrasts between the last `readings`, and the slopes of the last `for_slope` and more, of `rows`.
+
+    A longer mean is compared with the newest `first`, 2 `first`, 4 `first`, ... readings; None: with none.
+    """
     ages = np.arange(rows)[::-1]
     lengths = [times * for_slope for times in LONGER_SLOPES]
     centred = np.array([np.where(ages < length, (length - 1) / 2 - ages, 0.0) for length in lengths])
@@ -130,6 +149,10 @@ def look_at(readings: int, for_slope: int, rows: int, channels: int) -> Look:
         / math.sqrt(new * (readings - new) * readings)
         for new in news
     ]
+    numbers = (
+        [] if first is None else [first * 2**power for power in range(rows.bit_length()) if first * 2**power <= rows]
+    )
+    newest = [np.where(ages < number, 1 / math.sqrt(number), 0.0) for number in numbers]
     members = np.array([ages < number for number in (readings, *lengths)], dtype=np.float64)
     means = members / np.sqrt([[readings], *([length] for length in lengths)])
     working = range(channels + 1)
@@ -144,11 +167,15 @@ def look_at(readings: int, for_slope: int, rows: int, channels: int) -> Look:
         return Limits(limits(readings - 1, beyond), np.stack(each, axis=1))
 
     return Look(
-        contrasts=np.concatenate([means, centred / norms[:, np.newaxis], np.reshape(differences, (-1, rows))]),
+        contrasts=np.concatenate(
+            [means, centred / norms[:, np.newaxis], np.reshape([*differences, *newest], (-1, rows))]
+        ),
         members=members,
         slope_lengths=norms,
         surely=level(FALSE),
         lingering=level(LINGERS),
         linear=np.stack([limits(length - 2, LINEAR) for length in lengths], axis=1),
         newest=limits(1, FALSE),
+        numbers=np.array(numbers, dtype=np.float64),
+        lagging=limits(1, LAGS),
     )

@@ -33,10 +33,10 @@ def are_steps(units: FloatArray, sizes: NDArray[np.intp], still: int) -> NDArray
     for index in np.flatnonzero((sizes >= 2) & (sizes < still)).tolist():
         size = int(sizes[index])
         since, before = units[index, -size:], units[index, -size - still : -size]
-        mean = since.mean(axis=0)
-        jump = float(((before[-1] - mean) ** 2).sum()) / (1 + 1 / size)
+        mean = since.sum(axis=0) / size
+        jump = before[-1] - mean
         found[index] = (
-            jump > chi_square_quantile(channels, SHARP)
+            float(jump @ jump) > (1 + 1 / size) * chi_square_quantile(channels, SHARP)
             and float(((since - mean) ** 2).sum()) < chi_square_quantile(channels * (size - 1), AGREE)
             and float(((before - before.mean(axis=0)) ** 2).sum()) < chi_square_quantile(channels * (still - 1), AGREE)
         )

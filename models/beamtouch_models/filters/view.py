@@ -1,12 +1,15 @@
-"""Two views of the same readings: as they came, and with lone spikes replaced; and which of them shows motion."""
+"""Views of the readings of means, as they came and with lone spikes replaced; and which of them shows motion."""
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters.means import FloatArray
-from beamtouch_models.filters.significance import Found
+from beamtouch_models.filters.significance import LONGER_SLOPES, Found, Look, look_at
+
+MOST_MISSING = 1 / 2
+"""Part of the readings of a channel that may be missing where rest is to be proved."""
 
 
 class View(NamedTuple):
@@ -44,3 +47,82 @@ def decide(
             moved = bool(moves[index])
         moves[index] |= newest[index]
     return moves, moved
+
+
+class Sizes(NamedTuple):
+    """Sizes of means."""
+
+    spans: list[int]
+    """Number of readings in each mean that are looked at."""
+    variance: FloatArray
+    """Relative variance of the noise of its least noisy channel, shape (means,)."""
+
+    @classmethod
+    def of(cls, spans: list[int], variance: FloatArray) -> Self:
+        """Return the sizes of means whose noise has a variance (means, channels), NaN for a channel without a value."""
+        least = variance.min(axis=1)
+        if np.isnan(least).any():
+            least = np.where(np.isnan(variance), 1.0, variance).min(axis=1)
+        return cls(spans, least)
+
+
+class Looks:
+    """Looks at the readings of each mean.
+
+    Parameters
+    ----------
+    span
+        Largest number of readings in a mean that are looked at.
+    still
+        Number of readings that must agree to prove rest, if the mean is of fewer.
+    slope
+        Smallest number of readings in which slopes are looked for.
+    unit_mm
+        Standard deviation of a reading, shape (channels,).
+    lag_readings
+        Fewest newest readings whose distance from the mean counts as its lag; None: nothing does.
+    """
+
+    def __init__(self, span: int, still: int, slope: int, unit_mm: FloatArray, lag_readings: int | None) -> None:
+        self._span, self._still, self._slope = span, still, slope
+        self._unit_mm, self._lag_readings = unit_mm, lag_readings
+        self.rows = max(LONGER_SLOPES[-1] * slope, span + self.compared(span))
+        """Number of rows that are looked at."""
+
+    def view(self, rows: FloatArray, mean: FloatArray, sizes: Sizes, *, moved: bool) -> View:
+        """Return what the last readings (means, rows, channels) show about each mean."""
+        deviations = rows - mean[:, np.newaxis]
+        if not np.isnan(deviations.sum()):
+            return View(deviations, None, None, self._find(deviations, mean.shape[1], sizes, moved=moved))
+        known, there = ~np.isnan(deviations), ~np.isnan(mean)
+        deviations[~known] = 0.0
+        begun = np.logical_or.accumulate(known.any(axis=2), axis=1)
+        missing = (begun[:, :, np.newaxis] & ~known)[:, -self.compared(self._span) :].mean(axis=1)
+        found = self._find(deviations, there.sum(axis=1), sizes, moved=True)
+        moves = found.moves | ((missing > MOST_MISSING) & there).any(axis=1)
+        return View(deviations, known, missing, found._replace(moves=moves))
+
+    def compared(self, span: int) -> int:
+        """Return the number of readings that must agree to prove rest."""
+        return max(span, self._still)
+
+    def _find(self, deviations: FloatArray, working: NDArray[np.intp] | int, sizes: Sizes, *, moved: bool) -> Found:
+        """Return what the tests find in the deviations."""
+        units = deviations / self._unit_mm
+        spans, variance = sizes
+        kinds = set(spans)
+        if len(kinds) == 1:
+            return self.look(spans[0]).find(units, working, variance, moved=moved)
+        flags = np.empty((2, len(units)), dtype=np.bool_)
+        found = Found(flags[0], flags[1], np.empty(len(units)), np.empty_like(units[:, 0]), np.empty_like(units[:, 0]))
+        for span in kinds:
+            at = np.flatnonzero(np.array(spans) == span)
+            there = working if isinstance(working, int) else working[at]
+            part = self.look(span).find(units[at], there, variance[at], moved=True)
+            for whole, values in zip(found, part, strict=True):
+                whole[at] = values
+        return found
+
+    def look(self, span: int) -> Look:
+        """Return the contrasts that are tested for a mean of so many readings."""
+        return look_at(self.compared(span), self._slope, self.rows, len(self._unit_mm), self._lag_readings)

@@ -1,0 +1,60 @@
+"""Means of readings with their uncertainty: what a chain of filters gives."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.filters.means import FloatArray
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """Means of readings and their uncertainty."""
+
+    mean_mm: FloatArray
+    """Shape (readings, channels); NaN where a channel has no value."""
+    relative_variance: FloatArray
+    """Variance of the white noise of each mean, relative to that of a reading; 1/n for a mean of n readings."""
+    noise_mm: FloatArray | None
+    """Standard deviation of a reading, shape (channels,); None if it is not known."""
+    moves: NDArray[np.bool_]
+    """Whether the readings scatter more than their noise explains, shape (readings,); never without a known noise."""
+    lags: NDArray[np.bool_]
+    """Whether the newest readings are apart from a long mean that does not move, shape (readings,)."""
+    excess_mm2: FloatArray
+    """Covariance beyond that of the noise, of the means that move or lag, shape (uncertain, channels, channels)."""
+
+    @property
+    def uncertain(self) -> NDArray[np.bool_]:
+        """Whether the covariance of a mean is more than that of the noise, shape (readings,)."""
+        return self.moves | self.lags
+
+    @property
+    def readings(self) -> FloatArray:
+        """Number of readings whose mean has the noise of the least noisy channel, shape (readings,); NaN for none."""
+        least = np.where(np.isnan(self.relative_variance), np.inf, self.relative_variance).min(axis=1)
+        return np.where(np.isfinite(least), 1 / least, np.nan)
+
+    @property
+    def covariance_mm2(self) -> FloatArray:
+        """Covariance of the means [mm^2], shape (readings, channels, channels); zero rows for channels without a value.
+
+        Raises
+        ------
+        ValueError
+            The noise of a reading is not known.
+        """
+        return self.covariances_mm2(np.arange(len(self.moves)))
+
+    def covariances_mm2(self, rows: NDArray[np.intp]) -> FloatArray:
+        """Return the covariances of some of the means [mm^2], shape (rows, channels, channels); errors as above."""
+        if self.noise_mm is None:
+            message = "the covariance needs the noise of a reading"
+            raise ValueError(message)
+        white = np.where(np.isnan(self.mean_mm[rows]), 0.0, self.relative_variance[rows]) * self.noise_mm**2
+        covariances: FloatArray = white[:, :, np.newaxis] * np.eye(white.shape[1])
+        uncertain = self.uncertain
+        exceeding = uncertain[rows]
+        covariances[exceeding] += self.excess_mm2[np.cumsum(uncertain)[rows[exceeding]] - 1]
+        return covariances

@@ -1,0 +1,128 @@
+"""Where readings changed, and how: the split of a window that holds a change, and whether it was a step.
+
+All functions take several means at once. Readings are known by their sums, which are exact.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beamtouch_models.filters.means import FloatArray
+
+STEP_PART = 0.12
+"""Part of what a step explains that a slope must leave: a slope explains three quarters of a step, and of a bend more
+than a step does."""
+PROBES = 16
+"""Splits that are compared at once, from coarse to fine. The contrast of a change falls evenly on both sides of it."""
+BINS = 16
+"""Sums of readings by which a step is told from a slope; the slope within a sum is 1/256 of its squares."""
+SHORT = 16
+"""Windows of fewer rows are searched whole: in those, ringing makes sharp changes everywhere."""
+MOST_ROWS = 4096
+"""Means whose splits are sought at once, so that they fit in memory."""
+
+
+class Sums(NamedTuple):
+    """Sums of readings, for some means."""
+
+    rows: FloatArray
+    """Sums and numbers of the readings before each row, shape (rows, 2, channels)."""
+    until: FloatArray
+    """The same up to each mean, shape (means, 2, channels)."""
+    starts: NDArray[np.intp]
+    """The row after the last one in each mean, shape (means,)."""
+
+    def of(self, at: NDArray[np.intp]) -> Self:
+        """Return those of some of the means."""
+        return self._replace(until=self.until[at], starts=self.starts[at])
+
+    def before(self, ages: NDArray[np.intp]) -> FloatArray:
+        """Return the sums before the last `ages` (means, n) rows of each mean, shape (means, n, 2, channels)."""
+        found: FloatArray = self.rows[np.minimum(self.starts[:, np.newaxis] - ages, len(self.rows) - 1)]
+        # The newest reading is in no sum of the rows yet.
+        newest = ages == 0
+        if newest.any():
+            found[newest] = np.broadcast_to(self.until[:, np.newaxis], found.shape)[newest]
+        return found
+
+
+def parts(at: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+    """Yield the means in parts that fit in memory."""
+    for start in range(0, len(at), MOST_ROWS):
+        yield at[start : start + MOST_ROWS]
+
+
+def sharp_changes(each: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
+    """Return whether readings (rows, ..., 2, channels), with their numbers, differ sharply from those a row before.
+
+    The limits of squares are by the number of channels that both have, as if they had a deviation of 1.
+    """
+    values, there = each[..., 0, :], each[..., 1, :] > 0
+    both = there[1:] & there[:-1]
+    apart = np.where(both, values[1:] - values[:-1], 0.0)
+    sharp: NDArray[np.bool_] = (apart * apart).sum(axis=-1) > 2 * limits[both.sum(axis=-1)]
+    return sharp
+
+
+def best_split(sums: Sums, shortest: NDArray[np.intp], fails: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the rows since the split of each window of `fails` rows whose two sides differ most, shape (means,)."""
+    low, high = shortest[:, np.newaxis], fails[:, np.newaxis] - 1
+    whole = (sums.until - sums.rows[sums.starts - fails])[:, np.newaxis]
+    probes = np.arange(PROBES)
+    means = np.arange(len(fails))
+    while True:
+        spacing = int((high - low).max())
+        sizes = low + (high - low) * probes // (PROBES - 1) if spacing >= PROBES else np.minimum(low + probes, high)
+        since = sums.until[:, np.newaxis] - sums.before(sizes)
+        first = whole - since
+        apart = since[:, :, 0] / np.maximum(since[:, :, 1], 1) - first[:, :, 0] / np.maximum(first[:, :, 1], 1)
+        weight = since[:, :, 1] * first[:, :, 1] / np.maximum(whole[:, :, 1], 1)
+        best = (apart * apart * weight).sum(axis=2).argmax(axis=1)
+        if spacing < PROBES:
+            split: NDArray[np.intp] = sizes[means, best]
+            return split
+        low = sizes[means, np.maximum(best - 1, 0)][:, np.newaxis]
+        high = sizes[means, np.minimum(best + 1, PROBES - 1)][:, np.newaxis]
+
+
+def is_sharp(sums: Sums, sizes: NDArray[np.intp], limits: FloatArray) -> NDArray[np.bool_]:
+    """Return whether the two readings at a split differ sharply, shape (means,); limits by the number of channels."""
+    each = -np.diff(sums.before(sizes[:, np.newaxis] + np.array([-1, 0, 1])), axis=1)
+    sharp: NDArray[np.bool_] = sharp_changes(each.swapaxes(0, 1), limits)[0]
+    return sharp
+
+
+def is_step(sums: Sums, sizes: NDArray[np.intp], clearly: float) -> NDArray[np.bool_]:
+    """Return whether the last `sizes` rows and as many before them differ like a step, and not like a slope."""
+    edges = 2 * sizes[:, np.newaxis] * np.arange(BINS + 1) // BINS
+    each = -np.diff(sums.before(edges), axis=1)
+    values, number = each[:, :, 0], each[:, :, 1]
+    ages = (edges[:, :-1] + edges[:, 1:] - 1) / (2.0 * sizes[:, np.newaxis])
+    step = np.broadcast_to(np.arange(BINS) < BINS // 2, ages.shape)
+    shapes = np.stack([step, ages])[..., np.newaxis]
+    centred = shapes - (shapes * number).sum(axis=2, keepdims=True) / np.maximum(number.sum(axis=1), 1)[:, np.newaxis]
+    squares = np.maximum((centred * centred * number).sum(axis=2), np.finfo(np.float64).tiny)
+    by_step, by_slope = ((centred * values).sum(axis=2) ** 2 / squares).sum(axis=2)
+    clear: NDArray[np.bool_] = by_step - by_slope > np.maximum(clearly, STEP_PART * by_step)
+    return clear
+
+
+def is_touch(sums: Sums, sizes: NDArray[np.intp], still: int, sharp: float, calm: float) -> NDArray[np.bool_]:
+    """Return whether the last `sizes` rows, two or more, follow a sharp change of a beam that lay still.
+
+    The `still` readings before it deviate from their mean by squares below `calm`.
+    """
+    long_ago = (sizes >= 2) & (sums.starts >= sizes + still)
+    ages = np.where(long_ago, sizes, 2)[:, np.newaxis] + np.arange(still, -2, -1)
+    each = np.diff(sums.before(np.minimum(ages, sums.starts[:, np.newaxis])), axis=1)
+    lay, first = each[:, :-1, 0], each[:, -1, 0]
+    jump, away = first - lay[:, -1], lay - lay.mean(axis=1, keepdims=True)
+    touch: NDArray[np.bool_] = (
+        long_ago
+        & each[:, :, 1].all(axis=(1, 2))
+        & ((jump * jump).sum(axis=1) > 2 * sharp)
+        & ((away * away).sum(axis=(1, 2)) < calm)
+    )
+    return touch
