@@ -14,6 +14,8 @@ MAX_STREAMS = 32
 MAX_CLIENTS = 256
 MAX_CLIENTS_LIMIT = 4096
 """Upper limit of the setting: a new connection may have to search all of them for one to replace."""
+MQTT_RATE_HZ = 20.0
+"""Contacts per second and surface to the MQTT broker."""
 KEEP_DAYS = 30.0
 MAX_MB = 100.0
 """Size of the record of events."""

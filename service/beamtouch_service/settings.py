@@ -1,6 +1,6 @@
 """The settings of a service, checked."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from beamtouch_service.access import Access
@@ -36,6 +36,31 @@ class TlsFiles:
 
 
 @dataclass(frozen=True)
+class MqttTls:
+    """Trust and identity of a connection to the broker."""
+
+    ca: Path | None
+    """None: the certificates of the system."""
+    own: TlsFiles | None
+
+
+@dataclass(frozen=True)
+class MqttSettings:
+    """The MQTT broker, and what it gets."""
+
+    host: str
+    port: int
+    prefix: str
+    client_id: str
+    max_rate_hz: float
+    username: str | None
+    password: str | None = field(repr=False)
+    tls: MqttTls | None
+    send_recorded_events: bool
+    home_assistant_discovery: bool
+
+
+@dataclass(frozen=True)
 class Settings:
     """All settings, checked."""
 
@@ -49,3 +74,5 @@ class Settings:
     surfaces: tuple[SurfaceSettings, ...]
     max_streams: int
     events: EventSettings
+    mqtt: MqttSettings | None
+    """None: no broker."""

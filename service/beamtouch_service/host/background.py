@@ -4,8 +4,9 @@ import asyncio
 import logging
 import signal
 import ssl
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from contextlib import asynccontextmanager
+from typing import Any
 
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.api.app import Application
@@ -17,16 +18,26 @@ from beamtouch_service.settings import TlsFiles
 TICK_S = 1.0
 """Longest time between two looks at the model files, and between two reports of progress."""
 
+Output = Callable[[Context], Coroutine[Any, Any, None]]
+"""Carries the contacts of an application elsewhere, until it is cancelled."""
+
 _log = logging.getLogger("beamtouch.service")
 
 
 class Background:
     """The tasks that run in the lifespan of the application."""
 
-    def __init__(self, keepers: list[ModelKeeper], manager: ServiceManager, files: TlsFiles | None) -> None:
+    def __init__(
+        self,
+        keepers: list[ModelKeeper],
+        manager: ServiceManager,
+        files: TlsFiles | None,
+        outputs: Sequence[Output] = (),
+    ) -> None:
         self._keepers = keepers
         self._manager = manager
         self._files = files
+        self._outputs = outputs
         self.ssl: ssl.SSLContext | None = None
         """Context of the connections. The server makes it after the application."""
 
@@ -34,7 +45,8 @@ class Background:
     async def lifespan(self, app: Application) -> AsyncIterator[None]:
         """Run all tasks until the application ends."""
         told, loop = asyncio.Event(), asyncio.get_running_loop()
-        work = (self._report_progress(app.context), self._watch_models(), self._reload_when_told(told))
+        outputs = [output(app.context) for output in self._outputs]
+        work = (self._report_progress(app.context), self._watch_models(), self._reload_when_told(told), *outputs)
         tasks = [asyncio.create_task(one) for one in work]
         for task in tasks:
             task.add_done_callback(_log_failure)

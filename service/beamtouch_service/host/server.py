@@ -1,7 +1,10 @@
 """Sets up the process: models, socket, application, background tasks."""
 
+from __future__ import annotations
+
 import logging
 from ipaddress import ip_address
+from typing import TYPE_CHECKING
 
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_models.modelfile import ModelFileError
@@ -17,8 +20,11 @@ from beamtouch_service.host.listener import bind, resolve
 from beamtouch_service.host.model_watch import ModelKeeper
 from beamtouch_service.host.systemd import activated
 from beamtouch_service.host.uvicorn_host import Host, configure, serve
-from beamtouch_service.settings import Settings, SurfaceSettings
+from beamtouch_service.settings import MqttSettings, Settings, SurfaceSettings
 from beamtouch_service.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    from beamtouch_service.mqtt.publisher import Publisher
 
 _log = logging.getLogger("beamtouch.service")
 
@@ -30,13 +36,14 @@ def run(settings: Settings) -> None:
     _require_tokens(settings, address)
     if settings.tls is not None:
         tls.require(settings.tls)
+    outputs = [_publisher(settings.mqtt).run] if settings.mqtt else []
     kept = [_surface(entry) for entry in settings.surfaces]
     with passed or bind(family, address, settings.port) as listener:
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
         _log_limits(settings, address)
         manager = ServiceManager()
         keepers = {surface.name: keeper for surface, keeper in kept if keeper is not None}
-        background = Background(list(keepers.values()), manager, settings.tls)
+        background = Background(list(keepers.values()), manager, settings.tls, outputs)
         streams, recorder = Streams(settings.max_streams), _recorder(settings)
         app = create_app(
             [surface for surface, _ in kept],
@@ -58,6 +65,17 @@ def run(settings: Settings) -> None:
             serve(host, TlsListener(listener, handshakes) if settings.tls else listener)
         finally:
             recorder.close()
+
+
+def _publisher(settings: MqttSettings) -> Publisher:
+    try:
+        from beamtouch_service.mqtt.publisher import Publisher  # noqa: PLC0415  # aiomqtt is an extra of its own
+    except ModuleNotFoundError as error:
+        if error.name not in {"aiomqtt", "paho"}:
+            raise
+        message = f"[mqtt] needs {error.name}; run: pip install 'beamtouch[mqtt]'"
+        raise ConfigError(message) from None
+    return Publisher(settings)
 
 
 def _recorder(settings: Settings) -> Recorder:
@@ -107,3 +125,5 @@ def _log_limits(settings: Settings, address: str) -> None:
         _log.warning("no surface: the service has no contact to give; start with --model MODEL or --config FILE")
     if settings.tls is None and not _is_loopback(address):
         _log.warning("no TLS: others on the network can read the tokens; see certificate_file and key_file")
+    if settings.mqtt and settings.mqtt.password and settings.mqtt.tls is None:
+        _log.warning("no TLS to the MQTT broker: others on the network can read the password; see mqtt.tls")

@@ -1,0 +1,117 @@
+"""Keeps a connection to the broker, and sends contacts and events over it. Nothing else waits for the broker."""
+
+import asyncio
+import logging
+from collections.abc import Iterator
+from time import monotonic
+
+import aiomqtt
+from aiomqtt.exceptions import MqttConnectError
+from paho.mqtt.reasoncodes import ReasonCode
+
+from beamtouch_service.api.context import Context
+from beamtouch_service.config import ConfigError
+from beamtouch_service.mqtt import discovery, tls
+from beamtouch_service.mqtt.connection import Connection, RefusedError, connected
+from beamtouch_service.mqtt.contacts import ContactSender
+from beamtouch_service.mqtt.counts import MqttCounts
+from beamtouch_service.mqtt.events import EventSender
+from beamtouch_service.mqtt.messages import JSON, TEXT, properties
+from beamtouch_service.mqtt.topics import ONLINE, Topics
+from beamtouch_service.settings import MqttSettings
+
+RETRY_S, MAX_RETRY_S = 0.5, 8.0
+"""Pause after a connection was lost, and the longest one; it doubles with each failure."""
+STEADY_S = 10.0
+"""A connection that lasts this long ends the doubling."""
+_REMEDIES = {
+    "Bad user name or password": "check mqtt.username and mqtt.password_file",
+    "Not authorized": "check mqtt.username and mqtt.password_file, and the rights of this user",
+    "Session taken over": "another client uses the same mqtt.client_id; each service needs a prefix of its own",
+}
+
+_log = logging.getLogger("beamtouch.service.mqtt")
+
+
+class Publisher:
+    """Sends what the surfaces tell to one broker."""
+
+    def __init__(self, settings: MqttSettings) -> None:
+        """Check the TLS files; raises ConfigError if they cannot be used."""
+        if settings.tls:
+            tls.context(settings.tls)
+        self._settings = settings
+        self._where = f"{settings.host}:{settings.port}"
+        self._topics = Topics(settings.prefix)
+        self._problem: str | None = None
+        """Why there is no connection, as it was logged."""
+        self._lost_s = monotonic()
+
+    async def run(self, context: Context) -> None:
+        """Serve one application until it ends."""
+        settings, counts = self._settings, MqttCounts(context.counts.registry)
+        contacts = ContactSender(context, self._topics, settings.max_rate_hz, counts)
+        events = EventSender(context.recorder, f"mqtt://{self._where}/{settings.prefix}", self._topics, counts)
+        await events.begin(from_start=settings.send_recorded_events)
+        pause_s = RETRY_S
+        while True:
+            begin_s = monotonic()
+            try:
+                async with connected(settings) as connection, asyncio.TaskGroup() as tasks:
+                    await self._introduce(connection, context)
+                    counts.connected.set(1)
+                    for work in (connection.watch(), contacts.run(connection), events.run(connection)):
+                        tasks.create_task(work)
+            except* (aiomqtt.MqttError, OSError, ConfigError) as failures:
+                self._log_problem(next(_leaves(failures)))
+            counts.connected.set(0)
+            if monotonic() - begin_s > STEADY_S:
+                pause_s = RETRY_S
+            await events.count()
+            await asyncio.sleep(pause_s)
+            pause_s = min(2 * pause_s, MAX_RETRY_S)
+
+    async def _introduce(self, connection: Connection, context: Context) -> None:
+        """Say that the service is there, and describe its surfaces if that was asked for."""
+        messages = [(self._topics.status, ONLINE.encode())]
+        try:
+            await connection.tell(*messages, content_type=properties(TEXT), retain=True)
+            for surface in context.registry if self._settings.home_assistant_discovery else ():
+                text = discovery.description(self._topics, surface.name)
+                message = (discovery.topic(self._topics, surface.name), text)
+                await connection.tell(message, content_type=properties(JSON), retain=True)
+        except RefusedError as error:
+            _log.warning("the MQTT broker refuses the status or the discovery (%s); allow this user to write", error)
+        if self._problem is None:
+            _log.info("MQTT broker %s: connected; topics %s/...", self._where, self._settings.prefix)
+        else:
+            _log.info("MQTT broker %s: connected again after %.1f s", self._where, monotonic() - self._lost_s)
+        self._problem = None
+
+    def _log_problem(self, failure: BaseException) -> None:
+        """Log why there is no connection: once per outage, and again if the broker refuses what it did not before."""
+        is_first, is_refused = self._problem is None, isinstance(failure, MqttConnectError)
+        if is_first:
+            self._lost_s = monotonic()
+        reason = _reason(failure)
+        if is_first or (is_refused and reason != self._problem):
+            _log.warning("MQTT broker %s: %s; the service goes on and tries again", self._where, reason)
+            self._problem = reason
+
+
+def _leaves(group: BaseExceptionGroup[BaseException]) -> Iterator[BaseException]:
+    for one in group.exceptions:
+        if isinstance(one, BaseExceptionGroup):
+            yield from _leaves(one)
+        else:
+            yield one
+
+
+def _reason(failure: BaseException) -> str:
+    """Return why there is no connection, and what to do about it."""
+    # The library names the reason of a lost connection only as the cause.
+    cause = failure.__cause__ or failure
+    code = getattr(cause, "rc", None)
+    text = str(code) if isinstance(code, ReasonCode) else str(cause) or type(cause).__name__
+    remedy = _REMEDIES.get(text)
+    return f"{text}; {remedy}" if remedy else text
