@@ -54,7 +54,8 @@ class Pace:
 
     def wait_s(self, now_s: float) -> float:
         """Return the time until a surface may be due [s], if no sample changes a state before."""
-        return max(0.0, min((self._look_s(surface, now_s) for surface in self._surfaces), default=ALIVE_S) - now_s)
+        looks_s = [self._look_s(surface, now_s) for surface in self._surfaces]
+        return max(0.0, min(looks_s, default=now_s + ALIVE_S) - now_s)
 
     def _has_changed(self, surface: Surface, now_s: float) -> bool:
         sent = self._sent.get(surface.name)
