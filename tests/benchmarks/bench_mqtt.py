@@ -30,7 +30,7 @@ TOUCHING_BATCHES, RESTING_BATCHES = 4, 4
 STALE_S = 0.5
 FROZEN_S = (2.0, 8.0)
 """Shorter and longer than the service waits for an answer of the broker."""
-TURNS, TURN_S = 5, 6.0
+TURNS, TURN_S = 3, 6.0
 RATES_HZ = (None, 20, 50)
 """Without MQTT, and the limits of its rate."""
 TOKEN = "a-token-of-this-benchmark"  # noqa: S105
@@ -41,7 +41,6 @@ class Press:
     """A service of one surface, and the sender of its samples."""
 
     def __init__(self, folder: Path, port: int | None, rate_hz: int | None = 20) -> None:
-        folder.mkdir()
         (folder / "token").write_text(TOKEN)
         mqtt = f"[mqtt]\nhost = '127.0.0.1'\nport = {port}\nmax_rate_hz = {rate_hz}\n" if port else ""
         config = folder / "service.toml"
@@ -99,8 +98,8 @@ class Press:
 
 
 @contextmanager
-def press(folder: Path, port: int | None, rate_hz: int | None = 20) -> Iterator[Press]:
-    one = Press(folder, port, rate_hz)
+def press(within: str, port: int | None, rate_hz: int | None = 20) -> Iterator[Press]:
+    one = Press(Path(tempfile.mkdtemp(dir=within)), port, rate_hz)
     try:
         yield one
     finally:
@@ -109,13 +108,12 @@ def press(folder: Path, port: int | None, rate_hz: int | None = 20) -> Iterator[
 
 def run() -> list[dict[str, object]]:
     """Return the rows of the table."""
-    with tempfile.TemporaryDirectory() as name:
-        return [*outages(Path(name)), *costs(Path(name))]
+    return [*outages(), *costs()]
 
 
-def outages(folder: Path) -> list[dict[str, object]]:
+def outages() -> list[dict[str, object]]:
     """Kill, freeze and restart the broker during the contacts."""
-    with broker_in(folder) as broker, press(folder / "outages", broker.port) as line:
+    with tempfile.TemporaryDirectory() as name, broker_in(Path(name)) as broker, press(name, broker.port) as line:
         subscriber = broker.subscribe("-t", "beamtouch/#")
         wait_until(lambda: line.metric("connected") == 1)
         troubles = {25: "kill", 70: FROZEN_S[0], 100: FROZEN_S[1], 165: "restart"}
@@ -174,13 +172,13 @@ def age_ms(message: Message) -> float:
     return (message.at_s - datetime.fromisoformat(message.content["sampled_at"]).timestamp()) * 1e3
 
 
-def costs(folder: Path) -> list[dict[str, object]]:
+def costs() -> list[dict[str, object]]:
     """Return the processor time of the service without MQTT and with it, in turns."""
     found: dict[int | None, list[float]] = {rate: [] for rate in RATES_HZ}
-    with broker_in(folder) as broker:
-        for turn in range(TURNS):
+    with tempfile.TemporaryDirectory() as name, broker_in(Path(name)) as broker:
+        for _ in range(TURNS):
             for rate_hz in RATES_HZ:
-                with press(folder / f"cost-{turn}-{rate_hz}", rate_hz and broker.port, rate_hz) as line:
+                with press(name, rate_hz and broker.port, rate_hz) as line:
                     line.contact()
                     begin_s, used_s = monotonic(), processor_s(line.process.pid)
                     while monotonic() - begin_s < TURN_S:
@@ -201,4 +199,4 @@ def costs(folder: Path) -> list[dict[str, object]]:
 
 if __name__ == "__main__":
     for row in run():
-        print(row)
+        print(row, flush=True)

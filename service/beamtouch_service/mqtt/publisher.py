@@ -2,6 +2,8 @@
 
 import asyncio
 import logging
+import os
+import ssl
 from collections.abc import Iterator
 from time import monotonic
 
@@ -24,11 +26,17 @@ RETRY_S, MAX_RETRY_S = 0.5, 8.0
 """Pause after a connection was lost, and the longest one; it doubles with each failure."""
 STEADY_S = 10.0
 """A connection that lasts this long ends the doubling."""
-_REMEDIES = {
-    "Bad user name or password": "check mqtt.username and mqtt.password_file",
-    "Not authorized": "check mqtt.username and mqtt.password_file, and the rights of this user",
-    "Session taken over": "another client uses the same mqtt.client_id; each service needs a prefix of its own",
+_NO_ANSWER, _LOST = "it does not answer", "the connection is lost"
+_ACCOUNT = "check mqtt.username and mqtt.password_file"
+_WORDS = {
+    "": _NO_ANSWER,
+    "Operation timed out": _NO_ANSWER,
+    "Unspecified error": _LOST,
+    "Bad user name or password": f"it refuses the user name or the password; {_ACCOUNT}",
+    "Not authorized": f"it refuses this client: not authorized; {_ACCOUNT}, and the rights of this user",
+    "Session taken over": "another client has the same mqtt.client_id; each service needs a prefix of its own",
 }
+"""What the library, or the protocol, says of a failure, and what the log says instead."""
 
 _log = logging.getLogger("beamtouch.service.mqtt")
 
@@ -112,6 +120,8 @@ def _reason(failure: BaseException) -> str:
     # The library names the reason of a lost connection only as the cause.
     cause = failure.__cause__ or failure
     code = getattr(cause, "rc", None)
-    text = str(code) if isinstance(code, ReasonCode) else str(cause) or type(cause).__name__
-    remedy = _REMEDIES.get(text)
-    return f"{text}; {remedy}" if remedy else text
+    text = str(code) if isinstance(code, ReasonCode) else str(cause)
+    if isinstance(cause, OSError) and not isinstance(cause, ssl.SSLError):
+        # Errors of name resolution have negative numbers.
+        text = os.strerror(cause.errno) if (cause.errno or 0) > 0 else cause.strerror or ""
+    return _WORDS.get(text, text)

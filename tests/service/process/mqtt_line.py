@@ -38,13 +38,13 @@ class Sender(threading.Thread):
         super().__init__(daemon=True)
         self._service = service
         self._rows = [TOUCHING] * touching + [RESTING] * resting
-        self._stop = threading.Event()
+        self._told = threading.Event()
         self.contacts = 0
 
     def run(self) -> None:
         sequence = 1
         self._service.post(now_batch(RESTING, sequence=sequence))
-        while not self._stop.is_set():
+        while not self._told.is_set():
             for row in self._rows:
                 sequence += 1
                 assert self._service.post(now_batch(row, sequence=sequence)).status_code == 200
@@ -52,7 +52,7 @@ class Sender(threading.Thread):
             self.contacts += 1
 
     def stop(self) -> None:
-        self._stop.set()
+        self._told.set()
         self.join()
 
 

@@ -103,15 +103,3 @@ def test_a_broker_that_was_never_there(line: Line) -> None:
     assert code == 0
     (said,) = [one for one in errors.splitlines() if f"127.0.0.1:{port}" in one]
     assert "refused" in said.lower()
-
-
-def test_two_services_of_one_prefix_say_so(line: Line) -> None:
-    first = line.start()
-    wait_connected(first)
-    (line.folder / "events.db").rename(line.folder / "first.db")
-    second = line.start()
-    wait_for(lambda: "already connected" in line.broker.log)
-    for service in (second, first):
-        assert service.get("/health/live").status_code == 200
-    _, errors = first.stop(signal.SIGTERM)
-    assert "each service needs a prefix of its own" in errors
