@@ -41,7 +41,7 @@ _library_log = logging.getLogger("beamtouch.service.mqtt.library")
 _library_log.setLevel(logging.CRITICAL)
 
 
-class RefusedError(Exception):
+class RefusedError(aiomqtt.MqttError):
     """The broker acknowledged a message and refused it; the text is the broker's reason."""
 
 
@@ -69,7 +69,8 @@ class Connection(aiomqtt.Client):
         )
         self._client._create_socket_connection = lambda: line  # type: ignore[method-assign]  # paho would block
         self._status = status
-        self._refusal: str | None = None
+        self.refusal: str | None = None
+        """The reason why the broker refused a message of the last `tell`. Some brokers then end the connection."""
         self.has_listeners = True
         """Whether the broker had a subscriber for all messages of the last `tell`."""
 
@@ -90,11 +91,11 @@ class Connection(aiomqtt.Client):
         aiomqtt.MqttError
             The connection is lost, or the broker does not answer.
         """
-        self._refusal, self.has_listeners = None, True
+        self.refusal, self.has_listeners = None, True
         calls = (self.publish(topic, text, _AT_LEAST_ONCE, retain, content_type) for topic, text in messages)
         await asyncio.gather(*calls)
-        if self._refusal is not None:
-            raise RefusedError(self._refusal)
+        if self.refusal is not None:
+            raise RefusedError(self.refusal)
 
     async def watch(self) -> None:
         """Wait until the connection is lost; raises MqttError then."""
@@ -110,7 +111,7 @@ class Connection(aiomqtt.Client):
         properties: Properties,
     ) -> None:
         if reason_code.is_failure:
-            self._refusal = str(reason_code)
+            self.refusal = str(reason_code)
         elif reason_code.value == _NO_MATCHING_SUBSCRIBERS:
             self.has_listeners = False
         super()._on_publish(client, userdata, mid, reason_code, properties)

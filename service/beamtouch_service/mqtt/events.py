@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from contextlib import suppress
 
 from sqlalchemy.exc import DBAPIError
 
@@ -33,6 +34,8 @@ class EventSender:
         self._topics = topics
         self._counts = counts
         self._written = asyncio.Event()
+        self._resume_s = float("-inf")
+        """When to try again after a refusal [s, of the loop]."""
 
     async def begin(self, *, from_start: bool) -> None:
         """Make the destination known to the record; a new one gets the events from now on, or all."""
@@ -58,13 +61,16 @@ class EventSender:
         loop = asyncio.get_running_loop()
         settled_s = loop.time() + RETURN_S
         while True:
+            await asyncio.sleep(self._resume_s - loop.time())
             self._written.clear()
             due = await self._due(limit=WINDOW)
             if not due:
                 await self._written.wait()
-            elif not await self._send(connection, due):
-                await asyncio.sleep(REFUSED_RETRY_S)
-            elif connection.has_listeners or loop.time() > settled_s:
+                continue
+            await self._send(connection, due)
+            if connection.refusal is not None:
+                continue
+            if connection.has_listeners or loop.time() > settled_s:
                 await self._acknowledge(due)
             else:
                 await asyncio.sleep(RETRY_S)
@@ -80,8 +86,8 @@ class EventSender:
         self._counts.pending.set(count)
         return due
 
-    async def _send(self, connection: Connection, due: list[Due]) -> bool:
-        """Send events; return whether the broker took them all."""
+    async def _send(self, connection: Connection, due: list[Due]) -> None:
+        """Send events. If the broker refuses one, none is sent for a while, also over the next connection."""
         messages = [
             (
                 self._topics.event(one.event.surface),
@@ -90,12 +96,13 @@ class EventSender:
             for one in due
         ]
         try:
-            await connection.tell(*messages, content_type=_PROPERTIES)
-        except RefusedError as error:
-            words = "the MQTT broker refuses events (%s); allow this user to write to %s"
-            _log.warning(words, error, self._topics.event("+"))
-            return False
-        return True
+            with suppress(RefusedError):
+                await connection.tell(*messages, content_type=_PROPERTIES)
+        finally:
+            if connection.refusal is not None:
+                self._resume_s = asyncio.get_running_loop().time() + REFUSED_RETRY_S
+                words = "the MQTT broker refuses events (%s); allow this user to write to %s"
+                _log.warning(words, connection.refusal, self._topics.event("+"))
 
     async def _acknowledge(self, due: list[Due]) -> None:
         destination, last = self._destination, due[-1]

@@ -81,15 +81,16 @@ class Publisher:
 
     async def _introduce(self, connection: Connection, context: Context) -> None:
         """Say that the service is there, and describe its surfaces if that was asked for."""
-        messages = [(self._topics.status, ONLINE.encode())]
+        topic, topics = self._topics.status, self._topics
         try:
-            await connection.tell(*messages, content_type=properties(TEXT), retain=True)
+            await connection.tell((topic, ONLINE.encode()), content_type=properties(TEXT), retain=True)
             for surface in context.registry if self._settings.home_assistant_discovery else ():
-                text = discovery.description(self._topics, surface.name)
-                message = (discovery.topic(self._topics, surface.name), text)
-                await connection.tell(message, content_type=properties(JSON), retain=True)
+                topic = discovery.topic(topics, surface.name)
+                text = discovery.description(topics, surface.name)
+                await connection.tell((topic, text), content_type=properties(JSON), retain=True)
         except RefusedError as error:
-            _log.warning("the MQTT broker refuses the status or the discovery (%s); allow this user to write", error)
+            message = f"it refuses messages to {topic} ({error}); allow this user to write there"
+            raise RefusedError(message) from None
         if self._problem is None:
             _log.info("MQTT broker %s: connected; topics %s/...", self._where, self._settings.prefix)
         else:
@@ -98,7 +99,7 @@ class Publisher:
 
     def _log_problem(self, failure: BaseException) -> None:
         """Log why there is no connection: once per outage, and again if the broker refuses what it did not before."""
-        is_first, is_refused = self._problem is None, isinstance(failure, MqttConnectError)
+        is_first, is_refused = self._problem is None, isinstance(failure, MqttConnectError | RefusedError)
         if is_first:
             self._lost_s = monotonic()
         reason = _reason(failure)

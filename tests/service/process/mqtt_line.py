@@ -32,24 +32,25 @@ def now_batch(*rows: list[float], sequence: int) -> dict[str, Any]:
 
 
 class Sender(threading.Thread):
-    """Touches and lifts until it is told to stop; counts the contacts that are complete."""
+    """Touches and lifts until it is told to stop."""
 
-    def __init__(self, service: Service, touching: int = 3, resting: int = 3) -> None:
+    def __init__(self, service: Service) -> None:
         super().__init__(daemon=True)
         self._service = service
-        self._rows = [TOUCHING] * touching + [RESTING] * resting
         self._told = threading.Event()
-        self.contacts = 0
+        self.receipts: dict[int, float] = {}
+        """Sequence number -> time of the receipt [s since 1970]."""
 
     def run(self) -> None:
         sequence = 1
         self._service.post(now_batch(RESTING, sequence=sequence))
+        self.receipts[sequence] = time.time()
         while not self._told.is_set():
-            for row in self._rows:
+            for row in [TOUCHING] * 3 + [RESTING] * 3:
                 sequence += 1
                 assert self._service.post(now_batch(row, sequence=sequence)).status_code == 200
+                self.receipts[sequence] = time.time()
                 time.sleep(BATCH_S)  # the pace of the sender
-            self.contacts += 1
 
     def stop(self) -> None:
         self._told.set()

@@ -80,8 +80,13 @@ def test_events_that_the_broker_refuses_wait(line: Line) -> None:
     wait_for(lambda: metric(service, "events_pending") == 1)
     wait_for(lambda: any(one.get("state") == "clear" for one in subscriber.of(CONTACT)))
     assert subscriber.of(EVENT) == []
+    # This broker ends the connection after a refusal. The next one lasts.
+    wait_for(lambda: line.broker.log.count("New client connected from") >= 3)
+    count = len(subscriber.of(CONTACT))
+    wait_for(lambda: len(subscriber.of(CONTACT)) > count + 2)
+    assert metric(service, "events_pending") == 1
     _, errors = service.stop(signal.SIGTERM)
-    assert "refuses events" in errors
+    assert errors.count("refuses events") == 1
     assert "allow this user to write to beamtouch/+/event" in errors
 
     rights.write_text("topic readwrite #\n")
@@ -89,6 +94,19 @@ def test_events_that_the_broker_refuses_wait(line: Line) -> None:
     subscriber = line.broker.subscribe("-t", "beamtouch/#")
     service = line.start()
     wait_for(lambda: subscriber.of(EVENT) == events(service))
+
+
+def test_a_status_that_the_broker_refuses_is_one_line(line: Line) -> None:
+    rights = line.folder / "rights"
+    rights.write_text("topic read #\n")
+    line.broker.configure(f"acl_file {rights}")
+    restart(line)
+    service = line.start()
+    wait_for(lambda: line.broker.log.count("Denied PUBLISH") >= 2)
+    assert service.get("/health/live").status_code == 200
+    _, errors = service.stop(signal.SIGTERM)
+    (said,) = [one for one in errors.splitlines() if "MQTT broker 127.0.0.1" in one]
+    assert "it refuses messages to beamtouch/status (Not authorized); allow this user to write there" in said
 
 
 def test_tls_with_a_client_certificate(line: Line, tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import time
-from datetime import datetime
 from typing import TYPE_CHECKING
 
 import pytest
@@ -25,17 +24,11 @@ from service.process.mqtt_line import (
 )
 
 if TYPE_CHECKING:
-    from service.process.broker import Message
     from service.process.mqtt_line import Line
 
 STALE_S = 1.0
 SLOW_S = 2.0
 """For a message to reach the subscriber's file on a busy machine."""
-
-
-def age_s(message: Message) -> float:
-    """Return the age of a contact at its arrival."""
-    return message.at_s - datetime.fromisoformat(message.content["sampled_at"]).timestamp()
 
 
 def test_events_of_an_outage_arrive_when_the_broker_is_back(line: Line) -> None:
@@ -85,7 +78,8 @@ def test_a_frozen_broker_finds_no_old_contact_when_it_goes_on(line: Line, frozen
 
     contacts = [one for one in subscriber.messages if one.topic == CONTACT and '"state"' in one.text]
     assert max(one.content["age_ms"] for one in contacts) <= STALE_S * 1e3
-    assert max(age_s(one) for one in contacts) <= STALE_S + SLOW_S
+    # A busy machine may delay the way of a sample to the service: from its receipt on it counts.
+    assert max(one.at_s - sender.receipts[one.content["sequence"]] for one in contacts) <= STALE_S + SLOW_S
     wait_for(lambda: {one["id"] for one in events(service)} == {one["id"] for one in subscriber.of(EVENT)})
     assert subscriber.texts(STATUS)[-1] == "online"
     if frozen_s > 6:
