@@ -124,5 +124,5 @@ def _reason(failure: BaseException) -> str:
     text = str(code) if isinstance(code, ReasonCode) else str(cause)
     if isinstance(cause, OSError) and not isinstance(cause, ssl.SSLError):
         # Errors of name resolution have negative numbers.
-        text = os.strerror(cause.errno) if (cause.errno or 0) > 0 else cause.strerror or ""
+        text = os.strerror(cause.errno) if cause.errno and cause.errno > 0 else cause.strerror or ""
     return _WORDS.get(text, text)
