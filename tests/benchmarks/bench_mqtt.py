@@ -5,6 +5,7 @@ may be older than its limit.
 """
 
 import json
+import shutil
 import signal
 import sys
 import tempfile
@@ -33,6 +34,8 @@ EVENT, CONTACT = "beamtouch/press-7/event", "beamtouch/press-7/contact"
 
 def run() -> list[dict[str, object]]:
     """Return the rows of the table."""
+    if shutil.which("mosquitto") is None or shutil.which("mosquitto_sub") is None:
+        return [{"name": "mosquitto or mosquitto-clients is not installed", "value": 0, "unit": ""}]
     return [*outages(), *costs()]
 
 
