@@ -6,8 +6,16 @@ from pathlib import Path
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml, validate
 from beamtouch_service.access import Access
-from beamtouch_service.config_sections import RENAMED, ConfigFile, Overrides, SurfaceSection
-from beamtouch_service.settings import EventSettings, ModbusSettings, Settings, SurfaceSettings, TlsFiles
+from beamtouch_service.config_sections import RENAMED, ConfigFile, MqttSection, Overrides, SurfaceSection
+from beamtouch_service.settings import (
+    EventSettings,
+    ModbusSettings,
+    MqttSettings,
+    MqttTls,
+    Settings,
+    SurfaceSettings,
+    TlsFiles,
+)
 
 MIN_TOKEN_CHARACTERS = 16
 _MAX_TOKEN_BYTES = 4096
@@ -42,7 +50,7 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         host=server.host if overrides.host is None else overrides.host,
         port=server.port if overrides.port is None else overrides.port,
         access=_access(files),
-        tls=_tls(files["certificate_file"], files["key_file"]),
+        tls=_tls(files["certificate_file"], files["key_file"], "server", "HTTPS"),
         max_clients=server.max_clients,
         max_clients_per_address=server.max_clients_per_address or -(-server.max_clients // 2),
         max_batches_per_s=server.max_batches_per_s,
@@ -50,6 +58,7 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         max_streams=server.max_streams,
         events=EventSettings(_path(file.events.file, folder), file.events.keep_days, file.events.max_mb),
         modbus_server=ModbusSettings(**dict(file.modbus_server)) if file.modbus_server else None,
+        mqtt=_mqtt(file.mqtt, folder) if file.mqtt else None,
     )
 
 
@@ -68,14 +77,56 @@ def _access(files: Mapping[str, Path | None]) -> Access:
     return Access(**tokens)
 
 
-def _tls(certificate: Path | None, key: Path | None) -> TlsFiles | None:
+def _tls(certificate: Path | None, key: Path | None, section: str, purpose: str) -> TlsFiles | None:
     if certificate is None and key is None:
         return None
     if certificate is None or key is None:
         missing = "certificate_file" if certificate is None else "key_file"
-        message = f"server.{missing} is missing; HTTPS needs a certificate and its key"
+        message = f"{section}.{missing} is missing; {purpose} needs a certificate and its key"
         raise ConfigError(message)
     return TlsFiles(certificate, key)
+
+
+def _mqtt(section: MqttSection, folder: Path) -> MqttSettings:
+    own = _tls(_path(section.certificate_file, folder), _path(section.key_file, folder), "mqtt", "a client certificate")
+    ca = _path(section.ca_file, folder)
+    if (ca or own) and not section.tls:
+        message = f"mqtt.{'ca_file' if ca else 'certificate_file'} has no effect without TLS; set mqtt.tls = true"
+        raise ConfigError(message)
+    password_file = _path(section.password_file, folder)
+    if password_file and not section.username:
+        message = "mqtt.password_file has no effect without a user; set mqtt.username"
+        raise ConfigError(message)
+    return MqttSettings(
+        host=section.host,
+        port=section.port or (8883 if section.tls else 1883),
+        prefix=section.prefix,
+        client_id=section.client_id or section.prefix,
+        max_rate_hz=section.max_rate_hz,
+        username=section.username,
+        password=load_password(password_file) if password_file else None,
+        tls=MqttTls(ca, own) if section.tls else None,
+        send_recorded_events=section.send_recorded_events,
+        home_assistant_discovery=section.home_assistant_discovery,
+    )
+
+
+def load_password(path: Path) -> str:
+    """Read a password, without the end of its line; raises ConfigError if the file holds none."""
+    remedy = "write the password to it, in one line"
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MAX_TOKEN_BYTES + 1)
+        password = content.decode().removesuffix("\n").removesuffix("\r")
+    except OSError as error:
+        message = f"password file {path}: {error.strerror}; {remedy}"
+        raise ConfigError(message) from None
+    except UnicodeDecodeError:
+        password = ""
+    if password.isprintable() and password and len(content) <= _MAX_TOKEN_BYTES:
+        return password
+    message = f"password file {path}: not one line of text; {remedy}"
+    raise ConfigError(message)
 
 
 def _merge_surfaces(file: ConfigFile, folder: Path, overrides: Overrides) -> tuple[SurfaceSettings, ...]:

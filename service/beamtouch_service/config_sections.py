@@ -77,6 +77,38 @@ class ModbusServerSection(BaseModel):
     """A connection without a request for this long is closed."""
 
 
+class MqttSection(BaseModel):
+    """`[mqtt]`: contacts and events to an MQTT 5 broker. Without this section, the service knows no broker."""
+
+    model_config = _STRICT
+
+    host: _Text
+    """Name or address of the broker."""
+    port: Annotated[int, Field(ge=1, le=65535)] | None = None
+    """Default: 1883, with TLS 8883."""
+    prefix: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*$", max_length=200)] = "beamtouch"
+    """Every topic begins with it. Each service at a broker needs a prefix of its own."""
+    client_id: Annotated[str, Field(pattern=r"^[ -~]{1,200}$")] | None = None
+    """Identifier at the broker. Default: the prefix."""
+    max_rate_hz: Annotated[FiniteFloat, Field(ge=1, le=200)] = limits.MQTT_RATE_HZ
+    """Contacts per second and surface while the state does not change."""
+    username: _Text | None = None
+    password_file: _Text | None = None
+    """File with the password of `username`."""
+    tls: bool = False
+    """Encrypt the connection and check the broker's certificate."""
+    ca_file: _Text | None = None
+    """PEM, the certificates that are trusted. Default: those of the system."""
+    certificate_file: _Text | None = None
+    """PEM, the certificate of this client, for brokers that ask for one."""
+    key_file: _Text | None = None
+    """PEM, the private key of the certificate."""
+    send_recorded_events: bool = False
+    """Also send a new broker the events that were recorded before."""
+    home_assistant_discovery: bool = False
+    """Describe each surface to Home Assistant."""
+
+
 class SurfaceSection(BaseModel):
     """`[surfaces.NAME]`: one surface."""
 
@@ -98,6 +130,7 @@ class ConfigFile(BaseModel):
     server: ServerSection = ServerSection()
     events: EventsSection = EventsSection()
     modbus_server: ModbusServerSection | None = None
+    mqtt: MqttSection | None = None
     surfaces: dict[SurfaceName, SurfaceSection] = Field(default_factory=dict)
     """In their order in the file, which is that of their blocks of Modbus registers."""
 

@@ -17,6 +17,8 @@ MAX_CLIENTS_LIMIT = 4096
 MAX_MODBUS_CLIENTS = 32
 MODBUS_IDLE_S = 60.0
 """A Modbus connection without a request for this long is closed."""
+MQTT_RATE_HZ = 20.0
+"""Contacts per second and surface to the MQTT broker."""
 KEEP_DAYS = 30.0
 MAX_MB = 100.0
 """Size of the record of events."""

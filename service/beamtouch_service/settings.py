@@ -1,6 +1,6 @@
 """The settings of a service, checked."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -51,6 +51,31 @@ class ModbusSettings:
 
 
 @dataclass(frozen=True)
+class MqttTls:
+    """Trust and identity of a connection to the broker."""
+
+    ca: Path | None
+    """None: the certificates of the system."""
+    own: TlsFiles | None
+
+
+@dataclass(frozen=True)
+class MqttSettings:
+    """The MQTT broker, and what it gets."""
+
+    host: str
+    port: int
+    prefix: str
+    client_id: str
+    max_rate_hz: float
+    username: str | None
+    password: str | None = field(repr=False)
+    tls: MqttTls | None
+    send_recorded_events: bool
+    home_assistant_discovery: bool
+
+
+@dataclass(frozen=True)
 class Settings:
     """All settings, checked."""
 
@@ -66,3 +91,5 @@ class Settings:
     events: EventSettings
     modbus_server: ModbusSettings | None
     """None: there is none."""
+    mqtt: MqttSettings | None
+    """None: no broker."""

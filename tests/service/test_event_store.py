@@ -180,7 +180,7 @@ def test_a_file_of_an_older_format_keeps_its_events(path: Path, old_format: int)
     assert [number for number, _ in store.read(Selection())] == [9, 8, 7]
     store.close()
     with closing(sqlite3.connect(path)) as file:
-        assert file.execute("PRAGMA user_version").fetchone() == (4,)
+        assert file.execute("PRAGMA user_version").fetchone() == (5,)
         assert file.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'by_open'").fetchone() == (1,)
 
 

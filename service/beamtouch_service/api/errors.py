@@ -29,9 +29,13 @@ def install(app: FastAPI) -> None:
 
 def answer(problem: Problem, headers: dict[str, str] | None = None) -> Response:
     """Return a problem as an answer."""
+    return Response(encoded(problem), problem.kind.status, {**NO_STORE, **(headers or {})}, MEDIA_TYPE)
+
+
+def encoded(problem: Problem) -> bytes:
+    """Return a problem as JSON."""
     # allow_nan=False: NaN is not JSON, so it must not leave the service, not even in an error.
-    content = json.dumps(problem.body(), allow_nan=False, ensure_ascii=False).encode("utf-8", "replace")
-    return Response(content, problem.kind.status, {**NO_STORE, **(headers or {})}, MEDIA_TYPE)
+    return json.dumps(problem.body(), allow_nan=False, ensure_ascii=False).encode("utf-8", "replace")
 
 
 def internal(scope: Scope, _error: Exception) -> Response:

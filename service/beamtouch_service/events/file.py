@@ -11,7 +11,7 @@ from pathlib import Path
 from sqlalchemy import URL, Connection, StaticPool, create_engine, update
 from sqlalchemy.exc import DBAPIError
 
-from beamtouch_service.events.schema import EVENTS, FORMAT, IS_OPEN, upgrade
+from beamtouch_service.events.schema import EVENTS, FORMAT, IS_OPEN, number_changes, upgrade
 from beamtouch_service.events.segments import End
 
 _RETRY_S = 0.05
@@ -95,6 +95,7 @@ def _prepare(connection: Connection) -> None:
     upgrade(connection, _pragma(connection, "user_version"))
     # The format is in the file's header, where older versions of the service look for it.
     connection.exec_driver_sql(f"PRAGMA user_version={FORMAT}")
+    number_changes(connection)
     # The last service was stopped or killed during these.
     _finish(connection)
     connection.commit()

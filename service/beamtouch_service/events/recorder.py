@@ -73,6 +73,8 @@ class Recorder:
         self._tidied_s = float("-inf")
         self._losses = Losses()
         self._in_place = True
+        self.on_written: Callable[[], None] = lambda: None
+        """Called in the worker thread after each write of events."""
 
     @property
     def lost(self) -> int:
@@ -139,6 +141,10 @@ class Recorder:
     def ask(self, query: Callable[[EventStore], _T]) -> "Future[_T]":
         """Run a query in the worker thread, after everything that was observed of new samples so far."""
         self._flush()
+        return self.look(query)
+
+    def look(self, query: Callable[[EventStore], _T]) -> "Future[_T]":
+        """Run a query in the worker thread. What was observed of open events since their last write is not in it."""
         return self._worker.prompt(partial(query, self._store))
 
     def answerable(self, event: Segment) -> Segment:
@@ -239,6 +245,7 @@ class Recorder:
         if commands:
             self._store.write(name, commands, time.time())
             self._heed(name)
+            self.on_written()
 
 
 def _log_failure(name: str, done: "Future[None]") -> None:

@@ -1,5 +1,9 @@
 """The tables of the events, and the upgrades of older ones."""
 
+from collections.abc import Iterator
+from itertools import count
+from typing import cast
+
 from sqlalchemy import (
     JSON,
     BigInteger,
@@ -14,15 +18,32 @@ from sqlalchemy import (
     MetaData,
     String,
     Table,
+    func,
     literal_column,
+    select,
     text,
 )
+from sqlalchemy.engine.default import DefaultExecutionContext
 from sqlalchemy.schema import CreateIndex, CreateTable
 
 from beamtouch_service.events.segments import Begin, End, Kind
 
-FORMAT = 4
+FORMAT = 5
 """The format of a database of this version of the service; 0 is an empty one."""
+
+
+_CHANGES = "beamtouch changes"
+"""Key of the numbers of changes, in what SQLAlchemy keeps of an open connection."""
+
+
+def _next_change(context: DefaultExecutionContext) -> int:
+    return next(cast("Iterator[int]", context.root_connection.info[_CHANGES]))
+
+
+def number_changes(connection: Connection) -> None:
+    """Number the changes of events through this connection from now on, each higher than all before."""
+    highest = select(func.max(EVENTS.c.change)).union_all(select(func.max(DELIVERIES.c.change)))
+    connection.info[_CHANGES] = count(max(number or 0 for number in connection.scalars(highest)) + 1)
 
 
 def _words(words: type[Begin | End | Kind]) -> Enum:
@@ -55,9 +76,13 @@ EVENTS = Table(
     Column("ends_unexplained", Boolean, nullable=False, server_default="0"),
     Column("unsteady", Boolean, nullable=False, server_default="0"),
     Column("best", JSON(none_as_null=True)),
+    Column("change", BigInteger, nullable=False, server_default="0", default=_next_change, onupdate=_next_change),
     sqlite_autoincrement=True,
 )
-"""A row per event: the fields of a `Segment`, and when it was last written [s since 1970, by the service's clock]."""
+"""A row per event: the fields of a `Segment`, and when it was last written [s since 1970, by the service's clock].
+
+`change` is the number of its last change; of two changes, the later one has the higher number.
+"""
 CAPTURES = Table(
     "captures",
     EVENTS.metadata,
@@ -79,10 +104,20 @@ BASELINES = Table(
     Column("history", JSON, nullable=False),
 )
 """A row per surface: what the best samples of its events add up to since its baseline, up to the event `last_event`."""
+DELIVERIES = Table(
+    "deliveries",
+    EVENTS.metadata,
+    Column("destination", String, primary_key=True),
+    Column("change", BigInteger, nullable=False),
+    Column("event", BigInteger, nullable=False),
+)
+"""A row per destination of events: the change that it acknowledged last, and the event that was changed."""
 _c = EVENTS.c
 # Written out: SQLite uses a partial index only for a condition without parameters.
 IS_OPEN = _c.end == literal_column(f"'{End.OPEN}'")
 _by_open = Index("by_open", _c.surface, sqlite_where=IS_OPEN, postgresql_where=IS_OPEN)
+IS_FINISHED = _c.end != literal_column(f"'{End.OPEN}'")
+_by_change = Index("by_change", _c.change, _c.id, sqlite_where=IS_FINISHED, postgresql_where=IS_FINISHED)
 Index("by_time", _c.touched_us, _c.id)
 Index("by_surface", _c.surface, _c.touched_us, _c.id)
 Index("by_first", _c.surface, _c.boot_id, _c.first_sequence)
@@ -101,6 +136,12 @@ _UPGRADES: dict[int, list[Executable]] = {
         text("ALTER TABLE events ADD COLUMN unsteady BOOLEAN DEFAULT '0' NOT NULL"),
         text("ALTER TABLE events ADD COLUMN best JSON"),
         CreateTable(BASELINES),
+    ],
+    4: [
+        text("ALTER TABLE events ADD COLUMN change BIGINT DEFAULT '0' NOT NULL"),
+        text("UPDATE events SET change = id"),
+        CreateIndex(_by_change),
+        CreateTable(DELIVERIES),
     ],
 }
 """Format -> statements that turn it into the next format."""

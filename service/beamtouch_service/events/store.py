@@ -7,10 +7,11 @@ from pathlib import Path
 from sqlalchemy import ColumnElement, Connection, delete, func, select, tuple_
 
 from beamtouch_models.modelfile import State
-from beamtouch_service.events import best_table, capture_table, writing
+from beamtouch_service.events import best_table, capture_table, deliveries, writing
 from beamtouch_service.events.best_table import Baseline, Sampled
 from beamtouch_service.events.captures import Capture
 from beamtouch_service.events.commands import Command
+from beamtouch_service.events.deliveries import Due
 from beamtouch_service.events.file import EventFile
 from beamtouch_service.events.schema import EVENTS
 from beamtouch_service.events.segments import Kind, Segment
@@ -112,6 +113,22 @@ class EventStore:
         """Keep this of the health of a surface."""
         with self._engine.begin() as connection:
             best_table.keep(connection, kept)
+
+    def begin_delivery(self, destination: str, *, from_start: bool) -> None:
+        """Make a destination of events known: from now on, or from the start of the record."""
+        with self._engine.begin() as connection:
+            deliveries.begin(connection, destination, from_start=from_start)
+
+    def due(self, destination: str, limit: int) -> tuple[list[Due], int]:
+        """Return finished events that a destination has yet to acknowledge, in order, and how many there are."""
+        with self._engine.connect() as connection:
+            count = deliveries.count(connection, destination)
+            return deliveries.due(connection, destination, limit) if limit and count else [], count
+
+    def acknowledge(self, destination: str, last: Due) -> None:
+        """Note that a destination has acknowledged all changes up to this one."""
+        with self._engine.begin() as connection:
+            deliveries.acknowledge(connection, destination, last)
 
     def state_after(self, surface: str, boot_id: str, sequence: int) -> State | None:
         """Return the state after that sample, if a stored event ends with it and may go on; None if none does."""

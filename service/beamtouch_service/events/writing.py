@@ -139,9 +139,10 @@ def found(connection: Connection, query: Select[Any], values: Mapping[str, objec
 
 
 def numbered(row: Row[Any]) -> Numbered:
-    """Return the event of a row of `CONTENT`, with or without its path."""
+    """Return the event of a row of `CONTENT`, with or without its path and its change."""
     values = row._asdict()
     number = values.pop("id")
+    values.pop("change", None)
     values["path"] = [(at, position, force) for at, position, force in values.get("path", ())]
     values["best"] = Best(**values["best"]) if values.get("best") else None
     return number, Segment(**values)

@@ -4,8 +4,9 @@ import asyncio
 import logging
 import signal
 import ssl
-from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Sequence
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from typing import Any
 
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.api.app import Application
@@ -17,10 +18,29 @@ from beamtouch_service.settings import TlsFiles
 TICK_S = 1.0
 """Longest time between two looks at the model files, and between two reports of progress."""
 
-Server = Callable[[Context], AbstractAsyncContextManager[None]]
-"""Serves the surfaces of an application over another protocol during a block."""
+Output = Callable[[Context], AbstractAsyncContextManager[None]]
+"""Carries the contacts of an application elsewhere, during a block."""
 
 _log = logging.getLogger("beamtouch.service")
+
+
+def in_background(run: Callable[[Context], Coroutine[Any, Any, None]]) -> Output:
+    """Return an output that runs as a task, until it is cancelled."""
+    return lambda context: _running([run(context)])
+
+
+@asynccontextmanager
+async def _running(work: Iterable[Coroutine[Any, Any, None]]) -> AsyncIterator[None]:
+    """Run coroutines during a block."""
+    tasks = [asyncio.create_task(one) for one in work]
+    for task in tasks:
+        task.add_done_callback(_log_failure)
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 class Background:
@@ -31,12 +51,12 @@ class Background:
         keepers: list[ModelKeeper],
         manager: ServiceManager,
         files: TlsFiles | None,
-        server: Server = lambda _context: nullcontext(),
+        outputs: Sequence[Output] = (),
     ) -> None:
         self._keepers = keepers
         self._manager = manager
         self._files = files
-        self._server = server
+        self._outputs = outputs
         self.ssl: ssl.SSLContext | None = None
         """Context of the connections. The server makes it after the application."""
 
@@ -44,20 +64,15 @@ class Background:
     async def lifespan(self, app: Application) -> AsyncIterator[None]:
         """Run all tasks until the application ends."""
         told, loop = asyncio.Event(), asyncio.get_running_loop()
-        work = (self._report_progress(app.context), self._watch_models(), self._reload_when_told(told))
-        tasks = [asyncio.create_task(one) for one in work]
-        for task in tasks:
-            task.add_done_callback(_log_failure)
-        loop.add_signal_handler(signal.SIGHUP, told.set)
-        try:
-            async with self._server(app.context):
-                yield
-        finally:
+        work = self._report_progress(app.context), self._watch_models(), self._reload_when_told(told)
+        async with AsyncExitStack() as stack:
+            await stack.enter_async_context(_running(work))
+            loop.add_signal_handler(signal.SIGHUP, told.set)
             # The handler must not be called in a closed loop.
-            loop.remove_signal_handler(signal.SIGHUP)
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            stack.callback(loop.remove_signal_handler, signal.SIGHUP)
+            for output in self._outputs:
+                await stack.enter_async_context(output(app.context))
+            yield
 
     async def _report_progress(self, context: Context) -> None:
         """Report progress to the manager while the loop turns and every surface can be asked.

@@ -15,17 +15,18 @@ from beamtouch_service.config import ConfigError
 from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.host import model_watch, tls
-from beamtouch_service.host.background import Background
+from beamtouch_service.host.background import Background, in_background
 from beamtouch_service.host.handshakes import Handshakes, TlsListener
 from beamtouch_service.host.listener import bind, resolve
 from beamtouch_service.host.model_watch import ModelKeeper
 from beamtouch_service.host.systemd import activated
 from beamtouch_service.host.uvicorn_host import Host, configure, serve
-from beamtouch_service.settings import Settings, SurfaceSettings
+from beamtouch_service.settings import MqttSettings, Settings, SurfaceSettings
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
     from beamtouch_service.host.modbus import ModbusServer
+    from beamtouch_service.outputs.mqtt.publisher import Publisher
 
 _log = logging.getLogger("beamtouch.service")
 
@@ -37,6 +38,7 @@ def run(settings: Settings) -> None:
     _require_tokens(settings, address)
     if settings.tls is not None:
         tls.require(settings.tls)
+    outputs = [in_background(_publisher(settings.mqtt).run)] if settings.mqtt else []
     kept = [_surface(entry) for entry in settings.surfaces]
     with ExitStack() as stack:
         listener = stack.enter_context(passed or bind(family, address, settings.port))
@@ -45,10 +47,11 @@ def run(settings: Settings) -> None:
         _log_limits(settings, address)
         if modbus is not None:
             stack.callback(modbus.listener.close)
+            outputs.append(modbus.lifespan)
             _log_readers(settings, modbus)
         manager = ServiceManager()
         keepers = {surface.name: keeper for surface, keeper in kept if keeper is not None}
-        background = Background(list(keepers.values()), manager, settings.tls, *([modbus.lifespan] if modbus else []))
+        background = Background(list(keepers.values()), manager, settings.tls, outputs)
         streams, recorder = Streams(settings.max_streams), _recorder(settings)
         app = create_app(
             [surface for surface, _ in kept],
@@ -88,6 +91,17 @@ def _modbus_server(settings: Settings) -> ModbusServer | None:
 def _log_readers(settings: Settings, modbus: ModbusServer) -> None:
     if settings.access.read is not None or not _is_loopback(modbus.address):
         _log.warning("no token protects the Modbus TCP server: everyone who reaches it can read the contacts")
+
+
+def _publisher(settings: MqttSettings) -> Publisher:
+    try:
+        from beamtouch_service.outputs.mqtt.publisher import Publisher  # noqa: PLC0415  # aiomqtt is an extra of its own
+    except ModuleNotFoundError as error:
+        if error.name not in {"aiomqtt", "paho"}:
+            raise
+        message = f"[mqtt] needs {error.name}; run: pip install 'beamtouch[mqtt]'"
+        raise ConfigError(message) from None
+    return Publisher(settings)
 
 
 def _recorder(settings: Settings) -> Recorder:
@@ -137,3 +151,5 @@ def _log_limits(settings: Settings, address: str) -> None:
         _log.warning("no surface: the service has no contact to give; start with --model MODEL or --config FILE")
     if settings.tls is None and not _is_loopback(address):
         _log.warning("no TLS: others on the network can read the tokens; see certificate_file and key_file")
+    if settings.mqtt and settings.mqtt.password and settings.mqtt.tls is None:
+        _log.warning("no TLS to the MQTT broker: others on the network can read the password; see mqtt.tls")

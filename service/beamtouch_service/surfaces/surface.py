@@ -9,7 +9,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from beamtouch_service.limits import STALE_MS, UNEXPLAINED_AFTER_S
-from beamtouch_service.problems import Problem, ProblemError
+from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.surfaces import refusals
 from beamtouch_service.surfaces.contact import Contact, Decision, Doubt
@@ -25,10 +25,12 @@ from beamtouch_service.surfaces.timings import Timings
 from beamtouch_service.surfaces.weighing import noise_contradicts
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
     from numpy.typing import NDArray
 
-    from beamtouch_models.modelfile import Answers, ModelFile
+    from beamtouch_models.modelfile import Answers, ModelFile, State
     from beamtouch_service.surfaces.witness import Witness
 
 
@@ -59,6 +61,8 @@ class Surface:
         """Follows the sender with this boot id."""
         self._told_stale = False
         self.timings = Timings()
+        self.on_fresh: Callable[[Surface], None] = lambda _surface: None
+        """Called after each batch that moved the answer."""
         self.health: SurfaceHealth | None = None
         """Health of the sensors, as the recorder finds it in the events so far."""
 
@@ -97,6 +101,7 @@ class Surface:
             self._told_stale = False
             self.timings.arrival_age_s.observe(batch.newest_age_ms / 1e3)
             self._advance(batch, taken.fresh, taken.acquired_s)
+            self.on_fresh(self)
         return taken.receipt
 
     def contact(self, now_s: float) -> Contact:
@@ -139,6 +144,11 @@ class Surface:
             return found
         changed = [name for name, one in (self._channel_health() or {}).items() if one.changed] if healthy else []
         return refusals.changed_channels(self.name, changed) if changed else None
+
+    def standing(self, now_s: float) -> State | Kind:
+        """Return the state at `now_s` [s, monotonic], or the kind of the problem that prevents a contact."""
+        found = self._decided(now_s)
+        return found.kind if isinstance(found, Problem) else found.decision.state
 
     def summary(self, now_s: float) -> SurfaceSummary:
         """Return the summary of this surface at `now_s` [s, monotonic]."""

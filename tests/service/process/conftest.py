@@ -18,6 +18,8 @@ from forked import Forked
 from plain_http import NO_TLS, TIMEOUT_S
 from service.conftest import READ_TOKEN, TOKEN, BuildModel, batch_of
 from service.process.beam_page import Bench
+from service.process.broker import broker_in
+from service.process.mqtt_line import Line
 from service.small_model import write_model
 from waiting import wait_until
 
@@ -180,3 +182,10 @@ def start_bench(
         return Bench(service, modelfile.load(path))
 
     return start
+
+
+@pytest.fixture
+def line(start_service: StartService, build_model: BuildModel, token_file: Path, tmp_path: Path) -> Iterator[Line]:
+    """A broker, and services that send to it."""
+    with broker_in(tmp_path) as broker:
+        yield Line(broker, tmp_path, start_service, build_model(), token_file)

@@ -1,0 +1,1 @@
+"""Contacts and events to an MQTT 5 broker."""

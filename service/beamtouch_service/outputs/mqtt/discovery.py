@@ -1,0 +1,54 @@
+"""Descriptions of the surfaces for Home Assistant (MQTT discovery of devices, from Home Assistant 2024.11 on). Pure."""
+
+import json
+import re
+
+from beamtouch_common.commands import version
+from beamtouch_models.modelfile import State
+from beamtouch_service.outputs.mqtt.topics import OFFLINE, ONLINE, Topics
+
+EXPIRE_S = 3
+"""Without a contact for this long, Home Assistant shows the figures as unavailable. One arrives each second."""
+
+
+def topic(topics: Topics, surface: str) -> str:
+    """Return the topic where Home Assistant looks for the description of a surface."""
+    return f"homeassistant/device/{_identifier(topics, surface)}/config"
+
+
+def description(topics: Topics, surface: str) -> bytes:
+    """Return the description of a surface: its state, position and force."""
+    contact, identifier = topics.contact(surface), _identifier(topics, surface)
+
+    def sensor(name: str, template: str, **more: object) -> dict[str, object]:
+        return {
+            "platform": "sensor",
+            "name": name.capitalize(),
+            "unique_id": f"{identifier}_{name}",
+            "state_topic": contact,
+            # Home Assistant shows `None` as unknown, and so does a problem, which has no such member.
+            "value_template": f"{{{{ value_json.{template} }}}}",
+            "expire_after": EXPIRE_S,
+            **more,
+        }
+
+    options = [*(state.value for state in State), "problem"]
+    figure = {"state_class": "measurement"}
+    components = {
+        "state": sensor("state", "state | default('problem')", device_class="enum", options=options),
+        "position": sensor("position", "position_mm | default(none)", unit_of_measurement="mm", **figure),
+        "force": sensor("force", "force_n | default(none)", unit_of_measurement="N", **figure),
+    }
+    whole = {
+        "device": {"identifiers": [identifier], "name": surface, "manufacturer": "Beamtouch"},
+        "origin": {"name": "Beamtouch", "sw_version": version()},
+        "availability_topic": topics.status,
+        "payload_available": ONLINE,
+        "payload_not_available": OFFLINE,
+        "components": components,
+    }
+    return json.dumps(whole).encode()
+
+
+def _identifier(topics: Topics, surface: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_-]", "_", f"{topics.prefix}_{surface}")

@@ -1,0 +1,119 @@
+"""Sends finished events, from the record. What the broker has not acknowledged is sent again."""
+
+import asyncio
+import logging
+from contextlib import suppress
+
+from sqlalchemy.exc import DBAPIError
+
+from beamtouch_service.api import event_answers
+from beamtouch_service.events.deliveries import Due
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.outputs.mqtt.connection import WINDOW, Connection, RefusedError
+from beamtouch_service.outputs.mqtt.counts import MqttCounts
+from beamtouch_service.outputs.mqtt.messages import JSON, properties
+from beamtouch_service.outputs.mqtt.topics import Topics
+
+RETRY_S = 1.0
+"""Pause before the same events are sent again, or read again."""
+REFUSED_RETRY_S = 30.0
+"""Pause after the broker refused an event: someone has to change its rights first."""
+RETURN_S = 10.0
+"""After an outage, subscribers have this long to return: until then, an event that none of them gets is sent again."""
+
+_PROPERTIES = properties(JSON)
+_log = logging.getLogger("beamtouch.service.mqtt")
+
+
+class EventSender:
+    """Sends the events of all surfaces to one destination."""
+
+    def __init__(self, recorder: Recorder, destination: str, topics: Topics, counts: MqttCounts) -> None:
+        self._recorder = recorder
+        self._destination = destination
+        self._topics = topics
+        self._counts = counts
+        self._written = asyncio.Event()
+        self._resume_s = float("-inf")
+        """When to try again after a refusal [s, of the loop]."""
+
+    async def begin(self, *, from_start: bool) -> None:
+        """Make the destination known to the record; a new one gets the events from now on, or all."""
+        loop, destination = asyncio.get_running_loop(), self._destination
+        self._recorder.on_written = lambda: _call(loop, self._written)
+        while True:
+            try:
+                await asyncio.wrap_future(
+                    self._recorder.look(lambda store: store.begin_delivery(destination, from_start=from_start))
+                )
+            except DBAPIError as error:
+                _log.warning("the record of events cannot be read, so none is sent: %s", error.orig)
+                await asyncio.sleep(REFUSED_RETRY_S)
+            else:
+                return
+
+    async def count(self) -> None:
+        """Count the events that have yet to be acknowledged."""
+        await self._due(limit=0)
+
+    async def run(self, connection: Connection) -> None:
+        """Send events over a connection; raises MqttError when it is lost."""
+        loop = asyncio.get_running_loop()
+        settled_s = loop.time() + RETURN_S
+        while True:
+            await asyncio.sleep(self._resume_s - loop.time())
+            self._written.clear()
+            due = await self._due(limit=WINDOW)
+            if not due:
+                await self._written.wait()
+                continue
+            await self._send(connection, due)
+            if connection.refusal is not None:
+                continue
+            if connection.has_listeners or loop.time() > settled_s:
+                await self._acknowledge(due)
+            else:
+                await asyncio.sleep(RETRY_S)
+
+    async def _due(self, limit: int) -> list[Due]:
+        destination = self._destination
+        try:
+            due, count = await asyncio.wrap_future(self._recorder.look(lambda store: store.due(destination, limit)))
+        except DBAPIError as error:
+            _log.warning("the record of events cannot be read, so none is sent: %s", error.orig)
+            await asyncio.sleep(REFUSED_RETRY_S)
+            return []
+        self._counts.pending.set(count)
+        return due
+
+    async def _send(self, connection: Connection, due: list[Due]) -> None:
+        """Send events. If the broker refuses one, none is sent for a while, also over the next connection."""
+        messages = [
+            (
+                self._topics.event(one.event.surface),
+                event_answers.event(one.number, one.event).model_dump_json().encode(),
+            )
+            for one in due
+        ]
+        try:
+            with suppress(RefusedError):
+                await connection.tell(*messages, content_type=_PROPERTIES)
+        finally:
+            if connection.refusal is not None:
+                self._resume_s = asyncio.get_running_loop().time() + REFUSED_RETRY_S
+                words = "the MQTT broker refuses events (%s); allow this user to write to %s"
+                _log.warning(words, connection.refusal, self._topics.event("+"))
+
+    async def _acknowledge(self, due: list[Due]) -> None:
+        destination, last = self._destination, due[-1]
+        self._counts.events.inc(len(due))
+        try:
+            await asyncio.wrap_future(self._recorder.look(lambda store: store.acknowledge(destination, last)))
+        except DBAPIError as error:
+            _log.warning("the record of events does not take what was sent, so it is sent again: %s", error.orig)
+            await asyncio.sleep(REFUSED_RETRY_S)
+
+
+def _call(loop: asyncio.AbstractEventLoop, written: asyncio.Event) -> None:
+    if not loop.is_closed():
+        loop.call_soon_threadsafe(written.set)

@@ -1,0 +1,100 @@
+"""A service with a broker, and a sender whose contacts come one after another."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from service.conftest import batch_of
+from waiting import wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from service.process.broker import Broker
+    from service.process.conftest import Service, StartService
+
+RESTING: list[float | None] = [0.0, 0.0, 0.0]
+TOUCHING: list[float | None] = [0.5, 0.25, 0.125]
+CONTACT, EVENT, STATUS = "beamtouch/press-7/contact", "beamtouch/press-7/event", "beamtouch/status"
+BATCH_S = 0.01
+
+
+def now_batch(*rows: list[float | None], sequence: int) -> dict[str, Any]:
+    """A batch whose samples were taken just now."""
+    batch = batch_of(*rows, sequence=sequence)
+    now_us = time.time_ns() // 1000
+    for index, sample in enumerate(batch["samples"]):
+        sample["acquired_unix_us"] = now_us - 1000 * (len(rows) - 1 - index)
+    return batch
+
+
+class Sender(threading.Thread):
+    """Touches and lifts until it is told to stop."""
+
+    def __init__(self, service: Service) -> None:
+        super().__init__(daemon=True)
+        self._service = service
+        self._told = threading.Event()
+        self.receipts: dict[int, float] = {}
+        """Sequence number -> time of the receipt [s since 1970]."""
+
+    def run(self) -> None:
+        sequence = 1
+        self._service.post(now_batch(RESTING, sequence=sequence))
+        self.receipts[sequence] = time.time()
+        while not self._told.is_set():
+            for row in [TOUCHING] * 3 + [RESTING] * 3:
+                sequence += 1
+                assert self._service.post(now_batch(row, sequence=sequence)).status_code == 200
+                self.receipts[sequence] = time.time()
+                time.sleep(BATCH_S)  # the pace of the sender
+
+    def stop(self) -> None:
+        self._told.set()
+        self.join()
+
+
+@dataclass
+class Line:
+    """A folder with a broker, and how services for it are started."""
+
+    broker: Broker
+    folder: Path
+    start_service: StartService
+    model: Path
+    token_file: Path
+
+    def start(self, *mqtt: str, stale_ms: float = 60_000, port: int | None = None) -> Service:
+        """Start a service with these lines in `[mqtt]`."""
+        lines = ['host = "127.0.0.1"', f"port = {port or self.broker.port}", *mqtt]
+        (self.folder / "service.toml").write_text(
+            f"[server]\nwrite_token_file = '{self.token_file}'\n[events]\nfile = 'events.db'\n[mqtt]\n"
+            + "\n".join(lines)
+            + f"\n[surfaces.press-7]\nmodel = '{self.model}'\nstale_ms = {stale_ms}\n"
+        )
+        return self.start_service("--config", self.folder / "service.toml")
+
+
+def metric(service: Service, name: str) -> float:
+    """Return a figure of the service on its messages."""
+    text = service.get("/metrics").text
+    return float(next(line.split()[-1] for line in text.splitlines() if line.startswith(f"beamtouch_mqtt_{name} ")))
+
+
+def events(service: Service, **query: object) -> list[dict[str, Any]]:
+    """Return the events as `GET /events` gives them, all of them."""
+    parameters = "&".join(f"{name}={value}" for name, value in {"limit": 1000, **query}.items())
+    found: list[dict[str, Any]] = service.get(f"/events?{parameters}").json()["events"]
+    return found
+
+
+def wait_connected(service: Service) -> None:
+    wait_until(lambda: metric(service, "connected") == 1)
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    wait_until(condition, pause_s=0.05)

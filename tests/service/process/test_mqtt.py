@@ -1,0 +1,162 @@
+"""Contacts, events and the status of a service at a real broker."""
+
+from __future__ import annotations
+
+import json
+import signal
+from typing import TYPE_CHECKING
+
+import pytest
+
+from beamtouch_common.commands import version
+from service.process.mqtt_line import (
+    CONTACT,
+    EVENT,
+    RESTING,
+    STATUS,
+    TOUCHING,
+    events,
+    metric,
+    now_batch,
+    wait_connected,
+    wait_for,
+)
+
+if TYPE_CHECKING:
+    from service.process.broker import Subscriber
+    from service.process.conftest import Service
+    from service.process.mqtt_line import Line
+
+
+def states(subscriber: Subscriber) -> list[str]:
+    """Return the states that arrived, without repetitions."""
+    found = [one.get("state") or one["type"].rpartition(":")[2] for one in subscriber.of(CONTACT)]
+    return [one for index, one in enumerate(found) if index == 0 or one != found[index - 1]]
+
+
+def test_a_contact_is_the_answer_of_get_contact(line: Line) -> None:
+    subscriber = line.broker.subscribe("-t", "beamtouch/#")
+    service = line.start(stale_ms=2500)
+    wait_for(lambda: subscriber.of(CONTACT) == [service.get("/contact").json()])
+    (problem,) = [one for one in subscriber.messages if one.topic == CONTACT]
+    assert (problem.content["type"], problem.content_type) == (
+        "urn:beamtouch:problem:no-samples",
+        "application/problem+json",
+    )
+
+    service.post(now_batch(TOUCHING, sequence=1))
+    wait_for(lambda: "contact" in states(subscriber))
+    message = next(one for one in subscriber.messages if '"state"' in one.text)
+    answer = service.get("/contact")
+    assert list(message.content) == list(answer.json())
+    assert message.content | {"age_ms": 0} == answer.json() | {"age_ms": 0}
+    assert (message.content_type, message.is_retained) == ("application/json", False)
+    assert 1 <= int(message.expiry_s) <= 3
+    # A sample in the same state moves the figures; then it becomes too old.
+    service.post(now_batch([0.25, 0.5, 0.25], sequence=2))
+    wait_for(lambda: any(one.get("sequence") == 2 for one in subscriber.of(CONTACT)))
+    wait_for(lambda: states(subscriber) == ["no-samples", "contact", "stale"])
+    assert metric(service, 'messages_total{kind="contact"}') >= 4
+
+
+def test_every_change_of_state_is_sent_however_low_the_rate(line: Line) -> None:
+    subscriber = line.broker.subscribe("-t", CONTACT)
+    service = line.start("max_rate_hz = 1")
+    wait_connected(service)
+    told = ["no-samples"]
+    for sequence, row in enumerate([RESTING, TOUCHING, RESTING, TOUCHING], start=1):
+        service.post(now_batch(row, sequence=sequence))
+        told.append("clear" if row is RESTING else "contact")
+        wait_for(lambda: states(subscriber) == told)  # called in this turn only
+    # A quiet surface is told all the same.
+    count = len(subscriber.of(CONTACT))
+    wait_for(lambda: len(subscriber.of(CONTACT)) >= count + 2)
+    assert {one["sequence"] for one in subscriber.of(CONTACT)[count:]} == {4}
+
+
+def test_events_are_those_of_get_events_and_open_ones_wait(line: Line) -> None:
+    subscriber = line.broker.subscribe("-t", EVENT)
+    service = line.start()
+    wait_connected(service)
+    service.post(now_batch(RESTING, TOUCHING, TOUCHING, RESTING, TOUCHING, sequence=1))
+    wait_for(lambda: len(subscriber.of(EVENT)) == 1)
+    is_open, lifted = events(service)
+    assert (is_open["end"], lifted["end"]) == ("open", "lift")
+    assert subscriber.of(EVENT) == [lifted]
+    service.post(now_batch(RESTING, sequence=6))
+    wait_for(lambda: len(subscriber.of(EVENT)) == 2)
+    assert subscriber.of(EVENT) == events(service)[::-1]
+    wait_for(lambda: metric(service, "events_pending") == 0)
+
+
+def test_an_event_is_sent_again_when_late_samples_complete_it(line: Line) -> None:
+    subscriber = line.broker.subscribe("-t", EVENT)
+    service = line.start()
+    wait_connected(service)
+    service.post(now_batch(RESTING, TOUCHING, TOUCHING, sequence=1))
+    service.post(now_batch(TOUCHING, RESTING, sequence=6))
+    wait_for(lambda: len(subscriber.of(EVENT)) == 2)
+    service.post(now_batch(TOUCHING, TOUCHING, sequence=4))
+    wait_for(lambda: len(subscriber.of(EVENT)) == 3)
+    (whole,) = events(service)
+    assert (whole["samples"], whole["begin"], whole["end"]) == (5, "touch", "lift")
+    assert subscriber.of(EVENT)[-1] == whole
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_the_broker_says_when_the_service_is_gone(line: Line, how: signal.Signals) -> None:
+    subscriber = line.broker.subscribe("-t", "beamtouch/#")
+    service = line.start()
+    wait_for(lambda: subscriber.texts(STATUS) == ["online"])
+    service.post(now_batch(TOUCHING, sequence=1))
+    wait_for(lambda: "contact" in states(subscriber))
+    _, errors = service.stop(how)
+    assert "ERROR" not in errors
+    wait_for(lambda: subscriber.texts(STATUS) == ["online", "offline"])
+
+    # The broker keeps the status, and nothing that was a contact.
+    later = line.broker.subscribe("-t", "beamtouch/#")
+    wait_for(lambda: bool(later.messages))
+    service = line.start()
+    wait_for(lambda: later.texts(STATUS) == ["offline", "online"])
+    kept = [(one.topic, one.text) for one in later.messages if one.is_retained]
+    assert kept == [(STATUS, "offline")]
+
+
+def test_events_from_before_are_sent_only_where_that_is_asked_for(line: Line) -> None:
+    def record(service: Service, sequence: int) -> None:
+        service.post(now_batch(RESTING, TOUCHING, RESTING, sequence=sequence))
+        wait_for(lambda: metric(service, "events_pending") == 0 and events(service)[0]["end"] == "lift")
+        service.stop(signal.SIGTERM)
+
+    subscriber = line.broker.subscribe("-t", "+/press-7/event")
+    record(line.start('prefix = "first"'), 1)
+    wait_for(lambda: len(subscriber.messages) == 1)
+    record(line.start('prefix = "second"'), 4)
+    wait_for(lambda: len(subscriber.messages) == 2)
+    service = line.start('prefix = "third"', "send_recorded_events = true")
+    wait_for(lambda: len(subscriber.messages) == 4)
+    found = [(one.topic.partition("/")[0], one.content["id"]) for one in subscriber.messages]
+    assert found == [("first", 1), ("second", 2), ("third", 1), ("third", 2)]
+    service.stop(signal.SIGTERM)
+    # What it has acknowledged does not come again, and it goes on after its last one.
+    record(line.start('prefix = "first"'), 7)
+    wait_for(lambda: len(subscriber.messages) == 6)
+    assert [one.content["id"] for one in subscriber.messages[4:]] == [2, 3]
+
+
+def test_home_assistant_learns_of_each_surface(line: Line) -> None:
+    service = line.start("home_assistant_discovery = true")
+    wait_connected(service)
+    subscriber = line.broker.subscribe("-t", "homeassistant/#")
+    wait_for(lambda: bool(subscriber.messages))
+    (found,) = subscriber.messages
+    assert (found.is_retained, found.topic) == (True, "homeassistant/device/beamtouch_press-7/config")
+    said = json.loads(found.text)
+    assert said["origin"]["sw_version"] == version()
+    assert (said["availability_topic"], said["payload_not_available"]) == (STATUS, "offline")
+    position = said["components"]["position"]
+    assert (position["platform"], position["state_topic"], position["unit_of_measurement"]) == ("sensor", CONTACT, "mm")
+    assert position["value_template"] == "{{ value_json.position_mm | default(none) }}"
+    assert position["expire_after"] == 3
+    assert len({one["unique_id"] for one in said["components"].values()}) == 3

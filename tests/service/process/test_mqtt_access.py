@@ -1,0 +1,184 @@
+"""Accounts, rights and TLS at a real broker, and settings that cannot work."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from certificates import make_certificate
+from parts import require
+from service.process.mqtt_line import (
+    CONTACT,
+    EVENT,
+    RESTING,
+    TOUCHING,
+    events,
+    metric,
+    now_batch,
+    wait_connected,
+    wait_for,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from service.process.conftest import Command
+    from service.process.mqtt_line import Line
+
+PASSWORD = "correct horse battery"  # noqa: S105  # of these tests only
+
+
+def add_account(line: Line) -> None:
+    """Let only the user `press` in, with its password."""
+    accounts = line.folder / "accounts"
+    program = require("mosquitto_passwd", "mosquitto")
+    subprocess.run([program, "-c", "-b", str(accounts), "press", PASSWORD], check=True)
+    line.broker.configure(f"password_file {accounts}", anonymous=False)
+
+
+def restart(line: Line) -> None:
+    line.broker.kill()
+    line.broker.start()
+
+
+def test_a_wrong_password_is_one_line_and_the_service_goes_on(line: Line) -> None:
+    add_account(line)
+    restart(line)
+    password = line.folder / "password"
+    password.write_text("wrong\n")
+    settings = ('username = "press"', 'password_file = "password"')
+    service = line.start(*settings)
+    wait_for(lambda: line.broker.log.count("not authorised") >= 2)
+    service.post(now_batch(TOUCHING, sequence=1))
+    assert service.get("/contact").json()["state"] == "contact"
+    assert metric(service, "connected") == 0
+    _, errors = service.stop(signal.SIGTERM)
+    (said,) = [one for one in errors.splitlines() if "MQTT broker 127.0.0.1" in one]
+    assert "check mqtt.username and mqtt.password_file" in said
+    assert "wrong" not in errors
+
+    password.write_text(PASSWORD + "\n")
+    service = line.start(*settings)
+    wait_connected(service)
+    _, errors = service.stop(signal.SIGTERM)
+    assert PASSWORD not in errors
+
+
+def test_events_that_the_broker_refuses_wait(line: Line) -> None:
+    rights = line.folder / "rights"
+    rights.write_text("topic read #\ntopic write beamtouch/status\ntopic write beamtouch/+/contact\n")
+    line.broker.configure(f"acl_file {rights}")
+    restart(line)
+    subscriber = line.broker.subscribe("-t", "beamtouch/#")
+    service = line.start()
+    wait_connected(service)
+    service.post(now_batch(RESTING, TOUCHING, RESTING, sequence=1))
+    wait_for(lambda: metric(service, "events_pending") == 1)
+    wait_for(lambda: any(one.get("state") == "clear" for one in subscriber.of(CONTACT)))
+    assert subscriber.of(EVENT) == []
+    # This broker ends the connection after a refusal. The next one lasts.
+    wait_for(lambda: line.broker.log.count("New client connected from") >= 3)
+    count = len(subscriber.of(CONTACT))
+    wait_for(lambda: len(subscriber.of(CONTACT)) > count + 2)
+    assert metric(service, "events_pending") == 1
+    _, errors = service.stop(signal.SIGTERM)
+    assert errors.count("refuses events") == 1
+    assert "allow this user to write to beamtouch/+/event" in errors
+
+    rights.write_text("topic readwrite #\n")
+    restart(line)
+    subscriber = line.broker.subscribe("-t", "beamtouch/#")
+    service = line.start()
+    wait_for(lambda: subscriber.of(EVENT) == events(service))
+
+
+def test_a_status_that_the_broker_refuses_is_one_line(line: Line) -> None:
+    rights = line.folder / "rights"
+    rights.write_text("topic read #\n")
+    line.broker.configure(f"acl_file {rights}")
+    restart(line)
+    service = line.start()
+    wait_for(lambda: line.broker.log.count("Denied PUBLISH") >= 2)
+    assert service.get("/health/live").status_code == 200
+    _, errors = service.stop(signal.SIGTERM)
+    (said,) = [one for one in errors.splitlines() if "MQTT broker 127.0.0.1" in one]
+    assert "it refuses messages to beamtouch/status (Not authorized); allow this user to write there" in said
+
+
+def test_tls_with_a_client_certificate(line: Line, tmp_path: Path) -> None:
+    certificate, key = make_certificate(tmp_path)
+    tls = (f"cafile {certificate}", f"certfile {certificate}", f"keyfile {key}", "require_certificate true")
+    line.broker.configure(*tls)
+    restart(line)
+    own = (f'certificate_file = "{certificate}"', f'key_file = "{key}"')
+    service = line.start("tls = true", f'ca_file = "{certificate}"', *own)
+    wait_connected(service)
+    service.post(now_batch(RESTING, TOUCHING, RESTING, sequence=1))
+    wait_for(lambda: metric(service, 'messages_total{kind="event"}') == 1)
+    service.stop(signal.SIGTERM)
+
+    # The system trusts no such issuer.
+    service = line.start("tls = true", *own)
+    wait_for(lambda: "alert unknown ca" in line.broker.log)
+    assert service.get("/health/live").status_code == 200
+    _, errors = service.stop(signal.SIGTERM)
+    (said,) = [one for one in errors.splitlines() if "MQTT broker 127.0.0.1" in one]
+    assert "certificate verify failed" in said
+
+
+def test_a_broker_that_freezes_in_the_handshake_does_not_hold_up_a_stop(line: Line, tmp_path: Path) -> None:
+    certificate, key = make_certificate(tmp_path)
+    line.broker.configure(f"certfile {certificate}", f"keyfile {key}")
+    restart(line)
+    line.broker.signal(signal.SIGSTOP)
+    service = line.start("tls = true", f'ca_file = "{certificate}"')
+    assert service.get("/health/live").status_code == 200
+    code, errors = service.stop(signal.SIGTERM)
+    assert (code, "ERROR" in errors) == (0, False)
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        ("port = 1883\n", "mqtt.host is missing; add it"),
+        ('host = "b"\nprefix = "a/+"\n', "mqtt.prefix: String should match pattern"),
+        ('host = "b"\nmax_rate_hz = 0.5\n', "mqtt.max_rate_hz: Input should be greater than or equal to 1"),
+        ('host = "b"\nca_file = "ca.pem"\n', "mqtt.ca_file has no effect without TLS; set mqtt.tls = true"),
+        ('host = "b"\ntls = true\nkey_file = "k"\n', "mqtt.certificate_file is missing"),
+        ('host = "b"\ntls = true\nca_file = "token"\n', "token: not PEM; set mqtt.ca_file to"),
+        ('host = "b"\ntls = true\nca_file = "none"\n', "none: No such file or directory; set mqtt.ca_file to"),
+        ('host = "b"\ntls = true\ncertificate_file = "token"\nkey_file = "token"\n', "are not a PEM certificate"),
+        ('host = "b"\npassword_file = "token"\n', "mqtt.password_file has no effect without a user"),
+        ('host = "b"\nusername = "u"\npassword_file = "none"\n', "none: No such file or directory; write the password"),
+        ('host = "b"\nusername = "u"\npassword_file = "lines"\n', "lines: not one line of text; write the password"),
+        ('host = "b"\nusername = "u"\npassword_file = "empty"\n', "empty: not one line of text; write the password"),
+        ('host = "b"\nusername = "u"\npassword_file = "bytes"\n', "bytes: not one line of text; write the password"),
+    ],
+)
+def test_settings_that_cannot_work(
+    command: Command, tmp_path: Path, token_file: Path, section: str, words: str
+) -> None:
+    assert token_file.name == "token"
+    (tmp_path / "lines").write_text("one\ntwo\n")
+    (tmp_path / "empty").write_text("\n")
+    (tmp_path / "bytes").write_bytes(b"\xff\xfe\n")
+    (tmp_path / "service.toml").write_text(f"[mqtt]\n{section}")
+    _, errors = command("run", "--port", "0", "--config", "service.toml").communicate(timeout=60)
+    assert words in errors
+    assert errors.count("\n") == 1
+
+
+def test_a_missing_library_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "service.toml").write_text('[mqtt]\nhost = "broker"\n')
+    program = (
+        "import sys; sys.modules['aiomqtt'] = None\n"
+        "from beamtouch_service.cli import main; sys.exit(main(sys.argv[1:]))"
+    )
+    command = [sys.executable, "-c", program, "run", "--port", "0", "--config", str(tmp_path / "service.toml")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "beamtouch-service: [mqtt] needs aiomqtt; run: pip install 'beamtouch[mqtt]'\n"

@@ -1,0 +1,101 @@
+"""A broker that is killed, frozen, started again or away: the service does not mind, and no event is missing."""
+
+from __future__ import annotations
+
+import signal
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from service.process.broker import free_port
+from service.process.mqtt_line import (
+    CONTACT,
+    EVENT,
+    RESTING,
+    STATUS,
+    TOUCHING,
+    Sender,
+    events,
+    metric,
+    now_batch,
+    wait_connected,
+    wait_for,
+)
+
+if TYPE_CHECKING:
+    from service.process.mqtt_line import Line
+
+STALE_S = 1.0
+SLOW_S = 2.0
+"""For a message to reach the subscriber's file on a busy machine."""
+
+
+def test_events_of_an_outage_arrive_when_the_broker_is_back(line: Line) -> None:
+    service = line.start()
+    wait_connected(service)
+    line.broker.kill()
+    wait_for(lambda: metric(service, "connected") == 0)
+    for sequence in range(1, 41, 4):
+        service.post(now_batch(RESTING, TOUCHING, RESTING, RESTING, sequence=sequence))
+    assert service.get("/contact").json()["state"] == "clear"
+    wait_for(lambda: metric(service, "events_pending") == 10)
+    # The service itself goes, too.
+    _, errors = service.stop(signal.SIGKILL)
+    assert errors.count("the service goes on and tries again") == 1
+
+    service = line.start()
+    wait_for(lambda: metric(service, "events_pending") == 10)
+    line.broker.start()
+    # Nobody listens yet: the events wait a while for subscribers to return.
+    wait_connected(service)
+    subscriber = line.broker.subscribe("-t", EVENT)
+    wait_for(lambda: metric(service, "events_pending") == 0)
+    assert {one["id"]: one for one in subscriber.of(EVENT)} == {one["id"]: one for one in events(service)}
+    _, errors = service.stop(signal.SIGTERM)
+    assert errors.count("the service goes on and tries again") == 1
+    assert errors.count("connected again after") == 1
+    assert "ERROR" not in errors
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("frozen_s", [4.0, 8.0])
+def test_a_frozen_broker_finds_no_old_contact_when_it_goes_on(line: Line, frozen_s: float) -> None:
+    subscriber = line.broker.subscribe("-t", "beamtouch/#")
+    service = line.start(stale_ms=STALE_S * 1e3)
+    sender = Sender(service)
+    sender.start()
+    wait_for(lambda: len(subscriber.of(EVENT)) >= 2)
+    line.broker.signal(signal.SIGSTOP)
+    count = len(subscriber.of(EVENT))
+    thaw_s = time.monotonic() + frozen_s
+    wait_for(lambda: time.monotonic() >= thaw_s)
+    assert service.get("/contact").json()["age_ms"] <= STALE_S * 1e3
+    line.broker.signal(signal.SIGCONT)
+    wait_for(lambda: len(subscriber.of(EVENT)) > count + 2)
+    sender.stop()
+    wait_for(lambda: metric(service, "events_pending") == 0)
+
+    contacts = [one for one in subscriber.messages if one.topic == CONTACT and '"state"' in one.text]
+    assert max(one.content["age_ms"] for one in contacts) <= STALE_S * 1e3
+    # A busy machine may delay the way of a sample to the service: from its receipt on it counts.
+    late = [one for one in contacts if one.at_s - sender.receipts[one.content["sequence"]] > STALE_S + SLOW_S]
+    # The broker may freeze between its answer and the contact.
+    assert len(late) <= 1
+    wait_for(lambda: {one["id"] for one in events(service)} == {one["id"] for one in subscriber.of(EVENT)})
+    assert subscriber.texts(STATUS)[-1] == "online"
+    if frozen_s > 6:
+        assert metric(service, "contacts_dropped_total") >= 1
+
+
+def test_a_broker_that_was_never_there(line: Line) -> None:
+    port = free_port()
+    service = line.start(port=port)
+    service.post(now_batch(TOUCHING, sequence=1))
+    assert service.get("/contact").json()["state"] == "contact"
+    assert service.get("/health/ready").status_code == 200
+    wait_for(lambda: metric(service, "connected") == 0)
+    code, errors = service.stop(signal.SIGTERM)
+    assert code == 0
+    (said,) = [one for one in errors.splitlines() if f"127.0.0.1:{port}" in one]
+    assert "refused" in said.lower()

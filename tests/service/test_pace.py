@@ -1,0 +1,110 @@
+"""When contacts are sent to the broker: the caller gives the time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from beamtouch_models import modelfile
+from beamtouch_service.outputs.mqtt.pace import ALIVE_S, Pace
+from beamtouch_service.surfaces.surface import Surface
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from beamtouch_service.samples import Batch
+    from service.conftest import BuildModel
+
+RESTING, TOUCHING = [0.0, 0.0, 0.0], [0.5, 0.25, 0.125]
+
+
+class Press:
+    """A surface whose samples come at times of the test."""
+
+    def __init__(self, surface: Surface, parse_batch: Callable[..., Batch]) -> None:
+        self.surface = surface
+        self._parse = parse_batch
+        self._sequence = 0
+
+    def take(self, row: list[float], now_s: float) -> None:
+        self._sequence += 1
+        self.surface.receive(self._parse(row, sequence=self._sequence), now_s)
+
+
+@pytest.fixture
+def press(build_model: BuildModel, parse_batch: Callable[..., Batch]) -> Press:
+    return Press(Surface("press-7", modelfile.load(build_model()), stale_ms=500), parse_batch)
+
+
+def test_a_state_is_due_at_once_and_a_sample_in_it_at_its_turn(press: Press) -> None:
+    pace = Pace([press.surface], max_rate_hz=10)
+    assert pace.due(100.0) == [press.surface]  # that there are no samples
+    pace.sent([press.surface], 100.0)
+    assert pace.due(100.05) == []
+
+    press.take(RESTING, 100.06)
+    assert pace.has_news(press.surface, 100.06)
+    assert pace.due(100.06) == [press.surface]
+    pace.sent([press.surface], 100.06)
+    press.take(RESTING, 100.07)
+    assert not pace.has_news(press.surface, 100.07)
+    assert pace.due(100.07) == []
+    assert 100.07 + pace.wait_s(100.07) == pytest.approx(100.1)
+    assert pace.due(100.1) == [press.surface]
+    pace.sent([press.surface], 100.1)
+
+    for at_s, row in ((100.11, TOUCHING), (100.12, RESTING), (100.13, TOUCHING)):
+        press.take(row, at_s)
+        assert pace.has_news(press.surface, at_s)
+        assert pace.due(at_s) == [press.surface]
+        pace.sent([press.surface], at_s)
+        assert pace.due(at_s) == []
+
+
+def test_a_surface_is_due_when_it_becomes_stale_and_then_each_second(press: Press) -> None:
+    pace = Pace([press.surface], max_rate_hz=1)
+    press.take(TOUCHING, 10.0)
+    pace.sent([press.surface], 10.0)
+    look_s = 10.0 + pace.wait_s(10.0)
+    assert 10.5 < look_s < 10.51
+    assert pace.due(10.5) == []
+    assert pace.due(look_s) == [press.surface]
+
+    pace.sent([press.surface], look_s)
+    again_s = look_s + pace.wait_s(look_s)
+    assert look_s + ALIVE_S <= again_s + 1e-9
+    assert again_s - look_s < 1
+    assert pace.due(again_s + 1e-6) == [press.surface]
+
+
+def test_the_same_sample_is_due_within_a_second(press: Press) -> None:
+    press.surface.stale_ms = 60_000
+    pace = Pace([press.surface], max_rate_hz=20)
+    press.take(TOUCHING, 10.0)
+    pace.sent([press.surface], 10.0)
+    assert pace.due(10.5) == []
+    assert 10.5 + pace.wait_s(10.5) == pytest.approx(10.0 + ALIVE_S)
+    assert pace.due(10.0 + ALIVE_S) == [press.surface]
+
+
+def test_turns_are_common_to_all_surfaces(
+    build_model: BuildModel, parse_batch: Callable[..., Batch], press: Press
+) -> None:
+    other = Press(Surface("press-8", modelfile.load(build_model())), parse_batch)
+    pace = Pace([press.surface, other.surface], max_rate_hz=10)
+    press.take(RESTING, 1.0)
+    other.take(RESTING, 1.0)
+    pace.sent(pace.due(1.0), 1.0)
+    press.take(RESTING, 1.02)
+    other.take(TOUCHING, 1.04)
+    assert pace.due(1.04) == [other.surface]
+    pace.sent([other.surface], 1.04)
+    other.take(TOUCHING, 1.05)
+    assert pace.due(1.1) == [press.surface, other.surface]
+
+
+def test_without_surfaces_there_is_nothing_to_do() -> None:
+    pace = Pace([], max_rate_hz=10)
+    assert pace.due(1.0) == []
+    assert pace.wait_s(1.0) > 0
