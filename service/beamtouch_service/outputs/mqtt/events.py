@@ -82,6 +82,8 @@ class EventSender:
         except DBAPIError as error:
             _log.warning("the record of events cannot be read, so none is sent: %s", error.orig)
             await asyncio.sleep(REFUSED_RETRY_S)
+            # Read again, whether an event is written meanwhile or not.
+            self._written.set()
             return []
         self._counts.pending.set(count)
         return due
