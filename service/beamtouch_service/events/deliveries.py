@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from sqlalchemy import ColumnElement, Connection, func, insert, select, tuple_, update
 
-from beamtouch_service.events import writing
+from beamtouch_service.events import capture_table, writing
 from beamtouch_service.events.schema import DELIVERIES, EVENTS, IS_FINISHED
 from beamtouch_service.events.segments import Segment
 
@@ -24,6 +24,8 @@ class Due(NamedTuple):
     number: int
     """Id of the event."""
     event: Segment
+    captured: bool
+    """Whether samples of it are kept."""
 
 
 def begin(connection: Connection, destination: str, *, from_start: bool) -> None:
@@ -39,7 +41,9 @@ def due(connection: Connection, destination: str, limit: int) -> list[Due]:
     """Return finished events that this destination has yet to acknowledge, in the order of their changes."""
     content = [column for column in writing.CONTENT if column is not _c.path]
     query = select(_c.change, *content).where(_is_due(connection, destination)).order_by(_c.change, _c.id).limit(limit)
-    return [Due(row[0], *writing.numbered(row)) for row in connection.execute(query)]
+    found = [(row[0], *writing.numbered(row)) for row in connection.execute(query)]
+    captured = capture_table.captured(connection, [number for _, number, _ in found])
+    return [Due(change, number, event, number in captured) for change, number, event in found]
 
 
 def count(connection: Connection, destination: str) -> int:

@@ -93,7 +93,7 @@ class EventSender:
         messages = [
             (
                 self._topics.event(one.event.surface),
-                event_answers.event(one.number, one.event).model_dump_json().encode(),
+                event_answers.event(one.number, one.event, captured=one.captured).model_dump_json().encode(),
             )
             for one in due
         ]
