@@ -21,6 +21,7 @@ from beamtouch_models.building.build import build
 from beamtouch_models.scene import load_scene
 from browser import OpenPage, chromium, pages
 from example_scenes import SCENES
+from few_draws import few_draws
 from scheduling import Scheduling
 from simulated_board import Board, Boards, build_board, build_firmware
 from toolchain import made_once
@@ -100,6 +101,29 @@ def built_model(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Pat
         return made_once(tmp_path_factory, f"model-{name}", partial(_build, name)) / f"{name}.onnx"
 
     return model
+
+
+def _build_for_firmware(folder: Path) -> None:
+    """Write the bench scene with the ADC of the firmware's chip, and its model."""
+    text = (SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10")
+    (folder / "scene.toml").write_text(text)
+    scene, text = load_scene(folder / "scene.toml")
+    built = build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None)
+    (folder / "model.onnx").write_bytes(built.content)
+
+
+@pytest.fixture(scope="session")
+def ten_bits(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The bench scene with a 10-bit ADC as in the firmware's chip, and its model; built once per run."""
+    folder = made_once(tmp_path_factory, "ten-bits", _build_for_firmware)
+    return folder / "scene.toml", folder / "model.onnx"
+
+
+@pytest.fixture
+def short_measuring() -> Iterator[None]:
+    """Builds in this process measure their thresholds and accuracy on few draws."""
+    with few_draws():
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -135,6 +135,28 @@ async def test_a_new_configuration_restarts_what_changed_and_a_wrong_one_changes
         assert len(set(sequences)) == len(sequences)
 
 
+async def test_a_new_publish_table_restarts_every_surface_and_what_needs_a_restart_is_named(tmp_path: Path) -> None:
+    async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
+        surfaces = configs.surface("one", configs.tcp(port)), configs.surface("other", configs.tcp(port))
+        config = configs.write(tmp_path, *surfaces, url=service.url)
+        async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
+            await service.until(20, "one")
+            await service.until(20, "other")
+            text = config.read_text().replace("batch_ms = 20", "batch_ms = 25\nspool_mb = 7")
+            config.write_text(f"{text}\n[metrics]\nport = {free_port()}\n")
+            daemon.tell(signal.SIGHUP)
+            async with asyncio.timeout(60):
+                while len({batch.boot_id for _, batch, _ in service.batches}) < 4:
+                    await service.until(len(service.samples("one")) + 1, "one")
+                    await service.until(len(service.samples("other")) + 1, "other")
+            outcome = await daemon.stop()
+    assert outcome.code == 0
+    assert "configuration read again; restarted: one, other\n" in outcome.err
+    assert "changes that need a restart of the daemon: publish.spool_mb, metrics.port\n" in outcome.err
+    for name, counts in summary_of(tmp_path).items():
+        assert counts["readings"] == counts["samples_published"] == len(service.samples(name))
+
+
 async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Path) -> None:
     port = free_port()
     async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as device:

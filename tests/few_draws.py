@@ -1,0 +1,18 @@
+"""Builds in a quarter of the time, for tests that do not ask for the thresholds and the accuracy of a model."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from beamtouch_models.accuracy import stretches, touch
+from beamtouch_models.building import measured
+
+
+@contextmanager
+def few_draws() -> Iterator[None]:
+    """Measure thresholds and accuracy on a few simulated samples; all steps of a build remain."""
+    with pytest.MonkeyPatch.context() as fewer:
+        for module, name in ((measured, "ACCURACY_DRAWS"), (stretches, "DRAWS"), (touch, "DRAWS")):
+            fewer.setattr(module, name, 512)
+        yield
