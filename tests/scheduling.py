@@ -8,8 +8,8 @@ TOGETHER = (
     "models/test_self_calibration.py",
     "models/test_small_network.py",
     "process/test_heads.py",
-    # Pages share a browser: started for each test, it would take longer than they do. One for all modules would keep its
-    # event loop running beside other tests.
+    # Pages share a browser; started for each test, it would take longer than most of them. One for all modules would
+    # keep its event loop running beside other tests.
     "models/test_pictures.py",
     "process/test_page.py",
     "process/test_page_beam.py",
