@@ -135,7 +135,7 @@ def test_eight_sensors_come_with_a_small_gap() -> None:
 
 @pytest.mark.long
 def test_more_sensors_than_any_scene_has() -> None:
-    found = place(*problem_in(paper_scene()), 64, 0, certify="bound")
+    found = place(*problem_in(paper_scene(grid_mm=2)), 64, 0, certify="bound")
     assert len(set(found.positions_mm)) == 64
     assert np.isfinite(found.log_eigenvalue_product)
     assert found.gap is not None

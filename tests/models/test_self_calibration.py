@@ -147,7 +147,7 @@ def test_contacts_at_one_place_are_refused(bench: ModelFile) -> None:
 
 def test_swapped_channels_are_refused(bench: ModelFile) -> None:
     real = surface(bench.metadata, OFF, np.random.default_rng(1))
-    contacts = drawn(bench.metadata, real, OFF, np.random.default_rng(2), 40)
+    contacts = drawn(bench.metadata, real, OFF, np.random.default_rng(2), 100)
     swapped = dataclasses.replace(contacts, stated_mm=contacts.stated_mm[:, [1, 0, 2, 3]])
     with pytest.raises(NotGoodEnoughError, match="do not fit this model's surface"):
         self_fit(bench, swapped, quiet)

@@ -181,7 +181,7 @@ def test_the_command_writes_the_folder_and_builds_the_choice(design_sensors_here
     scene = tmp_path / "plate.toml"
     text = PAPER.replace("count = 2", "count = [2, 3]").replace("[sensors]", "[sensors]\nrate_hz = 50")
     scene.write_text(text + "\n[requirements]\nlatency_ms = 40\n")
-    common = ("trade", scene, "-o", tmp_path / "out", "--draws", 300, "--estimators", "posterior")
+    common = ("trade", scene, "-o", tmp_path / "out", "--draws", 128, "--estimators", "posterior")
     done = design_sensors_here(*common, "--latency-ms", 60, "--json")
     assert done.returncode == 0
     found = json.loads(done.stdout)
