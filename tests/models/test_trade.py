@@ -278,7 +278,7 @@ def test_points_that_fail_are_named_and_the_others_are_shown_in_a_table(
     assert failure["reason"] in done.stderr
     points, front = len(found["points"]), sum(one["on_front"] for one in found["points"])
     title, *table, last = done.stdout.strip().splitlines()
-    assert title == f"the front, {front} of {points} points"
+    assert title.rstrip() == f"the front, {front} of {points} points"
     assert sum("posterior" in line for line in table) == front
     assert f"all {points} points are in {tmp_path / 'out'}: trade.md, " in done.stderr
     quickest_ms = min(one["latency_ms"] for one in found["points"])
