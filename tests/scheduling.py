@@ -5,11 +5,15 @@ from xdist.scheduler import LoadScopeScheduling
 TOGETHER = (
     "models/test_build_report.py",
     "models/test_calibration.py",
+    "models/test_self_calibration.py",
     "models/test_small_network.py",
     "process/test_heads.py",
-    # Pages share a browser. One for all modules would keep its event loop running beside other tests.
+    # Pages share a browser; started for each test, it would take longer than most of them. One for all modules would
+    # keep its event loop running beside other tests.
     "models/test_pictures.py",
     "process/test_page.py",
+    "process/test_page_beam.py",
+    "process/test_page_doubt.py",
     "process/test_page_form.py",
     "process/test_page_parser.py",
     "process/test_page_token.py",

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.anyio
 SERVER = Path(__file__).with_name("libmodbus_server.c")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The server, compiled."""
     pkg_config, compiler = require("pkg-config", "pkg-config"), require("gcc", "gcc")

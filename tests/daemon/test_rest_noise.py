@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from beamtouch_daemon.commands.noise_text import Measured, as_json, lines
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import noise_keys
 from beamtouch_daemon.processing.noise_keys import keys_of, rounded_up
@@ -170,6 +171,36 @@ def test_a_channel_that_changes_slowly_is_not_stuck_by_its_own_noise() -> None:
     longest = max(np.diff(np.flatnonzero(np.diff(column) != 0)).max() for column in counts.T)
     assert sorted(keys.stuck_after_ms) == ["s1", "s2", "s3", "s4"]
     assert longest < min(keys.stuck_after_ms.values()) * RATE_HZ / 1e3
+
+
+@pytest.mark.parametrize(
+    ("chosen", "named"),
+    [
+        ({"kind": "none"}, "single readings"),
+        (mean_of(20), "the mean of 20 readings"),
+        ({"kind": "low-pass", "cutoff_hz": 2.5}, "a low-pass of 2.5 Hz"),
+        ({"kind": "adaptive", "window": 8, "step_mm": 0.05}, "an adaptive mean of up to 8 readings"),
+    ],
+)
+def test_the_filter_is_named_for_people(chosen: dict[str, object], named: str) -> None:
+    surface = surface_of(chosen)
+    channels = measured(counts_of(NOISE_MM * autoregressive(0.0)), surface)
+    found = Measured("bench", surface, MINUTE, 3, 60.0, channels, keys_of(channels, surface))
+    assert as_json(found)["filter"] == named
+    assert f"bench: {MINUTE} readings in 60 s, 3 lost; effective noise for {named}" in lines([found])
+
+
+def test_noise_that_steps_hide_and_noise_that_stays_alike_are_remarked_on() -> None:
+    def remarks(noise: float, alike: float) -> list[str]:
+        channels, surface = keys_for(noise, alike)
+        found = lines([Measured("bench", surface, MINUTE, 0, 60.0, channels, keys_of(channels, surface))])
+        return [line for line in found if line.startswith("  s1, s2, s3, s4: ")]
+
+    (hidden,) = remarks(0.1, 0.0)
+    assert "the ADC's steps hide the noise" in hidden
+    (alike,) = remarks(20.0, 0.9)
+    assert "so the mean of 20 readings is up to 3." in alike  # of_white(20, 0.9) is 3.3
+    assert remarks(20.0, 0.0) == []
 
 
 def test_values_are_rounded_up_to_three_digits() -> None:

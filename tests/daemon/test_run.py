@@ -68,6 +68,35 @@ async def test_a_failing_surface_costs_others_nothing_and_does_not_fill_the_log(
     assert list(log.values()) == [1]
 
 
+async def test_answers_that_cannot_be_decoded_are_no_tracebacks(tmp_path: Path) -> None:
+    """The first answers come with a function that Modbus does not know, the others as asked for."""
+    asked = 0
+
+    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal asked
+        with suppress(asyncio.IncompleteReadError, ConnectionError):
+            while True:
+                query = await reader.readexactly(12)
+                asked += 1
+                words = b"\x55\x01" if asked <= 3 else bytes([query[7], 4]) + b"\x52\x08" * 2
+                writer.write(query[:4] + (len(words) + 1).to_bytes(2, "big") + query[6:7] + words)
+                await writer.drain()
+        writer.close()
+
+    device = await asyncio.start_server(answer, "127.0.0.1", 0)
+    async with serving(Service()) as service, device:
+        source = configs.tcp(device.sockets[0].getsockname()[1])
+        config = configs.write(tmp_path, configs.surface(source=source), url=service.url)
+        async with started("run", config) as daemon:
+            await service.until(50)
+            outcome = await daemon.stop()
+    assert outcome.code == 0
+    assert asked > 50
+    assert service.samples()[-1].deflection_mm[0] == pytest.approx(0.1)
+    assert "Traceback" not in outcome.err
+    assert "data_received" not in outcome.err
+
+
 async def test_a_device_that_comes_back_is_read_again_and_the_outage_is_counted(tmp_path: Path) -> None:
     port = free_port()
     async with serving(Service()) as service:
@@ -144,6 +173,16 @@ async def test_spooled_samples_are_delivered_after_the_next_start_alongside_new_
         assert after["samples_published"] == after["readings"] + before["readings"]
         assert max(batch.newest_age_ms for batch in new) < min(batch.newest_age_ms for batch in old)
         assert [sample.sequence for batch in old for sample in batch.samples] == list(range(before["readings"]))
+
+
+async def test_a_spool_that_cannot_be_opened_is_an_error_in_one_line(tmp_path: Path) -> None:
+    config = configs.write(tmp_path, configs.surface())
+    config.write_text(config.read_text().replace("batch_ms", 'spool_file = "."\nbatch_ms'))
+    async with started("run", config) as daemon:
+        outcome = await daemon.end()
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.complaint().startswith(f"publish.spool_file: {tmp_path} cannot be opened (")
+    assert outcome.complaint().endswith("; choose a file in a writable folder")
 
 
 async def test_a_cancellation_that_a_task_swallows_is_repeated() -> None:

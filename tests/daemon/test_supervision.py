@@ -1,4 +1,4 @@
-"""What keeps the daemon going for a year: the service manager, a new configuration, metrics, logs, the unit file."""
+"""What keeps the daemon going for a year: the service manager, metrics, logs, the unit file."""
 
 import asyncio
 import json
@@ -21,9 +21,8 @@ from beamtouch_daemon.running.surface_worker import PATIENCE_S, SurfaceWorker
 from parts import require
 
 from . import configs
-from .devices import SerialDevice, pymodbus_server
-from .lines import terminal
-from .process import free_port, started, summary_of
+from .devices import pymodbus_server
+from .process import free_port, started
 from .service import Service, serving
 from .spools import batch_of
 
@@ -94,45 +93,6 @@ def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> No
     assert hangs(worker(now_s, long_ago_s, 5), now_s)  # samples wait, and nobody sends them
     assert not hangs(worker(now_s, long_ago_s, 0), now_s)  # nothing to send
     assert not hangs(worker(long_ago_s, now_s, 0, rate_hz=0.1), now_s)  # it reads that seldom
-
-
-async def test_a_new_configuration_restarts_what_changed_and_a_wrong_one_changes_nothing(tmp_path: Path) -> None:
-    with terminal() as line:
-        SerialDevice(line)
-        async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
-            one, other = (
-                configs.surface("one", configs.tcp(port)),
-                configs.surface("other", configs.serial(line.path)),
-            )
-            config = configs.write(tmp_path, one, other, url=service.url)
-            async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
-                await service.until(100, "one")
-                await service.until(100, "other")
-                good = config.read_text()
-                config.write_text(good.replace("window", "windw"))
-                daemon.tell(signal.SIGHUP)
-                await service.until(len(service.samples("one")) + 100, "one")
-                config.write_text(good.replace("rest_gap_mm = 2.5", "rest_gap_mm = 2.6", 1))
-                daemon.tell(signal.SIGHUP)
-                async with asyncio.timeout(60):
-                    while not any(s.deflection_mm[0] == pytest.approx(0.2) for s in service.samples("one")):
-                        await service.until(len(service.samples("one")) + 1, "one")
-                await service.until(len(service.samples("other")) + 50, "other")
-                outcome = await daemon.stop()
-    assert outcome.code == 0
-    boots = {
-        name: list(dict.fromkeys(batch.boot_id for surface, batch, _ in service.batches if surface == name))
-        for name in ("one", "other")
-    }
-    assert len(boots["one"]) == 2
-    assert len(boots["other"]) == 1  # it went on undisturbed
-    assert outcome.err.count("the new configuration is wrong, the old one stays in use: ") == 1
-    assert "unknown key surfaces.one.filter.windw" in outcome.err
-    assert "configuration read again; restarted: one\n" in outcome.err
-    for name, counts in summary_of(tmp_path).items():
-        assert counts["readings"] == counts["samples_published"] == len(service.samples(name))
-        sequences = [(batch.boot_id, s.sequence) for n, batch, _ in service.batches if n == name for s in batch.samples]
-        assert len(set(sequences)) == len(sequences)
 
 
 async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_path: Path) -> None:

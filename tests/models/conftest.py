@@ -11,7 +11,7 @@ from beamtouch_models.trade import points, timing
 from in_process import Command, command_of
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def surface(bench: ModelFile) -> SimulatedSurface:
     """The surface of the bench, as `challenge` simulates it."""
     return SimulatedSurface.of(bench.metadata)

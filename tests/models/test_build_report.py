@@ -224,6 +224,14 @@ def test_every_support_and_section_is_drawn(facts: Facts, beam: str, supports: i
     assert "Supports: " in tags.of("svg")[0]["aria-label"]
 
 
+def test_a_foundation_is_drawn_as_springs_under_the_whole_beam(facts: Facts) -> None:
+    tags = drawn(facts, PAPER.replace("[beam]", "[beam]\nsupports = []\nfoundation_n_mm2 = 0.01"), 100.0, 300.0)
+    (springs,) = tags.of("path", "support")
+    tops = [float(start.split()[0]) for start in springs["d"].split("M")[1:]]
+    assert tops == pytest.approx(np.linspace(MARGIN, WIDTH - MARGIN, len(tops)), abs=0.1)
+    assert len(tops) > 20
+
+
 def test_labels_of_close_sensors_do_not_overlap(facts: Facts) -> None:
     text = beam_drawing(
         facts.scene,
@@ -264,6 +272,7 @@ def test_a_report_in_a_missing_folder_is_refused_before_the_build(design_sensors
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("short_measuring")
 def test_explain_and_build_agree_if_the_noise_comes_from_the_adc_alone(
     design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

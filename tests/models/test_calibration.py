@@ -4,8 +4,6 @@ import csv
 import dataclasses
 import json
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,20 +21,20 @@ from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.modelfile import Metadata, ModelFile
 from beamtouch_models.progress import silent
 from beamtouch_models.rig.imperfections import Imperfections
+from few_draws import few_draws
 from imperfect_surface import imperfections, readings, true_prior
 from in_process import Command
 from recorded_loads import random_imperfections, recorded
 
 pytestmark = pytest.mark.long
 
-COMMAND = str(Path(sys.executable).parent / "design-sensors")
-
 
 @pytest.fixture(scope="module")
 def calibrated(bench: ModelFile, tmp_path_factory: pytest.TempPathFactory) -> Calibrated:
     """The bench's model, fitted to an imperfect surface."""
     path = readings(tmp_path_factory.mktemp("loads"), bench, imperfections(4, bench.metadata))
-    return calibrate(bench, read_loads(path, bench.metadata), silent)
+    with few_draws():
+        return calibrate(bench, read_loads(path, bench.metadata), silent)
 
 
 def error_over_limit(model: ModelFile, real: Imperfections) -> tuple[float, float]:
@@ -174,18 +172,19 @@ def test_a_fit_leaves_a_fixity_of_zero(bench: ModelFile) -> None:
     assert fit(theory, loads, tuple(theory.kinds)).error_mm < 2 * metadata.noise.sample_mm
 
 
+@pytest.mark.usefixtures("short_measuring")
 def test_the_command_prints_the_departures(
     design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path
 ) -> None:
     path = readings(tmp_path, bench, imperfections(3, bench.metadata))
     output = tmp_path / "real.onnx"
-    command = [COMMAND, "calibrate", str(bench_model), str(path), "-o", str(output), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    done = design_sensors_here("calibrate", bench_model, path, "-o", output, "--json")
+    assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["model"] == modelfile.load(output).identity
     assert found["error_after_mm"]["mean"] < found["error_before_mm"]["mean"]
     assert found["standard_errors"]["gain"]
-    shown = subprocess.run([COMMAND, "inspect", str(output)], capture_output=True, text=True, check=True)
+    shown = design_sensors_here("inspect", output)
     assert "calibrated with 10 loads" in shown.stdout
     table = design_sensors_here("calibrate", bench_model, path, "-o", output)
     lines = dict(line.split(maxsplit=1) for line in table.stdout.splitlines())

@@ -29,7 +29,7 @@ CASES = (
 def test_the_distance_of_a_fault_is_that_of_the_nearest_contact_or_of_rest(
     surface: SimulatedSurface, case: Case
 ) -> None:
-    fault = case.make(surface, 12, np.random.default_rng(7)).fault_mm
+    fault = case.make(surface, 6, np.random.default_rng(7)).fault_mm
     assert fault is not None
     found = distances(surface, fault, np.ones(fault.shape, np.bool_))
     for row, weights, distance in zip(fault, whitened(surface, fault), found, strict=True):

@@ -1,8 +1,6 @@
 """The estimators by name, through the command that builds them."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import get_args
 
@@ -13,9 +11,8 @@ from beamtouch_models import arguments, modelfile
 from beamtouch_models.estimators.estimator import NAMES, Name
 from beamtouch_models.estimators.paper_graph import paper_graph, trained_as_in_the_paper
 from example_scenes import SCENES
+from in_process import Command
 from posterior_cases import answers_of, prior_of
-
-COMMAND = str(Path(sys.executable).parent / "design-sensors")
 
 
 def test_the_command_knows_the_names() -> None:
@@ -37,27 +34,22 @@ def test_the_papers_network_as_a_graph(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.long
-def test_the_papers_network_builds_and_is_evaluated(tmp_path: Path) -> None:
-    path = tmp_path / "paper.onnx"
-    scene = SCENES / "paper.toml"
-    command = [COMMAND, "build", str(scene), "--estimator", "paper-network", "-o", str(path), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert json.loads(done.stdout)["outputs"] == ["position_mm"]
+def test_the_papers_network_builds_and_is_evaluated(paper_network: Path, design_sensors_here: Command) -> None:
+    path = paper_network / "paper.onnx"
+    assert json.loads((paper_network / "said.json").read_text())["outputs"] == ["position_mm"]
     model = modelfile.load(path)
     assert model.metadata.estimator == "paper-network"
     assert model.metadata.min_channels == len(model.metadata.layout)
     assert model.metadata.accuracy.ratio > 1
-    done = subprocess.run(
-        [COMMAND, "evaluate", str(path), "--draws", "300", "--json"], capture_output=True, text=True, check=True
-    )
+    done = design_sensors_here("evaluate", path, "--draws", 300, "--json")
+    assert done.returncode == 0, done.stderr
     (found,) = json.loads(done.stdout)["evaluations"]
     assert found["span"]["ratio"]["value"] > 1
     assert found["position_coverage"] is found["missed"] is found["false_alarms"] is None
 
 
-def test_an_unknown_estimator_is_refused(tmp_path: Path) -> None:
-    command = [COMMAND, "build", str(SCENES / "paper.toml"), "--estimator", "oracle", "-o", str(tmp_path / "m.onnx")]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+def test_an_unknown_estimator_is_refused(design_sensors_here: Command, tmp_path: Path) -> None:
+    done = design_sensors_here("build", SCENES / "paper.toml", "--estimator", "oracle", "-o", tmp_path / "m.onnx")
     assert done.returncode == 2
     assert "'posterior'" in done.stderr
     assert not list(tmp_path.iterdir())

@@ -16,7 +16,7 @@ from drawn_contacts import Drawn
 BASELINE = 100
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def drawn(bench: ModelFile) -> Drawn:
     return Drawn(bench)
 

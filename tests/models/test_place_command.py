@@ -66,6 +66,17 @@ def test_position_error_has_no_gap(design_sensors_here: Command) -> None:
     assert (found["proven"], found["gap"]) == (False, None)
 
 
+def test_the_paper_search_by_position_error_shows_a_table(design_sensors_here: Command, tmp_path: Path) -> None:
+    path = tmp_path / "coarse.toml"
+    path.write_text(PAPER.replace("count = 2", "count = 2\ngrid_mm = 20"))
+    done = design_sensors_here("place", path, "--criterion", "position-error", "--search", "paper", "--seed", 1)
+    assert done.returncode == 0, done.stderr
+    lines = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
+    assert lines["sensors"] == "100, 300 mm from the left end"
+    assert lines["proof"] == "none: this criterion has no bound"
+    assert lines["search"] == "paper, by position-error, seed 1"
+
+
 def test_an_open_number_is_that_of_a_build_and_the_option_overrides_it(
     design_sensors_here: Command, tmp_path: Path
 ) -> None:

@@ -25,7 +25,7 @@ OPTIMA = {
 @pytest.mark.parametrize("count", OPTIMA)
 def test_every_seed_reaches_the_optimum(count: int, search: SearchName) -> None:
     positions, log_product = OPTIMA[count]
-    for seed in range(20):
+    for seed in range(10):  # a search that misses it from one start in three passes once in 58 times
         found = place(*problem_in(paper_scene()), count, seed, search=search)
         assert found.positions_mm == positions
         assert found.log_eigenvalue_product == pytest.approx(log_product, abs=5e-5)
@@ -34,7 +34,7 @@ def test_every_seed_reaches_the_optimum(count: int, search: SearchName) -> None:
 @pytest.mark.parametrize("search", ["exact", "paper"])
 def test_eight_sensors_on_four_components_merge_into_four_pairs(search: SearchName) -> None:
     # The paper's figure 5.
-    for seed in range(5 if search == "exact" else 20):
+    for seed in range(3 if search == "exact" else 10):
         found = place(*problem_in(paper_scene()), 8, seed, leading=4, search=search)
         assert found.positions_mm == (68, 69, 156, 157, 243, 244, 331, 332)
 

@@ -1,6 +1,7 @@
 """The virtual surface: scripts, sensor characteristic, imperfections, and the device on a pseudo-terminal."""
 
 import asyncio
+import contextlib
 import os
 import subprocess
 import sys
@@ -18,16 +19,19 @@ from beamtouch_models.physics.beam import influence
 from beamtouch_models.rig.imperfections import Imperfections, load_imperfections
 from beamtouch_models.rig.pty_line import joined_line, named_line
 from beamtouch_models.rig.script import Load, Script, default_script, load_script
-from beamtouch_models.rig.serial_device import SerialDevice
+from beamtouch_models.rig.serial_device import MAX_RATE_HZ, SerialDevice
 from beamtouch_models.rig.surface import VirtualSurface, counts_of_gap
 from beamtouch_models.scene import load_scene
 from beamtouch_models.structure import Beam
 from beamtouch_protocol.framing import Decoder, encode
-from beamtouch_protocol.messages import Hello, HelloRequest, Message, Reading, Start, Stop
+from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong, Reading, Start, Stop
 from example_scenes import SCENES
 from in_process import Command
 
 scene, _ = load_scene(SCENES / "bench.toml")
+
+READINGS = 1500
+"""Enough for the mean of a channel to 3 % of its noise, and for the noise to 2 %."""
 
 TOUCH_MOVE_LIFT = """
 repeat = false
@@ -112,11 +116,11 @@ def test_the_characteristic_is_linear_from_1_to_4_mm_and_levels_off_beyond(bits:
 def test_counts_come_back_as_the_deflection_with_the_noise_of_the_scene(bench: ModelFile) -> None:
     surface = VirtualSurface(scene, bench.metadata, seed=1)
     sensor = bench.metadata.sensor
-    counts = np.array([surface.counts(Load(150.0, 12.0), 0.0) for _ in range(4000)])
+    counts = np.array([surface.counts(Load(150.0, 12.0), 0.0) for _ in range(READINGS)])
     deflection = sensor.standoff_mm - (sensor.offset_mm + sensor.gain_mm_per_count * counts)
     expected = 12.0 * influence(scene.beam, [68, 156, 244, 332], [150.0])[0]
     noise = 0.002 * bench.metadata.max_deflection_mm
-    assert deflection.mean(axis=0) == pytest.approx(expected, abs=5 * noise / np.sqrt(4000))
+    assert deflection.mean(axis=0) == pytest.approx(expected, abs=5 * noise / np.sqrt(READINGS))
     assert deflection.std(axis=0) == pytest.approx(np.full(4, noise), rel=0.06)
     assert VirtualSurface(scene, bench.metadata, seed=1).counts(Load(150.0, 12.0), 0.0) == counts[0].tolist()
 
@@ -171,6 +175,79 @@ async def test_a_stopped_device_sends_nothing_but_answers(tmp_path: Path) -> Non
     assert kinds[-2:] == [Hello, Hello]  # after the stop, the device sent only answers
 
 
+@pytest.mark.anyio
+async def test_it_answers_a_ping_and_ignores_what_a_device_does_not_take(tmp_path: Path) -> None:
+    script: list[Message | float] = [Pong(6, 0), Start(MAX_RATE_HZ + 1, 1), Start(500, 2), Ping(7)]
+    received = await exchange(tmp_path / "line", script, lambda so_far: any(isinstance(m, Pong) for m in so_far))
+    assert [type(message) for message in received] == [Hello, Pong]
+    assert isinstance(received[1], Pong)
+    assert received[1].token == 7
+
+
+@pytest.mark.anyio
+async def test_frames_on_a_line_that_nobody_reads_are_lost_and_the_device_goes_on(tmp_path: Path) -> None:
+    converted = [0]
+
+    def convert() -> list[int]:
+        converted[0] += 1
+        return [1] * 8
+
+    with named_line(tmp_path / "line") as line:
+        host = os.open(tmp_path / "line", os.O_RDWR | os.O_NOCTTY)
+        os.set_blocking(host, False)
+        device = asyncio.create_task(SerialDevice(line, convert, 8, 16).serve())
+        os.write(host, encode(Start(MAX_RATE_HZ, 1)))
+        try:
+            async with asyncio.timeout(60):
+                while converted[0] < 3000:  # noqa: ASYNC110  # more than a pseudo-terminal holds
+                    await asyncio.sleep(0.01)
+                decoder, sequences = Decoder(), list[int]()
+                while not sequences or sequences[-1] < 3000:
+                    with contextlib.suppress(BlockingIOError):
+                        found = decoder.feed(os.read(host, 4096))
+                        sequences += [message.sequence for message in found if isinstance(message, Reading)]
+                    await asyncio.sleep(0.001)
+        finally:
+            os.close(host)
+            device.cancel()
+            await asyncio.wait([device])
+    assert len(sequences) < sequences[-1]
+
+
+def test_a_line_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
+    with (
+        pytest.raises(SceneError, match=r"absent/line: No such file or directory"),
+        named_line(tmp_path / "absent/line"),
+    ):
+        pass
+    (tmp_path / "line").symlink_to(tmp_path / "gone")  # left behind by a rig that was killed
+    with named_line(tmp_path / "line"):
+        assert (tmp_path / "line").is_char_device()
+
+
+@pytest.mark.anyio
+async def test_a_joined_line_that_nobody_reads_loses_bytes_and_works_again(tmp_path: Path) -> None:
+    with joined_line(tmp_path / "line") as near_name:
+        near, far = (os.open(name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK) for name in (near_name, tmp_path / "line"))
+        try:
+            for _ in range(100):
+                with contextlib.suppress(BlockingIOError):
+                    os.write(near, bytes(1000))
+                await asyncio.sleep(0)
+            async with asyncio.timeout(60):
+                held = b""
+                while b"again" not in held:
+                    with contextlib.suppress(BlockingIOError):
+                        os.write(near, b"again")
+                    await asyncio.sleep(0.01)
+                    with contextlib.suppress(BlockingIOError):
+                        held += os.read(far, 65_536)
+        finally:
+            os.close(near)
+            os.close(far)
+    assert held.count(0) < 100_000
+
+
 def test_a_line_removes_its_link_and_never_replaces_a_file(tmp_path: Path) -> None:
     with named_line(tmp_path / "line"):
         assert (tmp_path / "line").is_char_device()
@@ -208,7 +285,7 @@ def test_imperfections_change_the_counts_as_stated(bench: ModelFile, tmp_path: P
     path.write_text(IMPERFECT)
     surface = VirtualSurface(scene, bench.metadata, 1, load_imperfections(path))
     sensor, layout = bench.metadata.sensor, np.array([c.position_mm for c in bench.metadata.layout])
-    counts = np.mean([surface.counts(Load(150.0, 12.0), 0.0) for _ in range(4000)], axis=0)
+    counts = np.mean([surface.counts(Load(150.0, 12.0), 0.0) for _ in range(READINGS)], axis=0)
     ends = [{"at_mm": 0.0, "fixity": 0.05}, {"at_mm": 400.0}]
     stiffer = {**scene.beam.model_dump(), "youngs_modulus_gpa": 231.0, "supports": ends}
     deflection = 12 * influence(Beam.model_validate(stiffer), layout + np.array([1, -1, 0.5, 0]), [150.0])[0]

@@ -5,10 +5,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
-
-from beamtouch_models.building.build import build
-from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from in_process import Command
 
@@ -19,17 +15,6 @@ def refused(*arguments: str | Path) -> str:
     done = subprocess.run([RIG, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (2, "")
     return done.stderr
-
-
-@pytest.fixture(scope="module")
-def ten_bits(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """The bench scene with a 10-bit ADC as in the firmware's chip, and its model."""
-    folder = tmp_path_factory.mktemp("ten-bits")
-    path, model = folder / "scene.toml", folder / "model.onnx"
-    path.write_text((SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10"))
-    scene, text = load_scene(path)
-    model.write_bytes(build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
-    return path, model
 
 
 def test_the_firmware_needs_a_serial_line(rig_here: Command, ten_bits: tuple[Path, Path]) -> None:

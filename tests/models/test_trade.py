@@ -176,12 +176,12 @@ def test_fixed_sensors_raise_the_least_number_of_sensors() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.usefixtures("short_timing")
+@pytest.mark.usefixtures("short_timing", "short_measuring")
 def test_the_command_writes_the_folder_and_builds_the_choice(design_sensors_here: Command, tmp_path: Path) -> None:
     scene = tmp_path / "plate.toml"
     text = PAPER.replace("count = 2", "count = [2, 3]").replace("[sensors]", "[sensors]\nrate_hz = 50")
     scene.write_text(text + "\n[requirements]\nlatency_ms = 40\n")
-    common = ("trade", scene, "-o", tmp_path / "out", "--draws", 300, "--estimators", "posterior")
+    common = ("trade", scene, "-o", tmp_path / "out", "--draws", 128, "--estimators", "posterior")
     done = design_sensors_here(*common, "--latency-ms", 60, "--json")
     assert done.returncode == 0
     found = json.loads(done.stdout)
@@ -221,11 +221,10 @@ def interrupted(command: list[str], stop: signal.Signals, is_time: Callable[[], 
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Signals) -> None:
+def test_a_terminated_trade_keeps_its_points(tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = [COMMAND, "trade", str(SCENES / "bench.toml"), "-o", str(out), "--draws", "512", "--json"]
-    code, stdout, stderr = interrupted(command, stop, (out / "trade.svg").exists)
+    code, stdout, stderr = interrupted(command, signal.SIGTERM, (out / "trade.svg").exists)
     found = json.loads((out / "trade.json").read_text())
     done = len(found["points"])
     assert (code, stdout) == (130, "")
@@ -238,8 +237,7 @@ def test_an_interrupted_trade_keeps_its_points(tmp_path: Path, stop: signal.Sign
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_build_of_the_choice_says_what_is_kept(tmp_path: Path, stop: signal.Signals) -> None:
+def test_an_interrupted_build_of_the_choice_says_what_is_kept(tmp_path: Path) -> None:
     scene, out = tmp_path / "conveyor.toml", tmp_path / "out"
     text = (SCENES / "conveyor.toml").read_text().replace("count = 4", "count = [3, 3]")
     scene.write_text(text.replace("latency_ms = 50", "latency_ms = 10").replace("position_error_mm = 20", ""))
@@ -250,7 +248,7 @@ def test_an_interrupted_build_of_the_choice_says_what_is_kept(tmp_path: Path, st
         results = out / "trade.json"
         return results.exists() and bool(json.loads(results.read_text())["physics"])
 
-    code, stdout, stderr = interrupted(command, stop, has_physics)
+    code, stdout, stderr = interrupted(command, signal.SIGINT, has_physics)
     found = json.loads((out / "trade.json").read_text())
     done = len(found["points"])
     assert (code, stdout, done) == (130, "", found["planned_points"])
@@ -260,22 +258,33 @@ def test_an_interrupted_build_of_the_choice_says_what_is_kept(tmp_path: Path, st
     assert {path.name for path in out.iterdir()} - {"since-touch.svg"} == {"trade.json", "trade.md", "trade.svg"}
 
 
-@pytest.mark.usefixtures("short_timing")
-def test_points_that_fail_are_named_and_the_others_are_kept(design_sensors_here: Command, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("short_timing", "short_measuring")
+def test_points_that_fail_are_named_and_the_others_are_shown_in_a_table(
+    design_sensors_here: Command, tmp_path: Path
+) -> None:
     scene = tmp_path / "narrow.toml"
     # Three sensors with 150 mm between them go on 400 mm, four do not.
     text = PAPER.replace("count = 2", "count = [3, 4]\nmin_distance_mm = 150")
     scene.write_text(text + "\n[requirements]\nlatency_ms = 10\n")
-    options = ("--draws", 128, "--estimators", "posterior", "--json")
+    options = ("--draws", 128, "--estimators", "posterior", "--error-mm", 300)
     done = design_sensors_here("trade", scene, "-o", tmp_path / "out", *options)
     assert done.returncode == 0
-    found = json.loads(done.stdout)
+    found = json.loads((tmp_path / "out" / "trade.json").read_text())
     assert {one["sensors"] for one in found["points"]} == {3}
     (failure,) = found["failures"]
     assert (failure["sensors"], failure["estimator"]) == (4, None)
     assert "min_distance_mm" in failure["reason"]
     assert failure["reason"] in (tmp_path / "out" / "trade.md").read_text()
     assert failure["reason"] in done.stderr
+    points, front = len(found["points"]), sum(one["on_front"] for one in found["points"])
+    title, *table, last = done.stdout.strip().splitlines()
+    assert title.rstrip() == f"the front, {front} of {points} points"
+    assert sum("posterior" in line for line in table) == front
+    assert f"all {points} points are in {tmp_path / 'out'}: trade.md, " in done.stderr
+    quickest_ms = min(one["latency_ms"] for one in found["points"])
+    assert last.startswith(f"built {tmp_path / 'out' / 'narrow.onnx'}: ")
+    assert last.endswith(f" mm, {quickest_ms:.3g} ms")
+    assert len(modelfile.load(tmp_path / "out" / "narrow.onnx").metadata.layout) == 3
 
 
 @pytest.mark.parametrize(

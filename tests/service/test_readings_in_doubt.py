@@ -110,6 +110,26 @@ def test_a_covariance_that_no_channel_can_have_is_refused(
     assert bench.get("/contact").status_code == 200
 
 
+def test_a_covariance_that_rounding_makes_unusable_costs_only_its_own_sample(
+    bench: Bench, make_batch: MakeBatch
+) -> None:
+    # An eigenvalue of -2e-4 mm^2 beside one of 3e6 passes for rounding, and is more than the floor makes up for.
+    large, above = 1e6, 1e6 * (1 + 2e-10)
+    unusable = {"readings": 1, "covariance_mm2": [large, above, large, above, above, large]}
+    body = make_batch(RESTING, TOUCHING, TOUCHING, sequence=1)
+    body["samples"][1] |= unusable
+    assert bench.post(body).status_code == 200
+    found = bench.get("/contact").json()
+    assert (found["state"], found["sequence"]) == ("contact", 3)
+
+    body = make_batch(TOUCHING, sequence=4)
+    body["samples"][0] |= unusable
+    assert bench.post(body).status_code == 200
+    problem = bench.get("/contact")
+    assert (problem.status_code, problem.json()["type"]) == (503, "urn:beamtouch:problem:unusable-estimate")
+    assert problem.json()["detail"] == "For the newest sample, covariance_mm2: it must be positive definite."
+
+
 def test_channels_are_left_out_only_as_often_as_needed(build_model: BuildModel, make_batch: MakeBatch) -> None:
     model, rows = modelfile.load(build_model(channels=4)), list[int]()
 

@@ -7,10 +7,8 @@ from typing import Any
 import httpx2
 import pytest
 
-from beamtouch_models.building.build import build
+from beamtouch_models import modelfile
 from beamtouch_models.building.daemon_config import daemon_config
-from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
 from line import Line, Surface
 from plain_http import NO_TLS, TIMEOUT_S
 from simulated_board import Board
@@ -18,19 +16,9 @@ from simulated_board import Board
 SCRIPT = "repeat = false\n[[step]]\nseconds = 1e6\nposition_mm = 120\nforce_n = 10\n"
 
 
-def ten_bits(folder: Path) -> tuple[Path, Path, Path]:
-    """The bench with the ADC of the chip: scene, model and daemon config."""
-    scene_path, model_path, config_path = (folder / name for name in ("scene.toml", "model.onnx", "generated.toml"))
-    scene_path.write_text((SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10"))
-    scene, text = load_scene(scene_path)
-    built = build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None)
-    model_path.write_bytes(built.content)
-    config_path.write_text(daemon_config(built.metadata))
-    return scene_path, model_path, config_path
-
-
-def test_a_touch_is_found_through_the_firmware(board: Board, tmp_path: Path) -> None:
-    scene, model, config = ten_bits(tmp_path)
+def test_a_touch_is_found_through_the_firmware(board: Board, ten_bits: tuple[Path, Path], tmp_path: Path) -> None:
+    (scene, model), config = ten_bits, tmp_path / "generated.toml"
+    config.write_text(daemon_config(modelfile.load(model).metadata))
     (tmp_path / "script.toml").write_text(SCRIPT)
     surface = Surface("bench", "serial", tmp_path / "script.toml", ("--firmware", *board.command))
     with Line(tmp_path, scene, model, config, [surface]) as line:

@@ -134,7 +134,7 @@ def held(model: Model, line: Line, surface: Surface) -> tuple[float, float]:
     return inside / TOUCHES, moving / TOUCHES
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def layout() -> Floats:
     return np.array(place(*problem_in(scene_with(noise_mm=0.0045)), CHANNELS, 0).positions_mm)
 

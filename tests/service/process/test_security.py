@@ -39,6 +39,26 @@ def told(connection: socket.socket) -> bytes:
     return found
 
 
+@pytest.mark.parametrize("certified", [False, True])
+def test_beyond_loopback_a_service_without_tls_warns(
+    command: Command,
+    token_file: Path,
+    read_token_file: Path,
+    certificate: tuple[Path, Path],
+    certified: bool,  # a case of the test
+) -> None:
+    options: list[str | Path] = ["--write-token-file", token_file, "--read-token-file", read_token_file]
+    if certified:
+        options += ["--certificate-file", certificate[0], "--key-file", certificate[1]]
+    process = command("run", "--host", "0.0.0.0", "--port", "0", *options)  # noqa: S104  # the warning is about that
+    assert process.stdout is not None
+    assert process.stdout.readline().startswith("listening on ")
+    process.send_signal(signal.SIGTERM)
+    _, errors = process.communicate(timeout=60)
+    assert process.wait() == 0
+    assert ("no TLS: others on the network can read the tokens" in errors) is not certified
+
+
 def test_no_token_is_ever_in_the_log(
     start_service: StartService,
     build_model: BuildModel,

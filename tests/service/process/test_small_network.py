@@ -65,10 +65,8 @@ def test_a_small_network_is_built_evaluated_checked_and_served(
     assert contact(4, [0.0] * 4)["state"] == "clear"
 
 
-def test_check_says_what_the_papers_network_lacks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / "paper.onnx"
-    assert cli.main(["build", str(SCENES / "paper.toml"), "--estimator", "paper-network", "-o", str(path)]) == 0
-    capsys.readouterr()
+def test_check_says_what_the_papers_network_lacks(paper_network: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = paper_network / "paper.onnx"
     lacks = "position_low_mm, position_high_mm, contact_log_odds, misfit"
     assert service_cli.main(["check", str(path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()

@@ -1,0 +1,19 @@
+"""Builds in a quarter of the time, for tests that do not ask for the thresholds and the accuracy of a model."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from beamtouch_models.accuracy import touch_thresholds, unexplained_thresholds
+from beamtouch_models.building import measured
+
+
+@contextmanager
+def few_draws() -> Iterator[None]:
+    """Measure thresholds and accuracy on a few simulated samples; all steps of a build remain."""
+    with pytest.MonkeyPatch.context() as fewer:
+        fewer.setattr(measured, "ACCURACY_DRAWS", 512)
+        for module in (unexplained_thresholds, touch_thresholds):
+            fewer.setattr(module, "DRAWS", 512)
+        yield
