@@ -27,6 +27,10 @@ for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
 
 MODBUS_SERVER = ("beamtouch_service.host.modbus", "beamtouch_service.outputs.modbus.requests")
 """What needs pymodbus."""
+MQTT = tuple(
+    f"beamtouch_service.outputs.mqtt.{name}" for name in ("connection", "contacts", "events", "messages", "publisher")
+)
+"""What needs an MQTT client."""
 
 
 def needed(distribution: str, extras: frozenset[str]) -> set[str]:
@@ -50,8 +54,9 @@ def needed(distribution: str, extras: frozenset[str]) -> set[str]:
     ("extra", "package", "without"),
     [
         ("daemon", "beamtouch_daemon", ()),
-        ("service", "beamtouch_service", MODBUS_SERVER),
-        ("service,modbus-server", "beamtouch_service", ()),
+        ("service", "beamtouch_service", (*MODBUS_SERVER, *MQTT)),
+        ("service,modbus-server", "beamtouch_service", MQTT),
+        ("service,mqtt", "beamtouch_service", MODBUS_SERVER),
         ("design", "beamtouch_models", ("beamtouch_models.rig",)),
         ("rig", "beamtouch_models.rig", ()),
     ],
