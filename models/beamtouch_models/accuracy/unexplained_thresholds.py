@@ -75,7 +75,7 @@ def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int)
         each = []
         for kept in sets[:: -(-len(sets) // MAX_SETS)]:
             still = at_rest(noise[list(kept)], simulated, DRAWS, seed)
-            odd = squares_if_odd(directions(whole[:, kept]), still.sample, limit)
+            odd = squares_if_odd(directions(whole[:, kept]), still.sample, limit, still.first)
             each.append(max(limit, threshold(still, odd, rate)))
         rest.append((max(each) + min(each)) / 2)
         misfit.append(limit)
@@ -115,11 +115,17 @@ def _sequences(basis: Floats, noise: Floats, window: int, rng: np.random.Generat
     return Sequences(sample, FARTHEST * np.exp(density - log_tilt(zero, tilt, reach)), first)
 
 
-def squares_if_odd(unit: Floats, sample: Floats, misfit: float) -> Floats:
-    """Return the sum of squares of samples (draws, samples, channels), and 0 where a contact explains the sample."""
+def squares_if_odd(unit: Floats, sample: Floats, misfit: float, first: int) -> Floats:
+    """Return the sum of squares of samples (draws, samples, channels), and 0 where a contact explains the sample.
+
+    It is 0 as well for draws without a run of large sums that begins at sample `first`.
+    """
     square: Floats = (sample**2).sum(axis=2)
     found: Floats = np.zeros_like(square)
-    large = square > misfit
+    # Sequences that are not odd where they are drawn large do not count, so they need no search.
+    counted = np.flatnonzero(_lasting(square)[:, first] > misfit)
+    large = np.zeros(square.shape, np.bool_)
+    large[counted] = square[counted] > misfit
     explained = np.maximum(sample[large] @ unit.T, 0.0).max(axis=1) ** 2
     found[large] = np.where(square[large] - explained > misfit, square[large], 0.0)
     return found
@@ -127,15 +133,27 @@ def squares_if_odd(unit: Floats, sample: Floats, misfit: float) -> Floats:
 
 def stretches(drawn: Sequences, odd: Bools) -> float:
     """Return the rate of stretches per sample; `odd` are (draws, samples)."""
-    begun = odd[:, :-2] & odd[:, 1:-1] & odd[:, 2:]
-    return float(np.mean(drawn.weight * begun[:, drawn.first] / np.maximum(begun.sum(axis=1), 1)))
+    return _rate(drawn, _lasting(odd.astype(np.float64)), 0.5)
 
 
 def threshold(drawn: Sequences, statistic: Floats, rate: float) -> float:
     """Return the threshold of a statistic (draws, samples) at which stretches begin with probability `rate`."""
-    low, high = 0.0, float(statistic.max())
+    low, high, lasting = 0.0, float(statistic.max()), _lasting(statistic)
     for _ in range(STEPS):
         middle = (low + high) / 2
-        above = stretches(drawn, statistic > middle) > rate
+        above = _rate(drawn, lasting, middle) > rate
         low, high = (middle, high) if above else (low, middle)
     return high
+
+
+def _lasting(statistic: Floats) -> Floats:
+    """Return the level (draws, samples - 2) above which a statistic stays for three samples in a row."""
+    found: Floats = np.minimum(np.minimum(statistic[:, :-2], statistic[:, 1:-1]), statistic[:, 2:])
+    return found
+
+
+def _rate(drawn: Sequences, lasting: Floats, level: float) -> float:
+    """Return the rate of stretches per sample in which a statistic lies above a level."""
+    counted = np.flatnonzero(lasting[:, drawn.first] > level)
+    in_each = np.count_nonzero(lasting[counted] > level, axis=1)
+    return float((drawn.weight[counted] / in_each).sum() / len(lasting))
