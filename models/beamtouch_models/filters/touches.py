@@ -47,9 +47,9 @@ def is_sharp_touch(before: FloatArray, since: FloatArray, number: int, sharp: fl
         Limits of the squares of a change, and of calm readings, in squared units of the readings.
     """
     jump, away = since - before[:, -1], before - before.mean(axis=1, keepdims=True)
-    sharply: NDArray[np.bool_] = (jump * jump).sum(axis=1) > (1 + 1 / number) * sharp
-    lay_still: NDArray[np.bool_] = (away * away).sum(axis=(1, 2)) < calm
-    return sharply & lay_still
+    change: FloatArray = (jump * jump).sum(axis=1)
+    unrest: FloatArray = (away * away).sum(axis=(1, 2))
+    return (change > (1 + 1 / number) * sharp) & (unrest < calm)
 
 
 def follow_touch(sums: Sums, sizes: NDArray[np.intp], still: int, sharp: float, calm: float) -> NDArray[np.bool_]:
