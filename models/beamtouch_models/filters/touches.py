@@ -60,8 +60,9 @@ def follow_touch(sums: Sums, sizes: NDArray[np.intp], still: int, sharp: float, 
     long_ago = (sizes >= 2) & (sums.starts >= sizes + still)
     ages = np.where(long_ago, sizes, 2)[:, np.newaxis] + np.arange(still, -2, -1)
     each = np.diff(sums.before(np.minimum(ages, sums.starts[:, np.newaxis])), axis=1)
-    complete: NDArray[np.bool_] = each[:, :, 1].all(axis=(1, 2))
-    return long_ago & complete & is_sharp_touch(each[:, :-1, 0], each[:, -1, 0], 1, sharp, calm)
+    touch = is_sharp_touch(each[:, :-1, 0], each[:, -1, 0], 1, sharp, calm)
+    found: NDArray[np.bool_] = long_ago & each[:, :, 1].all(axis=(1, 2)) & touch
+    return found
 
 
 def calm_since_touch(units: FloatArray, sizes: NDArray[np.intp], still: int) -> NDArray[np.bool_]:
