@@ -188,7 +188,7 @@ def test_a_growing_mean_has_a_largest_number_of_readings(tmp_path: Path) -> None
     text = configs.surface().replace("rate_hz = 200.0", "rate_hz = 200.0\nnoise_mm = 0.003")
     text = text.replace('"moving-average"\nwindow = 1', '"growing-mean"\nmax_mean_ms = 60000')
     said = complaint(configs.write(tmp_path, text))
-    assert said == "surfaces.bench: filter.max_mean_ms: at most 10000 readings, 50000"
+    assert said == "surfaces.bench: filter.max_mean_ms: at most 50000, the time of 10000 readings"
 
 
 def test_the_number_of_further_errors_is_stated(tmp_path: Path) -> None:
