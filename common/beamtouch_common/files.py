@@ -157,7 +157,8 @@ def _complaint(error: ValidationError, content: Mapping[str, Any], renamed: Mapp
 
 def _tag(key: str, context: Mapping[str, Any]) -> str:
     """Return the key in a table that names the kind of the table."""
-    return f"{key}.{context['discriminator'].strip(chr(39))}".removeprefix(".")
+    name = context["discriminator"].strip("'")
+    return f"{key}.{name}" if key else name
 
 
 def _reason(message: str) -> str:
