@@ -5,26 +5,11 @@
  * Reads COUNT input registers from ADDRESS on, POLLS times, until its standard input ends. Prints a line for each: the
  * registers, then the floats at offsets 8 to 20 as libmodbus decodes them. WORD_ORDER is abcd or cdab.
  */
-#include <errno.h>
-#include <modbus.h>
-#include <poll.h>
+#include "libmodbus_common.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
-
-static int input_ended(void)
-{
-    struct pollfd input = {.fd = STDIN_FILENO, .events = POLLIN};
-    char byte;
-    return poll(&input, 1, 0) > 0 && read(STDIN_FILENO, &byte, 1) <= 0;
-}
-
-static int fail(const char *what)
-{
-    fprintf(stderr, "%s: %s\n", what, modbus_strerror(errno));
-    return 1;
-}
 
 int main(int argc, char **argv)
 {

@@ -6,7 +6,6 @@ The service imports this module and no other of the package. It needs onnxruntim
 from beamtouch_models.decision import (
     LOG_ODDS,
     MISFIT,
-    Decider,
     Evidence,
     Hypotheses,
     Judgement,
@@ -14,7 +13,6 @@ from beamtouch_models.decision import (
     Memory,
     State,
     Suspects,
-    Verdict,
     Weighed,
     evidence,
     is_odd,
@@ -22,40 +20,23 @@ from beamtouch_models.decision import (
     is_unchecked,
     memories_after,
 )
-from beamtouch_models.decision.decider import PERSISTENCE
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.health import BestSample, ChannelChange, Health
 from beamtouch_models.loading import ModelFile, load, load_bytes, read
 from beamtouch_models.metadata import (
-    FORCE_OUTPUTS,
     INPUTS,
-    METADATA_PREFIX,
-    POSITION_OUTPUTS,
-    SCHEMA_VERSION,
     Accuracy,
     Calibration,
-    Channel,
-    Departures,
     Drawn,
-    FilterChoice,
-    Floor,
-    Golden,
-    Influence,
     Metadata,
     Noise,
     Ranges,
-    Sensor,
-    SmallestForce,
-    Thresholds,
 )
-from beamtouch_models.session import Answers, session_options
-from beamtouch_models.whitening import whitening
+from beamtouch_models.session import Answers
 
 __all__ = [
-    "FORCE_OUTPUTS", "INPUTS", "LOG_ODDS", "METADATA_PREFIX", "MISFIT", "PERSISTENCE", "POSITION_OUTPUTS",
-    "SCHEMA_VERSION", "Accuracy", "Answers", "BestSample", "Calibration", "Channel", "ChannelChange", "Decider",
-    "Departures", "Drawn", "Evidence", "FilterChoice", "Floor", "Golden", "Health", "Hypotheses", "Influence",
-    "Judgement", "LeftOut", "Memory", "Metadata", "ModelFile", "ModelFileError", "Noise", "Ranges", "Sensor",
-    "SmallestForce", "State", "Suspects", "Thresholds", "Verdict", "Weighed", "evidence", "is_odd", "is_overload",
-    "is_unchecked", "load", "load_bytes", "memories_after", "read", "session_options", "whitening",
+    "INPUTS", "LOG_ODDS", "MISFIT", "Accuracy", "Answers", "BestSample", "Calibration", "ChannelChange", "Drawn",
+    "Evidence", "Health", "Hypotheses", "Judgement", "LeftOut", "Memory", "Metadata", "ModelFile", "ModelFileError",
+    "Noise", "Ranges", "State", "Suspects", "Weighed", "evidence", "is_odd", "is_overload", "is_unchecked", "load",
+    "load_bytes", "memories_after", "read",
 ]  # fmt: skip

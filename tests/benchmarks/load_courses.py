@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.challenge.honest import _inertia_mm
+from beamtouch_models.challenge.honest import inertia_mm
 from beamtouch_models.challenge.play import drawn
 from beamtouch_models.challenge.surface import SimulatedSurface
 
@@ -96,6 +96,6 @@ def followed(surface: SimulatedSurface, path: Floats, force: Floats) -> Floats:
     fine_path = np.array([np.interp(fine, readings, one) for one in path])
     target = surface.mode_shapes(fine_path) * force[:, :1, None]
     step_s = 1 / surface.metadata.sensor.rate_hz / STEPS
-    inertia: Floats = _inertia_mm(surface.modes, surface.sensor_mm, target, step_s)
+    inertia: Floats = inertia_mm(surface.modes, surface.sensor_mm, target, step_s)
     deflection[:, -inertia.shape[1] :] += inertia
     return deflection

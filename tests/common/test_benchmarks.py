@@ -10,5 +10,10 @@ BENCHMARKS = sorted((Path(__file__).parents[1] / "benchmarks").glob("bench_*.py"
 
 @pytest.mark.parametrize("path", BENCHMARKS, ids=lambda path: path.stem)
 def test_each_benchmark_has_what_make_bench_calls(path: Path) -> None:
-    functions = [node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)]
-    assert "run" in functions
+    (run,) = (
+        node.args
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.FunctionDef) and node.name == "run"
+    )
+    required = len(run.posonlyargs) + len(run.args) - len(run.defaults) + run.kw_defaults.count(None)
+    assert required == 0  # it is called without arguments

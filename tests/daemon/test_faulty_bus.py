@@ -25,6 +25,8 @@ pytestmark = pytest.mark.anyio
 
 PATTERNS = patterns(seed=3)
 SLOW = ("late, 0.2 %, answers only values", "late, 3 %, one register")
+TRIES = 4
+"""Requests to a unit before it is on."""
 QUICK = [name for name, one in PATTERNS.items() if one.is_provable and one.sessions == 1 and name not in SLOW]
 
 
@@ -117,8 +119,10 @@ async def test_a_single_register_that_comes_1500_ms_late_is_not_believed(kind: s
 
 async def test_a_unit_with_one_probe_that_was_off_at_the_start_is_read_once_it_is_on() -> None:
     is_on = False
+    requests = asyncio.Semaphore(0)
 
     def one_probe(_number: int, frame: bytes) -> Pieces:
+        requests.release()
         return [(0.0, frame)] if is_on and frame[1:3] in {b"\4\2", b"\4\4"} else []
 
     with terminal() as line:
@@ -126,7 +130,8 @@ async def test_a_unit_with_one_probe_that_was_off_at_the_start_is_read_once_it_i
         async with rtu_units(line, {1: unit}):
             source = source_in({}, table(line.path), ["register = 0", "register = 1"], 50.0)
             reading = asyncio.create_task(take_across_sessions(source, 40, is_of(unit)))
-            await asyncio.sleep(2.5)  # it has been tried several times by then
+            for _ in range(TRIES):
+                await requests.acquire()
             is_on = True
             await reading
 

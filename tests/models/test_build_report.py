@@ -2,7 +2,6 @@
 
 import json
 import re
-from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beamtouch_models import modelfile
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.building.build import Built
 from beamtouch_models.building.model_prior import physics_of
@@ -17,7 +17,6 @@ from beamtouch_models.building.report import facts as facts_module
 from beamtouch_models.building.report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
 from beamtouch_models.building.report.facts import Facts, gather
 from beamtouch_models.building.report.page import page
-from beamtouch_models.commands import build as command
 from beamtouch_models.metadata import Channel
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.influence import InfluenceFunction
@@ -249,21 +248,6 @@ def test_labels_of_close_sensors_do_not_overlap(facts: Facts) -> None:
     assert max(rows.values()) + 14 < HEIGHT - 36
 
 
-def test_build_writes_the_report(
-    facts: Facts, bench_model: Path, bench: ModelFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(facts_module, "PROFILE_DRAWS", 2000)
-    monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 200)
-    built = built_of(bench_model, bench, facts.scene)
-    monkeypatch.setattr(command, "build", lambda *_arguments, **_options: built)
-    report = tmp_path / "report.html"
-    output = tmp_path / "bench.onnx"
-    options = {"scene": SCENES / "bench.toml", "output": output, "sensors": None, "seed": 0, "daemon_config": None}
-    command.run(Namespace(**options, estimator="posterior", report=report, json=True))
-    assert bench.identity in report.read_text(encoding="utf-8")
-    assert output.read_bytes() == bench_model.read_bytes()
-
-
 def test_a_report_in_a_missing_folder_is_refused_before_the_build(design_sensors_here: Command, tmp_path: Path) -> None:
     output = ("-o", tmp_path / "m.onnx", "--report", tmp_path / "a/b.html")
     done = design_sensors_here("build", SCENES / "paper.toml", *output)
@@ -273,7 +257,7 @@ def test_a_report_in_a_missing_folder_is_refused_before_the_build(design_sensors
 
 
 @pytest.mark.usefixtures("short_measuring")
-def test_explain_and_build_agree_if_the_noise_comes_from_the_adc_alone(
+def test_explain_and_the_report_of_build_agree_if_the_noise_comes_from_the_adc_alone(
     design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(facts_module, "PROFILE_DRAWS", 500)
@@ -290,7 +274,9 @@ def test_explain_and_build_agree_if_the_noise_comes_from_the_adc_alone(
     assert shear["verdict"] == "not modelled"
     assert f"note:    shear is {shear['price']:.2g} times the noise but not modelled" in done.stderr
     assert json.loads(done.stdout)["noise"]["sample_mm"] == explained["noise_mm"]
-    cells = [cell.strip() for cell in Tags(report.read_text(encoding="utf-8")).text]
+    text = report.read_text(encoding="utf-8")
+    assert modelfile.load(tmp_path / "deep.onnx").identity in text
+    cells = [cell.strip() for cell in Tags(text).text]
     for effect in explained["effects"]:
         row = cells.index(effect["name"], cells.index("shear"))
         price = "-" if effect["price"] is None else f"{effect['price']:.3g}"

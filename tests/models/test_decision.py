@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.model_prior import prior_of_model
+from beamtouch_models.decision import Decider
 from beamtouch_models.modelfile import (
     Answers,
-    Decider,
     Hypotheses,
     ModelFile,
     State,

@@ -8,15 +8,15 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beamtouch_models.decision import Decider
+from beamtouch_models.metadata import Thresholds
 from beamtouch_models.modelfile import (
     LOG_ODDS,
     MISFIT,
-    Decider,
     Evidence,
     Hypotheses,
     Memory,
     State,
-    Thresholds,
     memories_after,
 )
 
@@ -47,19 +47,25 @@ def any_sample(rng: random.Random) -> Evidence:
     return sample(odds, still, precision=rng.choice([1.0, 50.0, 100.0]), settled=rng.random() < 0.8)
 
 
-@settings(max_examples=400, deadline=None)
-@given(rng=st.randoms(use_true_random=True))
-def test_a_state_that_is_shown_does_not_depend_on_the_samples_before(rng: random.Random) -> None:
-    whole, part = Decider(THRESHOLDS), Hypotheses(THRESHOLDS, memories_after(None))
-    for _ in range(rng.randint(0, 20)):
-        whole.step(any_sample(rng))
-    for _ in range(30):
-        one = any_sample(rng)
-        whole.step(one)
-        if part.step(one).shown:
-            assert part.state is whole.state
-        if len(part.memories) == 1:
-            assert part.memories == (whole.memory,)
+def test_a_state_that_is_shown_does_not_depend_on_the_samples_before() -> None:
+    shown = known = 0
+    for seed in range(400):
+        rng = random.Random(seed)  # noqa: S311 - samples, not secrets
+        whole, part = Decider(THRESHOLDS), Hypotheses(THRESHOLDS, memories_after(None))
+        for _ in range(rng.randint(0, 20)):
+            whole.step(any_sample(rng))
+        for _ in range(30):
+            one = any_sample(rng)
+            whole.step(one)
+            if part.step(one).shown:
+                shown += 1
+                assert part.state is whole.state
+            if len(part.memories) == 1:
+                known += 1
+                assert part.memories == (whole.memory,)
+    # Most of the 12 000 samples show the state, so this compares something.
+    assert shown > 6000
+    assert known > 6000
 
 
 @settings(max_examples=200, deadline=None)

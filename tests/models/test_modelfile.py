@@ -13,6 +13,7 @@ import pytest
 from onnx import helper
 
 from beamtouch_models import loading, modelfile, session
+from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 
 DRAWN = {"supports": [], "at_mm": [0, 400], "load_mm": [200], "deflection_mm_per_n": [[0, 0]]}
@@ -49,7 +50,7 @@ def test_a_built_model_loads_with_its_metadata(bench: ModelFile) -> None:
     assert bench.identity.startswith("bench@")
     assert bench.channels == ["s1", "s2", "s3", "s4"]
     assert [channel.position_mm for channel in bench.metadata.layout] == [68, 156, 244, 332]
-    assert bench.outputs == modelfile.POSITION_OUTPUTS + modelfile.FORCE_OUTPUTS
+    assert bench.outputs == POSITION_OUTPUTS + FORCE_OUTPUTS
     # 20 N in the middle of 400 mm of 210 GPa steel, 25 x 3 mm.
     assert bench.metadata.max_deflection_mm == pytest.approx(20 * 400**3 / (48 * 1.18125e7), rel=1e-9)
     assert bench.metadata.noise.sample_mm == pytest.approx(0.001 * bench.metadata.max_deflection_mm, rel=1e-9)

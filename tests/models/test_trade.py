@@ -28,6 +28,7 @@ from beamtouch_models.trade.physics import physics_trade
 from beamtouch_models.trade.point import Point, Trade
 from beamtouch_models.trade.points import counts_of, measured_points, windows_of
 from beamtouch_models.trade.quantised import quantised
+from beamtouch_models.trade.since_touch import curves
 from beamtouch_models.trade.timing import Times
 from example_scenes import PAPER, SCENES
 from in_process import Command
@@ -166,6 +167,13 @@ def test_noise_from_the_adc_alone_has_a_row_for_each_other_effect() -> None:
     scene, _ = load_scene(SCENES / "conveyor.toml")
     quiet = changed(scene, "sensors", noise_mm=0.0)
     assert [one.effect for one in physics_trade(quiet, draws=100, seed=0)] == ["shear"]
+
+
+def test_a_curve_is_of_the_filter_that_build_writes() -> None:
+    stated, _ = load_scene(SCENES / "bench.toml")
+    scene = changed(stated, "requirements", max_mean_ms=10.0)  # less than the latency of 20 ms
+    (curve,) = curves(scene, [2], draws=4, seed=0)
+    assert curve.readings[-1] == choose_filter(scene).most == 4
 
 
 def test_fixed_sensors_raise_the_least_number_of_sensors() -> None:

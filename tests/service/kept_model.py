@@ -4,10 +4,10 @@ import os
 import time
 from pathlib import Path
 
-from beamtouch_models import modelfile
+from beamtouch_models.metadata import POSITION_OUTPUTS
 from beamtouch_service.host.model_watch import ModelKeeper
 
-NO_FORCE = (*modelfile.POSITION_OUTPUTS,)
+NO_FORCE = (*POSITION_OUTPUTS,)
 """Outputs of a model that states no force."""
 
 

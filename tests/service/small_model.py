@@ -8,7 +8,23 @@ import onnx
 import onnxruntime as ort
 from onnx import TensorProto, helper
 
-from beamtouch_models import modelfile
+from beamtouch_models.metadata import (
+    FORCE_OUTPUTS,
+    POSITION_OUTPUTS,
+    Accuracy,
+    Channel,
+    Drawn,
+    FilterChoice,
+    Floor,
+    Golden,
+    Metadata,
+    Noise,
+    Ranges,
+    Sensor,
+    SmallestForce,
+    Thresholds,
+)
+from beamtouch_models.session import session_options
 
 Rows = list[list[float]]
 
@@ -68,10 +84,10 @@ def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
 
 
-def _golden(model: onnx.ModelProto, channels: int) -> modelfile.Golden:
+def _golden(model: onnx.ModelProto, channels: int) -> Golden:
     deflection: Rows = [[0.1] * channels, [0.0] * channels]
     whitening = (np.eye(channels) * 100).tolist()
-    options = modelfile.session_options()
+    options = session_options()
     session = ort.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
     values = session.run(
         None,
@@ -82,38 +98,34 @@ def _golden(model: onnx.ModelProto, channels: int) -> modelfile.Golden:
     )
     names = [output.name for output in session.get_outputs()]
     answers = {name: [float(one) for one in value] for name, value in zip(names, values, strict=True)}
-    return modelfile.Golden(deflection_mm=deflection, whitening_per_mm=[whitening] * 2, answers=answers)
+    return Golden(deflection_mm=deflection, whitening_per_mm=[whitening] * 2, answers=answers)
 
 
 @cache
 def _content(name: str, channels: int, min_channels: int, outputs: tuple[str, ...], prefix: str) -> bytes:
     model = _graph(channels, outputs)
-    metadata = modelfile.Metadata(
+    metadata = Metadata(
         name=name,
         estimator="tiny",
         length_mm=400,
-        layout=[
-            modelfile.Channel(name=f"{prefix}{i + 1}", position_mm=min(100.0 * (i + 1), 400.0)) for i in range(channels)
-        ],
+        layout=[Channel(name=f"{prefix}{i + 1}", position_mm=min(100.0 * (i + 1), 400.0)) for i in range(channels)],
         min_channels=min_channels,
-        ranges=modelfile.Ranges(position_mm=(1, 399), force_n=(1, 20)),
+        ranges=Ranges(position_mm=(1, 399), force_n=(1, 20)),
         max_deflection_mm=1,
-        noise=modelfile.Noise(reading_mm=0.01, sample_mm=0.01),
-        filter=modelfile.FilterChoice(),
-        sensor=modelfile.Sensor(
-            rate_hz=200, range_mm=(1, 4), standoff_mm=3, adc_bits=12, gain_mm_per_count=0.001, offset_mm=0
-        ),
-        floor=modelfile.Floor(gain=[0.003] * channels, zero_mm=[0.002] * channels),
-        thresholds=modelfile.Thresholds(
+        noise=Noise(reading_mm=0.01, sample_mm=0.01),
+        filter=FilterChoice(),
+        sensor=Sensor(rate_hz=200, range_mm=(1, 4), standoff_mm=3, adc_bits=12, gain_mm_per_count=0.001, offset_mm=0),
+        floor=Floor(gain=[0.003] * channels, zero_mm=[0.002] * channels),
+        thresholds=Thresholds(
             touch=[10.0] * channels,
             rest=[30.0] * channels,
             misfit=[1e6, 1e6, *[30.0] * channels][:channels],
             false_contacts_per_day=1 / 30,
         ),
-        smallest_force=modelfile.SmallestForce(position_mm=[200.0], force_n=[0.5]),
-        drawn=modelfile.Drawn(supports=[], at_mm=[0.0, 400.0], load_mm=[200.0], deflection_mm_per_n=[[0.0, 0.0]]),
+        smallest_force=SmallestForce(position_mm=[200.0], force_n=[0.5]),
+        drawn=Drawn(supports=[], at_mm=[0.0, 400.0], load_mm=[200.0], deflection_mm_per_n=[[0.0, 0.0]]),
         seed=1,
-        accuracy=modelfile.Accuracy(
+        accuracy=Accuracy(
             error_percent=1,
             error_standard_error=0.1,
             limit_percent=1,
@@ -133,7 +145,7 @@ def write_model(
     name: str = "press-7",
     channels: int = 3,
     min_channels: int = 2,
-    outputs: tuple[str, ...] = modelfile.POSITION_OUTPUTS + modelfile.FORCE_OUTPUTS,
+    outputs: tuple[str, ...] = POSITION_OUTPUTS + FORCE_OUTPUTS,
     prefix: str = "s",
 ) -> Path:
     """Write a model file with channels s1, s2, ... (or of another prefix) on a beam of 400 mm."""

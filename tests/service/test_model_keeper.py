@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import onnx
 import pytest
 
-from beamtouch_models import modelfile
+from beamtouch_models.metadata import METADATA_PREFIX
 from beamtouch_service.access import Access
 from beamtouch_service.host import model_watch
 from beamtouch_service.surfaces.surface import Surface
@@ -103,7 +103,7 @@ def restated(path: Path, **entries: object) -> bytes:
     """A model file with other metadata entries."""
     model = onnx.load(path)
     for entry in model.metadata_props:
-        name = entry.key.removeprefix(modelfile.METADATA_PREFIX)
+        name = entry.key.removeprefix(METADATA_PREFIX)
         if name in entries:
             entry.value = json.dumps(entries[name])
     content: bytes = model.SerializeToString()

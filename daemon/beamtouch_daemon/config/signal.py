@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from beamtouch_daemon.config.modules import Encoding
 from beamtouch_daemon.config.sources import Strict
+from beamtouch_models.filters import readings_within
 from beamtouch_service.samples import ChannelName
 
 
@@ -72,7 +73,7 @@ class GrowingMean(_Spike):
 
     def longest(self, rate_hz: float) -> int:
         """Return the largest number of readings in a mean."""
-        return max(1, math.floor(self.max_mean_ms * rate_hz / 1e3 + 1e-6))
+        return max(1, readings_within(self.max_mean_ms, rate_hz))
 
 
 Filter = Annotated[NoFilter | MovingAverage | LowPass | Adaptive | GrowingMean, Field(discriminator="kind")]

@@ -41,14 +41,17 @@ def stages(settings: Filter, rate_hz: float, unit_mm: FloatArray, slowest_period
 
     `unit_mm` is the noise of each channel, and `slowest_period` that of the beam, in readings.
     """
-    if isinstance(settings, GrowingMean):
-        longest, few = settings.longest(rate_hz), settings.window
-        return (filters.growing_mean_stage(longest, unit_mm, settings.spike_mm, few, slowest_period),)
-    chosen = [] if settings.spike_mm is None else [filters.spike_stage(settings.spike_mm)]
-    if isinstance(settings, MovingAverage):
-        chosen.append(filters.moving_average_stage(settings.window, filters.filled(settings.window)))
-    elif isinstance(settings, LowPass):
-        chosen.append(filters.low_pass_stage(filters.smoothing(settings.cutoff_hz, rate_hz)))
-    elif isinstance(settings, Adaptive):
-        chosen.append(filters.adaptive_stage(settings.window, settings.step_mm))
-    return tuple(chosen)
+    mean = settings if isinstance(settings, MovingAverage | GrowingMean) else None
+    chosen = filters.chosen_stages(
+        mean.kind if mean else "none",
+        window=mean.window if mean else 1,
+        longest=settings.longest(rate_hz) if isinstance(settings, GrowingMean) else 1,
+        spike_mm=settings.spike_mm,
+        unit_mm=unit_mm,
+        slowest_period=slowest_period,
+    )
+    if isinstance(settings, LowPass):
+        return (*chosen, filters.low_pass_stage(filters.smoothing(settings.cutoff_hz, rate_hz)))
+    if isinstance(settings, Adaptive):
+        return (*chosen, filters.adaptive_stage(settings.window, settings.step_mm))
+    return chosen

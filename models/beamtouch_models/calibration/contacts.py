@@ -11,12 +11,11 @@ import numpy as np
 from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.calibration.loads import MAX_DEFLECTIONS
+from beamtouch_models.health.zeros import DRIFT
 from beamtouch_models.metadata import Metadata
 
 MOST = 2000
 """Largest number of contacts that are used, the newest; it bounds the time of a fit."""
-DRIFT = 4.0
-"""Rests that differ by more than this many times the stated drift show that a zero has moved; health uses the same."""
 SURELY = 4.0
 """Deviations of each rest that may be noise."""
 MAX_BYTES = 64 << 20

@@ -14,7 +14,7 @@ from beamtouch_models.metadata import Metadata
 
 FEWEST_POSITIONS = 4
 SMALLEST_SPREAD = 0.4
-"""Smallest spread of the positions, over the range of contacts."""
+"""Smallest spread of the positions, over the range of positions: of known loads, or of the middle 80 % of contacts."""
 FEWEST_SAMPLES = 5
 MAX_DEFLECTIONS = 100.0
 """Largest sample, over the largest deflection of the model; a larger one cannot be in mm."""

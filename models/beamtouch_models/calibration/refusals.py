@@ -6,14 +6,13 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.held_out import HeldOut
 from beamtouch_models.calibration.left_open import LeftOpen
 from beamtouch_models.calibration.linear import degrees_of
+from beamtouch_models.calibration.loads import SMALLEST_SPREAD
 from beamtouch_models.calibration.theory import FIXITY, Theory
 from beamtouch_models.calibration.unlabelled import ContactFit
 from beamtouch_models.errors import NotGoodEnoughError
 
 FEWEST = 12
 """Smallest number of contacts."""
-SMALLEST_SPREAD = 0.4
-"""Smallest stretch with the middle 80 % of the contacts, over the range of positions."""
 MOST_NOT_SINGLE = 1 / 3
 """Largest share of samples that are not a single contact on this surface."""
 WORSE = 1.5

@@ -133,7 +133,7 @@ def moves(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, sp
     deflection = surface.under(path[:, ::STEPS], np.repeat(force[:, None], moving + 1, axis=1))
     if surface.modes is not None and surface.mode_shapes is not None:
         target = surface.mode_shapes(path) * force[:, None, None]
-        deflection += _inertia_mm(surface.modes, surface.sensor_mm, target, step_s)
+        deflection += inertia_mm(surface.modes, surface.sensor_mm, target, step_s)
     still = np.repeat(deflection[:, :1], before, axis=1)
     return Play(
         deflection_mm=np.concatenate([still, deflection[:, 1:]], axis=1),
@@ -143,7 +143,7 @@ def moves(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, sp
     )
 
 
-def _inertia_mm(modes: Modes, sensor_mm: Floats, target: Floats, step_s: float) -> Floats:
+def inertia_mm(modes: Modes, sensor_mm: Floats, target: Floats, step_s: float) -> Floats:
     """Return what inertia adds at each reading, (draws, readings, channels) in mm.
 
     The target (draws, steps, modes) is what the modes follow: the shapes at the load times its force.

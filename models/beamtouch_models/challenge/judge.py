@@ -20,16 +20,8 @@ from beamtouch_models.decision import (
     is_overload,
     is_unchecked,
 )
-from beamtouch_models.filters import (
-    Chain,
-    Stage,
-    filled,
-    growing_mean_stage,
-    moving_average_stage,
-    spike_stage,
-    unit_of,
-)
-from beamtouch_models.metadata import FilterChoice, Metadata
+from beamtouch_models.filters import Chain, chosen_stages, unit_of
+from beamtouch_models.metadata import Metadata
 from beamtouch_models.session import Run
 
 
@@ -89,16 +81,6 @@ class Judged:
         return Judged(*(part.reshape(-1, *part.shape[2:]) for part in parts))
 
 
-def stages(chosen: FilterChoice, unit_mm: Floats, slowest_period: float) -> tuple[Stage, ...]:
-    """Return the filters of the daemon for the choice of a model; `unit_mm` is the noise of each channel."""
-    if chosen.kind == "growing-mean":
-        return (growing_mean_stage(chosen.most, unit_mm, chosen.spike_mm, chosen.window, slowest_period),)
-    spike = () if chosen.spike_mm is None else (spike_stage(chosen.spike_mm),)
-    if chosen.kind == "none":
-        return spike
-    return (*spike, moving_average_stage(chosen.window, filled(chosen.window)))
-
-
 def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int = 0, *, naming: bool = False) -> Judged:
     """Return the statements of a surface's model on each reading (draws, readings, channels); draws begin anew.
 
@@ -107,9 +89,15 @@ def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int =
     """
     metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
     step_mm = metadata.sensor.gain_mm_per_count
-    unit_mm = unit_of(noise_mm, step_mm, surface.channels)
-    chosen = stages(metadata.filter, unit_mm, surface.slowest_period)
-    chain = Chain(chosen, surface.channels, noise_mm, surface.slowest_period, step_mm)
+    stages = chosen_stages(
+        metadata.filter.kind,
+        window=metadata.filter.window,
+        longest=metadata.filter.most,
+        spike_mm=metadata.filter.spike_mm,
+        unit_mm=unit_of(noise_mm, step_mm, surface.channels),
+        slowest_period=surface.slowest_period,
+    )
+    chain = Chain(stages, surface.channels, noise_mm, surface.slowest_period, step_mm)
     filtered = []
     for readings in readings_mm:
         chain.restart()

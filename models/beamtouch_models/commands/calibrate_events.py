@@ -9,10 +9,11 @@ import numpy as np
 from beamtouch_common.files import write_atomically
 from beamtouch_models import loading
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.contacts import DRIFT, UnlabelledContacts, read_contacts
+from beamtouch_models.calibration.contacts import UnlabelledContacts, read_contacts
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
 from beamtouch_models.commands.departures import departures_in_words
 from beamtouch_models.commands.progress import shown_progress
+from beamtouch_models.health.zeros import DRIFT
 from beamtouch_models.loading import ModelFile
 
 

@@ -10,19 +10,21 @@ average and an adaptive mean continue with the good readings in the window, and 
 reading.
 """
 
-from beamtouch_models.filters.chain import (
-    Chain,
+from beamtouch_models.filters.chain import Chain
+from beamtouch_models.filters.filtered import Filtered
+from beamtouch_models.filters.means import FloatArray, smoothing
+from beamtouch_models.filters.stages import (
     Stage,
     adaptive_stage,
+    chosen_stages,
     filled,
     growing_mean_stage,
     low_pass_stage,
     moving_average_stage,
+    readings_within,
     spike_stage,
     unit_of,
 )
-from beamtouch_models.filters.filtered import Filtered
-from beamtouch_models.filters.means import FloatArray, smoothing
 
 __all__ = [
     "Chain",
@@ -30,10 +32,12 @@ __all__ = [
     "FloatArray",
     "Stage",
     "adaptive_stage",
+    "chosen_stages",
     "filled",
     "growing_mean_stage",
     "low_pass_stage",
     "moving_average_stage",
+    "readings_within",
     "smoothing",
     "spike_stage",
     "unit_of",

@@ -14,29 +14,24 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.filters.means import BEFORE, FloatArray, lone_spikes
+from beamtouch_models.filters.means import BEFORE, SMALLEST_MM, FloatArray, lone_spikes
 from beamtouch_models.filters.pairs import differ, pairs_of
 from beamtouch_models.filters.significance import chi_square_quantile
-from beamtouch_models.filters.splits import SHORT, Sums, best_split, is_sharp, is_step, is_touch, parts, sharp_changes
+from beamtouch_models.filters.splits import SHORT, Sums, best_split, is_sharp, is_step, parts, sharp_changes
+from beamtouch_models.filters.touches import SHARP, calm_limit, follow_touch, still_readings
 
 CHANGES = 0.002
 """Share of samples at rest in which some window of a size seems to hold a change."""
 CLEARLY = 1e-4
 """Quantile of the chi-square distribution by which a step must explain more than a slope does."""
-SHARP = 1e-6
-"""Probability at rest of a sharp change between two readings."""
 DRIFT_PART = 4
 """One reading in this many counts where something drifts."""
-CALM = 0.001
-"""Probability at rest that readings seem to differ, which shows that a beam did not lie still before a touch."""
 NEVER = 2.0**40
 """Rows since the newest sharp change, if there was none."""
 FINE = 2.0**16
 """Readings are rounded to this part of their noise, so that sums of them are exact however a stream is split."""
 LARGEST = 2.0**50
 """Sums above it begin anew; those of 2**53 would not be exact."""
-SMALLEST_MM = 1e-9
-"""Readings without noise are compared with this, so that rounding errors are no change."""
 
 
 class GrowingMean:
@@ -72,8 +67,8 @@ class GrowingMean:
     ) -> None:
         self._longest = longest
         self._fewest = min(fewest, longest)
-        self._still = max(2, math.ceil(slowest_period / 4))
-        self._calm = chi_square_quantile(len(unit_mm) * (self._still - 1), CALM) * FINE**2
+        self._still = max(2, still_readings(slowest_period))
+        self._calm = calm_limit(self._still, len(unit_mm)) * FINE**2
         self._quantum_mm = np.maximum(unit_mm, SMALLEST_MM) / FINE
         self._spike_mm = math.inf if spike_mm is None else spike_mm
         self._pairs = pairs_of(longest)
@@ -102,13 +97,13 @@ class GrowingMean:
         count, kept = len(signal), len(state) - BEFORE
         values = np.concatenate([state[-BEFORE:, 0, :-1], signal[:, 0]])
         waits, spikes, _ = lone_spikes(values, self._spike_mm)
-        pairs = self._pairs_of(values[BEFORE - 1 :])
+        counted = self._counted(values[BEFORE - 1 :])
         # A doubtful reading waits for the next one, in all channels: a step moves them together.
         at = np.arange(kept, kept + count)
-        starts, last = at + 1, pairs[1:]
+        starts, last = at + 1, counted[1:]
         if waits.any():
             starts, last = starts - waits[BEFORE:], np.where(waits[BEFORE:, np.newaxis, np.newaxis], 0.0, last)
-        settled = pairs[:-1]
+        settled = counted[:-1]
         if spikes.any():
             settled = np.where(spikes[BEFORE - 1 : -1, np.newaxis], 0.0, settled)
         following = self._following(state, settled)
@@ -117,7 +112,7 @@ class GrowingMean:
         until = sums[kept:] + last
         total = until - sums[starts - self._sizes(Sums(sums, until, starts), following[:-BEFORE, 0, -1])]
         result = np.empty_like(total)
-        there = (total[:, 1] > 0) & (pairs[1:, 1] > 0)
+        there = (total[:, 1] > 0) & (counted[1:, 1] > 0)
         if there.all():
             np.divide(total[:, 0] * self._quantum_mm, total[:, 1], out=result[:, 0])
             np.divide(1.0, total[:, 1], out=result[:, 1])
@@ -127,15 +122,15 @@ class GrowingMean:
             np.divide(1.0, total[:, 1], out=result[:, 1], where=there)
         return result, following[count:]
 
-    def _pairs_of(self, values: FloatArray) -> FloatArray:
+    def _counted(self, values: FloatArray) -> FloatArray:
         """Return values (rows, channels) in parts of the noise, and their number: 0 for one that is missing."""
-        pairs = np.ones((len(values), 2, values.shape[1]))
-        np.divide(values, self._quantum_mm, out=pairs[:, 0])
-        np.rint(pairs[:, 0], out=pairs[:, 0])
-        missing = np.isnan(pairs[:, 0])
+        counted = np.ones((len(values), 2, values.shape[1]))
+        np.divide(values, self._quantum_mm, out=counted[:, 0])
+        np.rint(counted[:, 0], out=counted[:, 0])
+        missing = np.isnan(counted[:, 0])
         if missing.any():
-            pairs[missing[:, np.newaxis].repeat(2, axis=1)] = 0.0
-        return pairs
+            counted[missing[:, np.newaxis].repeat(2, axis=1)] = 0.0
+        return counted
 
     def _following(self, state: FloatArray, settled: FloatArray) -> FloatArray:
         """Return the state with rows after some readings (readings, 2, channels), before its last rows are known."""
@@ -192,6 +187,6 @@ class GrowingMean:
             sizes[at] = np.where(sharp, split, -(-split // DRIFT_PART))
         few = np.flatnonzero(sizes < self._fewest)
         if len(few):
-            touch = is_touch(sums.of(few), sizes[few], self._still, self._sharp[-1], self._calm)
+            touch = follow_touch(sums.of(few), sizes[few], self._still, self._sharp[-1], self._calm)
             sizes[few[~touch]] = self._fewest
         return sizes

@@ -13,6 +13,8 @@ FloatArray = NDArray[np.float64]
 
 SPIKE_MEMORY = 2
 LOW_PASS_MEMORY = 1
+SMALLEST_MM = 1e-9
+"""Readings without noise are compared with this, so that rounding errors are neither a change nor motion."""
 BEFORE = 3
 """Readings that decide which of the last ones are spikes."""
 REPLACED = 3.0

@@ -10,14 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters.excess import Evidence, Excess
-from beamtouch_models.filters.means import BEFORE, FloatArray, lone_spikes, windows
-from beamtouch_models.filters.steps import are_steps
-from beamtouch_models.filters.view import Looks, Sizes, View, decide
+from beamtouch_models.filters.means import SMALLEST_MM, FloatArray, windows
+from beamtouch_models.filters.touches import calm_since_touch, still_readings
+from beamtouch_models.filters.view import Looks, Sizes, Tidied, View, decide
 
-SMALLEST_NOISE_MM = 1e-9
-"""Readings without noise are compared with this, so that rounding errors are no motion."""
-STILL_PART = 1 / 4
-"""Part of the slowest period in which readings must agree to prove rest."""
 SCATTER_PART = 1 / 2
 """Part of the slowest period over which means scatter by their amplitude."""
 LONE = 1
@@ -64,10 +60,10 @@ class Scatter:
         spike_mm: float | None = None,
         lag_readings: int | None = None,
     ) -> None:
-        self.span = span
-        self._still = math.ceil(STILL_PART * slowest_period)
+        self._span = span
+        self._still = still_readings(slowest_period)
         half = max(1, math.ceil(SCATTER_PART * slowest_period))
-        self._unit_mm = np.maximum(noise_mm, SMALLEST_NOISE_MM)
+        self._unit_mm = np.maximum(noise_mm, SMALLEST_MM)
         self._looks = Looks(span, self._still, max(2 * span, half), self._unit_mm, lag_readings)
         self._rows = self._looks.rows
         self._means = max(span, half)
@@ -86,13 +82,7 @@ class Scatter:
         return Past(rows, rows, np.full((self._means, channels), np.nan), moved=False)
 
     def excess(
-        self,
-        readings: FloatArray,
-        cleaned: FloatArray,
-        mean: FloatArray,
-        variance: FloatArray,
-        spans: list[int],
-        past: Past,
+        self, readings: FloatArray, cleaned: FloatArray, mean: FloatArray, variance: FloatArray, past: Past
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray, Past]:
         """Return which means move, which others lag, the excess covariance of both [mm^2], and the next state.
 
@@ -106,25 +96,13 @@ class Scatter:
             Means, NaN where a channel has none.
         variance
             Relative variance of their noise.
-        spans
-            Number of readings in each mean.
         past
             The state.
         """
         rows, means = np.concatenate([past.readings, readings]), np.concatenate([past.means, mean])
-        if self._spike_mm is None:
-            clean = np.concatenate([past.cleaned, cleaned])
-            changed: NDArray[np.bool_] = np.any(np.abs(rows - clean) > 0, axis=1)  # False for NaN
-            newest = changed[len(rows) - len(mean) :]
-        else:
-            # Whether a reading was a spike shows when the next one has come.
-            recent = rows[-len(mean) - BEFORE :]
-            held, spikes, medians = lone_spikes(recent, self._spike_mm)
-            judged = np.where(spikes, medians, recent) if spikes.any() else recent
-            clean = np.concatenate([past.cleaned[:-1], judged[BEFORE - 1 :]])
-            changed, newest = np.any(np.abs(rows - clean) > 0, axis=1), held[BEFORE:]
-        sizes = Sizes.of(spans, variance)
-        moves, view, unfair, moved = self._moves(rows, clean, mean, sizes, changed, newest, moved=past.moved)
+        tidied = Tidied.of(rows, past.cleaned, cleaned, self._spike_mm)
+        sizes = Sizes.of(variance, self._span, restarts=self._restarts)
+        moves, view, unfair, moved = self._moves(rows, tidied, mean, sizes, moved=past.moved)
         lags = view.found.lags * self._unit_mm
         lagging = lags.any(axis=1) & ~moves
         uncertain = moves | lagging
@@ -135,10 +113,10 @@ class Scatter:
             excess[of] = self._of_moving(moving, mean, variance, means, sizes, view, unfair)
             if self._restarts:
                 units = windows(rows, self._rows)[moving] / self._unit_mm
-                steps = are_steps(units, np.rint(1 / sizes.variance[moving]).astype(np.intp), self._still)
-                excess[of[steps]] = np.diag(self._unit_mm**2)
+                touches = calm_since_touch(units, np.rint(1 / sizes.variance[moving]).astype(np.intp), self._still)
+                excess[of[touches]] = np.diag(self._unit_mm**2)
         kept = slice(len(rows) - self._rows + 1, None)
-        return moves, lagging, excess, Past(rows[kept], clean[kept], means[len(means) - self._means :], moved)
+        return moves, lagging, excess, Past(rows[kept], tidied.rows[kept], means[len(means) - self._means :], moved)
 
     def _of_moving(
         self,
@@ -171,21 +149,14 @@ class Scatter:
         return excess
 
     def _moves(
-        self,
-        rows: FloatArray,
-        clean: FloatArray,
-        mean: FloatArray,
-        sizes: Sizes,
-        changed: NDArray[np.bool_],
-        newest: NDArray[np.bool_],
-        *,
-        moved: bool,
+        self, rows: FloatArray, tidied: Tidied, mean: FloatArray, sizes: Sizes, *, moved: bool
     ) -> tuple[NDArray[np.bool_], View, NDArray[np.bool_], bool]:
         """Return which means move, the readings that show it, which means are unfair, and whether the last one moved.
 
         A spike that is alone on a beam at rest is no motion, so the reading that took its place counts. While the beam
         moves, all readings count as they came.
         """
+        clean, changed, newest = tidied
         spiky = bool(changed.any() or newest.any())
         raw = self._looks.view(windows(rows, self._rows), mean, sizes, moved=moved or spiky)
         moves = raw.found.moves
@@ -194,7 +165,7 @@ class Scatter:
                 for index, lingers in enumerate(raw.found.lingers.tolist()):
                     moved = moves[index] = bool(moves[index]) or (moved and lingers)
             return moves, raw, np.full(len(mean), self._restarts), moved
-        window = windows(changed.astype(np.float64), self._rows)[:, -self._looks.compared(self.span) : -1]
+        window = windows(changed.astype(np.float64), self._rows)[:, -self._looks.compared(self._span) : -1]
         near = window.sum(axis=1) + newest
         if moved and (moves | raw.found.lingers).all():
             return np.ones(len(mean), dtype=np.bool_), raw, (near > 0) | self._restarts, moved

@@ -107,22 +107,3 @@ def is_step(sums: Sums, sizes: NDArray[np.intp], clearly: float) -> NDArray[np.b
     by_step, by_slope = ((centred * values).sum(axis=2) ** 2 / squares).sum(axis=2)
     clear: NDArray[np.bool_] = by_step - by_slope > np.maximum(clearly, STEP_PART * by_step)
     return clear
-
-
-def is_touch(sums: Sums, sizes: NDArray[np.intp], still: int, sharp: float, calm: float) -> NDArray[np.bool_]:
-    """Return whether the last `sizes` rows, two or more, follow a sharp change of a beam that lay still.
-
-    The `still` readings before it deviate from their mean by squares below `calm`.
-    """
-    long_ago = (sizes >= 2) & (sums.starts >= sizes + still)
-    ages = np.where(long_ago, sizes, 2)[:, np.newaxis] + np.arange(still, -2, -1)
-    each = np.diff(sums.before(np.minimum(ages, sums.starts[:, np.newaxis])), axis=1)
-    lay, first = each[:, :-1, 0], each[:, -1, 0]
-    jump, away = first - lay[:, -1], lay - lay.mean(axis=1, keepdims=True)
-    touch: NDArray[np.bool_] = (
-        long_ago
-        & each[:, :, 1].all(axis=(1, 2))
-        & ((jump * jump).sum(axis=1) > 2 * sharp)
-        & ((away * away).sum(axis=(1, 2)) < calm)
-    )
-    return touch

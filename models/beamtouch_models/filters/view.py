@@ -5,11 +5,48 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.filters.means import FloatArray
+from beamtouch_models.filters.means import BEFORE, FloatArray, lone_spikes
 from beamtouch_models.filters.significance import LONGER_SLOPES, Found, Look, look_at
 
 MOST_MISSING = 1 / 2
 """Part of the readings of a channel that may be missing where rest is to be proved."""
+
+
+class Tidied(NamedTuple):
+    """Rows of readings with spikes replaced."""
+
+    rows: FloatArray
+    """Readings as they entered the mean, or with lone spikes replaced, shape (rows, channels)."""
+    changed: NDArray[np.bool_]
+    """Which rows were changed, shape (rows,)."""
+    newest: NDArray[np.bool_]
+    """Of which means the newest reading was replaced, or is doubtful, shape (means,)."""
+
+    @classmethod
+    def of(cls, rows: FloatArray, past: FloatArray, cleaned: FloatArray, spike_mm: float | None) -> Self:
+        """Return the rows, tidied.
+
+        Parameters
+        ----------
+        rows
+            Readings as they came, shape (rows, channels).
+        past
+            Those before the newest ones, tidied.
+        cleaned
+            The newest ones, as they entered the mean.
+        spike_mm
+            Distance of a lone spike from the median, if the mean leaves out spikes itself; None: `cleaned` lacks them.
+        """
+        if spike_mm is None:
+            clean = np.concatenate([past, cleaned])
+            changed: NDArray[np.bool_] = np.any(np.abs(rows - clean) > 0, axis=1)  # False for NaN
+            return cls(clean, changed, changed[len(past) :])
+        # Whether a reading was a spike shows when the next one has come.
+        recent = rows[-len(cleaned) - BEFORE :]
+        held, spikes, medians = lone_spikes(recent, spike_mm)
+        judged = np.where(spikes, medians, recent) if spikes.any() else recent
+        clean = np.concatenate([past[:-1], judged[BEFORE - 1 :]])
+        return cls(clean, np.any(np.abs(rows - clean) > 0, axis=1), held[BEFORE:])
 
 
 class View(NamedTuple):
@@ -58,11 +95,17 @@ class Sizes(NamedTuple):
     """Relative variance of the noise of its least noisy channel, shape (means,)."""
 
     @classmethod
-    def of(cls, spans: list[int], variance: FloatArray) -> Self:
-        """Return the sizes of means whose noise has a variance (means, channels), NaN for a channel without a value."""
+    def of(cls, variance: FloatArray, longest: int, *, restarts: bool) -> Self:
+        """Return the sizes of means whose noise has a variance (means, channels), NaN for a channel without a value.
+
+        At most `longest` readings are looked at; that many always if the mean never restarts.
+        """
         least = variance.min(axis=1)
         if np.isnan(least).any():
             least = np.where(np.isnan(variance), 1.0, variance).min(axis=1)
+        if not restarts:
+            return cls([longest] * len(least), least)
+        spans: list[int] = np.minimum(np.ceil(1 / least - 1e-9), longest).astype(np.intp).tolist()
         return cls(spans, least)
 
 

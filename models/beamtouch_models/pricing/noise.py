@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from beamtouch_models.errors import SceneError
+from beamtouch_models.filters import readings_within
 from beamtouch_models.metadata import FilterChoice, Noise
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.scene import Scene
@@ -134,9 +135,13 @@ def growing(scene: Scene, fixed: FilterChoice) -> FilterChoice:
     """Return a filter whose mean grows on from that of a fixed one; without noise or a latency, the fixed one."""
     if fixed.kind == "none" or reading_noise_mm(scene) == 0:
         return fixed
-    most = scene.requirements.max_mean_ms * scene.sensors.rate_hz / 1e3
-    longest = max(fixed.window, math.floor(min(most + 1e-9, MAX_READINGS)))
-    return fixed.model_copy(update={"kind": "growing-mean", "longest": longest})
+    return fixed.model_copy(update={"kind": "growing-mean", "longest": longest_mean(scene, fixed.window)})
+
+
+def longest_mean(scene: Scene, window: int) -> int:
+    """Return the largest number of readings in a mean that grows on from one of `window` readings."""
+    rate_hz = scene.sensors.rate_hz
+    return max(window, readings_within(min(scene.requirements.max_mean_ms, MAX_READINGS * 1e3 / rate_hz), rate_hz))
 
 
 def window_filter(scene: Scene, window: int) -> FilterChoice:

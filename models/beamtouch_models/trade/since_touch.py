@@ -11,16 +11,16 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.filters import Chain, growing_mean_stage, unit_of
+from beamtouch_models.filters import Chain, chosen_stages, unit_of
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.dynamics import slowest_period_ms
 from beamtouch_models.placement import place
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.pricing.noise import (
-    MAX_READINGS,
     SPIKE_SIGMAS,
     adc_step_mm,
     choose_filter,
+    longest_mean,
     noise_of,
     reading_noise_mm,
 )
@@ -79,8 +79,7 @@ def _curve(scene: Scene, count: int, draws: int, seed: int) -> Curve:
     layout = np.array(place(influence, sensor_rules(physics.scene), count, seed).positions_mm)
     prior = Prior.real(influence, layout, errors)
     rate_hz, reading_mm = scene.sensors.rate_hz, reading_noise_mm(scene)
-    longest = int(np.clip(scene.requirements.max_mean_ms * rate_hz / 1e3 + 1e-9, 1, MAX_READINGS))
-    readings = growths(longest)
+    readings = growths(longest_mean(scene, physics.filter.window))
     number = min(draws, CONTACTS)
     scale = 100 / prior.length_mm
     return Curve(
@@ -106,9 +105,15 @@ def _errors(scene: Scene, prior: Prior, readings: tuple[int, ...], draws: int, s
     reading_mm, channels = reading_noise_mm(scene), prior.channels
     period = (slowest_period_ms(scene) or 0.0) * scene.sensors.rate_hz / 1e3
     step_mm = adc_step_mm(scene)
-    unit_mm, fewest = unit_of(reading_mm, step_mm, channels), choose_filter(scene).window
-    stage = growing_mean_stage(readings[-1], unit_mm, SPIKE_SIGMAS * reading_mm, fewest, period)
-    chain = Chain((stage,), channels, reading_mm, period, step_mm)
+    stages = chosen_stages(
+        "growing-mean",
+        window=choose_filter(scene).window,
+        longest=readings[-1],
+        spike_mm=SPIKE_SIGMAS * reading_mm,
+        unit_mm=unit_of(reading_mm, step_mm, channels),
+        slowest_period=period,
+    )
+    chain = Chain(stages, channels, reading_mm, period, step_mm)
     run = runner(posterior_graph(prior, with_force=False).SerializeToString())
     drawn, rng = draw_evenly(prior, draws, seed + 1), np.random.default_rng([seed, channels])
     # What stays wrong with the sensors, as long as a contact lasts.

@@ -2,6 +2,7 @@
 
 import json
 import re
+import select
 import socket
 import time
 from collections import Counter
@@ -216,16 +217,15 @@ def test_nothing_after_what_is_refused_is_looked_at(shared: Service) -> None:
 @pytest.mark.parametrize("before", [b"", get("/surfaces"), get("/surfaces") * 3], ids=["alone", "second", "fourth"])
 def test_a_body_in_wrong_chunks_is_refused_and_not_waited_for(shared: Service, before: bytes) -> None:
     problems_before = problems(shared)
-    begin_s = time.monotonic()
     answers = said(shared, before + CHUNKED + b"zz\r\n", 1 + before.count(b"GET"), until_closed=True)
+    # One that is waited for in vain is refused as too slow.
     assert_refused(shared, answers[-1], 400, "bad-request", problems_before)
-    assert time.monotonic() - begin_s < 9  # a body that does not come is given up after ten
 
 
 def test_who_still_sends_reads_why_it_was_refused(shared: Service) -> None:
     with connected(shared) as connection:
         connection.sendall(padded(50_000))
-        time.sleep(0.3)
+        assert select.select([connection], [], [], 60)[0]  # the refusal has come
         for _ in range(20):
             connection.sendall(b"y" * 100_000)
         connection.shutdown(socket.SHUT_WR)

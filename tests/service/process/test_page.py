@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from beamtouch_models.modelfile import POSITION_OUTPUTS
+from beamtouch_models.metadata import POSITION_OUTPUTS
 from browser import NO_FIGURE
 
 if TYPE_CHECKING:
