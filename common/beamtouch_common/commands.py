@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import metadata
 from typing import Any, NoReturn
 
@@ -21,6 +21,15 @@ class Parser(argparse.ArgumentParser):
         options.setdefault("allow_abbrev", False)  # an abbreviation may mean something else in the next version
         super().__init__(*arguments, **options)
         self.add_argument("--version", action="version", version=f"{self.prog.split()[0]} {version()}")
+
+    def parse_known_args(  # type: ignore[override]  # argparse overloads it for other kinds of namespaces
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse arguments, and refuse unknown ones here: the parser of a subcommand names its own help."""
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return found, unknown
 
     def error(self, message: str) -> NoReturn:
         """Print a message and exit with code 2."""

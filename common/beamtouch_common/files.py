@@ -1,6 +1,7 @@
 """Reads TOML files, with one-line errors, and writes files atomically."""
 
 import os
+import re
 import secrets
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -17,6 +18,14 @@ MAX_BYTES = 1024 * 1024
 _MAX_SHOWN = 80
 """Longest value in a message, in characters."""
 _NONE: Mapping[str, Any] = MappingProxyType({})
+_OWN = "Value error, "
+"""Beginning of the messages of our own checks."""
+_PLAIN = {
+    "greater than or equal to": "at least",
+    "less than or equal to": "at most",
+    "greater than": "more than",
+}
+"""Words of pydantic's messages -> plainer ones."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -135,10 +144,30 @@ def _complaint(error: ValidationError, content: Mapping[str, Any], renamed: Mapp
             text = f"unknown key {key}; remove it or correct its spelling"
         case "missing":
             text = f"{key} is missing; add it"
+        case "union_tag_not_found":
+            text = f"{_tag(key, first['ctx'])} is missing; add it"
+        case "union_tag_invalid":
+            context = first["ctx"]
+            text = f"{_tag(key, context)}: must be one of {context['expected_tags']}" + _given(context["tag"])
         case _:
-            reason = first["msg"].removeprefix("Value error, ")
+            reason = _reason(first["msg"])
             text = (f"{key}: {reason}" if key else reason) + _given(first["input"])
     return text + (f" (and {len(others)} more)" if others else "")
+
+
+def _tag(key: str, context: Mapping[str, Any]) -> str:
+    """Return the key in a table that names the kind of the table."""
+    name = context["discriminator"].strip("'")
+    return f"{key}.{name}" if key else name
+
+
+def _reason(message: str) -> str:
+    """Return the message of a check, which says what the value must be."""
+    if message.startswith(_OWN):
+        return message.removeprefix(_OWN)
+    for theirs, plain in _PLAIN.items():
+        message = message.replace(theirs, plain)
+    return re.sub(r"^\w+ should ", "must ", message)
 
 
 def _given(value: object) -> str:

@@ -58,7 +58,8 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--model", metavar="MODEL", help="model file; without --config, the surface is named after the model"
     )
-    run.add_argument("--config", metavar="FILE", help="TOML file with [server], [events], [mqtt] and [surfaces.NAME]")
+    words = "TOML file with [server], [events], [modbus_server], [mqtt] and [surfaces.NAME]"
+    run.add_argument("--config", metavar="FILE", help=words)
     words = "address to listen on; addresses beyond loopback require a write and a read token (default: 127.0.0.1)"
     run.add_argument("--host", help=words)
     run.add_argument("--port", type=int, help="port to listen on; 0 picks a free port (default: 8420)")

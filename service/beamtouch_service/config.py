@@ -169,7 +169,7 @@ def load_token(path: Path) -> str:
     elif not all("!" <= character <= "~" for character in token):
         problem = "more than one word of printable ASCII"
     elif len(token) < MIN_TOKEN_CHARACTERS:
-        problem = f"only {len(token)} characters"
+        problem = f"only {len(token)} character{'s' if len(token) > 1 else ''}"
     else:
         return token
     message = f"token file {path}: {problem}; {remedy}"

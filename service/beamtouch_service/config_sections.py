@@ -57,7 +57,7 @@ class EventsSection(BaseModel):
     keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = limits.KEEP_DAYS
     """Age at which events are deleted."""
     max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = limits.MAX_MB
-    """Size of the file. Beyond it, the oldest events are deleted."""
+    """Size of the file. Beyond it, the oldest captures are deleted, and events once no capture is left."""
 
 
 class ModbusServerSection(BaseModel):
@@ -72,7 +72,7 @@ class ModbusServerSection(BaseModel):
     word_order: WordOrder = "big"
     """Order of the two registers of a 32-bit value: `big` (ABCD) or `little` (CDAB)."""
     max_clients: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] = limits.MAX_MODBUS_CLIENTS
-    """Open connections. For one more, the one that has been idle for the longest time is closed."""
+    """Open connections. For one more, an idle one is closed; docs/registers.md says which."""
     idle_s: Annotated[FiniteFloat, Field(ge=0.1, le=86_400)] = limits.MODBUS_IDLE_S
     """A connection without a request for this long is closed."""
 

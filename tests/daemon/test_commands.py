@@ -243,7 +243,7 @@ async def test_help_needs_no_extra() -> None:
     [
         ((), ": the following arguments are required: COMMAND; see beamtouch-daemon --help"),
         (("run",), " run: the following arguments are required: CONFIG; see beamtouch-daemon run --help"),
-        (("tare", "daemon.toml", "--press"), ": unrecognized arguments: --press; see beamtouch-daemon --help"),
+        (("tare", "daemon.toml", "--new"), " tare: unrecognized arguments: --new; see beamtouch-daemon tare --help"),
         (
             ("record", "daemon.toml", "-o", "x.csv", "--seconds", "a"),
             " record: argument --seconds: invalid float value: 'a'; see beamtouch-daemon record --help",

@@ -129,4 +129,4 @@ async def test_wrong_input_is_one_line(tmp_path: Path, options: tuple[str, ...],
 async def test_readings_that_take_longer_than_is_recorded_are_refused_at_once(tmp_path: Path) -> None:
     outcome = await command("noise", configs.write(tmp_path, configs.surface(rate_hz=0.1)))
     assert (outcome.code, outcome.out) == (2, "")
-    assert outcome.complaint() == "its filter needs 5e+03 s of readings, and at most 3600 s are recorded"
+    assert outcome.complaint() == "its filter needs 5000 s of readings, and at most 3600 s are recorded"

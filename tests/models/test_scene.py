@@ -23,7 +23,7 @@ def test_rigidity_of_a_rectangular_section() -> None:
     ("old", "new", "said"),
     [
         ("width_mm = 25", "width_mm = 25\nwidht_mm = 3", "unknown key beam.widht_mm"),
-        ("length_mm = 400", "length_mm = -400", "beam.length_mm: Input should be greater than 0 (given: -400)"),
+        ("length_mm = 400", "length_mm = -400", "beam.length_mm: must be more than 0 (given: -400)"),
         ("length_mm = 400", "lenght_mm = 400", "unknown key beam.lenght_mm"),
         ("length_mm = 400", "length_mm = nan", "beam.length_mm"),
         ("length_mm = 400", "length_mm = inf", "beam.length_mm"),
@@ -46,9 +46,9 @@ def test_rigidity_of_a_rectangular_section() -> None:
         (
             "count = 2",
             "count = 2\nmounting_tolerance_mm = true",
-            "mounting_tolerance_mm: Input should be a valid",
+            "mounting_tolerance_mm: must be a valid",
         ),
-        ("count = 2", 'count = 2\nzero_drift_mm = "1"', "zero_drift_mm: Input should be a valid number (given: '1')"),
+        ("count = 2", 'count = 2\nzero_drift_mm = "1"', "zero_drift_mm: must be a valid number (given: '1')"),
         (
             "[sensors]",
             "[requirements]\nfalse_contacts_per_day = 86401\n[sensors]",

@@ -137,7 +137,7 @@ def test_extreme_numbers_give_a_figure_or_one_line(command: str, examples: int, 
         ("sensors", "zero_drift_mm", 1e200, "zero_drift_mm = 1e+200 hides the largest deflection"),
         ("sensors", "zero_drift_mm", 5.0, "no contact of the scene is seen, as at least"),
         ("sensors", "fixed_mm", [100.0, 200.0, 100.0], "fixed_mm names 100 mm twice"),
-        ("requirements", "latency_ms", math.inf, "requirements.latency_ms: Input should be a finite number"),
+        ("requirements", "latency_ms", math.inf, "requirements.latency_ms: must be a finite number"),
         ("requirements", "latency_ms", 1e300, "more than 10000 readings"),
     ],
 )

@@ -45,5 +45,5 @@ def test_a_wrong_option_is_one_line_and_exit_code_2(
 def test_a_wrong_setting_is_one_line_and_exit_code_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["run", "--stale-ms", "nan"]) == 2
     assert capsys.readouterr().err == (
-        "beamtouch-service: command line: --stale-ms: Input should be a finite number (given: nan)\n"
+        "beamtouch-service: command line: --stale-ms: must be a finite number (given: nan)\n"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,7 +12,7 @@ from fastapi.testclient import TestClient
 
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
-from beamtouch_service.api.event_answers import EventCapture, EventList, EventWithPath
+from beamtouch_service.api.event_answers import Event, EventCapture, EventList, EventWithPath
 from beamtouch_service.api.gate import without_role
 from beamtouch_service.problems import MEDIA_TYPE, Kind, ProblemBody
 from beamtouch_service.samples import Batch
@@ -22,6 +23,9 @@ from .conftest import ADMIN_TOKEN, READ_TOKEN, TOKEN
 
 if TYPE_CHECKING:
     from service.conftest import Bench
+
+
+MQTT = Path(__file__).parents[2] / "docs" / "mqtt.md"
 
 
 @pytest.fixture
@@ -57,6 +61,16 @@ def test_the_examples_of_events_are_events(description: dict[str, Any]) -> None:
         EventWithPath.model_validate(value)
     for value in values("/events/{id}/capture"):
         EventCapture.model_validate(value)
+
+
+def test_the_messages_in_the_document_of_mqtt_have_the_members_of_today() -> None:
+    messages = [json.loads(line[line.index("{") :]) for line in MQTT.read_text().splitlines() if line.endswith("}")]
+    (contact,) = [message for message in messages if "state" in message]
+    (event,) = [message for message in messages if "touched_at" in message]
+
+    assert (list(contact), list(event)) == (list(Contact.model_fields), list(Event.model_fields))
+    Contact.model_validate(contact)
+    Event.model_validate(event)
 
 
 def test_the_example_of_a_batch_is_a_batch(description: dict[str, Any]) -> None:

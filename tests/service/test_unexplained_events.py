@@ -260,6 +260,12 @@ def test_undecided_samples_at_the_beginning_of_a_late_run_go_on_in_its_event(
     assert event[3] == pytest.approx(35, abs=10)
 
 
+def test_rest_that_was_shown_before_the_stretch_arrived_ends_it() -> None:
+    rows = [*[RESTING] * 3, *[ODD] * 6, *[RESTING] * 10]
+    (event,) = _record(rows, [(10, 11), (11, 12), (6, 10), (12, 19), (0, 6)])
+    assert (event["kind"], event["begin"], event["end"]) == ("unexplained", "clear", "clear")
+
+
 @settings(max_examples=40, deadline=None)
 @given(rng=st.randoms(use_true_random=True))
 def test_wherever_parts_are_cut_their_order_moves_the_ends_of_events_by_three_samples_at_most(

@@ -84,11 +84,18 @@ def _seconds(asked: float | None, surface: Surface) -> float:
     seconds = max(DEFAULT_S, MARGIN * needed_s) if asked is None else asked
     longest_s = min(MAX_SECONDS, MAX_READINGS / surface.rate_hz)
     if not needed_s <= seconds <= longest_s:
-        message = f"--seconds: give {needed_s:.3g} to {longest_s:.4g}, as its rate and its filter require"
+        message = f"--seconds: give {_rounded(needed_s)} to {_rounded(longest_s)}, as its rate and its filter require"
         if needed_s > longest_s:
-            message = f"its filter needs {needed_s:.3g} s of readings, and at most {longest_s:.4g} s are recorded"
+            message = (
+                f"its filter needs {_rounded(needed_s)} s of readings, and at most {_rounded(longest_s)} s are recorded"
+            )
         raise InputError(message)
     return seconds
+
+
+def _rounded(seconds: float) -> str:
+    """Return a time in at least three digits, never as a power of ten."""
+    return f"{seconds:.3g}" if seconds < 999.5 else f"{seconds:.0f}"
 
 
 async def _measure(config: Config, seconds: dict[str, float]) -> list[Measured | Refused]:

@@ -25,7 +25,8 @@ Pair = Annotated[tuple[FiniteFloat, FiniteFloat], Field(strict=False)]
 
 class _Spike(Strict):
     spike_mm: Positive | None = None
-    """A deflection that is further than this from the median of the last three is a spike, and is replaced by it."""
+    """A deflection that is further than this from the median of the last three is a spike: the growing mean leaves it
+    out, the other filters replace it by the median."""
 
 
 class NoFilter(_Spike):

@@ -5,10 +5,11 @@ the thresholds are well below the quantiles of chi-square for a single sample. A
 noise, averaged over zeros within twice their drift. The gain error of a load counts like a zero, because it stays as
 long as the load does.
 
-A contact fits two directions of the errors: its own, and that of its change with the position. Two channels leave no
-direction. But they show contacts within a cone only, between the directions of the contacts at either end of the
-range. At its edge the errors away from the cone count, which are half of those of one direction; so one direction is
-the bound. A cone that is narrow leaves both sides of it.
+A contact fits two directions of the errors: its own, and that of its change with the position. So of two channels it
+leaves no direction. But contacts of two channels lie within a cone, between the directions of the contacts at either
+end of the range. A contact at the edge of the cone leaves the errors on one side of it, half of those of one direction.
+A contact in a narrow cone leaves those on both sides, which are at most those of one direction. So one direction is the
+bound.
 
 The rate follows by importance sampling over sequences of samples. The noise that three samples have in common is drawn
 in any direction, at any distance r from the origin, evenly; the zeros are drawn along it. A stretch in which k runs of
@@ -32,8 +33,8 @@ from beamtouch_models.metadata import SECONDS_PER_DAY
 PER_DAY = 1.0
 """False stretches per day of rest."""
 PER_DAY_OF_CONTACT = 0.5
-"""False stretches per day of a contact. Weak contacts and those near an end of the range leave more than two channels
-fewer unexplained, which makes up to three times as many."""
+"""False stretches per day of a contact, half of those at rest: weak contacts and contacts near an end of the range fit
+fewer than two directions of the errors, which makes up to three times as many stretches."""
 MOST_OFTEN = 0.01
 """Largest rate per sample; above it, a misfit no longer tells anything."""
 FARTHEST = 14.0

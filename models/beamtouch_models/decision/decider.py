@@ -28,7 +28,7 @@ or that means of few readings show, and a weak touch of a beam that has not come
 CLEARLY = 4
 """Log odds of a touch that is not weak, over those of any touch: twice the deflection."""
 REST = 5
-"""Still samples in a row after which a beam lies still: one may be taken as the beam swings back."""
+"""Still samples in a row that show rest. A single one may be taken at the turning point of a swing."""
 
 
 class State(StrEnum):
@@ -51,7 +51,7 @@ class Memory(NamedTuple):
     changing: int = 0
     """Samples in a row that could be a lift, or a touch of a beam that has not come to rest."""
     run: int = 0
-    """Samples in a row that contradict the state, if it is about what is unexplained."""
+    """Odd samples in a row; in the state `unexplained`, precise samples since the last odd one."""
     seen_mm: tuple[float, ...] | None = None
     """The last deflection (channels,) that the state stands on; None for a clear beam, or if it is not known."""
 
@@ -64,7 +64,7 @@ class Verdict(NamedTuple):
 
     state: State
     unsteady: bool
-    """Whether the readings move, or contradict the state, or are too weak for the contact."""
+    """Whether the readings move, or do not show the state by themselves."""
 
 
 class Decider:

@@ -10,8 +10,8 @@ from beamtouch_models.session import Answers, Run
 from beamtouch_models.whitening import whitening
 
 MOVING = 1.5
-"""A sample moves if its variance, over all channels, is more than this many times that of its noise, or of the noise
-that the model was made for if this is larger: the mean of many readings may lag by less than that and says so."""
+"""A sample moves if its variance, summed over the channels, exceeds this many times that of its noise, or of the noise
+that the model was made for if that is larger. A smaller lag of a long mean is in its covariance, and is no motion."""
 CHECKED = 3
 """Smallest number of channels that check a contact: two fit one to any sample but a pull and the like."""
 SETTLED = 1.6

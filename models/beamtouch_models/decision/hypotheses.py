@@ -22,7 +22,10 @@ _UNKNOWN = _RINGING._replace(run=PERSISTENCE - 1)
 
 
 def memories_after(state: State | None) -> tuple[Memory, ...]:
-    """Return what samples may have left of which the last state is known, or nothing (None); the likeliest first."""
+    """Return the memories that missing samples may have left, likeliest first.
+
+    `state` is the last known state, None if it is unknown.
+    """
     if state is State.UNEXPLAINED:
         return (Memory(state),)
     if state is State.CONTACT:
@@ -35,7 +38,7 @@ class Judgement(NamedTuple):
 
     state: State
     unsteady: bool
-    """Whether the readings move, or contradict the state, or are too weak for it, or the state is not known yet."""
+    """Whether the readings move, or do not show the state by themselves; also if no state is known yet."""
     shown: bool
     """Whether all hypotheses agree on the state."""
 

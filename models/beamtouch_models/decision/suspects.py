@@ -73,8 +73,8 @@ class Suspects:
     def _coarse(self, sample: Weighed) -> Weighed:
         """Return a sample with at least the noise that the model was made for.
 
-        Two contacts, for example, fit a single one without some of the channels. In a long mean only one of these may
-        be left, and it is no more wrong than the others.
+        Two contacts may look like a single one without any of several channels. In a precise mean only one of these
+        channels may be left, by chance, and none of them is wrong. So channels are left out at the model's own noise.
         """
         missing = np.maximum(self._metadata.noise.sample_mm**2 - sample.noise_mm2, 0.0)
         covariance = sample.covariance_mm2 + missing[:, :, None] * np.eye(missing.shape[1])

@@ -2,8 +2,8 @@
 
 Values have shape (readings, channels), oldest first. Every stage takes a state and returns the next one; the state
 holds the rows that are still needed, and NaN for rows that do not exist yet. Any split of the stream gives the same
-result, to the bit: every value is computed from the same rows in the same order. There are no running sums, so nothing
-drifts.
+result, to the bit, and nothing drifts: the growing mean keeps running sums of whole numbers, which are exact, and every
+other value is computed from the same rows in the same order.
 
 NaN marks a reading of a channel that is not good. Its result is NaN, and it never affects a later value: a moving
 average and an adaptive mean continue with the good readings in the window, and a low-pass restarts at the next good

@@ -3,8 +3,8 @@
 It is Lepski's rule (Lepski 1991; Goldenshluger & Nemirovski 1997): the mean grows over windows as long as the newest
 1, 2, 4, ... readings of each window agree with all of it. The reading that ends the growth is sought where the readings
 before and after it differ most. If that change was sharp, the load has rested since, and all readings since count. If
-not, something drifts: a drift that k readings just cannot show has moved their mean by several of its deviations, so
-only a quarter of them counts, whose mean lags by an eighth of that against its noise.
+not, something drifts. A drift just too slow for k readings to show has moved their mean by several standard deviations.
+So only the newest quarter counts: compared with its noise, its mean lags an eighth as much.
 
 docs/decisions/017-mean-since-touch.md explains the form and has the measurements.
 """
@@ -27,7 +27,7 @@ CLEARLY = 1e-4
 DRIFT_PART = 4
 """One reading in this many counts where something drifts."""
 NEVER = 2.0**40
-"""Rows since a sharp change that never was."""
+"""Rows since the newest sharp change, if there was none."""
 FINE = 2.0**16
 """Readings are rounded to this part of their noise, so that sums of them are exact however a stream is split."""
 LARGEST = 2.0**50

@@ -1,4 +1,4 @@
-"""Which means move, from the scatter of their readings; what each of them may be off by is in `excess`.
+"""Detection of means that move, from the scatter of their readings; `excess` has what each may be off by.
 
 docs/decisions/012-covariance.md explains the form and has the measurements.
 """

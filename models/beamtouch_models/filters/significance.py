@@ -22,6 +22,7 @@ from beamtouch_models.filters.lags import LAGS, lags_of
 from beamtouch_models.filters.means import FloatArray
 
 FALSE = 0.001
+"""Largest share of the samples at rest in which each of the three ways finds something."""
 LINGERS = 0.015
 """As `FALSE`, in the samples after one in which something was found."""
 LINEAR = 0.001

@@ -1,4 +1,4 @@
-"""Where readings changed, and how: the split of a window that holds a change, and whether it was a step.
+"""The split of a window that holds a change, and whether the change was a step.
 
 All functions take several means at once. Readings are known by their sums, which are exact.
 """

@@ -24,10 +24,10 @@ LOW_PASS_SPAN = 8
 """A low-pass spans this many times 1 / a readings: exp(-8) of a step remains after them, a sixth of the noise of a
 reading if the step was 500 times that noise."""
 LAG_READINGS = 2
-"""The distance of a growing mean from its newest readings counts from this many times its fewest readings on. Fewer
-readings scatter so much at rest that their distance says little."""
+"""Smallest number of newest readings that are compared with the mean, in multiples of `fewest`. Fewer scatter too much
+to show a lag."""
 MOST_COMPARED = 8
-"""Readings of a growing mean whose scatter is looked at. The mean itself shows slower motion."""
+"""Newest readings of a growing mean whose scatter is tested. The mean itself shows slower motion."""
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,13 @@ class DisjointMean:
     """Averages positions, weighted by their readings.
 
     Means of successive samples share readings. Of samples that share some, the one with the most readings counts; of
-    equal ones the first. The next one is the first that shares none with it.
+    equal ones the first. The next one is the first that shares none with it. Readings from before the first sample
+    count with the samples before it: an event may be recorded in parts.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, first_sequence: int) -> None:
+        """Begin with the samples from this number on."""
+        self._before = first_sequence - 1
         self._newest: _Sample | None = None
         self._readings = 0
         """Readings in the samples before the newest one."""
@@ -24,6 +27,7 @@ class DisjointMean:
 
     def add(self, sequence: int, readings: int, position_mm: float) -> None:
         """Add the sample with this number, the mean of the `readings` up to it."""
+        readings = min(readings, sequence - self._before)
         sample, newest = _Sample(sequence, readings, position_mm), self._newest
         if newest is not None and sequence - readings >= newest.sequence:
             self._readings += newest.readings

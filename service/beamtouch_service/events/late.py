@@ -75,6 +75,10 @@ class LateSamples:
         while more := self._take(of_sender, run[-1].sequence + 1):
             run = [*run, *more]
         before, past = self._before(surface, model, boot_id, run[0].sequence - 1)
+        shown = self._edges.get((surface, boot_id, run[0].sequence))
+        if before is State.UNEXPLAINED and shown and shown.state is not None:
+            # It is on record. What it was shown from left out nothing but a stretch.
+            past = Past(memories_after(shown.state)[:1])
         after = self._edges.get((surface, boot_id, run[-1].sequence + 1))
         # Only new samples open an event.
         segmenter = Segmenter(surface, model, boot_id, before, End.UNSEEN)

@@ -148,7 +148,7 @@ class GrowingSegment:
         self._first = first
         self._last = first.first_sequence, first.touched_us
         self._figures = _NO_SUMS
-        self._positions = DisjointMean(), DisjointMean()
+        self._positions = DisjointMean(first.first_sequence), DisjointMean(first.first_sequence)
         """Of steady samples and of unsteady ones."""
         self._unexplained_us = 0
         self._is_unexplained = False

@@ -83,7 +83,7 @@ def _modbus_server(settings: Settings) -> ModbusServer | None:
     except ModuleNotFoundError as error:
         if error.name != "pymodbus":
             raise
-        message = "[modbus_server] needs pymodbus; run: pip install 'beamtouch[modbus-server]'"
+        message = "[modbus_server] needs pymodbus; run: pip install 'beamtouch[service,modbus-server]'"
         raise ConfigError(message) from None
     return ModbusServer(settings.modbus_server, len(settings.surfaces))
 
@@ -99,7 +99,7 @@ def _publisher(settings: MqttSettings) -> Publisher:
     except ModuleNotFoundError as error:
         if error.name not in {"aiomqtt", "paho"}:
             raise
-        message = f"[mqtt] needs {error.name}; run: pip install 'beamtouch[mqtt]'"
+        message = f"[mqtt] needs {error.name}; run: pip install 'beamtouch[service,mqtt]'"
         raise ConfigError(message) from None
     return Publisher(settings)
 

@@ -10,7 +10,7 @@ const LASTING = {
 };
 const PASSING = {
   overload: "The force is beyond the range of the scene",
-  unsteady: "The readings still move",
+  unsteady: "The readings move, or do not show the state by themselves",
 };
 const CHECK = "check-";
 

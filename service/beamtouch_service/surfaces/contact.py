@@ -69,10 +69,10 @@ class Contact(BaseModel):
     notes: list[str]
     """Limits of the answer.
 
-    `overload`: the force is beyond the range of the scene. `unsteady`: the readings still move. `unchecked`: too few
-    channels to tell a single contact from anything else. `rate`: the device does not keep its rate. `noise`: the sender
-    states another noise than the model was made for. `check-NAME`, only with `unexplained`: channel NAME contradicts
-    the others.
+    `overload`: the force is beyond the range of the scene. `unsteady`: the readings move, or do not show the state by
+    themselves. `unchecked`: too few channels to tell a single contact from anything else. `rate`: the device does not
+    keep its rate. `noise`: the sender states another noise than the model was made for. `check-NAME`, only with
+    `unexplained`: channel NAME contradicts the others.
     """
     model: str
     """Name and fingerprint of the model that gave the answer."""

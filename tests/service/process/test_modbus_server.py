@@ -189,7 +189,7 @@ def test_without_pymodbus_one_line_names_the_extra(command: Command, tmp_path: P
     _, errors = process.communicate(timeout=60)
 
     assert (process.wait(), errors.count("\n")) == (2, 1)
-    assert "pip install 'beamtouch[modbus-server]'" in errors
+    assert "pip install 'beamtouch[service,modbus-server]'" in errors
 
 
 @pytest.mark.usefixtures("read_token_file")

@@ -145,8 +145,8 @@ def test_a_broker_that_freezes_in_the_handshake_does_not_hold_up_a_stop(line: Li
     ("section", "words"),
     [
         ("port = 1883\n", "mqtt.host is missing; add it"),
-        ('host = "b"\nprefix = "a/+"\n', "mqtt.prefix: String should match pattern"),
-        ('host = "b"\nmax_rate_hz = 0.5\n', "mqtt.max_rate_hz: Input should be greater than or equal to 1"),
+        ('host = "b"\nprefix = "a/+"\n', "mqtt.prefix: must match pattern"),
+        ('host = "b"\nmax_rate_hz = 0.5\n', "mqtt.max_rate_hz: must be at least 1"),
         ('host = "b"\nca_file = "ca.pem"\n', "mqtt.ca_file has no effect without TLS; set mqtt.tls = true"),
         ('host = "b"\ntls = true\nkey_file = "k"\n', "mqtt.certificate_file is missing"),
         ('host = "b"\ntls = true\nca_file = "token"\n', "token: not PEM; set mqtt.ca_file to"),
@@ -181,4 +181,4 @@ def test_a_missing_library_is_one_line(tmp_path: Path) -> None:
     command = [sys.executable, "-c", program, "run", "--port", "0", "--config", str(tmp_path / "service.toml")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "beamtouch-service: [mqtt] needs aiomqtt; run: pip install 'beamtouch[mqtt]'\n"
+    assert done.stderr == "beamtouch-service: [mqtt] needs aiomqtt; run: pip install 'beamtouch[service,mqtt]'\n"

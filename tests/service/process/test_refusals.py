@@ -102,7 +102,7 @@ def test_a_host_that_is_not_this_machine(
 
 @pytest.mark.parametrize("port", ["-1", "65536"])
 def test_a_port_out_of_range(capsys: pytest.CaptureFixture[str], port: str) -> None:
-    assert "command line: --port: Input should be" in refused_here(capsys, "--port", port)
+    assert "command line: --port: must be" in refused_here(capsys, "--port", port)
 
 
 def test_a_wrong_config(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

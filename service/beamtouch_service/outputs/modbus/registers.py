@@ -35,11 +35,11 @@ STATES: dict[State | Kind, tuple[int, str]] = {
     Kind.TOO_FEW_CHANNELS: (19, "too few channels work"),
     Kind.UNUSABLE_ESTIMATE: (20, "the model gave no usable answer"),
 }
-"""Codes of the register `state`. 0 is none of them: it is what memory holds that was never filled."""
+"""Codes of the register `state`. 0 is no code, because memory that was never written holds it."""
 
 NOTES: dict[str, tuple[int, str]] = {
     Doubt.OVERLOAD: (0, "the force is beyond the range of the scene"),
-    Doubt.UNSTEADY: (1, "the readings still move, or the sample is too weak to show the contact by itself"),
+    Doubt.UNSTEADY: (1, "the readings move, or do not show the state by themselves"),
     Doubt.UNCHECKED: (2, "too few channels work to tell a single contact from anything else"),
     Note.RATE: (3, "the device does not keep its rate"),
     Doubt.NOISE: (4, "the daemon states another noise than the model was made for"),

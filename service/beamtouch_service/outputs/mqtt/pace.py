@@ -1,4 +1,4 @@
-"""Which surfaces have something to tell the broker, and when to look again. Pure: the caller gives the time."""
+"""The pace of contacts to the broker: the surfaces that are due, and when to look again. Pure: no clock."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
