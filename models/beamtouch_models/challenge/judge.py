@@ -81,23 +81,28 @@ class Judged:
         return Judged(*(part.reshape(-1, *part.shape[2:]) for part in parts))
 
 
+def _chain_of(surface: SimulatedSurface) -> Chain:
+    """Return the filters of a surface's model."""
+    chosen, noise_mm = surface.metadata.filter, surface.metadata.noise.reading_mm
+    step_mm = surface.metadata.sensor.gain_mm_per_count
+    stages = chosen_stages(
+        chosen.kind,
+        window=chosen.window,
+        longest=chosen.most,
+        spike_mm=chosen.spike_mm,
+        unit_mm=unit_of(noise_mm, step_mm, surface.channels),
+        slowest_period=surface.slowest_period,
+    )
+    return Chain(stages, surface.channels, noise_mm, surface.slowest_period, step_mm)
+
+
 def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int = 0, *, naming: bool = False) -> Judged:
     """Return the statements of a surface's model on each reading (draws, readings, channels); draws begin anew.
 
     There is none on the readings before number `first`. With `naming`, suspects are sought as in the service, which
     takes time.
     """
-    metadata, noise_mm = surface.metadata, surface.metadata.noise.reading_mm
-    step_mm = metadata.sensor.gain_mm_per_count
-    stages = chosen_stages(
-        metadata.filter.kind,
-        window=metadata.filter.window,
-        longest=metadata.filter.most,
-        spike_mm=metadata.filter.spike_mm,
-        unit_mm=unit_of(noise_mm, step_mm, surface.channels),
-        slowest_period=surface.slowest_period,
-    )
-    chain = Chain(stages, surface.channels, noise_mm, surface.slowest_period, step_mm)
+    metadata, chain = surface.metadata, _chain_of(surface)
     filtered = []
     for readings in readings_mm:
         chain.restart()
@@ -109,7 +114,7 @@ def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int =
     samples = Weighed(
         np.concatenate(mean),
         np.concatenate([one.covariance_mm2 for one in filtered]),
-        np.nan_to_num(np.concatenate([one.relative_variance for one in filtered])) * noise_mm**2,
+        np.nan_to_num(np.concatenate([one.relative_variance for one in filtered])) * metadata.noise.reading_mm**2,
         np.concatenate(valid),
     )
     rows: list[JudgedSample] = [SILENT] * len(samples.valid)
