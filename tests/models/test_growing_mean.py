@@ -168,6 +168,18 @@ def test_the_first_swings_of_a_beam_are_no_touch_of_a_beam_that_lies_still() -> 
         assert (stated[203:240] < chi2.ppf(0.999, CHANNELS)).mean() > 0.8
 
 
+@pytest.mark.parametrize("period", [6.3, 7.4, 9.1, 12.7, 20.0])
+@pytest.mark.parametrize("swing", [4.0, 8.0, 16.0])
+def test_turning_points_of_a_swing_of_few_readings_are_no_touch(period: float, swing: float) -> None:
+    time = np.arange(400)
+    for seed in range(5):
+        phase = np.random.default_rng(seed).uniform(0, 2 * np.pi)
+        swings = swing * np.sin(2 * np.pi * time / period + phase)[:, np.newaxis] * ALONG / ALONG.max()
+        found = grown(swings + noise(400, seed), 100, period, spike=None, fewest=5)
+        # Only since a touch is a mean of fewer.
+        assert (found.readings[50:] >= 5).all()
+
+
 @pytest.mark.parametrize(("speed", "readings", "least"), [(0.02, 60, 0.93), (0.05, 30, 0.75)])
 def test_a_load_that_begins_to_move_is_within_the_covariance_before_any_test_finds_it(
     speed: float, readings: int, least: float

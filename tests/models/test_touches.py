@@ -6,11 +6,18 @@ import pytest
 from beamtouch_models.filters import FloatArray
 from beamtouch_models.filters.significance import chi_square_quantile
 from beamtouch_models.filters.splits import Sums
-from beamtouch_models.filters.touches import SHARP, calm_limit, calm_since_touch, follow_touch, still_readings
+from beamtouch_models.filters.touches import (
+    SHARP,
+    calm_limit,
+    calm_readings,
+    calm_since_touch,
+    follow_touch,
+    still_readings,
+)
 
 CHANNELS = 3
-STILL = still_readings(40.0)
-ROWS = 40
+STILL, CALM = still_readings(40.0), calm_readings(40.0)
+ROWS = 50
 
 
 def sees(values: FloatArray, since: int) -> tuple[bool, bool]:
@@ -19,9 +26,9 @@ def sees(values: FloatArray, since: int) -> tuple[bool, bool]:
     counted = np.stack([np.where(there, values, 0.0), there.astype(np.float64)], axis=1)
     rows = np.concatenate([np.zeros((1, 2, CHANNELS)), np.cumsum(counted, axis=0)])
     sums, sizes = Sums(rows[:-1], rows[-1:], np.array([len(values)])), np.array([since])
-    limits = chi_square_quantile(CHANNELS, SHARP), calm_limit(STILL, CHANNELS)
-    mean = follow_touch(sums, sizes, STILL, *limits)
-    return bool(mean[0]), bool(calm_since_touch(values[np.newaxis], sizes, STILL)[0])
+    limits = chi_square_quantile(CHANNELS, SHARP), calm_limit(CALM, CHANNELS)
+    mean = follow_touch(sums, sizes, CALM, *limits)
+    return bool(mean[0]), bool(calm_since_touch(values[np.newaxis], sizes, STILL, CALM)[0])
 
 
 def touched(by: float, since: int, *, swing: float = 0.0) -> FloatArray:

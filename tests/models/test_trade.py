@@ -289,9 +289,10 @@ def test_points_that_fail_are_named_and_the_others_are_shown_in_a_table(
     assert title.rstrip() == f"the front, {front} of {points} points"
     assert sum("posterior" in line for line in table) == front
     assert f"all {points} points are in {tmp_path / 'out'}: trade.md, " in done.stderr
-    quickest_ms = min(one["latency_ms"] for one in found["points"])
     assert last.startswith(f"built {tmp_path / 'out' / 'narrow.onnx'}: ")
-    assert last.endswith(f" mm, {quickest_ms:.3g} ms")
+    # The quickest one, unless it is one of 8-bit weights whose answers depend on how this machine rounds.
+    ahead = sorted(one["latency_ms"] for one in found["points"])[: 1 + done.stderr.count("note: not built: ")]
+    assert last.endswith(f" mm, {ahead[-1]:.3g} ms")
     assert len(modelfile.load(tmp_path / "out" / "narrow.onnx").metadata.layout) == 3
 
 

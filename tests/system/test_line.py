@@ -36,6 +36,8 @@ SETTLED_S = 0.1
 LIFT_SEEN_S = 0.2
 """How long a beam must have been at rest: a contact is held until a sample at rest is seen to be one, as are 77 % of
 those of this model, one in 20 ms counting; so after ten one lift in three million is not seen."""
+SAMPLES_SEEN = 6
+"""Samples since the load changed, which a starved machine may take longer for: weak touches and lifts take three."""
 APART_S = 0.05
 """Between two compared contacts."""
 
@@ -109,6 +111,7 @@ def compare(line: Line) -> tuple[list[Compared], list[Any]]:
     mistaken: list[Any] = []
     begin = time.monotonic()
     last = 0.0
+    since: tuple[object, int] = None, 0  # the load, and the number of a sample after its last change
     with httpx2.Client(base_url=line.url, timeout=TIMEOUT_S) as client:
         while (passed := (time.monotonic() - begin) / SCRIPT_S) < MAX_PASSES:
             if passed >= 1 and len({one.true_mm for one in found}) >= ENOUGH and len(found) >= CONTACTS:
@@ -120,10 +123,14 @@ def compare(line: Line) -> tuple[list[Compared], list[Any]]:
                 continue
             contact = response.json()
             moment = datetime.fromisoformat(contact["sampled_at"]).timestamp()
+            load = truth.at(moment)
+            if load != since[0]:
+                since = load, contact["sequence"]
             if moment - last < APART_S or not truth.steady(moment, SETTLED_S):
                 continue
+            if contact["sequence"] < since[1] + SAMPLES_SEEN:
+                continue
             last = moment
-            load = truth.at(moment)
             assert load is not None
             position, force = load
             if position is None and not truth.steady(moment, LIFT_SEEN_S):

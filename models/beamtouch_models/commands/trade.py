@@ -5,7 +5,7 @@ import json
 import math
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -17,10 +17,12 @@ from rich.table import Table
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
+from beamtouch_models import loading
 from beamtouch_models.building.build import Choices, build
 from beamtouch_models.commands.build import surface_name
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.commands.reproduce import folder_of
+from beamtouch_models.errors import ModelFileError
 from beamtouch_models.estimators.estimator import NAMES
 from beamtouch_models.pricing.noise import growing
 from beamtouch_models.scene import Scene, load_scene
@@ -62,20 +64,7 @@ def _run(options: argparse.Namespace, kept: list[Kept]) -> None:
     results = _keep(folder, name, (trade, physics, found), kept)
     for failure in trade.failures:
         print(f"note: {said(failure)}", file=sys.stderr)
-    picked = None
-    if options.latency_ms is not None:
-        picked = most_accurate(points, options.latency_ms)
-    elif options.error_mm is not None:
-        picked = quickest(points, options.error_mm)
-    if picked is not None:
-        choices = Choices(
-            picked.estimator, growing(scene, picked.filter), quantised if picked.quantised else lambda graph: graph
-        )
-        with shown_progress() as progress:
-            built = build(
-                scene, text, name, count=picked.sensors, seed=options.seed, progress=progress, choices=choices
-            )
-        write_atomically(folder / f"{name}.onnx", built.content)
+    picked = _build_picked(scene, text, name, folder, options, points)
     if options.json:
         chosen = None if picked is None else {"index": points.index(picked), "model": str(folder / f"{name}.onnx")}
         print(json.dumps({"output": str(folder), "picked": chosen, **results}))
@@ -86,6 +75,38 @@ def _run(options: argparse.Namespace, kept: list[Kept]) -> None:
     )
     if picked is not None:
         print(f"built {folder / f'{name}.onnx'}: {named(picked)}; {picked.error_mm:.3g} mm, {picked.latency_ms:.3g} ms")
+
+
+def _build_picked(
+    scene: Scene, text: str, name: str, folder: Path, options: argparse.Namespace, points: Sequence[Point]
+) -> Point | None:
+    """Write the model of the best point within the bound of the options; return that point, None without one."""
+    left = list(points)
+    while left:
+        picked = None
+        if options.latency_ms is not None:
+            picked = most_accurate(left, options.latency_ms)
+        elif options.error_mm is not None:
+            picked = quickest(left, options.error_mm)
+        if picked is None:
+            return None
+        choices = Choices(
+            picked.estimator, growing(scene, picked.filter), quantised if picked.quantised else lambda graph: graph
+        )
+        with shown_progress() as progress:
+            built = build(
+                scene, text, name, count=picked.sensors, seed=options.seed, progress=progress, choices=choices
+            )
+        try:
+            loading.load_bytes(built.content, named(picked))
+        except ModelFileError as error:
+            # Answers of 8-bit weights may depend on how a machine rounds.
+            print(f"note: not built: {error}", file=sys.stderr)
+            left.remove(picked)
+            continue
+        write_atomically(folder / f"{name}.onnx", built.content)
+        return picked
+    return None
 
 
 def _measured(scene: Scene, name: str, folder: Path, options: argparse.Namespace, kept: list[Kept]) -> Kept:

@@ -18,7 +18,7 @@ from beamtouch_models.filters.means import BEFORE, SMALLEST_MM, FloatArray, lone
 from beamtouch_models.filters.pairs import differ, pairs_of
 from beamtouch_models.filters.significance import chi_square_quantile
 from beamtouch_models.filters.splits import SHORT, Sums, best_split, is_sharp, is_step, parts, sharp_changes
-from beamtouch_models.filters.touches import SHARP, calm_limit, follow_touch, still_readings
+from beamtouch_models.filters.touches import SHARP, calm_limit, calm_readings, follow_touch
 
 CHANGES = 0.002
 """Share of samples at rest in which some window of a size seems to hold a change."""
@@ -67,7 +67,7 @@ class GrowingMean:
     ) -> None:
         self._longest = longest
         self._fewest = min(fewest, longest)
-        self._still = max(2, still_readings(slowest_period))
+        self._still = calm_readings(slowest_period)
         self._calm = calm_limit(self._still, len(unit_mm)) * FINE**2
         self._quantum_mm = np.maximum(unit_mm, SMALLEST_MM) / FINE
         self._spike_mm = math.inf if spike_mm is None else spike_mm

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beamtouch_models.filters.excess import Evidence, Excess
 from beamtouch_models.filters.means import SMALLEST_MM, FloatArray, windows
-from beamtouch_models.filters.touches import calm_since_touch, still_readings
+from beamtouch_models.filters.touches import calm_readings, calm_since_touch, still_readings
 from beamtouch_models.filters.view import Looks, Sizes, Tidied, View, decide
 
 SCATTER_PART = 1 / 2
@@ -61,7 +61,7 @@ class Scatter:
         lag_readings: int | None = None,
     ) -> None:
         self._span = span
-        self._still = still_readings(slowest_period)
+        self._still, self._calm = still_readings(slowest_period), calm_readings(slowest_period)
         half = max(1, math.ceil(SCATTER_PART * slowest_period))
         self._unit_mm = np.maximum(noise_mm, SMALLEST_MM)
         self._looks = Looks(span, self._still, max(2 * span, half), self._unit_mm, lag_readings)
@@ -113,7 +113,8 @@ class Scatter:
             excess[of] = self._of_moving(moving, mean, variance, means, sizes, view, unfair)
             if self._restarts:
                 units = windows(rows, self._rows)[moving] / self._unit_mm
-                touches = calm_since_touch(units, np.rint(1 / sizes.variance[moving]).astype(np.intp), self._still)
+                sizes_there = np.rint(1 / sizes.variance[moving]).astype(np.intp)
+                touches = calm_since_touch(units, sizes_there, self._still, self._calm)
                 excess[of[touches]] = np.diag(self._unit_mm**2)
         kept = slice(len(rows) - self._rows + 1, None)
         return moves, lagging, excess, Past(rows[kept], tidied.rows[kept], means[len(means) - self._means :], moved)

@@ -20,11 +20,19 @@ CALM = 0.001
 """Probability at rest that readings before or after a change seem to differ."""
 STILL_PART = 1 / 4
 """Part of the slowest period in which readings must agree to prove rest."""
+CALM_PART = 1.0
+"""Part of the slowest period before a touch in which readings must be calm. A whole one shows the amplitude of a swing.
+About a turning point, those of a part may agree, and if a period has few readings, the next one differs sharply."""
 
 
 def still_readings(slowest_period: float) -> int:
     """Return the number of readings that must agree to prove rest, for a slowest period in readings."""
     return math.ceil(STILL_PART * slowest_period)
+
+
+def calm_readings(slowest_period: float) -> int:
+    """Return the number of readings before a touch that must be calm, for a slowest period in readings."""
+    return max(2, math.ceil(CALM_PART * slowest_period))
 
 
 def calm_limit(readings: int, channels: int) -> float:
@@ -65,7 +73,7 @@ def follow_touch(sums: Sums, sizes: NDArray[np.intp], still: int, sharp: float, 
     return found
 
 
-def calm_since_touch(units: FloatArray, sizes: NDArray[np.intp], still: int) -> NDArray[np.bool_]:
+def calm_since_touch(units: FloatArray, sizes: NDArray[np.intp], still: int, calm: int) -> NDArray[np.bool_]:
     """Return whether the last `sizes` readings follow a touch and are calm themselves, shape (means,).
 
     Parameters
@@ -75,15 +83,17 @@ def calm_since_touch(units: FloatArray, sizes: NDArray[np.intp], still: int) -> 
     sizes
         Number of readings since the supposed touch, shape (means,); it shows from two readings on.
     still
-        Number of readings before the touch that must be calm; none: no touch is looked for.
+        Number of readings from which on no touch is looked for: these prove rest by themselves.
+    calm
+        Number of readings before the touch that must be calm.
     """
     found = np.zeros(len(units), dtype=np.bool_)
     channels = units.shape[2]
     sharp = chi_square_quantile(channels, SHARP)
     for index in np.flatnonzero((sizes >= 2) & (sizes < still)).tolist():
         size = int(sizes[index])
-        since, before = units[index : index + 1, -size:], units[index : index + 1, -size - still : -size]
+        since, before = units[index : index + 1, -size:], units[index : index + 1, -size - calm : -size]
         mean = since.mean(axis=1)
-        calm = ((since - mean[:, np.newaxis]) ** 2).sum() < calm_limit(size, channels)
-        found[index] = calm and is_sharp_touch(before, mean, size, sharp, calm_limit(still, channels))[0]
+        agree = ((since - mean[:, np.newaxis]) ** 2).sum() < calm_limit(size, channels)
+        found[index] = agree and is_sharp_touch(before, mean, size, sharp, calm_limit(before.shape[1], channels))[0]
     return found
