@@ -55,10 +55,13 @@ class Bench:
     async def __aexit__(self, *_: object) -> None:
         for task in (self._task, *self._helpers):
             task.cancel()
-        await asyncio.gather(self._task, *self._helpers, return_exceptions=True)
+        ends = await asyncio.gather(self._task, *self._helpers, return_exceptions=True)
         await self._client.close()
         if self.disk:
             self.disk.close()
+        for end in ends:
+            if isinstance(end, Exception):
+                raise end
 
     async def finish(self) -> None:
         """Close the outbox and wait for the delivery of what is in it."""

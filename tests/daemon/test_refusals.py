@@ -1,6 +1,7 @@
 """Batches that a real HTTP server refuses: split, kept for another time, or set aside; and nothing waits for them."""
 
 import asyncio
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -69,7 +70,7 @@ PROXY = ""
     ],
 )
 async def test_a_batch_refused_for_now_is_kept_in_memory_or_on_disk(tmp_path: Path, status: int, kind: str) -> None:
-    refuses = True
+    refuses, numbers = True, count(3)
 
     async def attempt(spool: Spool | None) -> None:
         nonlocal refuses
@@ -80,7 +81,7 @@ async def test_a_batch_refused_for_now_is_kept_in_memory_or_on_disk(tmp_path: Pa
             while service.attempts < 3:
                 await asyncio.sleep(0.01)
                 if spool and not len(bench.outbox):
-                    bench.outbox.put(taken(3 + service.attempts, 1))
+                    bench.outbox.put(taken(next(numbers), 1))
             refuses = False
             await service.until(3)
             assert bench.outbox.dropped == 0

@@ -151,11 +151,12 @@ class LateDelivery:
         if parcel.left:
             return verdict  # the parts that were taken are sent again, which changes nothing
         self.delivered += parcel.taken
+        # Shielded: a stop while the disk is busy must not leave what is counted as delivered in the spool.
         if not parcel.taken:
             (_, reason), *_ = parcel.refused
-            await self._disk.call(lambda: spool.keep_aside(surface, oldest.number, reason))
+            await asyncio.shield(self._disk.call(lambda: spool.keep_aside(surface, oldest.number, reason)))
             return Verdict.NEVER
-        await self._disk.call(lambda: spool.remove(surface, oldest))
+        await asyncio.shield(self._disk.call(lambda: spool.remove(surface, oldest)))
         for part, reason in parcel.refused:
             await self._disk.call(partial(spool.put_refused, surface, part, reason))
         return Verdict.TAKEN

@@ -46,6 +46,7 @@ class Outbox:
         """Put undelivered samples back at the front; if there is no room, the oldest are dropped."""
         self._waiting.extendleft(reversed(samples))
         self._trim()
+        self._changed.set()
 
     def drop(self, number: int) -> None:
         """Count taken samples that cannot be delivered as dropped."""
