@@ -93,14 +93,7 @@ def add_evaluate(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="noise of a sample (standard deviation), instead of the model's; may be given several times",
     )
-    parser.add_argument(
-        "--draws",
-        type=whole_number(100, MAX_DRAWS),
-        default=16_384,
-        metavar="N",
-        help="number of simulated contacts, rounded up to a power of two; below about 2000, a stated standard error is "
-        "a lower bound (default: 16384)",
-    )
+    _add_contacts(parser, "number of simulated contacts", 16_384)
     _add_seed(parser)
     _add_json(parser)
 
@@ -166,16 +159,20 @@ def add_trade(parser: argparse.ArgumentParser) -> None:
         "--error-mm", type=float, metavar="E", help="build the quickest model with a mean error of at most E mm"
     )
     parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, help="estimators to measure (default: all)")
+    _add_contacts(parser, "simulated contacts per point", 4096)
+    _add_seed(parser)
+    _add_json(parser)
+
+
+def _add_contacts(parser: argparse.ArgumentParser, what: str, default: int) -> None:
     parser.add_argument(
         "--draws",
         type=whole_number(100, MAX_DRAWS),
-        default=4096,
+        default=default,
         metavar="N",
-        help="simulated contacts per point, rounded up to a power of two; below about 2000, a stated standard error is "
-        "a lower bound (default: 4096)",
+        help=f"{what}, rounded up to a power of two; below about 2000, a stated standard error is a lower bound "
+        f"(default: {default})",
     )
-    _add_seed(parser)
-    _add_json(parser)
 
 
 def _add_seed(parser: argparse.ArgumentParser) -> None:
