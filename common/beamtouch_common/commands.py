@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from importlib import metadata
 from typing import Any, NoReturn
 
@@ -22,9 +22,7 @@ class Parser(argparse.ArgumentParser):
         super().__init__(*arguments, **options)
         self.add_argument("--version", action="version", version=f"{self.prog.split()[0]} {version()}")
 
-    def parse_known_args(  # type: ignore[override]  # argparse overloads it for other kinds of namespaces
-        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
-    ) -> tuple[argparse.Namespace, list[str]]:
+    def parse_known_args(self, args: Iterable[str] | None = None, namespace: object = None) -> tuple[Any, list[str]]:
         """Parse arguments, and refuse unknown ones here: the parser of a subcommand names its own help."""
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:

@@ -93,7 +93,7 @@ def read(path: Path) -> bytes:
     try:
         # Check before opening: opening a device can act on it, and opening a pipe can wait.
         _require_readable(path.stat(), path)
-        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:  # noqa: PTH123  # by number
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
             _require_readable(os.fstat(file.fileno()), path)
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
@@ -142,13 +142,13 @@ def load_bytes(content: bytes, origin: str) -> ModelFile:
 
 def _open(make: Callable[[bytes], ort.InferenceSession], content: bytes) -> ort.InferenceSession:
     try:
-        return make(content)
-    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
-        first_line = str(error).splitlines()[0] if str(error) else type(error).__name__
-        if "xternal" in first_line and " data" in first_line:
+        with session.graph_errors():
+            return make(content)
+    except session.GraphError as error:
+        if "xternal" in str(error) and " data" in str(error):
             message = "its weights are in another file, but a model is one file; rebuild it with `design-sensors build`"
         else:
-            message = f"damaged or not an ONNX file; rebuild it with `design-sensors build` ({first_line})"
+            message = f"damaged or not an ONNX file; rebuild it with `design-sensors build` ({error})"
         raise ModelFileError(message) from None
 
 
@@ -184,11 +184,12 @@ def _one_row(
     given = (np.array([values], np.float32) for values in (deflection_mm, whitening_per_mm))
     inputs = dict(zip(INPUTS, given, strict=True))
     try:
-        values = model.session.run(None, inputs, options)
-        return {name: float(value.reshape(())) for name, value in zip(model.outputs, values, strict=True)}
-    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        with session.graph_errors():
+            values = model.session.run(None, inputs, options)
+            return {name: float(value.reshape(())) for name, value in zip(model.outputs, values, strict=True)}
+    except session.GraphError as error:
         if options.terminate:
             message = f"computing its golden answers takes longer than {session.LIMIT_S:g} s"
             raise ModelFileError(message) from None
-        message = f"its graph fails on a single sample ({(str(error).splitlines() or [''])[0]})"
+        message = f"its graph fails on a single sample ({error})"
         raise ModelFileError(message) from None

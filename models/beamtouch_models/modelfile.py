@@ -32,11 +32,11 @@ from beamtouch_models.metadata import (
     Noise,
     Ranges,
 )
-from beamtouch_models.session import Answers
+from beamtouch_models.session import Answers, GraphError, graph_errors
 
 __all__ = [
     "INPUTS", "LOG_ODDS", "MISFIT", "Accuracy", "Answers", "BestSample", "Calibration", "ChannelChange", "Drawn",
-    "Evidence", "Health", "Hypotheses", "Judgement", "LeftOut", "Memory", "Metadata", "ModelFile", "ModelFileError",
-    "Noise", "Ranges", "State", "Suspects", "Weighed", "evidence", "is_odd", "is_overload", "is_unchecked", "load",
-    "load_bytes", "memories_after", "read",
+    "Evidence", "GraphError", "Health", "Hypotheses", "Judgement", "LeftOut", "Memory", "Metadata", "ModelFile",
+    "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Weighed", "evidence", "graph_errors", "is_odd",
+    "is_overload", "is_unchecked", "load", "load_bytes", "memories_after", "read",
 ]  # fmt: skip

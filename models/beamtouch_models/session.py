@@ -32,6 +32,20 @@ _FUNCTIONS_FIELD = 25
 _lock = Lock()
 
 
+class GraphError(Exception):
+    """A graph cannot be loaded or run; the message is the first line of the reason."""
+
+
+@contextmanager
+def graph_errors() -> Iterator[None]:
+    """Raise GraphError in place of any error in a block that loads or runs a graph."""
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
+        lines = str(error).splitlines()
+        raise GraphError(lines[0] if lines else type(error).__name__) from None
+
+
 def open_session(content: bytes, options: ort.SessionOptions | None = None) -> ort.InferenceSession:
     """Return an onnxruntime session of an ONNX file's content, on the CPU, which has computed nothing yet."""
     providers = ["CPUExecutionProvider"]

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from beamtouch_models import modelfile
-from beamtouch_models.modelfile import ModelFile, ModelFileError
+from beamtouch_models.modelfile import GraphError, ModelFile, ModelFileError, graph_errors
 from beamtouch_service.surfaces.same_beam import difference
 from beamtouch_service.surfaces.served_model import Inference
 from beamtouch_service.surfaces.surface import Surface
@@ -47,9 +47,10 @@ def parse(content: bytes, origin: str) -> ModelFile:
         )
         raise ModelFileError(message)
     try:
-        answer_s = _answer_s(Inference(model), model)
-    except Exception as error:  # noqa: BLE001  # onnxruntime's errors have no common base but Exception
-        message = f"{origin}: its graph cannot be run as a service does ({(str(error).splitlines() or [''])[0]})"
+        with graph_errors():
+            answer_s = _answer_s(Inference(model), model)
+    except GraphError as error:
+        message = f"{origin}: its graph cannot be run as a service does ({error})"
         raise ModelFileError(message) from None
     if answer_s > MAX_ANSWER_S:
         message = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from ipaddress import ip_address
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,8 @@ from beamtouch_service.settings import MqttSettings, Settings, SurfaceSettings
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from beamtouch_service.host.modbus import ModbusServer
     from beamtouch_service.outputs.mqtt.publisher import Publisher
 
@@ -78,13 +80,8 @@ def run(settings: Settings) -> None:
 def _modbus_server(settings: Settings) -> ModbusServer | None:
     if settings.modbus_server is None:
         return None
-    try:
-        from beamtouch_service.host.modbus import ModbusServer  # noqa: PLC0415  # pymodbus is an extra of its own
-    except ModuleNotFoundError as error:
-        if error.name != "pymodbus":
-            raise
-        message = "[modbus_server] needs pymodbus; run: pip install 'beamtouch[service,modbus-server]'"
-        raise ConfigError(message) from None
+    with _extra("modbus_server", "modbus-server", "pymodbus"):
+        from beamtouch_service.host.modbus import ModbusServer  # noqa: PLC0415  # needs an extra of its own
     return ModbusServer(settings.modbus_server, len(settings.surfaces))
 
 
@@ -94,14 +91,21 @@ def _log_readers(settings: Settings, modbus: ModbusServer) -> None:
 
 
 def _publisher(settings: MqttSettings) -> Publisher:
-    try:
-        from beamtouch_service.outputs.mqtt.publisher import Publisher  # noqa: PLC0415  # aiomqtt is an extra of its own
-    except ModuleNotFoundError as error:
-        if error.name not in {"aiomqtt", "paho"}:
-            raise
-        message = f"[mqtt] needs {error.name}; run: pip install 'beamtouch[service,mqtt]'"
-        raise ConfigError(message) from None
+    with _extra("mqtt", "mqtt", "aiomqtt", "paho"):
+        from beamtouch_service.outputs.mqtt.publisher import Publisher  # noqa: PLC0415  # needs an extra of its own
     return Publisher(settings)
+
+
+@contextmanager
+def _extra(section: str, extra: str, *modules: str) -> Iterator[None]:
+    """Import what a section of the configuration needs; raises ConfigError with the extra that brings `modules`."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name not in modules:
+            raise
+        message = f"[{section}] needs {error.name}; run: pip install 'beamtouch[service,{extra}]'"
+        raise ConfigError(message) from None
 
 
 def _recorder(settings: Settings) -> Recorder:

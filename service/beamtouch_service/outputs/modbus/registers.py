@@ -14,7 +14,7 @@ from beamtouch_models.modelfile import State
 from beamtouch_service.outputs.modbus.snapshot import Snapshot
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note, Quality
-from beamtouch_service.surfaces.contact import Doubt
+from beamtouch_service.surfaces.contact import Contact, Doubt
 
 BLOCK = 50
 """Registers of one surface. Those without a meaning yet read as 0."""
@@ -93,9 +93,7 @@ def _quality(offset: int, quality: Quality, meaning: str) -> Register:
 
 
 def _state(one: Snapshot) -> int:
-    found = one.contact.state if one.contact else one.problem
-    assert found is not None  # noqa: S101  # a snapshot has a contact or a problem
-    return STATES[found][0]
+    return STATES[one.outcome.state if isinstance(one.outcome, Contact) else one.outcome][0]
 
 
 def _notes(one: Snapshot) -> int:

@@ -16,9 +16,8 @@ class Snapshot:
     name: str
     now_s: float
     """The time [s, monotonic]."""
-    contact: Contact | None
-    """None if there is a problem."""
-    problem: Kind | None
+    outcome: Contact | Kind
+    """The contact, or the problem that there is instead."""
     channels: list[str]
     """In the order of the model; empty without one."""
     bad: Mapping[str, Quality]
@@ -38,6 +37,11 @@ class Snapshot:
         return self._bits({note.removeprefix("check-") for note in self.notes if note.startswith("check-")})
 
     @property
+    def contact(self) -> Contact | None:
+        """The contact; None if there is a problem."""
+        return self.outcome if isinstance(self.outcome, Contact) else None
+
+    @property
     def notes(self) -> list[str]:
         """The notes of the contact."""
         return self.contact.notes if self.contact else []
@@ -49,19 +53,21 @@ class Snapshot:
 
 def snapshot(surface: Surface, now_s: float) -> Snapshot:
     """Return a surface as of `now_s` [s, monotonic]."""
-    contact, problem, newest = None, None, surface.newest
-    try:
-        contact = surface.contact(now_s)
-    except ProblemError as error:
-        problem = error.problem.kind
-    is_current = contact is not None or problem in {Kind.TOO_FEW_CHANNELS, Kind.UNUSABLE_ESTIMATE}
+    newest, outcome = surface.newest, _outcome(surface, now_s)
+    is_current = isinstance(outcome, Contact) or outcome in {Kind.TOO_FEW_CHANNELS, Kind.UNUSABLE_ESTIMATE}
     return Snapshot(
         name=surface.name,
         now_s=now_s,
-        contact=contact,
-        problem=problem,
+        outcome=outcome,
         channels=surface.model.channels if surface.model else [],
         bad=newest.seen.estimated.bad if is_current and newest and newest.seen else {},
         age_ms=newest.age_ms(now_s) if newest else None,
         sequence=newest.sample.sequence if newest else 0,
     )
+
+
+def _outcome(surface: Surface, now_s: float) -> Contact | Kind:
+    try:
+        return surface.contact(now_s)
+    except ProblemError as error:
+        return error.problem.kind

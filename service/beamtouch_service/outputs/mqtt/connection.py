@@ -16,7 +16,6 @@ import logging
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from typing import Any
 
 import aiomqtt
 import paho.mqtt.client as paho
@@ -103,12 +102,7 @@ class Connection(aiomqtt.Client):
             pass
 
     def _on_publish(
-        self,
-        client: paho.Client,
-        userdata: Any,  # noqa: ANN401  # as aiomqtt's
-        mid: int,
-        reason_code: ReasonCode,
-        properties: Properties,
+        self, client: paho.Client, userdata: object, mid: int, reason_code: ReasonCode, properties: Properties
     ) -> None:
         if reason_code.is_failure:
             self.refusal = str(reason_code)
@@ -116,7 +110,7 @@ class Connection(aiomqtt.Client):
             self.has_listeners = False
         super()._on_publish(client, userdata, mid, reason_code, properties)
 
-    def _on_socket_register_write(self, client: paho.Client, userdata: Any, sock: Any) -> None:  # noqa: ANN401
+    def _on_socket_register_write(self, client: paho.Client, userdata: object, sock: socket.socket) -> None:
         if not self._connected.done():
             # Perhaps in the thread that connects.
             super()._on_socket_register_write(client, userdata, sock)
