@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from beamtouch_service.events.commands import Finish
+from beamtouch_service.events.findings import Finish
 from beamtouch_service.events.segments import End
 from beamtouch_service.events.store import EventStore
 from service.test_event_store import DAY_S, FORMAT_1, segment

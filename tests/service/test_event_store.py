@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_models.modelfile import State
-from beamtouch_service.events.commands import Finish
 from beamtouch_service.events.file import EventStoreError
+from beamtouch_service.events.findings import Finish
 from beamtouch_service.events.segments import Begin, End, Kind, Segment
 from beamtouch_service.events.store import EventStore, Selection
 

@@ -21,11 +21,11 @@ from beamtouch_service.api import (
     errors,
     events,
     gate,
-    health,
     metrics,
     models,
     openapi,
     page,
+    probes,
     samples,
     stream,
     surfaces,
@@ -61,8 +61,8 @@ _ROUTERS = (
     metrics.router,
     stream.router,
     events.router,
-    health.live_router,
-    health.ready_router,
+    probes.live_router,
+    probes.ready_router,
     _description_router,
 )
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from beamtouch_models.modelfile import ModelFile, State, memories_after
-from beamtouch_service.events.commands import Command, Doubtful, Edge, Found, TouchSeen
+from beamtouch_service.events.findings import Command, Doubtful, Edge, Found, TouchSeen
 from beamtouch_service.events.segmenter import Segmenter, segment_late_run
 from beamtouch_service.events.segments import End
 from beamtouch_service.events.store import EventStore

@@ -17,7 +17,7 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_service.events.commands import Command, Found, Loss
+from beamtouch_service.events.findings import Command, Found, Loss
 from beamtouch_service.events.health import HealthKeeper
 from beamtouch_service.events.late import LateSamples
 from beamtouch_service.events.losses import Losses

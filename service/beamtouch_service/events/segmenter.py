@@ -5,8 +5,9 @@ from collections.abc import Iterable
 from beamtouch_models.modelfile import ModelFile, State
 from beamtouch_service.events.best_samples import BestSamples
 from beamtouch_service.events.captures import Capture
-from beamtouch_service.events.commands import Command, Doubtful, Edge, Finish, Found, TouchSeen
-from beamtouch_service.events.segments import Begin, End, GrowingSegment, Kind, Segment
+from beamtouch_service.events.findings import Command, Doubtful, Edge, Finish, Found, TouchSeen
+from beamtouch_service.events.growing_segment import GrowingSegment
+from beamtouch_service.events.segments import Begin, End, Kind, Segment
 from beamtouch_service.surfaces.contact import Decision, Figures
 from beamtouch_service.surfaces.contradiction import Contradiction
 from beamtouch_service.surfaces.follower import Seen

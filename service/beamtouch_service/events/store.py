@@ -10,9 +10,9 @@ from beamtouch_models.modelfile import State
 from beamtouch_service.events import best_table, capture_table, deliveries, writing
 from beamtouch_service.events.best_table import Baseline, Sampled
 from beamtouch_service.events.captures import Capture
-from beamtouch_service.events.commands import Command
 from beamtouch_service.events.deliveries import Due
 from beamtouch_service.events.file import EventFile
+from beamtouch_service.events.findings import Command
 from beamtouch_service.events.schema import EVENTS
 from beamtouch_service.events.segments import Kind, Segment
 from beamtouch_service.events.writing import CONTENT, Numbered

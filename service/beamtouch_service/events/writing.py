@@ -7,7 +7,7 @@ from typing import Any
 from sqlalchemy import BigInteger, Connection, Row, Select, bindparam, case, delete, insert, literal, select, update
 
 from beamtouch_service.events.best_samples import Best
-from beamtouch_service.events.commands import Finish, Loss, TouchSeen
+from beamtouch_service.events.findings import Finish, Loss, TouchSeen
 from beamtouch_service.events.joining import are_apart, are_one, joined
 from beamtouch_service.events.schema import EVENTS, IS_OPEN
 from beamtouch_service.events.segments import BEFORE_CLEAR, Begin, End, Kind, Segment

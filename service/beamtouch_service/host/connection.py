@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, cast
 import httptools
 from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
-from beamtouch_service.api.health import LIVE_PATH
+from beamtouch_service.api.probes import LIVE_PATH
 from beamtouch_service.host import heads
 from beamtouch_service.host.admission import Admission, is_answering
 from beamtouch_service.host.ending import REFUSED_S, EndingProtocol

@@ -12,7 +12,7 @@ from contact_registers import FIGURES, single
 from parts import require
 from service.conftest import batch_of
 
-from .modbus import ModbusService, start_modbus
+from .modbus_service import ModbusService, start_modbus
 
 if TYPE_CHECKING:
     from pathlib import Path

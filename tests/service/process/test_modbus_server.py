@@ -15,7 +15,7 @@ import pytest
 from processes import resident_mb
 from service.conftest import batch_of
 
-from .modbus import ModbusService, answered, ask, request, start_modbus
+from .modbus_service import ModbusService, answered, ask, request, start_modbus
 from .raw import closes
 
 if TYPE_CHECKING:
