@@ -165,6 +165,7 @@ def moves(
         rows=tuple(
             (f"{motion.name} at {speed_mm_per_s:.0f} mm/s", before + round(part * moving) - 1) for part in motion.parts
         ),
+        crosses=motion is KEEPS,
     )
 
 
