@@ -72,9 +72,9 @@ def test_it_asks_for_the_python_that_it_was_made_with(package: Package) -> None:
 
 
 def test_it_is_small_and_holds_only_the_pinned_distributions_of_its_command(package: Package) -> None:
-    found = {canonicalize_name(one.name): one.version for one in distributions(path=[str(package.site)])}
+    found = {str(canonicalize_name(one.name)): one.version for one in distributions(path=[str(package.site)])}
     pins = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().split())
-    pinned = {canonicalize_name(name): version for name, version in pins.items()}
+    pinned = {str(canonicalize_name(name)): version for name, version in pins.items()}
     version = found.pop("beamtouch")
     assert package.control["Version"] == version
     assert found
@@ -85,7 +85,7 @@ def test_it_is_small_and_holds_only_the_pinned_distributions_of_its_command(pack
 
 def test_no_file_names_the_folder_in_which_it_was_built(package: Package) -> None:
     done = subprocess.run(
-        ["grep", "--recursive", "--files-with-matches", "--fixed-strings", str(BUILT), package.tree],
+        ["grep", "--recursive", "--files-with-matches", "--fixed-strings", str(BUILT.resolve()), package.tree],
         capture_output=True,
         text=True,
         check=False,
@@ -95,8 +95,10 @@ def test_no_file_names_the_folder_in_which_it_was_built(package: Package) -> Non
 
 
 def test_all_bytecode_is_there_and_never_checked(package: Package) -> None:
+    tag = package.site.parent.name.replace("python3.", "cpython-3")
+
     def compiled(source: Path) -> Path:
-        return source.parent / "__pycache__" / f"{source.stem}.{package.site.parent.name.replace('python3.', 'cpython-3')}.pyc"
+        return source.parent / "__pycache__" / f"{source.stem}.{tag}.pyc"
 
     sources = list(package.site.rglob("*.py"))
     assert len(sources) > 100
