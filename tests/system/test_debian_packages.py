@@ -98,6 +98,13 @@ def test_no_file_depends_on_the_folder_in_which_it_was_built(package: Package) -
     assert (done.returncode, done.stdout) == (1, "")
 
 
+def test_libraries_look_for_others_only_beside_themselves(package: Package) -> None:
+    libraries = [path for path in package.site.rglob("*.so*") if path.is_file()]
+    found = run(require("readelf", "binutils"), "--dynamic", *libraries)
+    paths = ":".join(re.findall(r"Library (?:rpath|runpath): \[(.*)\]", found))
+    assert [path for path in paths.split(":") if path and not path.startswith("$ORIGIN")] == []
+
+
 def test_all_bytecode_is_there_and_never_checked(package: Package) -> None:
     tag = package.site.parent.name.replace("python3.", "cpython-3")
 
