@@ -23,6 +23,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
 from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.export import to_bytes
+from beamtouch_models.progress import silent
 from beamtouch_models.session import runner
 
 TRAINING, TRAINING_OF_PROCESS, TEST = 20_000, 1500, 4000
@@ -36,7 +37,7 @@ def baselines(case: Case) -> list[dict[str, object]]:
     rows = []
     for name in ("posterior", "small-network", "paper-network"):
         start = time.perf_counter()
-        made = estimator_of(name, prior, with_force=False, seed=SEED, progress=lambda _done: None)
+        made = estimator_of(name, prior, settled_mm=prior.noise_mm, with_force=False, seed=SEED, progress=silent)
         took = time.perf_counter() - start
         content, weights = to_bytes(made.graph), prior.whitening(reading)
         answers = runner(content)(reading, weights)["position_mm"]

@@ -20,6 +20,7 @@ from beamtouch_models.export import to_bytes
 from beamtouch_models.physics.beam import influence_of, max_deflection_mm
 from beamtouch_models.placement import place
 from beamtouch_models.pricing.noise import choose_filter, noise_of
+from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene, load_scene
 from beamtouch_models.session import runner, session_options
 from example_scenes import SCENES
@@ -118,7 +119,14 @@ def latency_rows() -> list[dict[str, object]]:
         reading = limit.draw(prior, 1, SEED).deflection_mm
         calls: dict[str, Callable[[], object]] = {}
         for estimator in NAMES:
-            made = estimator_of(estimator, prior, with_force=scene.wants_force, seed=SEED, progress=lambda _done: None)
+            made = estimator_of(
+                estimator,
+                prior,
+                settled_mm=prior.noise_mm,
+                with_force=scene.wants_force,
+                seed=SEED,
+                progress=silent,
+            )
             calls[estimator] = answer_of(to_bytes(made.graph), reading, prior.whitening(reading))
         times = in_turns(calls)
         ten = times["paper-network"]

@@ -8,7 +8,11 @@ from scipy.stats import chi2
 
 from beamtouch_models.filters import Chain, Filtered, FloatArray, growing_mean_stage
 from beamtouch_models.filters.growing import CHANGES
+from beamtouch_models.filters.lags import drift_lags
 from beamtouch_models.filters.pairs import pairs_of
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.scene import load_scene
+from example_scenes import SCENES
 
 LONGEST = 200
 CHANNELS = 4
@@ -202,3 +206,28 @@ def test_at_rest_a_mean_seldom_lags_and_hardly_ever_by_the_noise_of_its_fewest_r
     traces = np.concatenate([np.trace(one.covariance_mm2[LONGEST:], axis1=1, axis2=2) for one in filtered])
     moves = np.concatenate([one.moves[LONGEST:] for one in filtered])
     assert (traces[~moves] > 1.5 * CHANNELS / fewest).mean() < 0.002
+
+
+def test_drifts_lag_by_half_of_the_way_since_as_many_readings_before() -> None:
+    slope = np.array([3.0, -1.0])
+    rows = np.arange(20.0)[:, np.newaxis] * slope
+    units = np.stack([rows, rows, rows, 1e-3 * rows, np.where(rows == 0, np.nan, rows)])
+    lags = drift_lags(units, 1 / np.array([4, 10, 40, 4, 10]), limit=0.0)
+    expected = np.array([1.5, 4.5, 19.5, 1.5e-3])[:, np.newaxis] * slope
+    np.testing.assert_allclose(lags[:4], expected)
+    assert not lags[4].any()
+    assert not drift_lags(units[3:4], 1 / np.array([4.0]), limit=1.0).any()
+
+
+def test_a_load_that_runs_along_two_spans_stays_near_the_covariance_of_its_mean() -> None:
+    beam = load_scene(SCENES / "two-spans.toml")[0].beam
+    # A way that is nowhere straight for long, at up to 5 deviations per reading.
+    load_mm = np.arange(60.0, 940.0, 5.0)
+    truth = 30_000 * influence(beam, np.array([146.0, 269.0, 391.0, 660.0]), load_mm, 0.0)
+    far = []
+    for one in noise(len(load_mm), 23, 100):
+        filtered = grown(truth + one, period=7.4, fewest=5)
+        error, floor = (filtered.mean_mm - truth)[10:], 0.3**2 * np.eye(CHANNELS)
+        stated = np.einsum("ni,nij,nj->n", error, np.linalg.inv(filtered.covariance_mm2[10:] + floor), error)
+        far.append(stated > 4 * chi2.ppf(0.95, CHANNELS))
+    assert np.mean(far) < 0.001

@@ -9,6 +9,7 @@ from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.pricing.removal import changed
+from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
 from beamtouch_models.session import runner
 from example_scenes import SCENES
@@ -92,7 +93,7 @@ def test_fewer_false_contacts_cost_a_little_force() -> None:
 
 def test_the_same_seed_measures_the_same() -> None:
     prior = prior_of("bench", 2, 1.0, known=False)
-    made = estimator_of("posterior", prior, with_force=True, seed=4, progress=lambda _done: None)
+    made = estimator_of("posterior", prior, settled_mm=prior.noise_mm, with_force=True, seed=4, progress=silent)
     scene, _ = load_scene(SCENES / "bench.toml")
     first, second = (
         measured(made, prior, scene, choose_filter(scene), 4),

@@ -9,14 +9,17 @@ from scipy.special import chdtrc, chdtri
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.forces import Forces, cautious_forces, forces_of
+from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
+from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.onnx_graph import IR_VERSION, OPSET
 from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.channels import fewest_channels
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.export import to_bytes
 from beamtouch_models.pricing.removal import changed
+from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
 from beamtouch_models.session import runner
 from beamtouch_models.whitening import whitening
@@ -317,3 +320,17 @@ def test_the_same_prior_gives_the_same_bytes_for_the_oldest_runtime() -> None:
     first, second = graph_of(prior), graph_of(prior)
     assert to_bytes(first) == to_bytes(second)
     assert (first.opset_import[0].version, first.ir_version) == (OPSET, IR_VERSION) == (17, 8)
+
+
+@pytest.mark.parametrize(("name", "sensors"), [("two-spans", 5), ("foundation", 4)])
+def test_an_estimator_resolves_the_posterior_of_samples_of_the_most_readings(name: str, sensors: int) -> None:
+    prior = with_floor(prior_of(name, sensors, 0.25, known=False))
+    settled = dataclasses.replace(prior, noise_mm=prior.noise_mm / 20**0.5)
+    made = estimator_of("posterior", prior, settled_mm=settled.noise_mm, with_force=True, seed=0, progress=silent)
+    drawn = limit.draw(settled, 1000, 9)
+    answers = answers_of(made.graph, settled, drawn.deflection_mm)
+    levels = np.tile([0.025, 0.975], (len(drawn.position_mm), 1))
+    low, high = posterior_quantiles(settled, drawn.deflection_mm, levels)[0].T
+    ratio = (answers["position_high_mm"] - answers["position_low_mm"]) / (high - low)
+    assert np.median(ratio) < 1.08
+    assert np.quantile(ratio, 0.1) > 0.99

@@ -14,6 +14,7 @@ from beamtouch_models.estimators.estimator import estimator_of
 from beamtouch_models.estimators.posterior.cells import Design
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.physics.beam import max_deflection_mm
+from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from posterior_cases import answers_of, check_sane, double_answers, graph_of, nonsense, prior_of
@@ -81,7 +82,7 @@ def test_the_limit_holds_down_to_the_noise_that_float32_carries(
 
 def test_a_build_that_misses_the_limit_is_refused() -> None:
     prior = prior_of("paper", 2, 1e-3, known=True)
-    made = estimator_of("posterior", prior, with_force=False, seed=0, progress=lambda _done: None)
+    made = estimator_of("posterior", prior, settled_mm=prior.noise_mm, with_force=False, seed=0, progress=silent)
     check_held(made, prior, 1)
     few = dataclasses.replace(made, graph=posterior_graph(prior, with_force=False, design=Design(512, temper=True)))
     with pytest.raises(

@@ -92,7 +92,7 @@ def rows_of(
         if play.naming:
             row = replace(row, naming=naming(surface, model.run, play, rng))
         found.append(row)
-    return [*found[:-1], replace(found[-1], ghosts=ghosts(said.said))]
+    return [*found[:-1], replace(found[-1], ghosts=None if play.crosses else ghosts(said.said))]
 
 
 def _power(surface: SimulatedSurface, play: Play, fault_mm: Floats, valid: Bools) -> float:

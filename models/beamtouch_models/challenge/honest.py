@@ -1,6 +1,6 @@
 """One contact, honestly measured: touches, ringing, motion, forces beyond the range, sensors as the scene states."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -16,12 +16,23 @@ SINCE_MS = (20, 50, 100, 200, 500)
 """Times after the beginning of a load at which a beam that rings is judged."""
 RAMP_S = 0.03
 SPEEDS_MM_PER_S = (10, 30, 100, 300, 1000)
-LONGEST_WAY = 0.5
-"""Longest way of a load that moves, over the range of contacts."""
-MOVES_S = 0.2
-"""Time that a load moves, unless that way is shorter."""
-PARTS = (0.2, 0.4, 0.6, 0.8, 1.0)
-"""Parts of that time at which a moving load is judged."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """When a load that moves is judged."""
+
+    name: str
+    longest_s: float
+    """Time that it moves, unless the way is shorter."""
+    way: float
+    """Longest way, over the range of contacts."""
+    parts: tuple[float, ...]
+    """Parts of that time at which it is judged."""
+
+
+BEGINS = Motion("moves", 0.2, 0.5, (0.2, 0.4, 0.6, 0.8, 1.0))
+KEEPS = Motion("keeps moving", 0.5, 0.75, (0.6, 0.7, 0.8, 0.9, 1.0))
 STEPS = 8
 """Steps per reading in which a moving load is followed: in one of them it hardly moves."""
 
@@ -31,7 +42,11 @@ def honest_cases(surface: SimulatedSurface) -> list[Case]:
     makes: list[Make] = [touched, rested]
     if surface.modes is not None:
         makes += [partial(rings, weighs=False), partial(rings, weighs=True), partial(rings, lasting_s=RAMP_S), lifts]
-    makes += [partial(moves, speed_mm_per_s=float(speed)) for speed in SPEEDS_MM_PER_S]
+    makes += [
+        partial(moves, speed_mm_per_s=float(speed), motion=motion)
+        for motion in (BEGINS, KEEPS)
+        for speed in SPEEDS_MM_PER_S
+    ]
     low, high = surface.metadata.ranges.force_n
     makes += [
         partial(pressed, times=times, force_n=force) for times, force in ((0.3, low), (1.1, high), (2, high), (5, high))
@@ -119,11 +134,19 @@ def _swings(surface: SimulatedSurface, position_mm: Floats, force_n: Floats, *, 
     return swings(modes.at(surface.sensor_mm), modes.under(position_mm), modes.square_s2, force_n, weight_kg)
 
 
-def moves(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, speed_mm_per_s: float) -> Play:
+def moves(
+    surface: SimulatedSurface,
+    draws: int,
+    rng: np.random.Generator,
+    *,
+    speed_mm_per_s: float,
+    motion: Motion = BEGINS,
+) -> Play:
     """Return loads that lie still and then move; the beam follows with its inertia."""
     low, high = surface.metadata.ranges.position_mm
     rate_hz, before = surface.metadata.sensor.rate_hz, surface.look_back
-    moving = max(len(PARTS), round(min(MOVES_S, LONGEST_WAY * (high - low) / speed_mm_per_s) * rate_hz))
+    moving_s = min(motion.longest_s, motion.way * (high - low) / speed_mm_per_s)
+    moving = max(len(motion.parts), round(moving_s * rate_hz))
     step_s = 1 / rate_hz / STEPS
     way = speed_mm_per_s * step_s * np.arange(moving * STEPS + 1)
     start = rng.uniform(low, high - way[-1], size=draws)
@@ -139,7 +162,10 @@ def moves(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, sp
         deflection_mm=np.concatenate([still, deflection[:, 1:]], axis=1),
         truth_mm=np.concatenate([np.repeat(path[:, :1], before, axis=1), path[:, STEPS::STEPS]], axis=1),
         errors=surface.honest(draws, rng),
-        rows=tuple((f"moves at {speed_mm_per_s:.0f} mm/s", before + round(part * moving) - 1) for part in PARTS),
+        rows=tuple(
+            (f"{motion.name} at {speed_mm_per_s:.0f} mm/s", before + round(part * moving) - 1) for part in motion.parts
+        ),
+        crosses=motion is KEEPS,
     )
 
 

@@ -27,6 +27,8 @@ class Play:
     """Whether the force may be anything, so that the exact posterior does not know the range of forces either."""
     quiet: bool = False
     """Whether the contacts that are judged have settled and are within the ranges of the model."""
+    crosses: bool = False
+    """Whether a load may cross a support, where it presses on nothing that bends, so that its contact begins again."""
     fault_mm: Floats | None = None
     """(draws, channels), what sensors without noise and without honest errors measure of a fault."""
     stated: Stated | None = None

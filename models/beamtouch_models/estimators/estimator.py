@@ -1,12 +1,13 @@
 """The estimators by name. Each is a function from a prior to a graph; the first is the default."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import onnx
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.estimators.paper_graph import paper_graph, trained_as_in_the_paper
+from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.channels import fewest_channels
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.estimators.small_network import train
@@ -28,11 +29,17 @@ class Estimator:
     """Smallest number of working channels with which it gives a position."""
 
 
-def estimator_of(name: Name, prior: Prior, *, with_force: bool, seed: int, progress: Fraction) -> Estimator:
-    """Make an estimator for a prior; the same seed gives the same graph."""
+def estimator_of(
+    name: Name, prior: Prior, *, settled_mm: float, with_force: bool, seed: int, progress: Fraction
+) -> Estimator:
+    """Make an estimator for a prior; the same seed gives the same graph.
+
+    `settled_mm` is the noise of samples of the most readings, which a posterior must still resolve.
+    """
     match name:
         case "posterior":
-            graph, fewest = posterior_graph(prior, with_force=with_force), fewest_channels(prior, seed)
+            design = design_for(replace(prior, noise_mm=settled_mm))
+            graph, fewest = posterior_graph(prior, with_force=with_force, design=design), fewest_channels(prior, seed)
         case "small-network":
             # A single channel leaves several places far apart, and the network looks around one.
             fewest = min(max(2, fewest_channels(prior, seed)), prior.channels)

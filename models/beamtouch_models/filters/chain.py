@@ -4,7 +4,7 @@ import numpy as np
 
 from beamtouch_models.filters import means
 from beamtouch_models.filters.filtered import Filtered
-from beamtouch_models.filters.means import FloatArray
+from beamtouch_models.filters.means import FloatArray, Stepped
 from beamtouch_models.filters.scatter import Scatter
 from beamtouch_models.filters.stages import Stage, unit_of
 
@@ -84,8 +84,9 @@ class Chain:
 
     def _apply(self, values: FloatArray) -> Filtered:
         signal = cleaned = unfiltered = means.signal_of(values)
+        drifts = None
         for index, stage in enumerate(self._stages):
-            signal, self._states[index] = stage.step(signal, self._states[index])
+            signal, self._states[index], drifts = stage.step(signal, self._states[index])
             if stage.span == 1:
                 cleaned = signal
         mean, variance = signal[:, 0], signal[:, 1]
@@ -93,9 +94,9 @@ class Chain:
         excess = np.zeros((0, self._channels, self._channels))
         if self._scatter and len(values):
             entered = values if cleaned is unfiltered else cleaned[:, 0]
-            moves, lags, excess, self._past = self._scatter.excess(values, entered, mean, variance, self._past)
+            moves, lags, excess, self._past = self._scatter.excess(values, entered, mean, variance, drifts, self._past)
         return Filtered(mean, variance, self._noise_mm, moves, lags, excess)
 
 
-def _unchanged(signal: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return signal, state
+def _unchanged(signal: FloatArray, state: FloatArray) -> Stepped:
+    return Stepped(signal, state)

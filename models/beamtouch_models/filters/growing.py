@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.filters.means import BEFORE, SMALLEST_MM, FloatArray, lone_spikes
+from beamtouch_models.filters.means import BEFORE, SMALLEST_MM, FloatArray, Stepped, lone_spikes
 from beamtouch_models.filters.pairs import differ, pairs_of
 from beamtouch_models.filters.significance import chi_square_quantile
 from beamtouch_models.filters.splits import SHORT, Sums, best_split, is_sharp, is_step, parts, sharp_changes
@@ -90,10 +90,10 @@ class GrowingMean:
         state[-BEFORE:] = np.nan
         return state
 
-    def step(self, signal: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return means and their relative variance, and the next state."""
+    def step(self, signal: FloatArray, state: FloatArray) -> Stepped:
+        """Return means and their relative variance, the next state, and which means drift."""
         if not len(signal):
-            return signal, state
+            return Stepped(signal, state)
         count, kept = len(signal), len(state) - BEFORE
         values = np.concatenate([state[-BEFORE:, 0, :-1], signal[:, 0]])
         waits, spikes, _ = lone_spikes(values, self._spike_mm)
@@ -110,7 +110,8 @@ class GrowingMean:
         following[-BEFORE:, 0, :-1] = values[-BEFORE:]
         sums = following[:-BEFORE, :, :-1]
         until = sums[kept:] + last
-        total = until - sums[starts - self._sizes(Sums(sums, until, starts), following[:-BEFORE, 0, -1])]
+        sizes, drifts = self._sizes(Sums(sums, until, starts), following[:-BEFORE, 0, -1])
+        total = until - sums[starts - sizes]
         result = np.empty_like(total)
         there = (total[:, 1] > 0) & (counted[1:, 1] > 0)
         if there.all():
@@ -120,7 +121,7 @@ class GrowingMean:
             result[:] = np.nan
             np.divide(total[:, 0] * self._quantum_mm, total[:, 1], out=result[:, 0], where=there)
             np.divide(1.0, total[:, 1], out=result[:, 1], where=there)
-        return result, following[count:]
+        return Stepped(result, following[count:], drifts)
 
     def _counted(self, values: FloatArray) -> FloatArray:
         """Return values (rows, channels) in parts of the noise, and their number: 0 for one that is missing."""
@@ -154,8 +155,8 @@ class GrowingMean:
         ages[kept - 1 + count] = NEVER  # not known before the next reading
         return following
 
-    def _sizes(self, sums: Sums, ages: FloatArray) -> NDArray[np.intp]:
-        """Return how many rows are in each mean; `ages` (rows,) of the newest sharp change at each row."""
+    def _sizes(self, sums: Sums, ages: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """Return how many rows are in each mean, and whether they drift; `ages` (rows,) of the newest sharp changes."""
         _, needed, part, whole, _ = self._pairs
         total = sums.until[:, np.newaxis] - sums.rows[sums.starts[:, np.newaxis] - needed]
         if total[:, -1, 1].min() == self._longest:
@@ -164,19 +165,25 @@ class GrowingMean:
             changed = np.einsum("epc,epc->ep", apart, apart) > self._limits
         else:
             changed = differ(self._pairs, total, self._agree)
-        found = np.full(len(sums.starts), self._longest)
+        found, drifts = np.full(len(sums.starts), self._longest), np.zeros(len(sums.starts), dtype=np.bool_)
         at = np.flatnonzero(changed.any(axis=1))
         if len(at):
             fails = needed[whole[changed[at].argmax(axis=1)]]
-            found[at] = self._since(sums.of(at), fails, ages)
-        return found
+            found[at], drifts[at] = self._since(sums.of(at), fails, ages)
+        return found, drifts
 
-    def _since(self, sums: Sums, fails: NDArray[np.intp], ages: FloatArray) -> NDArray[np.intp]:
-        """Return how many rows count of windows of `fails` rows that hold a change; the windows before hold none."""
+    def _since(
+        self, sums: Sums, fails: NDArray[np.intp], ages: FloatArray
+    ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """Return how many rows count of windows of `fails` rows that hold a change, and whether they drift.
+
+        The windows before hold no change.
+        """
         reached = self._pairs.windows[np.searchsorted(self._pairs.windows, fails) - 1]
         fewest = np.maximum(1, reached // 2)
         # The newest sharp change between two readings of the window.
         sizes = fewest + ages[sums.starts - fewest].astype(np.intp)
+        drifts = np.zeros(len(sizes), dtype=np.bool_)
         for at in parts(np.flatnonzero((sizes >= fails) | (fails <= SHORT))):
             sought = sums.of(at)
             split = best_split(sought, fewest[at], fails[at])
@@ -184,9 +191,9 @@ class GrowingMean:
             unclear = np.flatnonzero(~sharp)
             if len(unclear):
                 sharp[unclear] = is_step(sought.of(unclear), split[unclear], self._clearly)
-            sizes[at] = np.where(sharp, split, -(-split // DRIFT_PART))
+            sizes[at], drifts[at] = np.where(sharp, split, -(-split // DRIFT_PART)), ~sharp
         few = np.flatnonzero(sizes < self._fewest)
         if len(few):
             touch = follow_touch(sums.of(few), sizes[few], self._still, self._sharp[-1], self._calm)
-            sizes[few[~touch]] = self._fewest
-        return sizes
+            sizes[few[~touch]], drifts[few] = self._fewest, ~touch
+        return sizes, drifts

@@ -3,6 +3,8 @@
 Such a mean is so precise that a load which begins to move leaves its interval before any test can know. So numbers of
 newest readings, each twice the one before, are compared with the mean. The part of their distance that noise does not
 explain counts as its uncertainty. At rest that is little, and rare.
+
+A mean of readings that drift lags by half the distance to the readings before it.
 """
 
 import numpy as np
@@ -48,3 +50,29 @@ def lags_of(
         part = np.sqrt((1 - 1 / ratio[at, best]) / numbers[best])
         lags[:] = projected[at, best] * part[:, np.newaxis]
     return lags
+
+
+def drift_lags(units: FloatArray, variance: FloatArray, limit: float) -> FloatArray:
+    """Return the lags of means of readings that drift, in units of the noise, shape (means, channels).
+
+    They are 0 where noise explains the drift, and where readings are missing.
+
+    Parameters
+    ----------
+    units
+        Readings up to the newest one in each mean, in units of the noise, shape (means, rows, channels).
+    variance
+        Relative variance of the noise of each mean, shape (means,).
+    limit
+        Square that noise explains.
+    """
+    lags, sizes = np.zeros((len(units), units.shape[2])), np.rint(1 / variance).astype(np.intp)
+    compared = np.minimum(sizes, units.shape[1] // 2)
+    for number in set(compared.tolist()):
+        at = compared == number
+        drift = units[at, -number:].mean(axis=1) - units[at, -2 * number : -number].mean(axis=1)
+        square = np.maximum((drift * drift).sum(axis=1) * number / 2, limit)
+        # A mean is as of the middle of its readings, and a steady drift goes this far in as many as were compared.
+        part = np.sqrt(1 - limit / square) * (sizes[at] - 1) / (2 * number)
+        lags[at] = drift * part[:, np.newaxis]
+    return np.nan_to_num(lags)

@@ -5,6 +5,7 @@ that of a single reading. A state is a signal that holds the last rows.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,17 @@ variance.
 """
 
 
+class Stepped(NamedTuple):
+    """What a filter makes of some readings."""
+
+    signal: FloatArray
+    """The filtered signal."""
+    state: FloatArray
+    """The next state."""
+    drifts: NDArray[np.bool_] | None = None
+    """Which means are of readings that drift, shape (readings,); None: none is known to be."""
+
+
 def fresh(rows: int, channels: int) -> FloatArray:
     """Return the initial state of a filter."""
     return np.full((rows, 2, channels), np.nan)
@@ -45,9 +57,7 @@ def windows(rows: FloatArray, size: int) -> FloatArray:
     return rows[np.newaxis] if count == 1 else rows[np.arange(count)[:, np.newaxis] + np.arange(size)]
 
 
-def moving_average(
-    signal: FloatArray, state: FloatArray, window: int, needed: int = 1
-) -> tuple[FloatArray, FloatArray]:
+def moving_average(signal: FloatArray, state: FloatArray, window: int, needed: int = 1) -> Stepped:
     """Average the last `window` readings; `state` holds the last `window` - 1.
 
     The standard deviation of white noise is divided by sqrt(window); a step is complete after `window` readings. At the
@@ -65,7 +75,7 @@ def moving_average(
         averaged /= np.stack([number, number * number], axis=1)
     else:
         averaged /= np.array([[window], [window * window]])
-    return averaged, rows[len(rows) - (window - 1) :]
+    return Stepped(averaged, rows[len(rows) - (window - 1) :])
 
 
 def smoothing(cutoff_hz: float, rate_hz: float) -> float:
@@ -73,7 +83,7 @@ def smoothing(cutoff_hz: float, rate_hz: float) -> float:
     return 1.0 - math.exp(-2.0 * math.pi * cutoff_hz / rate_hz)
 
 
-def low_pass(signal: FloatArray, state: FloatArray, factor: float) -> tuple[FloatArray, FloatArray]:
+def low_pass(signal: FloatArray, state: FloatArray, factor: float) -> Stepped:
     """Apply y += a (x - y) with a = `factor`; `state` holds the last y.
 
     The variance of white noise approaches a / (2 - a) of its own. After n readings, (1 - a)**n of a step remains. The
@@ -86,10 +96,10 @@ def low_pass(signal: FloatArray, state: FloatArray, factor: float) -> tuple[Floa
         last = np.where(begins, value, last + factor * (value - last))
         variance = np.where(begins, own, (1 - factor) ** 2 * variance + factor**2 * own)
         smoothed[row] = last, variance
-    return smoothed, np.stack([last, variance])[np.newaxis]
+    return Stepped(smoothed, np.stack([last, variance])[np.newaxis])
 
 
-def spike(signal: FloatArray, state: FloatArray, limit_mm: float) -> tuple[FloatArray, FloatArray]:
+def spike(signal: FloatArray, state: FloatArray, limit_mm: float) -> Stepped:
     """Replace a reading further than `limit_mm` from the median of the last three by that median.
 
     `state` holds the last two unfiltered readings. A step passes one reading later, a single spike never passes, and
@@ -102,10 +112,10 @@ def spike(signal: FloatArray, state: FloatArray, limit_mm: float) -> tuple[Float
     cleaned = signal.copy()
     np.copyto(cleaned[:, 0], median, where=replace)
     cleaned[:, 1][replace] *= REPLACED
-    return cleaned, rows[-SPIKE_MEMORY:]
+    return Stepped(cleaned, rows[-SPIKE_MEMORY:])
 
 
-def adaptive(signal: FloatArray, state: FloatArray, window: int, step_mm: float) -> tuple[FloatArray, FloatArray]:
+def adaptive(signal: FloatArray, state: FloatArray, window: int, step_mm: float) -> Stepped:
     """Average the readings since the last step, at most `window` of them; the window is at least 2.
 
     A reading further than `step_mm` from the mean is held back: its channel keeps the mean, and the next reading
@@ -137,7 +147,7 @@ def adaptive(signal: FloatArray, state: FloatArray, window: int, step_mm: float)
         rows[end] = np.where(far, np.nan, reading)
         averaged[row] = np.where(np.isnan(value), np.nan, np.where(far, before, _mean(rows[row : end + 1])))
         newest = reading
-    return averaged, np.concatenate([rows[len(signal) :], newest[np.newaxis]])
+    return Stepped(averaged, np.concatenate([rows[len(signal) :], newest[np.newaxis]]))
 
 
 def _mean(rows: FloatArray) -> FloatArray:

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters.excess import Evidence, Excess
+from beamtouch_models.filters.lags import LAGS, drift_lags
 from beamtouch_models.filters.means import SMALLEST_MM, FloatArray, windows
+from beamtouch_models.filters.significance import chi_square_quantile
 from beamtouch_models.filters.touches import calm_readings, calm_since_touch, still_readings
 from beamtouch_models.filters.view import Looks, Sizes, Tidied, View, decide
 
@@ -70,6 +72,7 @@ class Scatter:
         self._restarts = restarts
         self._excess = Excess(noise_mm, self._unit_mm, half)
         self._spike_mm = spike_mm
+        self._drift_limit = chi_square_quantile(len(noise_mm), LAGS)
 
     @property
     def memory(self) -> int:
@@ -82,7 +85,13 @@ class Scatter:
         return Past(rows, rows, np.full((self._means, channels), np.nan), moved=False)
 
     def excess(
-        self, readings: FloatArray, cleaned: FloatArray, mean: FloatArray, variance: FloatArray, past: Past
+        self,
+        readings: FloatArray,
+        cleaned: FloatArray,
+        mean: FloatArray,
+        variance: FloatArray,
+        drifts: NDArray[np.bool_] | None,
+        past: Past,
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], FloatArray, Past]:
         """Return which means move, which others lag, the excess covariance of both [mm^2], and the next state.
 
@@ -96,6 +105,8 @@ class Scatter:
             Means, NaN where a channel has none.
         variance
             Relative variance of their noise.
+        drifts
+            Which of them are of readings that drift; None: none is known to be.
         past
             The state.
         """
@@ -104,6 +115,9 @@ class Scatter:
         sizes = Sizes.of(variance, self._span, restarts=self._restarts)
         moves, view, unfair, moved = self._moves(rows, tidied, mean, sizes, moved=past.moved)
         lags = view.found.lags * self._unit_mm
+        if drifts is not None and drifts.any():
+            units = windows(rows, self._rows)[drifts] / self._unit_mm
+            lags[drifts] = drift_lags(units, sizes.variance[drifts], self._drift_limit) * self._unit_mm
         lagging = lags.any(axis=1) & ~moves
         uncertain = moves | lagging
         excess = lags[uncertain, :, np.newaxis] * lags[uncertain, np.newaxis]

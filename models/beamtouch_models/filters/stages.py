@@ -10,7 +10,7 @@ import numpy as np
 
 from beamtouch_models.filters import means
 from beamtouch_models.filters.growing import GrowingMean
-from beamtouch_models.filters.means import FloatArray
+from beamtouch_models.filters.means import FloatArray, Stepped
 
 ROUNDING = 1e-6
 """Part of a reading by which a time may fall short of a whole number of readings, as it was rounded."""
@@ -36,8 +36,8 @@ class Stage:
 
     memory: int
     """Number of rows of its state."""
-    step: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
-    """Takes a signal and a state; returns the filtered signal and the next state."""
+    step: Callable[[FloatArray, FloatArray], Stepped]
+    """Takes a signal and a state."""
     span: int = 1
     """Number of readings from which a value can be made; 1 if the filter averages nothing."""
     restarts: bool = False

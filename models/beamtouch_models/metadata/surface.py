@@ -1,5 +1,6 @@
 """The surface that a model was made for: its layout, ranges, sensors, filter and errors."""
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat, PositiveFloat
@@ -55,6 +56,10 @@ class FilterChoice(MetadataPart):
     def most(self) -> int:
         """Largest number of readings in a sample."""
         return self.longest or self.window
+
+    def settled_mm(self, noise: "Noise") -> float:
+        """Return the noise of a sample of the most readings, in mm."""
+        return noise.sample_mm * math.sqrt(self.window / self.most)
 
 
 class Noise(MetadataPart):

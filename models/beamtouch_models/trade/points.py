@@ -19,7 +19,7 @@ from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place
 from beamtouch_models.pricing.effects import Physics, required
-from beamtouch_models.pricing.noise import check_errors, choose_filter, window_filter
+from beamtouch_models.pricing.noise import check_errors, choose_filter, noise_of, window_filter
 from beamtouch_models.progress import Fraction, Progress, silent
 from beamtouch_models.scene import MIN_SENSORS, Scene
 from beamtouch_models.session import runner
@@ -141,7 +141,8 @@ def _contacts(physics: Physics, count: int, draws: int, seed: int) -> tuple[Prio
 def _made(scene: Scene, name: Name, chosen: FilterChoice, prior: Prior, contacts: Contacts, seed: int) -> list[_Made]:
     """Return an estimator as it is and with 8-bit weights; SceneError if an answer is not finite."""
     best, weight = contacts.deviation_mm, contacts.weight
-    one = estimator_of(name, prior, with_force=scene.wants_force, seed=seed, progress=silent)
+    settled_mm = chosen.settled_mm(noise_of(scene, chosen))
+    one = estimator_of(name, prior, settled_mm=settled_mm, with_force=scene.wants_force, seed=seed, progress=silent)
     reading = contacts.drawn.deflection_mm
     found = []
     for graph in (one.graph, quantised(one.graph)):

@@ -10,6 +10,7 @@ from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
+from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.filters import Chain, chosen_stages, unit_of
 from beamtouch_models.physics.beam import influence_of
@@ -114,7 +115,8 @@ def _errors(scene: Scene, prior: Prior, readings: tuple[int, ...], draws: int, s
         slowest_period=period,
     )
     chain = Chain(stages, channels, reading_mm, period, step_mm)
-    run = runner(posterior_graph(prior, with_force=False).SerializeToString())
+    design = design_for(replace(prior, noise_mm=reading_mm / math.sqrt(readings[-1])))
+    run = runner(posterior_graph(prior, with_force=False, design=design).SerializeToString())
     drawn, rng = draw_evenly(prior, draws, seed + 1), np.random.default_rng([seed, channels])
     # What stays wrong with the sensors, as long as a contact lasts.
     clean, lasting = replace(prior, noise_mm=0.0).sampled(drawn.position_mm, drawn.force_n)
