@@ -25,7 +25,8 @@ from false_alarms import surface
 from posterior_cases import answers_of, graph_of, prior_of, with_floor
 from stated_problems import real_prior
 
-GRID = 3001
+GRID, FORCES = 1001, 500
+"""Positions and forces of a plain integral: three times as many move no quantile by more than 0.4 % of an interval."""
 
 
 def plain_posterior(prior: Prior, reading: Floats, forces: Forces) -> Floats:
@@ -35,7 +36,7 @@ def plain_posterior(prior: Prior, reading: Floats, forces: Forces) -> Floats:
     z = reading / prior.noise_mm
     mass = np.zeros(GRID)
     for piece in forces:
-        ends = np.linspace(piece.low_n, piece.high_n, 1 if piece.low_n == piece.high_n else 1501)
+        ends = np.linspace(piece.low_n, piece.high_n, 1 if piece.low_n == piece.high_n else FORCES + 1)
         force = ends if len(ends) == 1 else (ends[1:] + ends[:-1]) / 2
         # |z - F g|^2 expanded; in float64 that costs no digit that matters at these sizes.
         square = (shape**2).sum(axis=1)[:, None] * force**2 - 2 * (shape @ z)[:, None] * force + z @ z
