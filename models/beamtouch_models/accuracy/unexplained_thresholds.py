@@ -65,7 +65,8 @@ class Sequences:
     @cached_property
     def square(self) -> Floats:
         """Sums of squares (draws, samples)."""
-        return np.einsum("dsm,dsm->ds", self.sample, self.sample)
+        square: Floats = np.einsum("dsm,dsm->ds", self.sample, self.sample)
+        return square
 
 
 def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int) -> tuple[list[float], list[float]]:

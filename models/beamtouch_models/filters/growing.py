@@ -156,20 +156,28 @@ class GrowingMean:
 
     def _sizes(self, sums: Sums, ages: FloatArray) -> NDArray[np.intp]:
         """Return how many rows are in each mean; `ages` (rows,) of the newest sharp change at each row."""
-        _, needed, part, whole, _ = self._pairs
+        needed, whole = self._pairs.lengths, self._pairs.whole
         total = sums.until[:, np.newaxis] - sums.rows[sums.starts[:, np.newaxis] - needed]
-        if total[:, -1, 1].min() == self._longest:
-            means = total[:, :, 0] * self._inverse
-            apart = means.take(part, axis=1) - means.take(whole, axis=1)
-            changed = np.einsum("epc,epc->ep", apart, apart) > self._limits
+        lacking = total[:, -1, 1].min(axis=1) < self._longest
+        if not lacking.any():
+            changed = self._changed(total)
         else:
-            changed = differ(self._pairs, total, self._agree)
+            changed = np.empty((len(total), len(whole)), np.bool_)
+            changed[lacking] = differ(self._pairs, total[lacking], self._agree)
+            changed[~lacking] = self._changed(total[~lacking])
         found = np.full(len(sums.starts), self._longest)
         at = np.flatnonzero(changed.any(axis=1))
         if len(at):
             fails = needed[whole[changed[at].argmax(axis=1)]]
             found[at] = self._since(sums.of(at), fails, ages)
         return found
+
+    def _changed(self, total: FloatArray) -> NDArray[np.bool_]:
+        """Return which pairs differ, (means, pairs), where no window lacks a reading; `total` as in `differ`."""
+        means = total[:, :, 0] * self._inverse
+        apart = means.take(self._pairs.part, axis=1) - means.take(self._pairs.whole, axis=1)
+        changed: NDArray[np.bool_] = np.einsum("epc,epc->ep", apart, apart) > self._limits
+        return changed
 
     def _since(self, sums: Sums, fails: NDArray[np.intp], ages: FloatArray) -> NDArray[np.intp]:
         """Return how many rows count of windows of `fails` rows that hold a change; the windows before hold none."""
