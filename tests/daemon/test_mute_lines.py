@@ -22,6 +22,12 @@ class WithoutClock(SerialDevice):
             super().send(message)
 
 
+def send_many(opened: SerialPort) -> None:
+    """Send more than any driver keeps."""
+    for _ in range(100_000):
+        opened.send(HelloRequest())
+
+
 async def test_a_device_that_answers_no_ping_gives_no_readings_of_unknown_age(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("beamtouch_daemon.sources.serial_line.HELLO_TIMEOUT_S", 0.4)
     with terminal() as line:
@@ -36,7 +42,6 @@ async def test_a_line_that_nobody_reads_is_an_error_once_its_buffer_is_full() ->
         opened = SerialPort(line.path, 115_200)
         try:
             with pytest.raises(SourceError, match=rf"{line.path} accepts no data: its buffer is full"):
-                for _ in range(100_000):
-                    opened.send(HelloRequest())
+                send_many(opened)
         finally:
             opened.close()

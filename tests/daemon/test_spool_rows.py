@@ -75,6 +75,7 @@ def test_a_row_that_only_the_index_still_has_does_not_stand_in_the_way(
         assert first_sequences(spool) == [0, 20]
         spool.put("bench", batch_of(30), time.monotonic())
         assert first_sequences(spool) == [30]
+    assert "the row is gone" in caplog.text
 
 
 def test_a_file_whose_page_has_lost_bytes_is_kept_and_its_rows_are_delivered(tmp_path: Path) -> None:
