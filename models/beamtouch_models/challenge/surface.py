@@ -106,9 +106,9 @@ class SimulatedSurface:
         return len(self.sensor_mm)
 
     @property
-    def settled_mm(self) -> float:
+    def least_noise_mm(self) -> float:
         """Noise of a settled sample."""
-        return self.metadata.filter.settled_mm(self.metadata.noise)
+        return self.metadata.filter.least_noise_mm(self.metadata.noise)
 
     @property
     def look_back(self) -> int:

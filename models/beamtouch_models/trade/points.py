@@ -141,8 +141,10 @@ def _contacts(physics: Physics, count: int, draws: int, seed: int) -> tuple[Prio
 def _made(scene: Scene, name: Name, chosen: FilterChoice, prior: Prior, contacts: Contacts, seed: int) -> list[_Made]:
     """Return an estimator as it is and with 8-bit weights; SceneError if an answer is not finite."""
     best, weight = contacts.deviation_mm, contacts.weight
-    settled_mm = chosen.settled_mm(noise_of(scene, chosen))
-    one = estimator_of(name, prior, settled_mm=settled_mm, with_force=scene.wants_force, seed=seed, progress=silent)
+    least_noise_mm = chosen.least_noise_mm(noise_of(scene, chosen))
+    one = estimator_of(
+        name, prior, least_noise_mm=least_noise_mm, with_force=scene.wants_force, seed=seed, progress=silent
+    )
     reading = contacts.drawn.deflection_mm
     found = []
     for graph in (one.graph, quantised(one.graph)):
