@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.building.model_prior import prior_of_model
-from beamtouch_models.challenge import honest, motion, noises
+from beamtouch_models.challenge import motion, noises
 from beamtouch_models.challenge.play import drawn
 from beamtouch_models.challenge.power import distances
 from beamtouch_models.challenge.surface import SimulatedSurface
