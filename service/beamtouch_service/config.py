@@ -1,17 +1,19 @@
 """Settings of the service: a TOML file, the command line (which wins), and the token files."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml, validate
 from beamtouch_service.access import Access
-from beamtouch_service.config_sections import RENAMED, ConfigFile, Overrides, SurfaceSection
+from beamtouch_service.config_sections import RENAMED, ConfigFile, EventsSection, Overrides, SurfaceSection
 from beamtouch_service.settings import EventSettings, Settings, SurfaceSettings, TlsFiles
 
 MIN_TOKEN_CHARACTERS = 16
 _MAX_TOKEN_BYTES = 4096
 _TOKEN_FILES = {"write": "write_token_file", "read": "read_token_file", "admin": "admin_token_file"}
+_DATABASE = re.compile(r"postgresql://[^/?#\s]*/[^/?#\s]+(\?\S*)?")
 _FILES = (*_TOKEN_FILES.values(), "certificate_file", "key_file")
 
 
@@ -48,8 +50,20 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         max_batches_per_s=server.max_batches_per_s,
         surfaces=_merge_surfaces(file, folder, overrides),
         max_streams=server.max_streams,
-        events=EventSettings(_path(file.events.file, folder), file.events.keep_days, file.events.max_mb),
+        events=_events(file.events, folder),
     )
+
+
+def _events(section: EventsSection, folder: Path) -> EventSettings:
+    url = section.url
+    if url is not None and section.file is not None:
+        message = "events.file and events.url are both given; events are in a file or in a database"
+        raise ConfigError(message)
+    if url is not None and not _DATABASE.fullmatch(url):
+        # Not quoted: it may hold a password.
+        message = "events.url must look like postgresql://beamtouch@127.0.0.1/beamtouch"
+        raise ConfigError(message)
+    return EventSettings(_path(section.file, folder), section.keep_days, section.max_mb, url)
 
 
 def _access(files: Mapping[str, Path | None]) -> Access:

@@ -52,11 +52,13 @@ class EventsSection(BaseModel):
     model_config = _STRICT
 
     file: _Text | None = None
-    """SQLite file. Without it, events are kept in memory until the service stops."""
+    """SQLite file. Without it and `url`, events are kept in memory until the service stops."""
+    url: _Text | None = None
+    """PostgreSQL database, as postgresql://USER@HOST/NAME. Several services can share it."""
     keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = limits.KEEP_DAYS
     """Older events are deleted."""
     max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = limits.MAX_MB
-    """Size of the file. Beyond it, the oldest events are deleted."""
+    """Size of the events. Beyond it, the oldest are deleted."""
 
 
 class SurfaceSection(BaseModel):

@@ -1,6 +1,6 @@
 """The settings of a service, checked."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from beamtouch_service.access import Access
@@ -22,9 +22,11 @@ class EventSettings:
     """The record of contacts."""
 
     file: Path | None
-    """None: in memory."""
+    """None: in the database, or in memory."""
     keep_days: float
     max_mb: float
+    url: str | None = field(default=None, repr=False)
+    """PostgreSQL database; it may hold a password."""
 
 
 @dataclass(frozen=True)

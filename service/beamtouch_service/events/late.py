@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from beamtouch_models.modelfile import ModelFile, State
+from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.segmenter import Command, Doubtful, Edge, Found, Segmenter, TouchSeen, segment_late_run
 from beamtouch_service.events.segments import End
 from beamtouch_service.events.store import EventStore
@@ -16,6 +17,9 @@ _MAX_EDGES = 4096
 """Edges in memory, some 0.5 MB; without its edge, a late run starts from the stored event before it."""
 _MAX_ASIDE = 5000
 """Doubtful samples in memory, some 15 MB; without them, an event may stay in pieces."""
+
+_MAX_AGAIN = 8
+"""Doubtful samples of a surface that are tried again: the newest."""
 
 
 class LateSamples:
@@ -38,7 +42,8 @@ class LateSamples:
         self._edges |= {(surface, one.boot_id, one.sequence): one for one in edges}
         while len(self._edges) > _MAX_EDGES:
             self._edges.popitem(last=False)
-        commands: list[Command] = []
+        # On record too: another service may have the other side of the gap.
+        commands: list[Command] = [*edges]
         for one in found:
             if isinstance(one, Doubtful):
                 commands += self._run(surface, stale_ms, model, one.boot_id, one.samples)
@@ -63,6 +68,15 @@ class LateSamples:
         for begin, end in pairwise([0, *gaps, len(estimates)]):
             commands += self._run(surface, stale_ms, model, batch.boot_id, estimates[begin:end])
         return commands
+
+    def again(self, surface: str, stale_ms: float, model: ModelFile) -> list[Command]:
+        """Return the commands for doubtful samples that another service has seen the sample before of."""
+        of_surface = [key for key in reversed(self._aside) if key[:2] == (surface, model.identity)]
+        for _, _, boot_id, first in of_surface[:_MAX_AGAIN]:
+            if self._state(surface, boot_id, first - 1) is not None:
+                samples = self._take((surface, model.identity, boot_id), first)
+                return self._run(surface, stale_ms, model, boot_id, samples)
+        return []
 
     def _run(
         self, surface: str, stale_ms: float, model: ModelFile, boot_id: str, run: list[Estimated]
@@ -108,4 +122,7 @@ class LateSamples:
         if edge and edge.state:
             return edge.state
         # An undecided sample may be part of an event, too.
-        return self._store.state_after(surface, boot_id, sequence)
+        try:
+            return self._store.state_after(surface, boot_id, sequence)
+        except EventsAwayError:
+            return None

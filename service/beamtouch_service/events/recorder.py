@@ -11,19 +11,22 @@ from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from threading import BoundedSemaphore
+from threading import BoundedSemaphore, Timer
 from typing import TypeVar
 
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.health import HealthKeeper
 from beamtouch_service.events.late import LateSamples
 from beamtouch_service.events.losses import Losses
-from beamtouch_service.events.segmenter import Command, Found, Loss, Segmenter
+from beamtouch_service.events.segmenter import Command, Finish, Found, Loss, Segmenter
 from beamtouch_service.events.segments import End, Segment
 from beamtouch_service.events.store import EventStore
+from beamtouch_service.events.upkeep import Upkeep
 from beamtouch_service.events.worker import Worker
+from beamtouch_service.events.writer import Writer
 from beamtouch_service.limits import KEEP_DAYS, MAX_MB
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.served_model import ServedModel
@@ -38,7 +41,6 @@ _FILE_WAIT_S = 3.0
 """A stopping service releases its file within this time: 2 s for pending answers, 1 s for writes."""
 _MAX_WRITES = 1000
 """Writes of new segments that may wait; beyond it, they are lost."""
-_TIDY_S = 60.0
 
 _log = logging.getLogger("beamtouch.service.events")
 
@@ -48,10 +50,10 @@ _T = TypeVar("_T")
 class Recorder:
     """Observes the decisions of all surfaces of a service, and records them as events."""
 
-    def __init__(self, path: Path | None = None, keep_days: float = KEEP_DAYS, max_mb: float = MAX_MB) -> None:
-        """Open the file, or keep the events in memory; raises EventStoreError if the file cannot be used."""
+    def __init__(self, place: Path | str | None = None, keep_days: float = KEEP_DAYS, max_mb: float = MAX_MB) -> None:
+        """Open a file, the database of a URL, or memory; raises EventStoreError if it cannot be used."""
         # After a restart, the service before this one may still be stopping.
-        self._store = EventStore(path, keep_days * 86_400, int(max_mb * 1e6), _FILE_WAIT_S)
+        self._store = EventStore(place, keep_days * 86_400, int(max_mb * 1e6), _FILE_WAIT_S)
         self._late = LateSamples(self._store)
         self._health = HealthKeeper(self._store)
         self._watched: dict[str, Surface] = {}
@@ -64,19 +66,27 @@ class Recorder:
         self._late_added = self._late_done = 0
         self._segmenters: dict[str, Segmenter] = {}
         """Surface -> segmenter of its newest samples."""
-        self._unsettled: set[str] = set()
-        """Surfaces that lost a write: their open event may have ended."""
         self._stale: set[str] = set()
         """Surfaces whose newest sample is too old."""
         self._upkeep: Future[None] | None = None
-        self._tidied_s = float("-inf")
         self._losses = Losses()
-        self._in_place = True
+        self._writer = Writer(self._store, self._losses, self._heed)
+        self._maintenance = Upkeep(self._store, self._writer, self._losses, self._late, self._watched)
 
     @property
     def lost(self) -> int:
         """Count of writes that were lost."""
         return self._losses.count
+
+    @property
+    def waiting(self) -> int:
+        """Writes that wait for a database that is away."""
+        return self._writer.waiting
+
+    @property
+    def outages(self) -> int:
+        """Times that the database went away."""
+        return self._writer.outages
 
     def watch(self, surface: Surface) -> None:
         """State the health of a surface, now and after each of its events."""
@@ -91,6 +101,9 @@ class Recorder:
         if segmenter is None or (segmenter.boot_id, segmenter.model) != (boot_id, model.identity):
             commands = segmenter.end_run() if segmenter else []
             segmenter = self._segmenters[surface.name] = Segmenter(surface.name, model, boot_id)
+        if self._store.is_shared and not segmenter.follows(seen[0].estimated.sequence):
+            # Another service, which may be dead, had the samples before: its open event ends, or goes on with these.
+            commands = [Loss(), *commands]
         for one in seen:
             commands += segmenter.add(one)
         name, stale_ms = surface.name, surface.stale_ms
@@ -103,13 +116,13 @@ class Recorder:
         self._stale.add(surface.name)
         segmenter = self._segmenters.get(surface.name)
         if segmenter:
-            self._submit_all(surface.name, segmenter.expire())
+            # Another service may have the next sample.
+            self._submit_all(surface.name, [*segmenter.expire(), *([segmenter.last] if segmenter.last else [])])
 
     def settle(self) -> None:
         """End events that a lost write left open, and tidy the file once a minute; call this about once a second."""
-        is_due = bool(self._unsettled) or time.monotonic() - self._tidied_s >= _TIDY_S
-        if is_due and (self._upkeep is None or self._upkeep.done()):
-            self._upkeep = self._worker.prompt(self._maintain)
+        if self._maintenance.is_due and (self._upkeep is None or self._upkeep.done()):
+            self._upkeep = self._worker.prompt(self._maintenance.run)
 
     @property
     def late_waiting(self) -> int:
@@ -117,8 +130,8 @@ class Recorder:
         return self._late_added - self._late_done
 
     def has_room(self, samples: int) -> bool:
-        """Return whether this many more late samples may wait."""
-        return self.late_waiting + samples <= MAX_LATE
+        """Return whether this many more late samples may wait: none while a database is away, as senders keep them."""
+        return not self._writer.is_away and self.late_waiting + samples <= MAX_LATE
 
     def late(self, surface: Surface, served: ServedModel, batch: Batch, samples: list[Sample]) -> None:
         """Record late samples of a batch, in order."""
@@ -130,44 +143,49 @@ class Recorder:
         self._late_added += len(samples)
 
         def run() -> None:
-            self._losses.attempt(lambda: self._write(name, self._late.segment(name, stale_ms, model, batch, samples)))
+            self._writer.write_late(name, lambda: self._late.segment(name, stale_ms, model, batch, samples))
             self._late_done += len(samples)
 
         self._worker.late(run)
 
     def ask(self, query: Callable[[EventStore], _T]) -> "Future[_T]":
-        """Run a query in the worker thread, after everything that was observed of new samples so far."""
+        """Run a query in the worker thread, after everything that was observed of new samples so far.
+
+        The query ends with EventsAwayError while a database is away.
+        """
         self._flush()
-        return self._worker.prompt(partial(query, self._store))
+        return self._worker.prompt(partial(self._writer.ask, query))
 
     def answerable(self, event: Segment) -> Segment:
         """Return an event as it is to be answered: not as open if a lost write may have ended it; for a query."""
-        if event.end is not End.OPEN or event.surface not in self._unsettled:
+        if event.end is not End.OPEN or event.surface not in self._writer.unsettled:
             return event
         return replace(event, end=End.STALE if event.surface in self._stale else End.UNSEEN)
 
     def close(self) -> None:
         """Write what can be written in a second, and close the file."""
         lost = self.lost
-        self._flush()
+        self._end_events()
         self._losses.end_s, self._is_closing = time.monotonic() + STOP_S, True
+        frozen = Timer(STOP_S, self._store.abandon)
+        frozen.start()
         self._worker.close()
+        frozen.cancel()
+        self._writer.give_up()
         if self.lost > lost:
             _log.warning("%d writes were lost at the stop", self.lost - lost)
-        self._check_place()
+        self._maintenance.check_place()
         try:
             self._health.close()
             self._store.close()
         except DBAPIError as error:
             _log.warning("cannot close the file of events properly: %s", error.orig)
+        except EventsAwayError:
+            pass  # the log has it
 
     def tidy(self) -> None:
         """Check that the file is in its place, and drop events beyond the limits; for the worker thread."""
-        self._tidied_s = time.monotonic()
-        self._check_place()
-        dropped = self._store.prune(time.time())
-        if dropped:
-            _log.info("%d events were dropped: too old, or above the size limit", dropped)
+        self._maintenance.tidy()
 
     def _heed(self, name: str) -> None:
         """Update the health of a surface soon."""
@@ -182,18 +200,26 @@ class Recorder:
                     self._heed(name)
             except DBAPIError as error:
                 self._losses.warn(f"the health of sensors cannot be updated: {error.orig}")
+            except EventsAwayError:
+                return  # it is updated with the next event
 
         self._worker.late(run).add_done_callback(partial(_log_failure, name))
-
-    def _check_place(self) -> None:
-        if self._in_place and not self._store.is_in_place():
-            self._in_place = False
-            self._losses.count += 1
-            _log.error("the file of events was deleted or replaced while open; restart the service to record events")
 
     def _flush(self) -> None:
         for name, segmenter in self._segmenters.items():
             self._submit_all(name, segmenter.flush())
+
+    def _end_events(self) -> None:
+        """Write what is known. The events in a database go on if another service gets their next samples."""
+        if not self._store.is_shared:
+            self._flush()
+            return
+        for name, segmenter in self._segmenters.items():
+            commands = segmenter.flush()
+            if segmenter.last:
+                last = segmenter.last
+                commands += [Finish(last.boot_id, last.sequence, End.UNFINISHED), last]
+            self._submit_all(name, commands)
 
     def _submit_all(self, name: str, commands: Sequence[Command]) -> None:
         if commands:
@@ -202,42 +228,17 @@ class Recorder:
     def _submit(self, name: str, commands: Callable[[], Sequence[Command]]) -> None:
         """Write what `commands` returns in the worker thread."""
         if not self._free_writes.acquire(blocking=False):
-            self._unsettled.add(name)
+            self._writer.unsettled.add(name)
             self._losses.note("the disk is too slow")
             return
 
         def run() -> None:
             try:
-                if not self._losses.attempt(partial(self._write_new, name, commands)):
-                    self._unsettled.add(name)
+                self._writer.write_new(name, commands)
             finally:
                 self._free_writes.release()
 
         self._worker.prompt(run).add_done_callback(partial(_log_failure, name))
-
-    def _maintain(self) -> None:
-        try:
-            for name in list(self._unsettled):
-                self._write_new(name, list)
-            if time.monotonic() - self._tidied_s >= _TIDY_S:
-                self.tidy()
-        except DBAPIError as error:
-            self._losses.warn(f"the file of events cannot be maintained: {error.orig}")
-
-    def _write_new(self, name: str, commands: Callable[[], Sequence[Command]]) -> None:
-        is_unsettled = name in self._unsettled
-        # Discarded before the write: a write that is lost meanwhile adds it again.
-        self._unsettled.discard(name)
-        try:
-            self._write(name, [*([Loss()] if is_unsettled else []), *commands()])
-        except DBAPIError:
-            self._unsettled.add(name)
-            raise
-
-    def _write(self, name: str, commands: Sequence[Command]) -> None:
-        if commands:
-            self._store.write(name, commands, time.time())
-            self._heed(name)
 
 
 def _log_failure(name: str, done: "Future[None]") -> None:

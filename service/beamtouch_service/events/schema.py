@@ -19,13 +19,14 @@ from sqlalchemy import (
 )
 from sqlalchemy.schema import CreateIndex, CreateTable
 
+from beamtouch_models.modelfile import State
 from beamtouch_service.events.segments import Begin, End, Kind
 
-FORMAT = 4
+FORMAT = 5
 """The format of a database of this version of the service; 0 is an empty one."""
 
 
-def _words(words: type[Begin | End | Kind]) -> Enum:
+def _words(words: type[Begin | End | Kind | State]) -> Enum:
     return Enum(words, native_enum=False, length=20, values_callable=lambda members: [one.value for one in members])
 
 
@@ -79,6 +80,19 @@ BASELINES = Table(
     Column("history", JSON, nullable=False),
 )
 """A row per surface: what the best samples of its events add up to since its baseline, up to the event `last_event`."""
+EDGES = Table(
+    "edges",
+    EVENTS.metadata,
+    Column("surface", String, primary_key=True),
+    Column("boot_id", String, primary_key=True),
+    Column("sequence", BigInteger, primary_key=True, autoincrement=False),
+    Column("acquired_us", BigInteger, nullable=False),
+    Column("state", _words(State), nullable=False),
+    Column("recorded_s", Double, nullable=False),
+)
+"""A row per sample next to a gap, with its state. The other side of the gap may come later, or from another service."""
+FORMATS = Table("beamtouch_format", MetaData(), Column("format", Integer, nullable=False))
+"""One row: the format of a database that has no header for it, as a SQLite file has."""
 _c = EVENTS.c
 # Written out: SQLite uses a partial index only for a condition without parameters.
 IS_OPEN = _c.end == literal_column(f"'{End.OPEN}'")
@@ -88,6 +102,7 @@ Index("by_surface", _c.surface, _c.touched_us, _c.id)
 Index("by_first", _c.surface, _c.boot_id, _c.first_sequence)
 Index("by_last", _c.surface, _c.boot_id, _c.last_sequence)
 Index("by_record", _c.recorded_s)
+Index("edges_by_record", EDGES.c.recorded_s)
 
 _UPGRADES: dict[int, list[Executable]] = {
     1: [CreateIndex(_by_open)],
@@ -102,6 +117,7 @@ _UPGRADES: dict[int, list[Executable]] = {
         text("ALTER TABLE events ADD COLUMN best JSON"),
         CreateTable(BASELINES),
     ],
+    4: [CreateTable(EDGES), *(CreateIndex(index) for index in EDGES.indexes)],
 }
 """Format -> statements that turn it into the next format."""
 

@@ -61,8 +61,8 @@ MAX_DOUBTFUL, MAX_UNDECIDED = 10, 100
 ODD_IN_A_ROW = 3
 """Odd samples in a row that are unexplained, whatever comes before them."""
 
-Command = Segment | Capture | Finish | TouchSeen | Loss
-Found = Command | Edge | Doubtful
+Command = Segment | Capture | Finish | TouchSeen | Loss | Edge
+Found = Command | Doubtful
 
 
 class Segmenter:
@@ -96,7 +96,7 @@ class Segmenter:
     def add(self, seen: Seen) -> list[Found]:
         """Add the next sample."""
         sample, state = seen.estimated, seen.state
-        first_known = not self._follows(sample.sequence)
+        first_known = not self.follows(sample.sequence)
         commands = self.end_run() if first_known else []
         self.last = Edge(self.boot_id, sample.sequence, sample.acquired_unix_us, state)
         if not self._is_sure:
@@ -173,7 +173,8 @@ class Segmenter:
         doubtful, self._doubtful = self._doubtful, []
         return [Doubtful(self.boot_id, [seen.estimated.alone() for seen in doubtful])] if doubtful else []
 
-    def _follows(self, sequence: int) -> bool:
+    def follows(self, sequence: int) -> bool:
+        """Return whether the sample of this number comes directly after the last one."""
         return self.last is not None and sequence == self.last.sequence + 1
 
     def _clear(self, sequence: int, acquired_us: int, *, first_known: bool) -> list[Command]:

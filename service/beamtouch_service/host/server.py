@@ -63,10 +63,9 @@ def run(settings: Settings) -> None:
 def _recorder(settings: Settings) -> Recorder:
     events = settings.events
     try:
-        return Recorder(events.file, events.keep_days, events.max_mb)
+        return Recorder(events.url or events.file, events.keep_days, events.max_mb)
     except EventStoreError as error:
-        message = f"events file {error}"
-        raise ConfigError(message) from None
+        raise ConfigError(str(error)) from None
 
 
 def _require_tokens(settings: Settings, address: str) -> None:

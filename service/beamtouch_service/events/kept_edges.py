@@ -1,0 +1,63 @@
+"""The table of edges: the states beside gaps, whichever service saw them. Every call is part of a transaction."""
+
+from dataclasses import replace
+
+from sqlalchemy import Connection, bindparam, delete, insert, select
+
+from beamtouch_models.modelfile import State
+from beamtouch_service.events.schema import EDGES
+from beamtouch_service.events.segmenter import Edge
+from beamtouch_service.events.segments import Begin, End, Kind, Segment
+
+KEEP_S = 86_400.0
+"""Edges are kept for a day. Without its edge, an event next to a gap keeps its unseen beginning or end."""
+_MAY_LIFT = (End.OPEN, End.STALE, End.UNSEEN, End.UNFINISHED)
+
+_c = EDGES.c
+_of_sender = (_c.surface == bindparam("of_surface")) & (_c.boot_id == bindparam("of_boot_id"))
+_AT = _of_sender & (_c.sequence == bindparam("at"))
+_STATE = select(_c.state).where(_AT)
+_DROP = delete(EDGES).where(_AT)
+_KEEP = insert(EDGES)
+_BESIDE = select(_c.sequence, _c.acquired_us).where(
+    _of_sender, _c.sequence.in_((bindparam("before"), bindparam("after"))), _c.state == State.CLEAR
+)
+
+
+def keep(connection: Connection, surface: str, edge: Edge, now_s: float) -> None:
+    """Keep an edge whose state is known, instead of what is known of that sample so far."""
+    if edge.state is None:
+        return
+    connection.execute(_DROP, {"of_surface": surface, "of_boot_id": edge.boot_id, "at": edge.sequence})
+    connection.execute(_KEEP, {"surface": surface, **edge._asdict(), "recorded_s": now_s})
+
+
+def state(connection: Connection, surface: str, boot_id: str, sequence: int) -> State | None:
+    """Return the state of a sample next to a gap; None if it is not kept."""
+    return connection.execute(_STATE, {"of_surface": surface, "of_boot_id": boot_id, "at": sequence}).scalar()
+
+
+def completed(connection: Connection, event: Segment) -> Segment:
+    """Return an event with what the clear samples beside it say of its beginning and end."""
+    is_open = event.end in _MAY_LIFT
+    if event.begin is not Begin.UNSEEN and not is_open:
+        return event
+    key = {"of_surface": event.surface, "of_boot_id": event.boot_id}
+    before, after = event.first_sequence - 1, event.last_sequence + 1
+    for sequence, acquired_us in connection.execute(_BESIDE, key | {"before": before, "after": after}):
+        if sequence == before and event.begin is Begin.UNSEEN:
+            event = replace(event, begin=Begin.TOUCH if event.kind is Kind.CONTACT else Begin.CLEAR)
+        elif sequence == after and is_open:
+            event = replace(event, end=_end(event), lifted_us=acquired_us)
+    return event
+
+
+def drop_old(connection: Connection, now_s: float) -> None:
+    """Delete the edges that are too old at `now_s` [s since 1970]."""
+    connection.execute(delete(EDGES).where(_c.recorded_s < now_s - KEEP_S))
+
+
+def _end(event: Segment) -> End:
+    if event.kind is Kind.UNEXPLAINED:
+        return End.CLEAR
+    return End.UNEXPLAINED if event.ends_unexplained else End.LIFT
