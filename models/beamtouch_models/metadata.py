@@ -347,13 +347,12 @@ class Metadata(_Strict):
             message = "it is an ONNX file but not a Beamtouch model: it has no beamtouch metadata"
             raise ModelFileError(message)
         if ours.get("schema_version") == "1":
-            message = (
-                "schema version 1, from before samples stated their covariance; rebuild it from its own scene with "
-                f"`design-sensors build {THIS_FILE} -o {THIS_FILE}`, and calibrate it again if it was calibrated"
-            )
-            raise ModelFileError(message)
+            raise _old("schema version 1, from before samples stated their covariance")
         try:
-            return cls.model_validate({key: json.loads(text) for key, text in ours.items()})
+            entries = {key: json.loads(text) for key, text in ours.items()}
+            if _lacks_thresholds(entries.get("thresholds")):
+                raise _old("from before two channels and one had a threshold of their own")
+            return cls.model_validate(entries)
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"])
@@ -364,3 +363,17 @@ class Metadata(_Strict):
             # These include numbers and nesting beyond what the parser takes.
             message = "its metadata is not JSON"
             raise ModelFileError(message) from None
+
+
+def _lacks_thresholds(found: object) -> bool:
+    """Return whether some number of channels has no threshold, as earlier versions of `build` wrote it."""
+    lists = found.values() if isinstance(found, dict) else []
+    return any(isinstance(values, list) and None in values for values in lists)
+
+
+def _old(why: str) -> ModelFileError:
+    message = (
+        f"{why}; rebuild it from its own scene with `design-sensors build {THIS_FILE} -o {THIS_FILE}`, "
+        "and calibrate it again if it was calibrated"
+    )
+    return ModelFileError(message)

@@ -22,7 +22,10 @@ from beamtouch_models.decision import (
     MISFIT,
     Decider,
     Evidence,
+    Hypotheses,
+    Judgement,
     LeftOut,
+    Memory,
     State,
     Suspects,
     Verdict,
@@ -31,6 +34,7 @@ from beamtouch_models.decision import (
     is_odd,
     is_overload,
     is_unchecked,
+    memories_after,
 )
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.health import BestSample, ChannelHealth, Health
@@ -63,10 +67,10 @@ from beamtouch_models.whitening import whitening
 __all__ = [
     "FORCE_OUTPUTS", "INPUTS", "LOG_ODDS", "METADATA_PREFIX", "MISFIT", "POSITION_OUTPUTS", "SCHEMA_VERSION",
     "Accuracy", "Answers", "BestSample", "Calibration", "Channel", "ChannelHealth", "Decider", "Departures",
-    "Drawn", "Evidence", "FilterChoice", "Floor", "Golden", "Health", "Influence", "LeftOut", "Metadata", "ModelFile",
-    "ModelFileError", "Noise", "Ranges", "Seen", "Sensor", "State", "Suspects", "Thresholds", "Verdict",
-    "Weighed", "evidence", "is_odd", "is_overload", "is_unchecked", "load", "load_bytes", "read", "session_options",
-    "whitening",
+    "Drawn", "Evidence", "FilterChoice", "Floor", "Golden", "Health", "Hypotheses", "Influence", "Judgement", "LeftOut",
+    "Memory", "Metadata", "ModelFile", "ModelFileError", "Noise", "Ranges", "Seen", "Sensor", "State", "Suspects",
+    "Thresholds", "Verdict", "Weighed", "evidence", "is_odd", "is_overload", "is_unchecked", "load", "load_bytes",
+    "memories_after", "read", "session_options", "whitening",
 ]  # fmt: skip
 
 GOLDEN_TOLERANCE = 1e-3

@@ -19,6 +19,9 @@ DRAWN = {"supports": [], "at_mm": [0, 400], "load_mm": [200], "deflection_mm_per
 """A beam on a foundation."""
 
 
+OLD_THRESHOLDS = json.dumps(
+    {"touch": [9] * 4, "rest": [9] * 4, "misfit": [None, None, 9, 9], "false_contacts_per_day": 0.03}
+)
 CALIBRATION = {
     "departures": {"position_offset_mm": [0] * 4, "gain": [1] * 4, "offset_mm": [0] * 3},
     "fitted": [],
@@ -102,6 +105,7 @@ def test_wrong_golden_answers_are_refused(tmp_path: Path, bench_model: Path, ben
     [
         ("beamtouch.schema_version", "3", "beamtouch.schema_version"),
         ("beamtouch.schema_version", "1", r"rebuild it .* with `design-sensors build .*changed\.onnx -o"),
+        ("beamtouch.thresholds", OLD_THRESHOLDS, r"rebuild it .* with `design-sensors build .*changed\.onnx -o"),
         ("beamtouch.floor", '{"gain": [0.1], "zero_mm": [0]}', "thresholds and floor: each list must have 4 entries"),
         ("beamtouch.floor", '{"gain": [1e200, 0, 0, 0], "zero_mm": [0, 0, 0, 0]}', r"floor\.gain\.0: .* less than or"),
         ("beamtouch.floor", '{"gain": [0, 0, 0, 0], "zero_mm": [0, 1e9, 0, 0]}', "floor.zero_mm hides the largest"),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from beamtouch_models import modelfile
 from beamtouch_models.accuracy import limit
@@ -250,6 +251,34 @@ def test_rows_of_the_newest_characteristic_count_and_each_event_once(bench: Mode
     assert (len(found), found.other_characteristic) == (5, 4)
     assert found.stated_mm == pytest.approx(contacts.stated_mm[4:], abs=1e-9)
     assert found.deviation_mm == pytest.approx(contacts.deviation_mm[4:], abs=1e-9)
+
+
+def _with_rests(path: Path, rest_mm: NDArray[np.floating], deviation_mm: float) -> Path:
+    """Add rests (contacts, channels) to a file of contacts."""
+    head, *rows = path.read_text().splitlines()
+    names = [f"s{channel + 1}_rest_{end}mm" for end in ("", "sd_") for channel in range(rest_mm.shape[1])]
+    cells = [[f"{value:.9f}" for value in [*each, *[deviation_mm] * len(each)]] for each in rest_mm]
+    path.write_text(
+        "\n".join(",".join(row) for row in zip([head, *rows], [",".join(one) for one in [names, *cells]], strict=True))
+    )
+    return path
+
+
+def test_contacts_whose_zeros_moved_are_told(
+    design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path
+) -> None:
+    real, rng = surface(bench.metadata, OFF, np.random.default_rng(1)), np.random.default_rng(2)
+    # Too few to be used, so that it is quick.
+    contacts = drawn(bench.metadata, real, OFF, rng, 11)
+    zero_mm, deviation_mm = np.array(bench.metadata.floor.zero_mm), 3 * bench.metadata.floor.zero_mm[1]
+    for moved, named in ((0.0, False), (60.0, True)):
+        rest_mm = rng.normal(scale=deviation_mm, size=contacts.stated_mm.shape)
+        rest_mm[6:, 1] += moved * zero_mm[1]
+        path = _with_rests(write_contacts(tmp_path / "contacts.csv", bench, contacts), rest_mm, deviation_mm)
+        done = design_sensors_here("calibrate", bench_model, "--events", path, "-o", tmp_path / "new.onnx")
+        assert done.returncode == 1
+        assert ("the zeros of s2 moved" in done.stderr) is named
+        assert ("?since=" in done.stderr) is named
 
 
 @pytest.mark.parametrize(

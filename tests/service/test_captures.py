@@ -179,7 +179,7 @@ def test_captures_survive_the_service_and_other_programs_can_read_them(tmp_path:
     ((_, event),) = store.read(Selection())
     (first, *_) = store.capture(event)
     assert first == capture(10, 10).samples[0]
-    with store._engine.connect() as connection:
+    with store._place._engine.connect() as connection:
         text = connection.exec_driver_sql("SELECT sample FROM captures").scalar()
     assert json.loads(str(text))["misfit"] == 100.0
     store.close()

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_models.modelfile import State
+from beamtouch_service.events.commands import Finish
 from beamtouch_service.events.file import EventStoreError
-from beamtouch_service.events.segmenter import Finish
+from beamtouch_service.events.schema import FORMAT
 from beamtouch_service.events.segments import Begin, End, Kind, Segment
 from beamtouch_service.events.store import EventStore, Selection
 
@@ -180,7 +181,7 @@ def test_a_file_of_an_older_format_keeps_its_events(path: Path, old_format: int)
     assert [number for number, _ in store.read(Selection())] == [9, 8, 7]
     store.close()
     with closing(sqlite3.connect(path)) as file:
-        assert file.execute("PRAGMA user_version").fetchone() == (4,)
+        assert file.execute("PRAGMA user_version").fetchone() == (FORMAT,)
         assert file.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'by_open'").fetchone() == (1,)
 
 

@@ -41,8 +41,10 @@ def test_one_contact_is_one_event(bench: Bench, make_batch: MakeBatch) -> None:
         "peak_position_mm": 200.0,
         "mean_position_mm": pytest.approx(166.6667),
         "samples": 3,
+        "unsteady": False,
         "quality": "good",
         "boot_id": "boot-0001",
+        "capture": False,
     }
 
 

@@ -95,7 +95,7 @@ def _shared(shared: Shared) -> None:
 
 
 @pytest.mark.usefixtures("_shared")
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(rng=st.randoms(use_true_random=True))
 def test_services_that_take_turns_record_what_one_service_would(rng: random.Random) -> None:
     shared, boot_id = _given["shared"], f"boot-{uuid4()}"

@@ -10,26 +10,42 @@ import numpy as np
 import psycopg
 import pytest
 
-from beamtouch_models.modelfile import State
+from beamtouch_models.modelfile import Memory, State
+from beamtouch_service.events.commands import Command, Edge, Finish
 from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.schema import FORMAT
-from beamtouch_service.events.segmenter import Edge, Finish
 from beamtouch_service.events.segments import End, Kind, Segment
 from beamtouch_service.events.store import EventStore, Selection
+from beamtouch_service.surfaces.touch import Past
 from postgres import PASSWORD, Postgres, rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 DAY_S = 86_400.0
+PAST = Past((Memory(State.CONTACT, changing=2, seen_mm=(0.1, 1 / 3)), Memory(State.CLEAR, armed=True)), 45)
 BOOT = "boot-0001"
 
 
 def segment(first: int, last: int, *, end: End = End.OPEN, points: int = 1) -> Segment:
-    path = [(first * 5000 + i, 100.0, 5.0) for i in range(points)]
-    figures = {"samples": last - first + 1, "position_sum_mm": 100.0 * (last - first + 1), "path": path}
-    return Segment("press-7", "tiny@000000", BOOT, first, last, first * 5000, last * 5000, end=end, **figures)
+    return Segment(
+        "press-7",
+        "tiny@000000",
+        BOOT,
+        first,
+        last,
+        first * 5000,
+        last * 5000,
+        end=end,
+        samples=last - first + 1,
+        position_sum_mm=100.0 * (last - first + 1),
+        path=[(first * 5000 + i, 100.0, 5.0) for i in range(points)],
+    )
+
+
+def clear(sequence: int, acquired_us: int) -> Edge:
+    return Edge(BOOT, "tiny@000000", sequence, acquired_us, State.CLEAR, PAST)
 
 
 def opened(url: str, max_bytes: int = 1_000_000) -> EventStore:
@@ -77,8 +93,11 @@ def test_a_clear_sample_that_another_service_saw_completes_an_event(
     stores: tuple[EventStore, EventStore], order: tuple[int, int], kind: Kind, begin: str, end: str
 ) -> None:
     piece = replace(segment(10, 19), kind=kind, ends_unexplained=kind is Kind.UNEXPLAINED)
-    beside = [Edge(BOOT, 9, 45_000, State.CLEAR), Edge(BOOT, 20, 100_000, State.CLEAR)]
-    writes = [(stores[0], [piece, Finish(BOOT, 19, End.STALE)]), (stores[1], beside)]
+    beside = [clear(9, 45_000), clear(20, 100_000)]
+    writes: list[tuple[EventStore, list[Command]]] = [
+        (stores[0], [piece, Finish(BOOT, 19, End.STALE)]),
+        (stores[1], [*beside]),
+    ]
     for number in order:
         store, commands = writes[number]
         store.write("press-7", commands, 0.0)
@@ -88,14 +107,14 @@ def test_a_clear_sample_that_another_service_saw_completes_an_event(
     assert event.lifted_us == 100_000
 
 
-def test_the_state_before_a_gap_is_known_to_the_other_service(stores: tuple[EventStore, EventStore]) -> None:
+def test_what_a_sample_beside_a_gap_leaves_is_known_to_the_other_service(stores: tuple[EventStore, EventStore]) -> None:
     one, other = stores
-    one.write("press-7", [segment(0, 9, end=End.UNSEEN), Edge(BOOT, 30, 0, State.CLEAR)], 0.0)
-    assert [other.state_after("press-7", BOOT, sequence) for sequence in (9, 30, 31)] == [
-        State.CONTACT,
-        State.CLEAR,
-        None,
-    ]
+    known = [clear(30, 0), Edge(BOOT, "tiny@000000", 40, 7, None, Past(PAST.memories[:1]))]
+    unknown = Edge(BOOT, "tiny@000000", 50, 7, None, PAST)
+    one.write("press-7", [segment(0, 9, end=End.UNSEEN), *known, unknown], 0.0)
+
+    assert other.state_after("press-7", BOOT, 9) is State.CONTACT
+    assert [other.edge("press-7", BOOT, number) for number in (30, 40, 50, 60)] == [*known, None, None]
 
 
 def test_a_service_that_starts_or_stops_leaves_the_open_events_of_others(
@@ -142,7 +161,7 @@ def test_a_database_of_an_older_format_is_upgraded_by_one_of_two_services(events
 
     with ThreadPoolExecutor(2) as threads:
         found = list(threads.map(opened, [events_url] * 2))
-    found[1].write("press-7", [Edge(BOOT, 10, 50_000, State.CLEAR)], 0.0)
+    found[1].write("press-7", [clear(10, 50_000)], 0.0)
     assert spans(found[0]) == [(0, 9, "unseen", "lift")]
     assert rows(events_url, "SELECT format FROM beamtouch_format") == [(FORMAT,)]
     for one in found:

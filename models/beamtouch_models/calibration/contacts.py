@@ -15,6 +15,10 @@ from beamtouch_models.metadata import Metadata
 
 MOST = 2000
 """Largest number of contacts that are used, the newest; it bounds the time of a fit."""
+DRIFT = 4.0
+"""Rests that differ by more than this many times the stated drift show that a zero has moved; health uses the same."""
+SURELY = 4.0
+"""Deviations of each rest that may be noise."""
 MAX_BYTES = 64 << 20
 """Largest file; a row takes about 200 bytes."""
 
@@ -35,12 +39,29 @@ class Contacts:
     """Number of rows that were left out because they have an older characteristic."""
     older: int = 0
     """Number of rows that were left out because there are more than `MOST` newer ones."""
+    rest_mm: Floats | None = None
+    """(contacts, 2, channels) mean deflection of the rest before each contact and its deviation, NaN where it was not
+    seen; None without any."""
 
     def __len__(self) -> int:
         return len(self.stated_mm)
 
     def __getitem__(self, kept: Bools | Indices) -> "Contacts":
-        return replace(self, stated_mm=self.stated_mm[kept], deviation_mm=self.deviation_mm[kept])
+        rest_mm = None if self.rest_mm is None else self.rest_mm[kept]
+        return replace(self, stated_mm=self.stated_mm[kept], deviation_mm=self.deviation_mm[kept], rest_mm=rest_mm)
+
+    def moved_zeros(self, zero_mm: Floats) -> Indices:
+        """Return the channels whose rests surely differ by more than `DRIFT` times the drift `zero_mm` (channels,).
+
+        The fit takes a zero to be the same in all contacts.
+        """
+        if self.rest_mm is None:
+            return np.empty(0, np.intp)
+        rest, deviation = self.rest_mm[~np.isnan(self.rest_mm).any(axis=(1, 2))].transpose(1, 0, 2)
+        if len(rest) == 0:
+            return np.empty(0, np.intp)
+        surely = (rest - SURELY * deviation).max(axis=0) - (rest + SURELY * deviation).min(axis=0)
+        return np.flatnonzero(surely > DRIFT * zero_mm)
 
 
 @dataclass(frozen=True)
@@ -52,6 +73,8 @@ class _Row:
     characteristic: str
     stated_mm: list[float]
     deviation_mm: list[float]
+    rest_mm: list[list[float]]
+    """Mean and deviation; NaN where it was not seen."""
 
 
 def read_contacts(path: Path, metadata: Metadata) -> Contacts:
@@ -110,6 +133,7 @@ def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _R
     try:
         time = datetime.fromisoformat(row["time"] or "")
         stated, deviation = ([float(row[f"{name}_{end}"]) for name in channels] for end in ("mm", "sd_mm"))
+        rest = [[float(row.get(f"{name}_{end}") or "nan") for name in channels] for end in ("rest_mm", "rest_sd_mm")]
     except (ValueError, TypeError):
         message = "a value is missing, or not a number or a time"
         raise ContactsError(message) from None
@@ -126,12 +150,13 @@ def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _R
                 f"{metadata.max_deflection_mm:.3g} mm at most; check the unit and the daemon's config"
             )
             raise ContactsError(message)
-    return _Row((row["event"] or "", row["time"]), time, row["characteristic"] or "", stated, deviation)
+    return _Row((row["event"] or "", row["time"]), time, row["characteristic"] or "", stated, deviation, rest)
 
 
 def _newest(rows: list[_Row]) -> Contacts:
     """Return the rows with the characteristic of the newest, at most MOST."""
     same = [row for row in rows if row.characteristic == rows[-1].characteristic]
     used = same[-MOST:]
-    stated, deviation = (np.array([getattr(row, name) for row in used]) for name in ("stated_mm", "deviation_mm"))
-    return Contacts(stated, deviation, len(rows) - len(same), len(same) - len(used))
+    names = ("stated_mm", "deviation_mm", "rest_mm")
+    stated, deviation, rest = (np.array([getattr(row, name) for row in used]) for name in names)
+    return Contacts(stated, deviation, len(rows) - len(same), len(same) - len(used), rest)

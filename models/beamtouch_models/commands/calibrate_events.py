@@ -9,7 +9,7 @@ import numpy as np
 from beamtouch_common.files import write_atomically
 from beamtouch_models import modelfile
 from beamtouch_models.arrays import Floats
-from beamtouch_models.calibration.contacts import Contacts, read_contacts
+from beamtouch_models.calibration.contacts import DRIFT, Contacts, read_contacts
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, self_calibrate
 from beamtouch_models.commands.departures import departures_in_words
 from beamtouch_models.commands.progress import shown_progress
@@ -22,6 +22,14 @@ def run(model: ModelFile, options: argparse.Namespace) -> None:
     for count, why in ((contacts.other_characteristic, "with an older characteristic"), (contacts.older, "older")):
         if count:
             print(f"{count} contacts {why} are left out; the newest {len(contacts)} are used", file=sys.stderr)
+    moved = contacts.moved_zeros(np.array(model.metadata.floor.zero_mm))
+    if len(moved):
+        names = " and ".join(model.channels[channel] for channel in moved)
+        print(
+            f"the zeros of {names} moved by more than {DRIFT:g} times the stated drift, and the fit takes them as "
+            "constant; fetch only the contacts since they moved, with ?since=TIME",
+            file=sys.stderr,
+        )
     with shown_progress() as progress:
         found = self_calibrate(model, contacts, progress)
     write_atomically(options.output, found.content)

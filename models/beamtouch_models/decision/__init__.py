@@ -1,12 +1,14 @@
 """What the answers of a model mean: rest, one contact, or something that neither explains. Numpy only, and pure.
 
 `evidence` weighs samples under a model; a `Decider` takes the evidence of consecutive samples and keeps the state;
-`Suspects` names the channel without which everything is explained.
+`Hypotheses` are several of them, where samples are missing; `Suspects` names the channel without which everything is
+explained.
 """
 
-from beamtouch_models.decision.decider import Decider, State, Verdict
+from beamtouch_models.decision.decider import Decider, Memory, State, Verdict
 from beamtouch_models.decision.doubts import is_odd, is_overload, is_unchecked
 from beamtouch_models.decision.evidence import LOG_ODDS, MISFIT, Evidence, Weighed, evidence
+from beamtouch_models.decision.hypotheses import Hypotheses, Judgement, memories_after
 from beamtouch_models.decision.suspects import SAMPLES, LeftOut, Suspects
 
 __all__ = [
@@ -15,7 +17,10 @@ __all__ = [
     "SAMPLES",
     "Decider",
     "Evidence",
+    "Hypotheses",
+    "Judgement",
     "LeftOut",
+    "Memory",
     "State",
     "Suspects",
     "Verdict",
@@ -24,4 +29,5 @@ __all__ = [
     "is_odd",
     "is_overload",
     "is_unchecked",
+    "memories_after",
 ]

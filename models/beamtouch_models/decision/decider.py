@@ -8,6 +8,8 @@ these channels can show it. A sample that does not move is as precise as it can 
 from enum import StrEnum
 from typing import NamedTuple
 
+import numpy as np
+
 from beamtouch_models.arrays import Floats
 from beamtouch_models.decision.doubts import is_odd
 from beamtouch_models.decision.evidence import Evidence
@@ -38,34 +40,55 @@ class State(StrEnum):
     """Neither rest nor a single contact explains the sample."""
 
 
+class Memory(NamedTuple):
+    """What a decider knows of the samples so far. Equal memories decide alike on everything that follows."""
+
+    state: State
+    armed: bool = False
+    """Whether a clear beam lay still since the last contact. Then nothing but a touch moves it."""
+    still: int = 0
+    """Still samples in a row since the last contact, of a clear beam that is not armed."""
+    changing: int = 0
+    """Samples in a row that could be a lift, or a touch of a beam that has not come to rest."""
+    run: int = 0
+    """Samples in a row that contradict the state, if it is about what is unexplained."""
+    seen_mm: tuple[float, ...] | None = None
+    """The last deflection (channels,) that the state stands on; None for a clear beam, or if it is not known."""
+
+
+AT_REST = Memory(State.CLEAR, armed=True)
+
+
 class Verdict(NamedTuple):
     """The state after a sample."""
 
     state: State
     unsteady: bool
     """Whether the readings move, or contradict the state, or are too weak for the contact."""
-    shown: bool
-    """Whether the sample shows the state by itself. If not, the state stands on earlier samples."""
 
 
 class Decider:
-    """Decides on the samples of one sender, in order; `state` is the one before them, None if it is not known."""
+    """Decides on the samples of one sender, in order, with the memory of those before them."""
 
-    def __init__(self, thresholds: Thresholds, state: State | None = State.CLEAR) -> None:
+    def __init__(self, thresholds: Thresholds, memory: Memory = AT_REST) -> None:
         self._thresholds = thresholds
-        self.state = state or State.CLEAR
-        self._persistence = PERSISTENCE if state else 1
-        """Odd samples that make the next one unexplained. Nothing speaks against the very first."""
-        self._armed = state is State.CLEAR
-        """Whether the beam lay still since the last contact. Then nothing but a touch moves it."""
-        self._run = 0
-        """Samples in a row that contradict the state, if it is about what is unexplained."""
-        self._still = 0
-        """Still samples in a row since the last contact."""
-        self._changing = 0
-        """Samples in a row that could be a lift, or a touch of a beam that has not come to rest."""
-        self._seen_mm: Floats | None = None
-        """The last deflection that the state stands on."""
+        self.state, self._armed, self._still, self._changing, self._run, seen_mm = memory
+        self._seen_mm: Floats | None = None if seen_mm is None else np.array(seen_mm)
+
+    @property
+    def memory(self) -> Memory:
+        """What it knows of the samples so far, without what no longer matters."""
+        if self.state is State.CLEAR:
+            if self._armed:
+                return AT_REST._replace(run=self._run)
+            return Memory(self.state, still=self._still, changing=self._changing, run=self._run)
+        seen_mm = None if self._seen_mm is None else tuple(self._seen_mm.tolist())
+        return Memory(self.state, changing=self._changing, run=self._run, seen_mm=seen_mm)
+
+    @property
+    def is_of_unknown_contact(self) -> bool:
+        """Whether there is a contact, and nothing is known of its deflection."""
+        return self.state is State.CONTACT and self._seen_mm is None
 
     def step(self, evidence: Evidence) -> Verdict:
         """Take the next sample."""
@@ -78,18 +101,19 @@ class Decider:
                 self._settle(evidence)
         elif odd:
             self._run += 1
-            if self._run >= self._persistence:
-                self.state, self._run = State.UNEXPLAINED, 0
+            if self._run >= PERSISTENCE:
+                self.state, self._run, self._changing = State.UNEXPLAINED, 0, 0
                 self._stand_on(evidence)
         else:
             self._run = 0
             self._follow(evidence)
-        self._persistence = PERSISTENCE
-        shown = odd == (self.state is State.UNEXPLAINED)
-        if self.state is State.CONTACT:
-            shown = shown and evidence.log_odds > self._touch(evidence)
-        doubted = not shown and self.state is not State.UNEXPLAINED
-        return Verdict(self.state, evidence.moves or doubted, shown)
+        return Verdict(self.state, evidence.moves or self._contradicts(evidence, odd=odd))
+
+    def _contradicts(self, evidence: Evidence, *, odd: bool) -> bool:
+        """Return whether the sample alone would give another state; a stretch is no doubt about itself."""
+        if self.state is State.UNEXPLAINED:
+            return False
+        return odd or (evidence.log_odds > self._touch(evidence)) != (self.state is State.CONTACT)
 
     def _follow(self, evidence: Evidence) -> None:
         """Let a contact begin or end."""
@@ -142,8 +166,10 @@ class Decider:
 
     def _shows(self, evidence: Evidence) -> bool:
         """Return whether the sample is precise enough to show what the state stands on."""
-        if self._seen_mm is None or not evidence.moves:
+        if not evidence.moves:
             return True
+        if self._seen_mm is None:
+            return False
         enough = min(evidence.could_show(self._seen_mm) / 2, 2 * self._touch(evidence))
         return evidence.shows(self._seen_mm) >= enough
 

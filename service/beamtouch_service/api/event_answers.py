@@ -52,11 +52,15 @@ class Event(BaseModel):
     mean_position_mm: float | None
     samples: int
     """Number of samples that the mean position is of."""
+    unsteady: bool
+    """Whether peak and mean are those of unsteady samples, because the event has no others."""
     quality: ContactQuality
     """`degraded` if at least one sample lacked channels."""
     model: str
     boot_id: str
     """Boot id of the sender."""
+    capture: bool
+    """Whether samples of its unexplained stretches can be downloaded."""
 
 
 class EventWithPath(Event):
@@ -87,7 +91,7 @@ class EventCapture(BaseModel):
     """At most 600: of each stretch the first 200, then fewer and fewer, 25 each time that it becomes twice as long."""
 
 
-def _members(number: int, segment: Segment) -> dict[str, object]:
+def _members(number: int, segment: Segment, *, captured: bool) -> dict[str, object]:
     end_us = segment.last_us if segment.lifted_us is None else segment.lifted_us
     unexplained_us = segment.unexplained_us + (max(0, end_us - segment.last_us) if segment.ends_unexplained else 0)
     return {
@@ -105,35 +109,43 @@ def _members(number: int, segment: Segment) -> dict[str, object]:
         "peak_position_mm": segment.peak_position_mm,
         "mean_position_mm": round(segment.position_sum_mm / segment.samples, 4) if segment.samples else None,
         "samples": segment.samples,
+        "unsteady": segment.unsteady,
         "quality": ContactQuality.DEGRADED if segment.degraded else ContactQuality.GOOD,
         "model": segment.model,
         "boot_id": segment.boot_id,
+        "capture": captured,
     }
 
 
-def event(number: int, segment: Segment) -> Event:
-    """Return an event without its path."""
-    return Event.model_validate(_members(number, segment))
+def event(number: int, segment: Segment, *, captured: bool) -> Event:
+    """Return an event without its path; `captured` says whether samples of it are kept."""
+    return Event.model_validate(_members(number, segment, captured=captured))
 
 
-def event_with_path(number: int, segment: Segment) -> EventWithPath:
-    """Return an event with its path."""
+def event_with_path(number: int, segment: Segment, *, captured: bool) -> EventWithPath:
+    """Return an event with its path; `captured` says whether samples of it are kept."""
     path = [{"at": rfc3339(at), "position_mm": position, "force_n": force} for at, position, force in segment.path]
-    return EventWithPath.model_validate({**_members(number, segment), "path": path})
+    return EventWithPath.model_validate({**_members(number, segment, captured=captured), "path": path})
 
 
-def as_json(page: Sequence[Numbered], following: str | None, *, path: bool) -> bytes:
-    """Return a page of events as an encoded `EventList`; `following` is its `next`."""
-    events = [event_with_path(*one) for one in page] if path else [event(*one) for one in page]
-    return EventList(events=events, next=following).model_dump_json().encode()
+def as_json(page: Sequence[Numbered], captured: set[int], following: str | None, *, path: bool) -> bytes:
+    """Return a page of events as an encoded `EventList`; `captured` are those with samples, `following` its `next`."""
+    answer = event_with_path if path else event
+    events = [answer(number, one, captured=number in captured) for number, one in page]
+    return EventList.model_validate({"events": events, "next": following}).model_dump_json().encode()
 
 
-def as_csv(page: Sequence[Numbered]) -> bytes:
-    """Return a page of events as CSV: one row per event, without paths."""
+def as_csv(page: Sequence[Numbered], captured: set[int]) -> bytes:
+    """Return a page of events as CSV: one row per event, without paths; `captured` are those with samples."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(Event.model_fields), lineterminator="\r\n")
     writer.writeheader()
-    writer.writerows(event(*one).model_dump(mode="json") for one in page)
+    for number, one in page:
+        members = event(number, one, captured=number in captured).model_dump(mode="json")
+        # As in JSON: `true`, not `True`.
+        writer.writerow(
+            {name: str(value).lower() if isinstance(value, bool) else value for name, value in members.items()}
+        )
     return text.getvalue().encode()
 
 

@@ -88,7 +88,10 @@ def _page(recorder: Recorder, store: EventStore, query: EventQuery, *, as_csv: b
     found = [(number, recorder.answerable(event)) for number, event in store.read(_selection(query, path=path))]
     page = found[: query.limit]
     following = f"{page[-1][1].touched_us}.{page[-1][0]}" if len(found) > len(page) else None
-    content = event_answers.as_csv(page) if as_csv else event_answers.as_json(page, following, path=path)
+    captured = store.captured([number for number, _ in page])
+    if as_csv:
+        return _Page(event_answers.as_csv(page, captured), not page, following)
+    content = event_answers.as_json(page, captured, following, path=path)
     return _Page(content, not page, following)
 
 
@@ -96,7 +99,9 @@ def _one(recorder: Recorder, store: EventStore, number: int) -> bytes | None:
     found = store.get(number)
     if found is None:
         return None
-    return event_answers.event_with_path(number, recorder.answerable(found)).model_dump_json().encode()
+    captured = number in store.captured([number])
+    answer = event_answers.event_with_path(number, recorder.answerable(found), captured=captured)
+    return answer.model_dump_json().encode()
 
 
 def _capture(store: EventStore, number: int) -> bytes | None:

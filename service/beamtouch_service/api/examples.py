@@ -88,14 +88,16 @@ EVENT = {
     "peak_position_mm": 123.4,
     "mean_position_mm": 123.1,
     "samples": 250,
+    "unsteady": False,
     "quality": "good",
     "model": "paper@4f2c91",
     "boot_id": "6f1d2c84-0b7e-4a53",
+    "capture": False,
 }
 EVENT_WITH_PATH = EVENT | {"path": [{"at": "2026-11-20T23:40:46.123Z", "position_mm": 123.4, "force_n": 9.8}]}
 _OF_CONTACT = ["peak_force_n", "peak_position_mm", "mean_position_mm"]
 STRETCH = EVENT | dict.fromkeys(_OF_CONTACT) | {"kind": "unexplained", "begin": "clear", "end": "clear", "samples": 0}
-STRETCH |= {"unexplained_ms": 1250.0}
+STRETCH |= {"unexplained_ms": 1250.0, "capture": True}
 CAPTURE = {
     "id": 42,
     "surface": "press-7",
@@ -127,7 +129,7 @@ CAPTURE = {
     ],
 }
 NEXT = "1795218046123000.42"
-CSV = ",".join(EVENT) + "\r\n" + ",".join(map(str, EVENT.values())) + "\r\n"
+CSV = "\r\n".join([",".join(EVENT), ",".join(json.dumps(value).strip('"') for value in EVENT.values()), ""])
 
 PROBLEMS = {
     Kind.STALE: Problem(

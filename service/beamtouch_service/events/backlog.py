@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from beamtouch_service.events.captures import Capture
+from beamtouch_service.events.commands import Command
 from beamtouch_service.events.joining import are_one, joined
-from beamtouch_service.events.segmenter import Command
 from beamtouch_service.events.segments import Segment
 
 MAX_WEIGHT = 500_000

@@ -21,7 +21,7 @@ _CONNECT: dict[str, object] = {
     "keepalives_interval": 2,
     "keepalives_count": 3,
     # A service that is frozen in the middle of a transaction keeps the others waiting no longer than this.
-    "options": "-c lock_timeout=4s -c statement_timeout=20s -c idle_in_transaction_session_timeout=3s",
+    "options": "-c lock_timeout=4s -c statement_timeout=20s -c idle_in_transaction_session_timeout=8s",
 }
 """Parameters of a connection, unless the URL has others."""
 _LOCKS = 0x6265616D
@@ -49,11 +49,14 @@ class EventDatabase:
         event.listen(self._engine, "connect", self._connected)
         self._socket = _CLOSED
         try:
-            with suppress(OperationalError, InterfaceError), self._engine.connect() as connection:
+            with self._engine.connect() as connection:
                 self._prepare(connection)
         except EventStoreError:
             self.close()
             raise
+        except DBAPIError as error:
+            if not _is_passing(error):
+                raise
 
     @contextmanager
     def begin(self, surface: str | None = None) -> Iterator[Connection]:
@@ -70,7 +73,11 @@ class EventDatabase:
             with self._engine.connect() as connection:
                 self._prepare(connection)
                 yield connection
-        except (OperationalError, InterfaceError, EventStoreError) as error:
+        except DBAPIError as error:
+            if not _is_passing(error):
+                raise
+            raise EventsAwayError(_reason(error)) from None
+        except EventStoreError as error:
             raise EventsAwayError(_reason(error)) from None
 
     def used_bytes(self) -> int:
@@ -135,15 +142,20 @@ def _prepare(connection: Connection) -> None:
             else:
                 FORMATS.create(connection)
                 connection.execute(insert(FORMATS).values(format=FORMAT))
-    except (OperationalError, InterfaceError):
-        raise
     except (DBAPIError, ValueError) as error:
+        if isinstance(error, DBAPIError) and _is_passing(error):
+            raise
         message = f"the database of events.url: {_reason(error)}; give Beamtouch a database of its own"
         raise EventStoreError(message) from None
 
 
 def _lock(connection: Connection, number: object) -> None:
     connection.execute(select(func.pg_advisory_xact_lock(_LOCKS, number)))
+
+
+def _is_passing(error: DBAPIError) -> bool:
+    """Return whether the same call may succeed later."""
+    return isinstance(error, OperationalError | InterfaceError) or error.connection_invalidated
 
 
 def _reason(error: Exception) -> str:

@@ -1,5 +1,7 @@
 """The table of captures: written with the event that they belong to, read and deleted with it."""
 
+from collections.abc import Collection
+
 from sqlalchemy import ColumnElement, Connection, and_, bindparam, delete, exists, func, insert, select
 
 from beamtouch_service.events.captures import MAX_SAMPLES, Capture
@@ -24,6 +26,13 @@ _EVENT = select(_e.first_sequence, _e.last_sequence).where(
     _e.last_sequence >= bindparam("at"),
 )
 _INSERT = insert(CAPTURES)
+_IS_CAPTURED = exists().where(
+    _c.surface == _e.surface,
+    _c.boot_id == _e.boot_id,
+    _c.model == _e.model,
+    _c.sequence.between(_e.first_sequence, _e.last_sequence),
+)
+_CAPTURED = select(_e.id).where(_e.id.in_(bindparam("of_ids", expanding=True)), _STRETCHES, _IS_CAPTURED)
 
 
 def write(connection: Connection, surface: str, capture: Capture) -> None:
@@ -57,12 +66,15 @@ def read(connection: Connection, event: Segment) -> list[Contradiction]:
     return [Contradiction.model_validate(sample) for sample in connection.scalars(_READ, key | span)]
 
 
+def captured(connection: Connection, numbers: Collection[int]) -> set[int]:
+    """Return which of these events have samples."""
+    return set(connection.scalars(_CAPTURED, {"of_ids": list(numbers)}))
+
+
 def drop_oldest(connection: Connection, share: int) -> int:
     """Delete the samples of one in `share` of the events that have any, the oldest first; return of how many."""
-    sender = _c.surface == _e.surface, _c.boot_id == _e.boot_id, _c.model == _e.model
-    captured = exists().where(*sender, _c.sequence.between(_e.first_sequence, _e.last_sequence))
-    count = connection.scalar(select(func.count()).select_from(EVENTS).where(_STRETCHES, captured)) or 0
-    oldest = select(_e.id).where(_STRETCHES, captured).order_by(_e.recorded_s).limit(max(1, count // share))
+    count = connection.scalar(select(func.count()).select_from(EVENTS).where(_STRETCHES, _IS_CAPTURED)) or 0
+    oldest = select(_e.id).where(_STRETCHES, _IS_CAPTURED).order_by(_e.recorded_s).limit(max(1, count // share))
     return drop(connection, _e.id.in_(oldest))
 
 

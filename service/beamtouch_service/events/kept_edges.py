@@ -1,13 +1,14 @@
-"""The table of edges: the states beside gaps, whichever service saw them. Every call is part of a transaction."""
+"""The table of edges: the samples beside gaps, whichever service saw them. Every call is part of a transaction."""
 
 from dataclasses import replace
 
 from sqlalchemy import Connection, bindparam, delete, insert, select
 
-from beamtouch_models.modelfile import State
+from beamtouch_models.modelfile import Memory, State
+from beamtouch_service.events.commands import Edge
 from beamtouch_service.events.schema import EDGES
-from beamtouch_service.events.segmenter import Edge
 from beamtouch_service.events.segments import Begin, End, Kind, Segment
+from beamtouch_service.surfaces.touch import Past
 
 KEEP_S = 86_400.0
 """Edges are kept for a day. Without its edge, an event next to a gap keeps its unseen beginning or end."""
@@ -16,7 +17,7 @@ _MAY_LIFT = (End.OPEN, End.STALE, End.UNSEEN, End.UNFINISHED)
 _c = EDGES.c
 _of_sender = (_c.surface == bindparam("of_surface")) & (_c.boot_id == bindparam("of_boot_id"))
 _AT = _of_sender & (_c.sequence == bindparam("at"))
-_STATE = select(_c.state).where(_AT)
+_FIND = select(_c.boot_id, _c.model, _c.sequence, _c.acquired_us, _c.state, _c.past).where(_AT)
 _DROP = delete(EDGES).where(_AT)
 _KEEP = insert(EDGES)
 _BESIDE = select(_c.sequence, _c.acquired_us).where(
@@ -25,16 +26,22 @@ _BESIDE = select(_c.sequence, _c.acquired_us).where(
 
 
 def keep(connection: Connection, surface: str, edge: Edge, now_s: float) -> None:
-    """Keep an edge whose state is known, instead of what is known of that sample so far."""
-    if edge.state is None:
+    """Keep an edge instead of what is known of that sample so far, unless it depends on samples before it."""
+    if edge.state is None and len(edge.past.memories) > 1:
         return
     connection.execute(_DROP, {"of_surface": surface, "of_boot_id": edge.boot_id, "at": edge.sequence})
-    connection.execute(_KEEP, {"surface": surface, **edge._asdict(), "recorded_s": now_s})
+    values = edge._asdict() | {"past": _as_json(edge.past), "recorded_s": now_s}
+    connection.execute(_KEEP, {"surface": surface, **values})
 
 
-def state(connection: Connection, surface: str, boot_id: str, sequence: int) -> State | None:
-    """Return the state of a sample next to a gap; None if it is not kept."""
-    return connection.execute(_STATE, {"of_surface": surface, "of_boot_id": boot_id, "at": sequence}).scalar()
+def find(connection: Connection, surface: str, boot_id: str, sequence: int) -> Edge | None:
+    """Return the edge with that number; None if it is not kept."""
+    row = connection.execute(_FIND, {"of_surface": surface, "of_boot_id": boot_id, "at": sequence}).first()
+    if row is None:
+        return None
+    found, held_since_us = row.past
+    memories = [Memory(**one, state=State(state), seen_mm=seen_mm and tuple(seen_mm)) for state, seen_mm, one in found]
+    return Edge(*row[:5], Past(tuple(memories), held_since_us))
 
 
 def completed(connection: Connection, event: Segment) -> Segment:
@@ -55,6 +62,14 @@ def completed(connection: Connection, event: Segment) -> Segment:
 def drop_old(connection: Connection, now_s: float) -> None:
     """Delete the edges that are too old at `now_s` [s since 1970]."""
     connection.execute(delete(EDGES).where(_c.recorded_s < now_s - KEEP_S))
+
+
+def _as_json(past: Past) -> list[object]:
+    memories: list[object] = []
+    for one in past.memories:
+        counts = one._asdict()
+        memories.append([counts.pop("state"), counts.pop("seen_mm"), counts])
+    return [memories, past.held_since_us]
 
 
 def _end(event: Segment) -> End:

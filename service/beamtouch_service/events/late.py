@@ -2,16 +2,18 @@
 
 from collections import OrderedDict
 from collections.abc import Iterable
+from contextlib import suppress
 from itertools import pairwise
 
-from beamtouch_models.modelfile import ModelFile, State
+from beamtouch_models.modelfile import ModelFile, State, memories_after
+from beamtouch_service.events.commands import Command, Doubtful, Edge, Found, TouchSeen
 from beamtouch_service.events.database import EventsAwayError
-from beamtouch_service.events.segmenter import Command, Doubtful, Edge, Found, Segmenter, TouchSeen, segment_late_run
+from beamtouch_service.events.segmenter import Segmenter, segment_late_run
 from beamtouch_service.events.segments import End
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.estimates import Estimated, estimate, runner
-from beamtouch_service.surfaces.touch import Follower
+from beamtouch_service.surfaces.touch import Follower, Past
 
 _MAX_EDGES = 4096
 """Edges in memory, some 0.5 MB; without its edge, a late run starts from the stored event before it."""
@@ -70,10 +72,11 @@ class LateSamples:
         return commands
 
     def again(self, surface: str, stale_ms: float, model: ModelFile) -> list[Command]:
-        """Return the commands for doubtful samples that another service has seen the sample before of."""
+        """Return the commands for doubtful samples of which another service has recorded the sample before."""
         of_surface = [key for key in reversed(self._aside) if key[:2] == (surface, model.identity)]
         for _, _, boot_id, first in of_surface[:_MAX_AGAIN]:
-            if self._state(surface, boot_id, first - 1) is not None:
+            _, past = self._before(surface, model, boot_id, first - 1)
+            if len(past.memories) == 1:
                 samples = self._take((surface, model.identity, boot_id), first)
                 return self._run(surface, stale_ms, model, boot_id, samples)
         return []
@@ -87,11 +90,11 @@ class LateSamples:
             run = [*self._take(of_sender, first), *run]
         while more := self._take(of_sender, run[-1].sequence + 1):
             run = [*run, *more]
-        before = self._state(surface, boot_id, run[0].sequence - 1)
+        before, past = self._before(surface, model, boot_id, run[0].sequence - 1)
         after = self._edges.get((surface, boot_id, run[-1].sequence + 1))
         # Only new samples open an event.
         segmenter = Segmenter(surface, model, boot_id, before, End.UNSEEN)
-        follower = Follower(model, runner(model), surface, stale_ms, state=before)
+        follower = Follower(model, runner(model), surface, stale_ms, past)
         found = segment_late_run(segmenter, follower.follow(run), after)
         for one in found:
             if isinstance(one, Doubtful):
@@ -117,12 +120,14 @@ class LateSamples:
             (surface, model, boot_id, oldest), _ = next(iter(self._aside.items()))
             self._take((surface, model, boot_id), oldest)
 
-    def _state(self, surface: str, boot_id: str, sequence: int) -> State | None:
-        edge = self._edges.get((surface, boot_id, sequence))
-        if edge and edge.state:
-            return edge.state
-        # An undecided sample may be part of an event, too.
-        try:
-            return self._store.state_after(surface, boot_id, sequence)
-        except EventsAwayError:
-            return None
+    def _before(self, surface: str, model: ModelFile, boot_id: str, sequence: int) -> tuple[State | None, Past]:
+        """Return the state after that sample, None if it is not known, and what it leaves to the next one."""
+        edge, state = self._edges.get((surface, boot_id, sequence)), None
+        # While the database is away, nothing more is known: the samples are decided again later.
+        with suppress(EventsAwayError):
+            edge = edge or self._store.edge(surface, boot_id, sequence)
+            # An undecided sample may be part of an event, too.
+            state = (edge.state if edge else None) or self._store.state_after(surface, boot_id, sequence)
+        if edge and edge.model == model.identity:
+            return state, edge.past
+        return state, Past(memories_after(state))

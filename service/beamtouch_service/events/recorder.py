@@ -17,11 +17,12 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_service.events.commands import Command, Finish, Found, Loss
 from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.health import HealthKeeper
 from beamtouch_service.events.late import LateSamples
 from beamtouch_service.events.losses import Losses
-from beamtouch_service.events.segmenter import Command, Finish, Found, Loss, Segmenter
+from beamtouch_service.events.segmenter import Segmenter
 from beamtouch_service.events.segments import End, Segment
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.events.upkeep import Upkeep
@@ -101,7 +102,8 @@ class Recorder:
         if segmenter is None or (segmenter.boot_id, segmenter.model) != (boot_id, model.identity):
             commands = segmenter.end_run() if segmenter else []
             segmenter = self._segmenters[surface.name] = Segmenter(surface.name, model, boot_id)
-        if self._store.is_shared and not segmenter.follows(seen[0].estimated.sequence):
+        last = segmenter.last
+        if self._store.is_shared and (last is None or seen[0].estimated.sequence != last.sequence + 1):
             # Another service, which may be dead, had the samples before: its open event ends, or goes on with these.
             commands = [Loss(), *commands]
         for one in seen:
@@ -114,10 +116,10 @@ class Recorder:
     def stale(self, surface: Surface) -> None:
         """End the open event of a surface: its newest sample is too old."""
         self._stale.add(surface.name)
-        segmenter = self._segmenters.get(surface.name)
-        if segmenter:
-            # Another service may have the next sample.
-            self._submit_all(surface.name, [*segmenter.expire(), *([segmenter.last] if segmenter.last else [])])
+        if self._store.is_shared:
+            self._leave(surface, End.STALE)
+        elif segmenter := self._segmenters.get(surface.name):
+            self._submit_all(surface.name, segmenter.expire())
 
     def settle(self) -> None:
         """End events that a lost write left open, and tidy the file once a minute; call this about once a second."""
@@ -165,7 +167,9 @@ class Recorder:
     def close(self) -> None:
         """Write what can be written in a second, and close the file."""
         lost = self.lost
-        self._end_events()
+        for surface in self._watched.values() if self._store.is_shared else ():
+            self._leave(surface, End.UNFINISHED)
+        self._flush()
         self._losses.end_s, self._is_closing = time.monotonic() + STOP_S, True
         frozen = Timer(STOP_S, self._store.abandon)
         frozen.start()
@@ -209,17 +213,13 @@ class Recorder:
         for name, segmenter in self._segmenters.items():
             self._submit_all(name, segmenter.flush())
 
-    def _end_events(self) -> None:
-        """Write what is known. The events in a database go on if another service gets their next samples."""
-        if not self._store.is_shared:
-            self._flush()
-            return
-        for name, segmenter in self._segmenters.items():
-            commands = segmenter.flush()
-            if segmenter.last:
-                last = segmenter.last
-                commands += [Finish(last.boot_id, last.sequence, End.UNFINISHED), last]
-            self._submit_all(name, commands)
+    def _leave(self, surface: Surface, end: End) -> None:
+        """End the run of a surface: another service may have the next sample."""
+        segmenter, model = self._segmenters.pop(surface.name, None), surface.model
+        if segmenter and segmenter.last and model and model.identity == segmenter.model:
+            finish = Finish(segmenter.boot_id, segmenter.last.sequence, end)
+            found, stale_ms = [*segmenter.flush(), finish, *segmenter.end_run()], surface.stale_ms
+            self._submit(surface.name, lambda: self._late.settled(surface.name, stale_ms, model, found))
 
     def _submit_all(self, name: str, commands: Sequence[Command]) -> None:
         if commands:

@@ -86,11 +86,13 @@ EDGES = Table(
     Column("surface", String, primary_key=True),
     Column("boot_id", String, primary_key=True),
     Column("sequence", BigInteger, primary_key=True, autoincrement=False),
+    Column("model", String, nullable=False),
     Column("acquired_us", BigInteger, nullable=False),
-    Column("state", _words(State), nullable=False),
+    Column("state", _words(State)),
+    Column("past", JSON, nullable=False),
     Column("recorded_s", Double, nullable=False),
 )
-"""A row per sample next to a gap, with its state. The other side of the gap may come later, or from another service."""
+"""A row per sample next to a gap. Samples on the other side may come later, or to another service."""
 FORMATS = Table("beamtouch_format", MetaData(), Column("format", Integer, nullable=False))
 """One row: the format of a database that has no header for it, as a SQLite file has."""
 _c = EVENTS.c

@@ -1,68 +1,22 @@
 """Groups consecutive decisions into segments of contacts and of unexplained stretches. Pure."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import NamedTuple
 
 from beamtouch_models.modelfile import ModelFile, State
 from beamtouch_service.events.best_samples import BestSamples
 from beamtouch_service.events.captures import Capture
+from beamtouch_service.events.commands import Command, Doubtful, Edge, Finish, Found, TouchSeen
 from beamtouch_service.events.segments import Begin, End, GrowingSegment, Kind, Segment
 from beamtouch_service.surfaces.contact import Decision, Figures
 from beamtouch_service.surfaces.contradiction import Contradiction
-from beamtouch_service.surfaces.estimates import Estimated
 from beamtouch_service.surfaces.touch import Seen
 
 FLUSH_US = 1_000_000
 """An event that continues is written after this much of the sender's time, so that a crash costs no more."""
 
 
-@dataclass(frozen=True)
-class Finish:
-    """The event whose last sample has number `last_sequence` ended; `LIFT` says that a clear sample follows."""
-
-    boot_id: str
-    last_sequence: int
-    end: End
-    lifted_us: int | None = None
-
-
-@dataclass(frozen=True)
-class TouchSeen:
-    """The event whose first sample has number `first_sequence` began there: the sample before was clear."""
-
-    boot_id: str
-    first_sequence: int
-
-
-@dataclass(frozen=True)
-class Loss:
-    """A write for this surface was lost: its open event ends as unseen."""
-
-
-class Edge(NamedTuple):
-    """A sample next to a gap: late samples that fill the gap are decided from its state."""
-
-    boot_id: str
-    sequence: int
-    acquired_us: int
-    state: State | None
-
-
-class Doubtful(NamedTuple):
-    """Samples at the beginning of a run that are on no record: their states depend on the sample before them."""
-
-    boot_id: str
-    samples: list[Estimated]
-
-
-MAX_DOUBTFUL, MAX_UNDECIDED = 10, 100
-"""Samples of a run that may be doubtful: with a state, and without one. After more, the state that is held counts."""
-ODD_IN_A_ROW = 3
-"""Odd samples in a row that are unexplained, whatever comes before them."""
-
-Command = Segment | Capture | Finish | TouchSeen | Loss | Edge
-Found = Command | Doubtful
+MAX_DOUBTFUL = 100
+"""Samples of a run that are put aside. After more, a contact or a stretch that is held over a gap counts."""
 
 
 class Segmenter:
@@ -88,32 +42,44 @@ class Segmenter:
         self._was_clear = before is State.CLEAR
         self._goes_on = before in (State.CONTACT, State.UNEXPLAINED)
         """Whether an event lasts up to the first sample."""
-        self._is_sure = before is not None
-        """Whether the state is known: from before the run, or from a sample of it that shows it by itself."""
-        self._doubtful: list[Seen] = []
-        """The samples of the run so far, while the state is not known."""
+        self._doubtful: list[Seen] | None = []
+        """The newest samples of the run, while those before the run matter."""
+        self._room = MAX_DOUBTFUL
+        """This many more of them can be put aside."""
 
     def add(self, seen: Seen) -> list[Found]:
         """Add the next sample."""
-        sample, state = seen.estimated, seen.state
-        first_known = not self.follows(sample.sequence)
-        commands = self.end_run() if first_known else []
-        self.last = Edge(self.boot_id, sample.sequence, sample.acquired_unix_us, state)
-        if not self._is_sure:
-            if self._is_doubtful(seen):
-                self._doubtful.append(seen)
-                self.last = self.last._replace(state=None)
-                return commands
-            first_known = True
-            commands += self._settle(unexplained=state is State.UNEXPLAINED)
-        if state is State.CLEAR:
-            commands += self._clear(sample.sequence, sample.acquired_unix_us, first_known=first_known)
-            self._best.clear(seen)
-        elif state or (seen.held is not State.CLEAR and (self._kind or self._goes_on)):
-            commands += self._go_on(seen, unexplained=seen.held is State.UNEXPLAINED)
-        else:
+        is_first = self.last is None or seen.estimated.sequence != self.last.sequence + 1
+        commands = self.end_run() if is_first else []
+        is_end_of_doubt = self._doubtful is not None and (seen.is_sure or not self._room)
+        if is_end_of_doubt:
+            commands += self._settle(unexplained=seen.state is State.UNEXPLAINED)
+            self._doubtful = None
+        elif self._doubtful is not None:
+            # Late samples may go on from the first sample that is known.
+            if seen.shown and self._doubtful and not self._doubtful[-1].shown:
+                commands += self._put_aside()
+            self._doubtful.append(seen)
+            self._room -= 1
+        counts = seen.shown or (self._doubtful is None and seen.held is not State.CLEAR)
+        if not counts:
             commands += self.interrupt()
-        return [*commands, self.last] if first_known else commands
+        is_edge = is_first or is_end_of_doubt or (counts and self.last is not None and self.last.state is None)
+        self.last = self._edge(seen, seen.state if counts else None)
+        if counts:
+            commands += self._record(seen)
+        return [*commands, self.last] if is_edge else commands
+
+    def _record(self, seen: Seen) -> list[Command]:
+        """Add a sample whose state counts."""
+        sample, state = seen.estimated, seen.state
+        if state is State.CLEAR:
+            commands = self._clear(sample.sequence, sample.acquired_unix_us)
+            self._best.clear(seen)
+            return commands
+        if state or (seen.held is not State.CLEAR and (self._kind or self._goes_on)):
+            return self._go_on(seen, unexplained=seen.held is State.UNEXPLAINED)
+        return self.interrupt()
 
     def flush(self) -> list[Command]:
         """Return the segment of an event that continues, so that it can be written."""
@@ -135,6 +101,7 @@ class Segmenter:
         commands = self.flush()
         if self._kind and self.last:
             commands.append(Finish(self.boot_id, self.last.sequence, End.UNSEEN))
+        self._best.lift()
         self._kind, self._was_clear, self._goes_on = None, False, False
         return commands
 
@@ -142,46 +109,31 @@ class Segmenter:
         """End the run of consecutive samples: the next sample does not follow the last."""
         if self.last is None:
             return []
-        commands: list[Found] = [*self.interrupt()]
-        commands += self._put_aside() if self._doubtful else [self.last]
-        self._is_sure = False
+        commands: list[Found] = [*self.interrupt(), *self._put_aside(), self.last]
+        self._doubtful, self._room = [], MAX_DOUBTFUL
         return commands
-
-    def _is_doubtful(self, seen: Seen) -> bool:
-        """Return whether the state of a sample at the beginning of a run depends on what comes before the run."""
-        undecided = sum(one.state is None for one in self._doubtful)
-        if len(self._doubtful) - undecided >= MAX_DOUBTFUL or undecided >= MAX_UNDECIDED:
-            return False
-        if seen.is_odd:
-            row = [*self._doubtful, seen][-ODD_IN_A_ROW:]
-            return len(row) < ODD_IN_A_ROW or not all(one.is_odd for one in row)
-        return seen.state is None or not seen.shown
 
     def _settle(self, *, unexplained: bool) -> list[Found]:
         """Say what becomes of the doubtful samples: the beginning of a stretch, or nothing that is known so far."""
-        self._is_sure = True
-        if not unexplained:
+        doubtful = self._doubtful
+        if not doubtful or not unexplained or any(seen.shown for seen in doubtful):
             return self._put_aside()
-        doubtful, self._doubtful = self._doubtful, []
         commands: list[Found] = [one for seen in doubtful for one in self._go_on(seen, unexplained=True)]
-        if doubtful:
-            first = doubtful[0].estimated
-            commands.append(Edge(self.boot_id, first.sequence, first.acquired_unix_us, State.UNEXPLAINED))
-        return commands
+        return [*commands, self._edge(doubtful[0], State.UNEXPLAINED)]
 
     def _put_aside(self) -> list[Found]:
         doubtful, self._doubtful = self._doubtful, []
         return [Doubtful(self.boot_id, [seen.estimated.alone() for seen in doubtful])] if doubtful else []
 
-    def follows(self, sequence: int) -> bool:
-        """Return whether the sample of this number comes directly after the last one."""
-        return self.last is not None and sequence == self.last.sequence + 1
+    def _edge(self, seen: Seen, state: State | None) -> Edge:
+        sample = seen.estimated
+        return Edge(self.boot_id, self.model, sample.sequence, sample.acquired_unix_us, state, seen.past)
 
-    def _clear(self, sequence: int, acquired_us: int, *, first_known: bool) -> list[Command]:
+    def _clear(self, sequence: int, acquired_us: int) -> list[Command]:
         commands = self.flush()
         if self._kind:
             self._best.lift()
-        if self._kind or first_known:
+        if not self._was_clear:
             commands.append(Finish(self.boot_id, sequence - 1, End.LIFT, acquired_us))
         self._kind, self._was_clear, self._goes_on = None, True, False
         return commands

@@ -1,6 +1,6 @@
 """Events in a database, joined from segments. One thread at a time; every call is one transaction."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,11 +9,11 @@ from sqlalchemy import ColumnElement, Connection, delete, func, select, tuple_
 from beamtouch_models.modelfile import State
 from beamtouch_service.events import kept_best, kept_captures, kept_edges, writing
 from beamtouch_service.events.captures import Capture
+from beamtouch_service.events.commands import Command, Edge
 from beamtouch_service.events.database import EventDatabase
 from beamtouch_service.events.file import EventFile
 from beamtouch_service.events.kept_best import Baseline, Sampled
 from beamtouch_service.events.schema import EVENTS
-from beamtouch_service.events.segmenter import Command, Edge
 from beamtouch_service.events.segments import Kind, Segment
 from beamtouch_service.events.writing import CONTENT, Numbered
 from beamtouch_service.surfaces.contradiction import Contradiction
@@ -101,6 +101,11 @@ class EventStore:
         with self._place.connect() as connection:
             return kept_captures.read(connection, event)
 
+    def captured(self, numbers: Collection[int]) -> set[int]:
+        """Return which of these events have samples of unexplained stretches."""
+        with self._place.connect() as connection:
+            return kept_captures.captured(connection, numbers)
+
     def best_samples(self, surface: str, since_us: int | None, until_us: int | None, limit: int) -> list[Sampled]:
         """Return the newest contacts of a surface that have a best sample, oldest first, by the time of their touch."""
         with self._place.connect() as connection:
@@ -122,13 +127,18 @@ class EventStore:
             kept_best.keep(connection, kept)
 
     def state_after(self, surface: str, boot_id: str, sequence: int) -> State | None:
-        """Return the state after that sample, if an event that may go on ends with it, or a gap is next to it."""
+        """Return the state after that sample, if a stored event ends with it and may go on; None if none does."""
         sample = {"of_surface": surface, "of_boot_id": boot_id, "of_sequence": sequence}
         with self._place.connect() as connection:
             ends_unexplained = connection.execute(writing.GOES_ON, sample).scalar()
-            if ends_unexplained is None:
-                return kept_edges.state(connection, surface, boot_id, sequence)
+        if ends_unexplained is None:
+            return None
         return State.UNEXPLAINED if ends_unexplained else State.CONTACT
+
+    def edge(self, surface: str, boot_id: str, sequence: int) -> Edge | None:
+        """Return that sample, if it is next to a gap and kept; None if not."""
+        with self._place.connect() as connection:
+            return kept_edges.find(connection, surface, boot_id, sequence)
 
     def finish_abandoned(self, before_s: float) -> None:
         """End the open events whose service has written nothing of them since `before_s` [s since 1970]."""

@@ -8,9 +8,9 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_service.events.backlog import Backlog
+from beamtouch_service.events.commands import Command, Loss
 from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.losses import Losses
-from beamtouch_service.events.segmenter import Command, Loss
 from beamtouch_service.events.store import EventStore
 
 RETRY_S = 1.0

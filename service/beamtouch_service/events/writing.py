@@ -9,9 +9,9 @@ from sqlalchemy import BigInteger, Connection, Row, Select, bindparam, case, del
 from beamtouch_models.modelfile import State
 from beamtouch_service.events import kept_edges
 from beamtouch_service.events.best_samples import Best
+from beamtouch_service.events.commands import Edge, Finish, Loss, TouchSeen
 from beamtouch_service.events.joining import are_apart, are_one, joined
 from beamtouch_service.events.schema import EVENTS, IS_OPEN
-from beamtouch_service.events.segmenter import Edge, Finish, Loss, TouchSeen
 from beamtouch_service.events.segments import BEFORE_CLEAR, Begin, End, Kind, Segment
 
 CONTENT = [EVENTS.c.id, *(EVENTS.c[entry.name] for entry in fields(Segment))]

@@ -2,20 +2,23 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from beamtouch_models.modelfile import (
-    Decider,
     Evidence,
+    Hypotheses,
+    Judgement,
     LeftOut,
+    Memory,
     ModelFile,
     State,
     Suspects,
-    Verdict,
     is_odd,
     is_overload,
     is_unchecked,
+    memories_after,
 )
 from beamtouch_service.problems import Kind, Problem
 from beamtouch_service.surfaces.contact import (
@@ -32,6 +35,18 @@ from beamtouch_service.surfaces.estimates import Ask, Estimated
 from beamtouch_service.surfaces.stretch_samples import is_asked, is_kept
 
 
+class Past(NamedTuple):
+    """What the samples so far mean for the next one."""
+
+    memories: tuple[Memory, ...]
+    """What they may have left; several while the state before the first of them still matters."""
+    held_since_us: int | None = None
+    """Time of the last decided sample [us since 1970], if later ones could not be decided."""
+
+
+NO_PAST = Past(memories_after(None))
+
+
 @dataclass(frozen=True, slots=True)
 class Seen:
     """The decision on one sample."""
@@ -40,13 +55,19 @@ class Seen:
     outcome: Decision | Problem
     held: State
     """The state, also for undecided samples that follow closely on a decided one."""
+    shown: bool
+    """Whether the state is known, whatever the samples before were that are missing."""
+    past: Past
+    """What it leaves to the next sample."""
     is_odd: bool = False
     """Whether neither rest nor a single contact explains the sample. The state follows only after several of them."""
     why: Contradiction | None = None
     """What the sample says channel by channel, if it is to be kept: some of an unexplained stretch are."""
 
-    shown: bool = True
-    """Whether the sample shows the state by itself. If not, the state stands on earlier samples."""
+    @property
+    def is_sure(self) -> bool:
+        """Whether missing samples no longer matter, for this sample and all that follow."""
+        return len(self.past.memories) == 1
 
     @property
     def state(self) -> State | None:
@@ -65,10 +86,11 @@ class _Judged:
 
     estimated: Estimated
     evidence: Evidence
-    verdict: Verdict
+    verdict: Judgement
     figures: Figures
     number: int
     """Its place in an unexplained stretch of the same channels."""
+    past: Past
 
     @property
     def is_asked(self) -> bool:
@@ -81,13 +103,16 @@ class Follower:
     Over gaps and undecided samples, a state is held for `hold_ms` of the sender's time.
     """
 
-    def __init__(self, model: ModelFile, ask: Ask, surface: str, hold_ms: float, *, state: State | None = None) -> None:
-        """Begin after a sample of that state; None if it is not known."""
+    def __init__(self, model: ModelFile, ask: Ask, surface: str, hold_ms: float, past: Past = NO_PAST) -> None:
+        """Begin after samples with that past."""
         self._metadata = model.metadata
         self._surface = surface
         self._hold_us = hold_ms * 1e3
-        self._decider = Decider(model.metadata.thresholds, state)
         self._suspects = Suspects(model.metadata, ask)
+        self._hypotheses = Hypotheses(model.metadata.thresholds, past.memories)
+        self._held_since_us = past.held_since_us
+        self._before: int | None = None
+        """Number of the last sample."""
         self._last: Estimated | None = None
         """The last decided sample."""
         self._length = 0
@@ -107,32 +132,49 @@ class Follower:
     def _judge(self, estimated: Estimated) -> _Judged | Seen:
         """Return the state of a sample; what is seen of it if it is undecided."""
         last = self._last
-        # The sample before this one may be missing, or undecided.
-        if last and estimated.sequence != last.sequence + 1:
-            is_held = abs(estimated.acquired_unix_us - last.acquired_unix_us) <= self._hold_us
-            if not is_held:
-                self._decider, self._length = Decider(self._metadata.thresholds, None), 0
+        self._pass_to(estimated)
         evidence = estimated.evidence
         if isinstance(evidence, Problem):
-            return Seen(estimated, evidence, self._decider.state)
+            return self._undecided(estimated, evidence)
         figures = NO_FIGURES
         try:
             require_usable(evidence)
-            verdict = self._decider.step(evidence)
+            verdict = self._hypotheses.step(evidence)
             if verdict.state is State.CONTACT:
                 figures = figures_of(evidence.answer, self._metadata.length_mm)
         except UnusableEstimateError as error:
             detail = (
                 f"For the newest sample, {error}. Check the characteristics and tare of the sensors, then the model."
             )
-            problem = Problem(Kind.UNUSABLE_ESTIMATE, detail, self._surface)
-            return Seen(estimated, problem, self._decider.state)
+            return self._undecided(estimated, Problem(Kind.UNUSABLE_ESTIMATE, detail, self._surface))
         if verdict.state is not State.UNEXPLAINED or (last and last.bad.keys() != estimated.bad.keys()):
             self._length = 0
         number = self._length
         self._length += verdict.state is State.UNEXPLAINED
-        self._last = estimated
-        return _Judged(estimated, evidence, verdict, figures, number)
+        self._last, self._held_since_us = estimated, None
+        return _Judged(estimated, evidence, verdict, figures, number, self._past)
+
+    def _pass_to(self, estimated: Estimated) -> None:
+        """Pass over the samples that are missing before this one. A state is held for a while."""
+        is_missing = self._before is not None and estimated.sequence != self._before + 1
+        self._before = estimated.sequence
+        since_us = self._held_since_us
+        if is_missing:
+            self._hypotheses.miss()
+            if since_us is None and self._last:
+                since_us = self._last.acquired_unix_us
+        if since_us is not None and abs(estimated.acquired_unix_us - since_us) > self._hold_us:
+            self._hypotheses = Hypotheses(self._metadata.thresholds, NO_PAST.memories)
+            self._length = 0
+
+    def _undecided(self, estimated: Estimated, problem: Problem) -> Seen:
+        if self._held_since_us is None and self._last:
+            self._held_since_us = self._last.acquired_unix_us
+        return Seen(estimated, problem, self._hypotheses.state, self._hypotheses.agree, self._past)
+
+    @property
+    def _past(self) -> Past:
+        return Past(self._hypotheses.memories, self._held_since_us)
 
     def _seen(self, judged: _Judged, without: dict[str, LeftOut] | None) -> Seen:
         estimated, evidence, state = judged.estimated, judged.evidence, judged.verdict.state
@@ -152,7 +194,7 @@ class Follower:
         misfit = min(evidence.rest_misfit, evidence.misfit)
         decision = Decision(state, judged.figures, misfit, notes, suspect)
         odd = is_odd(self._metadata.thresholds, evidence)
-        return Seen(estimated, decision, state, odd, why, judged.verdict.shown)
+        return Seen(estimated, decision, state, judged.verdict.shown, judged.past, odd, why)
 
     def _doubts(self, evidence: Evidence) -> list[str]:
         """Return what is doubtful about a contact."""

@@ -196,6 +196,31 @@ def test_events_show_unexplained_stretches_and_their_capture(
     assert asked == [f"Bearer {READ_TOKEN}"]
 
 
+def test_events_of_a_real_service_say_what_is_kept_and_what_is_uncertain(
+    start_bench: StartBench, open_page: OpenPage
+) -> None:
+    bench = start_bench()
+    bench.load()
+    bench.wedge(2)
+    bench.load()
+    bench.moving((100, 8))
+    bench.load()
+    found = {event["kind"]: event for event in bench.service.get("/events").json()["events"]}
+    assert {kind: (event["capture"], event["unsteady"]) for kind, event in found.items()} == {
+        "contact": (False, True),
+        "unexplained": (True, False),
+    }
+    row = bench.service.get("/events?format=csv&kind=unexplained").text.splitlines()[1]
+    assert (row.split(",")[13], row.split(",")[-1]) == ("false", "true")
+
+    seen = open_page(bench.service.url)
+    seen.page.wait_for_selector("#events tr")
+    last = "rows => rows.map(row => row.lastElementChild.textContent)"
+    lasted = sorted(seen.page.eval_on_selector_all("#events tr", last), key=lambda text: "unsteady" in text)
+    assert [text.endswith(", unsteady") for text in lasted] == [False, True]
+    assert [text.endswith(" capture") for text in lasted] == [True, False]
+
+
 def test_a_page_that_is_older_than_its_service_shows_no_figure(start_bench: StartBench, open_page: OpenPage) -> None:
     bench = start_bench()
     bench.load((150, 9))

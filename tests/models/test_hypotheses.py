@@ -1,0 +1,110 @@
+"""What is known of a state although samples before are missing: the same as if they were not."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from beamtouch_models.modelfile import (
+    LOG_ODDS,
+    MISFIT,
+    Decider,
+    Evidence,
+    Hypotheses,
+    Memory,
+    State,
+    Thresholds,
+    memories_after,
+)
+
+TOUCH = 16.0
+THRESHOLDS = Thresholds(touch=[TOUCH] * 4, rest=[50.0] * 4, misfit=[30.0] * 4, false_contacts_per_day=1 / 30)
+WEAK, STRONG, BETWEEN, REST = 1.5 * TOUCH, 6 * TOUCH, TOUCH / 4, 0.0
+
+
+def sample(
+    log_odds: float, still_log_odds: float | None = None, *, precision: float = 100.0, settled: bool = True
+) -> Evidence:
+    """One sample of 0.1 mm per channel; it moves if it says something else under the noise alone."""
+    still = log_odds if still_log_odds is None else still_log_odds
+    deflection_mm = np.full(4, 0.1 if log_odds > TOUCH else 0.01)
+    answer = {LOG_ODDS: log_odds, MISFIT: 1.0}
+    whitening, still_whitening = np.eye(4) * precision, np.eye(4) * 100.0
+    misfit = float(np.square(whitening @ deflection_mm).sum())
+    moves = still_log_odds is not None
+    return Evidence(deflection_mm, whitening, answer, 4, misfit, moves, still, still_whitening, settled)
+
+
+def any_sample(rng: random.Random) -> Evidence:
+    """A still sample, a swing that shows little, or one of a few readings."""
+    odds = rng.choice([REST, REST, BETWEEN, WEAK, STRONG])
+    if rng.random() < 0.5:
+        return sample(odds, settled=rng.random() < 0.8)
+    still = max(odds, rng.choice([REST, WEAK, STRONG]))
+    return sample(odds, still, precision=rng.choice([1.0, 50.0, 100.0]), settled=rng.random() < 0.8)
+
+
+@settings(max_examples=400, deadline=None)
+@given(rng=st.randoms(use_true_random=True))
+def test_a_state_that_is_shown_does_not_depend_on_the_samples_before(rng: random.Random) -> None:
+    whole, part = Decider(THRESHOLDS), Hypotheses(THRESHOLDS, memories_after(None))
+    for _ in range(rng.randint(0, 20)):
+        whole.step(any_sample(rng))
+    for _ in range(30):
+        one = any_sample(rng)
+        whole.step(one)
+        if part.step(one).shown:
+            assert part.state is whole.state
+        if len(part.memories) == 1:
+            assert part.memories == (whole.memory,)
+
+
+@settings(max_examples=200, deadline=None)
+@given(rng=st.randoms(use_true_random=True))
+def test_a_decider_goes_on_from_its_memory(rng: random.Random) -> None:
+    whole = Decider(THRESHOLDS)
+    for _ in range(40):
+        other = Decider(THRESHOLDS, whole.memory)
+        one = any_sample(rng)
+        assert other.step(one) == whole.step(one)
+        assert other.memory == whole.memory
+
+
+def said(*samples: Evidence) -> list[tuple[str, bool, bool]]:
+    """State, note and whether the state is known, after samples of which nothing is known."""
+    hypotheses = Hypotheses(THRESHOLDS, memories_after(None))
+    found = [hypotheses.step(one) for one in samples]
+    return [(one.state.value, one.unsteady, one.shown) for one in found]
+
+
+def test_a_weak_contact_after_a_start_is_never_clear_without_a_note() -> None:
+    assert said(*[sample(WEAK)] * 4) == [("clear", True, False)] * 2 + [("contact", False, True)] * 2
+
+
+def test_a_contact_that_moves_after_a_start_is_never_clear_without_a_note() -> None:
+    assert said(*[sample(BETWEEN, STRONG)] * 20) == [("clear", True, False)] * 20
+    assert said(sample(BETWEEN)) == [("clear", True, False)]
+
+
+def test_a_still_beam_after_a_start_is_clear_at_once() -> None:
+    assert said(sample(REST)) == [("clear", False, True)]
+    # Means of few readings take three.
+    assert said(*[sample(REST, settled=False)] * 3) == [("clear", True, False)] * 2 + [("clear", False, True)]
+
+
+def test_a_strong_contact_after_a_start_is_a_contact_at_once() -> None:
+    assert said(sample(STRONG)) == [("contact", False, True)]
+    assert said(sample(STRONG, STRONG)) == [("contact", True, True)]
+
+
+def test_after_a_gap_the_state_is_answered_and_yet_not_known() -> None:
+    hypotheses = Hypotheses(THRESHOLDS, [Memory(State.CONTACT)])
+    hypotheses.step(sample(WEAK))
+    hypotheses.miss()
+    found = [hypotheses.step(sample(WEAK)) for _ in range(3)]
+    assert [(one.state.value, one.unsteady, one.shown) for one in found] == [
+        ("contact", False, False), ("contact", False, False), ("contact", False, True)
+    ]  # fmt: skip
