@@ -46,7 +46,9 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         access=_access(files),
         tls=_tls(files["certificate_file"], files["key_file"]),
         max_clients=server.max_clients,
-        max_clients_per_address=server.max_clients_per_address or -(-server.max_clients // 2),
+        max_clients_per_address=server.max_clients_per_address
+        or -(-server.max_clients // (1 if server.replica else 2)),
+        replica=_replica(file),
         max_batches_per_s=server.max_batches_per_s,
         surfaces=_merge_surfaces(file, folder, overrides),
         max_streams=server.max_streams,
@@ -64,6 +66,13 @@ def _events(section: EventsSection, folder: Path) -> EventSettings:
         message = "events.url must look like postgresql://beamtouch@127.0.0.1/beamtouch"
         raise ConfigError(message)
     return EventSettings(_path(section.file, folder), section.keep_days, section.max_mb, url)
+
+
+def _replica(file: ConfigFile) -> bool:
+    if file.server.replica and file.events.url is None:
+        message = "server.replica: services that share surfaces need one record of events; set events.url"
+        raise ConfigError(message)
+    return file.server.replica
 
 
 def _access(files: Mapping[str, Path | None]) -> Access:

@@ -22,6 +22,8 @@ _PROBLEMS = (
 )
 
 
+_BY_PATH = "Ask for /surfaces/NAME/contact."
+
 router = gate.make_router("contact", Role.READ)
 
 
@@ -30,9 +32,14 @@ def _answer(context: Context, name: str | None) -> Response:
     return Response(context.contacts.get(surface, context.clock()), media_type="application/json")
 
 
-@router.get("/contact", response_model=Contact, responses=openapi.problems(Kind.SURFACE_REQUIRED, *_PROBLEMS))
+@router.get(
+    "/contact",
+    response_model=Contact,
+    responses=openapi.problems(Kind.SURFACE_REQUIRED, Kind.ONE_OF_SEVERAL, *_PROBLEMS),
+)
 async def get_contact(context: ContextParameter, surface: SurfaceInQuery = None) -> Response:
     """Return the contact on the only surface, or on the one that is named."""
+    context.require_all(_BY_PATH)
     return _answer(context, surface)
 
 
@@ -65,7 +72,10 @@ class ContactFirst:
                 query = QueryParams(scope["query_string"]) if scope["query_string"] else {}
                 try:
                     self._context.allow(scope, Role.READ)
-                    return _answer(self._context, found["path_params"].get("name") or query.get("surface"))
+                    name = found["path_params"].get("name")
+                    if name is None:
+                        self._context.require_all(_BY_PATH)
+                    return _answer(self._context, name or query.get("surface"))
                 except ProblemError:
                     return None
         return None

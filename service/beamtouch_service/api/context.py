@@ -78,6 +78,12 @@ class Context:
     max_batches_per_s: float = MAX_BATCHES_PER_S
     buckets: dict[str, Bucket] = field(default_factory=dict)
 
+    def require_all(self, instead: str) -> None:
+        """Refuse a question about all surfaces; raises ProblemError (421) if other services have some of them."""
+        if self.recorder.is_replica:
+            detail = f"Several services share the surfaces, and a load balancer knows which has which. {instead}"
+            raise ProblemError(Problem(Kind.ONE_OF_SEVERAL, detail, members={"surfaces": self.registry.names}))
+
     def allow(self, scope: Scope, role: Role) -> None:
         """Let a request with a token for `role` pass; raises ProblemError (401, 403)."""
         given = next((value for name, value in scope["headers"] if name == b"authorization"), None)

@@ -51,8 +51,17 @@ _T = TypeVar("_T")
 class Recorder:
     """Observes the decisions of all surfaces of a service, and records them as events."""
 
-    def __init__(self, place: Path | str | None = None, keep_days: float = KEEP_DAYS, max_mb: float = MAX_MB) -> None:
+    def __init__(
+        self,
+        place: Path | str | None = None,
+        keep_days: float = KEEP_DAYS,
+        max_mb: float = MAX_MB,
+        *,
+        replica: bool = False,
+    ) -> None:
         """Open a file, the database of a URL, or memory; raises EventStoreError if it cannot be used."""
+        self.is_replica = replica
+        """Whether other services have the samples of some surfaces."""
         # After a restart, the service before this one may still be stopping.
         self._store = EventStore(place, keep_days * 86_400, int(max_mb * 1e6), _FILE_WAIT_S)
         self._late = LateSamples(self._store)

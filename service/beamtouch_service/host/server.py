@@ -63,7 +63,7 @@ def run(settings: Settings) -> None:
 def _recorder(settings: Settings) -> Recorder:
     events = settings.events
     try:
-        return Recorder(events.url or events.file, events.keep_days, events.max_mb)
+        return Recorder(events.url or events.file, events.keep_days, events.max_mb, replica=settings.replica)
     except EventStoreError as error:
         raise ConfigError(str(error)) from None
 
