@@ -12,6 +12,7 @@ from balancer import Balancer
 from plain_http import NO_TLS, TIMEOUT_S
 from postgres import PASSWORD, Postgres, rows
 from service.conftest import TOKEN, batch_of, kind
+from service.event_story import RESTING, TOUCHING, Row
 from waiting import wait_until
 
 if TYPE_CHECKING:
@@ -22,8 +23,7 @@ if TYPE_CHECKING:
     from service.process.conftest import Service, StartService
 
 SURFACES = [f"press-{number}" for number in range(8)]
-RESTING, TOUCHING = [0.0, 0.0, 0.0], [0.5, 0.25, 0.125]
-CONTACT = [RESTING, TOUCHING, TOUCHING, RESTING]
+CONTACT: list[Row] = [RESTING, TOUCHING, TOUCHING, RESTING]
 WHOLE = ("/contact", "/stream", "/surfaces", "/health/ready")
 
 
@@ -48,7 +48,7 @@ class Plant:
     def get(self, path: str) -> httpx2.Response:
         return httpx2.get(self.balancer.url + path, trust_env=False, verify=NO_TLS, timeout=TIMEOUT_S)
 
-    def deliver(self, name: str, *values: list[float]) -> None:
+    def deliver(self, name: str, *values: Row) -> None:
         """Send the next samples of a surface, as often as it takes."""
         body = batch_of(*values, sequence=self._sent[name])
         for number, sample in enumerate(body["samples"], self._sent[name]):
@@ -70,8 +70,15 @@ class Plant:
         asked = {name: service.get(f"/surfaces/{name}/contact") for name in SURFACES}
         return {name for name, answer in asked.items() if answer.is_success}
 
-    def events(self) -> list[dict[str, Any]]:
-        found: list[dict[str, Any]] = self.get("/events?limit=1000").json()["events"]
+    def events(self, count: int) -> list[dict[str, Any]]:
+        """Wait for so many events: any service answers, and another one may still be writing."""
+        found: list[dict[str, Any]] = []
+
+        def are_written() -> bool:
+            found[:] = self.get("/events?limit=1000").json().get("events", [])
+            return len(found) >= count
+
+        wait_until(are_written)
         return found
 
 
@@ -99,7 +106,7 @@ def test_another_service_takes_over_the_surfaces_of_a_dead_one(plant: Plant) -> 
         plant.deliver(name, *CONTACT)
         assert plant.get(f"/contact?surface={name}").json()["sequence"] == 7
     assert plant.having(plant.services[1]) == set(SURFACES)
-    events = plant.events()
+    events = plant.events(2 * len(SURFACES))
     assert sorted(event["surface"] for event in events) == sorted(SURFACES * 2)
     assert {(event["begin"], event["end"], event["samples"]) for event in events} == {("touch", "lift", 2)}
 
@@ -120,6 +127,7 @@ def test_questions_about_all_surfaces_are_answered_for_all_or_refused(plant: Pla
     for name in SURFACES:
         assert plant.get(f"/contact?surface={name}").json()["surface"] == name
         assert plant.get(f"/surfaces/{name}").json()["samples"]["accepted"] == 4
+    plant.events(len(SURFACES))
     for service in plant.services:
         # What one service recorded, each of them answers.
         assert {event["surface"] for event in service.get("/events").json()["events"]} == set(SURFACES)
@@ -134,7 +142,7 @@ def test_questions_about_all_surfaces_are_answered_for_all_or_refused(plant: Pla
 def test_answers_go_on_while_the_database_is_away_and_its_events_come_later(plant: Plant, postgres: Postgres) -> None:
     name = SURFACES[0]
     plant.deliver(name, *CONTACT)
-    assert len(plant.events()) == 1
+    assert len(plant.events(1)) == 1
     postgres.stop(signal.SIGQUIT)
     try:
         plant.deliver(name, RESTING, TOUCHING)
@@ -149,7 +157,7 @@ def test_answers_go_on_while_the_database_is_away_and_its_events_come_later(plan
         postgres.start()
     wait_until(lambda: "beamtouch_event_writes_waiting 0.0" in owner.get("/metrics").text)
     wait_until(lambda: plant.get("/events").is_success)
-    assert [(event["begin"], event["end"], event["samples"]) for event in plant.events()] == [("touch", "lift", 2)] * 2
+    assert [(event["begin"], event["end"], event["samples"]) for event in plant.events(2)] == [("touch", "lift", 2)] * 2
     said = owner.get("/metrics").text
     assert "beamtouch_event_outages_total 1.0" in said
     assert "beamtouch_event_writes_lost_total 0.0" in said
