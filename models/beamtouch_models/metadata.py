@@ -349,19 +349,20 @@ class Metadata(_Strict):
         if ours.get("schema_version") == "1":
             raise _old("schema version 1, from before samples stated their covariance")
         try:
-            entries = {key: json.loads(text) for key, text in ours.items()}
-            if _lacks_thresholds(entries.get("thresholds")):
-                raise _old("from before two channels and one had a threshold of their own")
-            return cls.model_validate(entries)
+            values = {key: json.loads(text) for key, text in ours.items()}
+        except (ValueError, RecursionError):
+            # These include numbers and nesting beyond what the parser takes.
+            message = "its metadata is not JSON"
+            raise ModelFileError(message) from None
+        if _lacks_thresholds(values.get("thresholds")):
+            raise _old("from before one channel and two had a threshold of their own")
+        try:
+            return cls.model_validate(values)
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(str(part) for part in first["loc"])
             reason = first["msg"].removeprefix("Value error, ")
             message = f"metadata entry {METADATA_PREFIX}{where}: {reason}" if where else f"metadata: {reason}"
-            raise ModelFileError(message) from None
-        except (ValueError, RecursionError):
-            # These include numbers and nesting beyond what the parser takes.
-            message = "its metadata is not JSON"
             raise ModelFileError(message) from None
 
 

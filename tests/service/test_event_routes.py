@@ -130,9 +130,9 @@ def test_the_recorders_thread_encodes_answers(history: Bench, monkeypatch: pytes
     threads: list[str] = []
     event = event_answers.event
 
-    def watched(number: int, segment: Segment) -> event_answers.Event:
+    def watched(number: int, segment: Segment, *, captured: bool) -> event_answers.Event:
         threads.append(current_thread().name)
-        return event(number, segment)
+        return event(number, segment, captured=captured)
 
     monkeypatch.setattr(event_answers, "event", watched)
     assert history.get("/events" + query).status_code == 200

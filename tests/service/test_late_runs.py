@@ -107,6 +107,20 @@ def test_the_rest_before_a_gap_is_not_the_rest_before_the_touch(bench: Bench, ma
     assert dict(zip(header.split(","), row.split(","), strict=True))["s1_rest_mm"] == ""
 
 
+def test_doubtful_samples_are_decided_with_the_model_that_estimated_them(
+    make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
+) -> None:
+    surface = Surface("press-7", modelfile.load(build_model(channels=4)))
+    bench = make_bench(surface)
+    weak, rest = [*WEAK, 0.0], [0.0] * 4
+    assert bench.post(make_batch(weak, sequence=1)).status_code == 200
+    surface.adopt(modelfile.load(build_model(name="other", channels=3)))
+    assert bench.post(make_batch(rest, [*TOUCHING, 0.0], rest, sequence=2)).status_code == 200
+
+    (event,) = bench.get("/events").json()["events"]
+    assert (event["model"].partition("@")[0], event["begin"], event["end"]) == ("other", "touch", "lift")
+
+
 _shared: dict[str, Any] = {}
 
 

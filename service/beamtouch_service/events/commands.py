@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from beamtouch_models.modelfile import State
+from beamtouch_models.modelfile import ModelFile, State
 from beamtouch_service.events.captures import Capture
 from beamtouch_service.events.segments import End, Segment
 from beamtouch_service.surfaces.estimates import Estimated
@@ -49,6 +49,7 @@ class Doubtful(NamedTuple):
     """Samples at the beginning of a run, up to the first that does not depend on those before the run."""
 
     boot_id: str
+    model: ModelFile
     samples: list[Estimated]
 
 

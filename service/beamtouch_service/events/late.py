@@ -16,9 +16,9 @@ from beamtouch_service.surfaces.estimates import Estimated, estimate, runner
 from beamtouch_service.surfaces.touch import Follower, Past
 
 _MAX_EDGES = 4096
-"""Edges in memory, some 0.5 MB; without its edge, a late run starts from the stored event before it."""
-_MAX_ASIDE = 5000
-"""Doubtful samples in memory, some 15 MB; without them, an event may stay in pieces."""
+"""Edges in memory, some 3 MB; without its edge, a late run starts from the stored event before it."""
+_MAX_ASIDE = 10_000
+"""Doubtful samples in memory, some 30 MB; without them, an event may stay in pieces."""
 
 _MAX_AGAIN = 8
 """Doubtful samples of a surface that are tried again: the newest."""
@@ -37,7 +37,7 @@ class LateSamples:
         self._count = 0
         """Number of doubtful samples."""
 
-    def settled(self, surface: str, stale_ms: float, model: ModelFile, found: Iterable[Found]) -> list[Command]:
+    def settled(self, surface: str, stale_ms: float, found: Iterable[Found]) -> list[Command]:
         """Return the commands in what was found; keep the samples beside gaps, and decide doubtful ones if possible."""
         found = list(found)
         edges = [one for one in found if isinstance(one, Edge)]
@@ -48,7 +48,7 @@ class LateSamples:
         commands: list[Command] = [*edges]
         for one in found:
             if isinstance(one, Doubtful):
-                commands += self._run(surface, stale_ms, model, one.boot_id, one.samples)
+                commands += self._run(surface, stale_ms, one.model, one.boot_id, one.samples)
             elif not isinstance(one, Edge):
                 commands.append(one)
         # The sample before the first of a stretch may have come while that was doubtful.
@@ -100,7 +100,7 @@ class LateSamples:
             if isinstance(one, Doubtful):
                 self._put_aside(of_sender, one)
         known = [one for one in found if not isinstance(one, Doubtful)]
-        return self.settled(surface, stale_ms, model, known)
+        return self.settled(surface, stale_ms, known)
 
     def _take(self, of_sender: tuple[str, str, str], first: int) -> list[Estimated]:
         """Take the doubtful samples that begin with a number."""

@@ -120,7 +120,7 @@ class Recorder:
         name, stale_ms = surface.name, surface.stale_ms
         if commands:
             # The worker thread decides doubtful samples.
-            self._submit(name, lambda: self._late.settled(name, stale_ms, model, commands))
+            self._submit(name, lambda: self._late.settled(name, stale_ms, commands))
 
     def stale(self, surface: Surface) -> None:
         """End the open event of a surface: its newest sample is too old."""

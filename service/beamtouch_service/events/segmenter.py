@@ -15,8 +15,8 @@ FLUSH_US = 1_000_000
 """An event that continues is written after this much of the sender's time, so that a crash costs no more."""
 
 
-MAX_DOUBTFUL = 100
-"""Samples of a run that are put aside. After more, a contact or a stretch that is held over a gap counts."""
+MAX_DOUBTFUL = 1000
+"""Samples of a run that are put aside; a beam may ring for seconds. After more, a state that is held counts."""
 
 
 class Segmenter:
@@ -26,7 +26,7 @@ class Segmenter:
         self, surface: str, model: ModelFile, boot_id: str, before: State | None = None, end: End = End.OPEN
     ) -> None:
         """Begin after a sample of state `before`; a segment whose end is not known yet gets `end`."""
-        self.model, self.boot_id = model.identity, boot_id
+        self.model, self.boot_id, self._file = model.identity, boot_id, model
         self.last: Edge | None = None
         """The last sample."""
         self._surface = surface
@@ -51,6 +51,12 @@ class Segmenter:
         """Add the next sample."""
         is_first = self.last is None or seen.estimated.sequence != self.last.sequence + 1
         commands = self.end_run() if is_first else []
+        if seen.is_sure:
+            self._room = MAX_DOUBTFUL
+        elif self._doubtful is None and self._room and self.last:
+            # A state was held for too long over undecided samples.
+            self._doubtful = []
+            commands.append(self.last)
         is_end_of_doubt = self._doubtful is not None and (seen.is_sure or not self._room)
         if is_end_of_doubt:
             commands += self._settle(unexplained=seen.state is State.UNEXPLAINED)
@@ -123,7 +129,7 @@ class Segmenter:
 
     def _put_aside(self) -> list[Found]:
         doubtful, self._doubtful = self._doubtful, []
-        return [Doubtful(self.boot_id, [seen.estimated.alone() for seen in doubtful])] if doubtful else []
+        return [Doubtful(self.boot_id, self._file, [seen.estimated.alone() for seen in doubtful])] if doubtful else []
 
     def _edge(self, seen: Seen, state: State | None) -> Edge:
         sample = seen.estimated

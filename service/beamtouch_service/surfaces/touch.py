@@ -40,8 +40,10 @@ class Past(NamedTuple):
 
     memories: tuple[Memory, ...]
     """What they may have left; several while the state before the first of them still matters."""
-    held_since_us: int | None = None
-    """Time of the last decided sample [us since 1970], if later ones could not be decided."""
+    decided_us: int | None = None
+    """Time of the last decided sample [us since 1970]; None if it is not known."""
+    is_held: bool = False
+    """Whether the samples after that could not be decided, so that the state is held."""
 
 
 NO_PAST = Past(memories_after(None))
@@ -105,12 +107,11 @@ class Follower:
 
     def __init__(self, model: ModelFile, ask: Ask, surface: str, hold_ms: float, past: Past = NO_PAST) -> None:
         """Begin after samples with that past."""
-        self._metadata = model.metadata
-        self._surface = surface
+        self._metadata, self._surface = model.metadata, surface
         self._hold_us = hold_ms * 1e3
         self._suspects = Suspects(model.metadata, ask)
         self._hypotheses = Hypotheses(model.metadata.thresholds, past.memories)
-        self._held_since_us = past.held_since_us
+        self._decided_us, self._is_held = past.decided_us, past.is_held
         self._before: int | None = None
         """Number of the last sample."""
         self._last: Estimated | None = None
@@ -151,30 +152,27 @@ class Follower:
             self._length = 0
         number = self._length
         self._length += verdict.state is State.UNEXPLAINED
-        self._last, self._held_since_us = estimated, None
+        self._last, self._decided_us, self._is_held = estimated, estimated.acquired_unix_us, False
         return _Judged(estimated, evidence, verdict, figures, number, self._past)
 
     def _pass_to(self, estimated: Estimated) -> None:
         """Pass over the samples that are missing before this one. A state is held for a while."""
         is_missing = self._before is not None and estimated.sequence != self._before + 1
         self._before = estimated.sequence
-        since_us = self._held_since_us
         if is_missing:
             self._hypotheses.miss()
-            if since_us is None and self._last:
-                since_us = self._last.acquired_unix_us
-        if since_us is not None and abs(estimated.acquired_unix_us - since_us) > self._hold_us:
+        decided_us = self._decided_us if is_missing or self._is_held else None
+        if decided_us is not None and abs(estimated.acquired_unix_us - decided_us) > self._hold_us:
             self._hypotheses = Hypotheses(self._metadata.thresholds, NO_PAST.memories)
             self._length = 0
 
     def _undecided(self, estimated: Estimated, problem: Problem) -> Seen:
-        if self._held_since_us is None and self._last:
-            self._held_since_us = self._last.acquired_unix_us
+        self._is_held = True
         return Seen(estimated, problem, self._hypotheses.state, self._hypotheses.agree, self._past)
 
     @property
     def _past(self) -> Past:
-        return Past(self._hypotheses.memories, self._held_since_us)
+        return Past(self._hypotheses.memories, self._decided_us, self._is_held)
 
     def _seen(self, judged: _Judged, without: dict[str, LeftOut] | None) -> Seen:
         estimated, evidence, state = judged.estimated, judged.evidence, judged.verdict.state
