@@ -1,6 +1,7 @@
 """The table of edges: the samples beside gaps, whichever service saw them. Every call is part of a transaction."""
 
 from dataclasses import replace
+from typing import Any
 
 from sqlalchemy import Connection, bindparam, delete, insert, select
 
@@ -37,11 +38,8 @@ def keep(connection: Connection, surface: str, edge: Edge, now_s: float) -> None
 def find(connection: Connection, surface: str, boot_id: str, sequence: int) -> Edge | None:
     """Return the edge with that number; None if it is not kept."""
     row = connection.execute(_FIND, {"of_surface": surface, "of_boot_id": boot_id, "at": sequence}).first()
-    if row is None:
-        return None
-    found, held_since_us = row.past
-    memories = [Memory(**one, state=State(state), seen_mm=seen_mm and tuple(seen_mm)) for state, seen_mm, one in found]
-    return Edge(*row[:5], Past(tuple(memories), held_since_us))
+    past = _past(row.past) if row else None
+    return Edge(*row[:5], past) if row and past else None
 
 
 def completed(connection: Connection, event: Segment) -> Segment:
@@ -64,12 +62,19 @@ def drop_old(connection: Connection, now_s: float) -> None:
     connection.execute(delete(EDGES).where(_c.recorded_s < now_s - KEEP_S))
 
 
-def _as_json(past: Past) -> list[object]:
-    memories: list[object] = []
-    for one in past.memories:
-        counts = one._asdict()
-        memories.append([counts.pop("state"), counts.pop("seen_mm"), counts])
-    return [memories, past.held_since_us]
+def _as_json(past: Past) -> dict[str, object]:
+    return past._asdict() | {"memories": [one._asdict() for one in past.memories]}
+
+
+def _past(kept: dict[str, Any]) -> Past | None:
+    """Return what an edge leaves; None if a service of another version wrote it in another way."""
+    try:
+        memories = [Memory(**one | {"state": State(one["state"])}) for one in kept["memories"]]
+        # JSON has no tuples, and equal memories must be equal.
+        memories = [one._replace(seen_mm=one.seen_mm and tuple(one.seen_mm)) for one in memories]
+        return Past(**kept | {"memories": tuple(memories)})
+    except (TypeError, KeyError, ValueError):
+        return None
 
 
 def _end(event: Segment) -> End:

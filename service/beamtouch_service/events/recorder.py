@@ -224,11 +224,11 @@ class Recorder:
 
     def _leave(self, surface: Surface, end: End) -> None:
         """End the run of a surface: another service may have the next sample."""
-        segmenter, model = self._segmenters.pop(surface.name, None), surface.model
-        if segmenter and segmenter.last and model and model.identity == segmenter.model:
+        segmenter = self._segmenters.pop(surface.name, None)
+        if segmenter and segmenter.last:
             finish = Finish(segmenter.boot_id, segmenter.last.sequence, end)
             found, stale_ms = [*segmenter.flush(), finish, *segmenter.end_run()], surface.stale_ms
-            self._submit(surface.name, lambda: self._late.settled(surface.name, stale_ms, model, found))
+            self._submit(surface.name, lambda: self._late.settled(surface.name, stale_ms, found))
 
     def _submit_all(self, name: str, commands: Sequence[Command]) -> None:
         if commands:
