@@ -34,7 +34,7 @@ class Balancer:
         """Start it, and wait until a service answers behind it."""
         quiet = subprocess.DEVNULL
         self._process = subprocess.Popen([self._program, "-f", self._path], stdin=quiet, stdout=quiet, stderr=quiet)
-        wait_until(self._answers)
+        wait_until(lambda: answers(self.url))
 
     def stop(self) -> None:
         """End it at once."""
@@ -43,8 +43,10 @@ class Balancer:
             self._process.wait(60)
             self._process = None
 
-    def _answers(self) -> bool:
-        try:
-            return httpx2.get(f"{self.url}/health/live", trust_env=False, timeout=TIMEOUT_S).is_success
-        except httpx2.TransportError:
-            return False
+
+def answers(url: str) -> bool:
+    """Return whether a service answers at an address."""
+    try:
+        return httpx2.get(f"{url}/health/live", trust_env=False, timeout=TIMEOUT_S).is_success
+    except httpx2.TransportError:
+        return False

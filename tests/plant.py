@@ -3,13 +3,15 @@
 import signal
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import tomli_w
 
-from balancer import Balancer
+from balancer import Balancer, answers
 from free_ports import free_port
 from line import Line, Surface
+from waiting import wait_until
 
 
 class PlantLine(Line):
@@ -40,8 +42,15 @@ class PlantLine(Line):
 
     def stop(self) -> None:
         """End all processes."""
-        super().stop()
-        self.balancer.stop()
+        try:
+            super().stop()
+        finally:
+            self.balancer.stop()
+
+    def wait_for_services(self) -> None:
+        """Wait until each service answers."""
+        for name in self.services:
+            wait_until(partial(answers, self.address(name)), within_s=300)
 
     def address(self, service: str) -> str:
         """Return the URL of one service."""
@@ -69,10 +78,10 @@ class PlantLine(Line):
         (self.folder / "service.toml").write_text(tomli_w.dumps(config))
         for name in self.services:
             self._start_one(name)
+        self.wait_for_services()
         self.balancer.start()
         return self.balancer.url
 
     def _start_one(self, name: str) -> None:
         port = str(self._ports[name])
         self._start(name, ["beamtouch-service", "run", "--config", str(self.folder / "service.toml"), "--port", port])
-        self._first_line(name)

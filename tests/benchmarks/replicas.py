@@ -94,6 +94,7 @@ def disturb(line: PlantLine, database: Postgres, number: int) -> None:
     """Carry out one round."""
     for service in line.services:
         line.kill(service)
+        line.wait_for_services()
         time.sleep(REST_S)
     line.freeze(line.services[number % len(line.services)], FROZEN_S)
     time.sleep(REST_S)
@@ -172,7 +173,9 @@ def main() -> int:
         stop = threading.Event()
         with line:
             time.sleep(REST_S)
-            threads = [threading.Thread(target=watch, args=(line, name, stop, one)) for name, one in found.items()]
+            threads = [
+                threading.Thread(target=watch, args=(line, name, stop, one), daemon=True) for name, one in found.items()
+            ]
             for thread in threads:
                 thread.start()
             for number in range(options.rounds):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from browser import OpenPage
     from service.conftest import BuildModel
     from service.process.conftest import Service, StartService
 
@@ -137,6 +138,16 @@ def test_questions_about_all_surfaces_are_answered_for_all_or_refused(plant: Pla
         assert next(line for line in stream.iter_lines() if line.startswith("data: ")).startswith(
             f'data: {{"surface": "{name}"'
         )
+
+
+def test_the_page_shows_a_surface_and_names_all(plant: Plant, open_page: OpenPage) -> None:
+    for name in SURFACES:
+        plant.deliver(name, *CONTACT[:3])
+    for name in SURFACES[:3]:
+        seen = open_page(plant.balancer.url, f"/?surface={name}")
+        seen.wait_for_state("contact")
+        assert [option.inner_text() for option in seen.page.query_selector_all("#chooser option")] == SURFACES
+        assert "60000 ms" in seen.text("limit")
 
 
 def test_answers_go_on_while_the_database_is_away_and_its_events_come_later(plant: Plant, postgres: Postgres) -> None:
