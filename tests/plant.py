@@ -38,6 +38,8 @@ class PlantLine(Line):
         self.services = [f"service-{number}" for number in range(services)]
         self._ports = {name: free_port() for name in self.services}
         self._events_url = events_url
+        self.disturbed = "nothing"
+        """What is being killed, frozen or restarted."""
         self.balancer = Balancer(folder, list(self._ports.values()))
 
     def stop(self) -> None:

@@ -46,6 +46,8 @@ class Watched:
     asked: int = 0
     longest_s: float = 0.0
     """Longest time between two contacts."""
+    gaps_s: dict[str, float] = field(default_factory=dict)
+    """The same, by what was disturbed at the end of it."""
     compared: int = 0
     outside: int = 0
     mistaken: int = 0
@@ -70,7 +72,9 @@ def watch(line: PlantLine, name: str, stop: threading.Event, seen: Watched) -> N
                 seen.problems[f"{response.status_code}"] += 1
                 continue
             now_s = time.monotonic()
-            seen.longest_s, answered_s = max(seen.longest_s, now_s - answered_s), now_s
+            gap_s, answered_s = now_s - answered_s, now_s
+            seen.longest_s = max(seen.longest_s, gap_s)
+            seen.gaps_s[line.disturbed] = max(seen.gaps_s.get(line.disturbed, 0.0), gap_s)
             compare(response.json(), truth, seen)
     truth.close()
 
@@ -93,14 +97,18 @@ def compare(contact: dict[str, Any], truth: Truth, seen: Watched) -> None:
 def disturb(line: PlantLine, database: Postgres, number: int) -> None:
     """Carry out one round."""
     for service in line.services:
+        line.disturbed = "kill"
         line.kill(service)
         line.wait_for_services()
         time.sleep(REST_S)
+    line.disturbed = "freeze"
     line.freeze(line.services[number % len(line.services)], FROZEN_S)
     time.sleep(REST_S)
+    line.disturbed = "database"
     database.stop(signal.SIGINT)
     database.start()
     time.sleep(REST_S)
+    line.disturbed = "HAProxy"
     line.balancer.stop()
     line.balancer.start()
     time.sleep(REST_S)
@@ -149,6 +157,9 @@ def report(found: dict[str, Watched], contacts: Counter[str], rounds: int) -> st
         "surfaces, rounds": f"{len(found)}, {rounds}",
         "contacts asked for": f"{sum(one.asked for one in every):,}",
         "longest time without a contact, worst surface": f"{max(one.longest_s for one in every):.2f} s",
+        "the same, by what was disturbed": ", ".join(
+            f"{what} {max(one.gaps_s.get(what, 0.0) for one in every):.2f} s" for what in sorted(every[0].gaps_s)
+        ),
         "the same, median surface": f"{np.median([one.longest_s for one in every]):.2f} s",
         "contacts older than their limit": f"{sum(one.too_old for one in every)}",
         "contacts held against the truth": f"{sum(one.compared for one in every):,}",
