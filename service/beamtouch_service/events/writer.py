@@ -100,12 +100,13 @@ class Writer:
                 self._away(str(error))
                 return False
             except DBAPIError as error:
+                self._backlog.remove_first()
                 self._losses.note(str(error.orig))
                 self.unsettled.add(write.surface)
             else:
+                self._backlog.remove_first()
                 self._back()
                 self._written(write.surface)
-            self._backlog.remove_first()
         return True
 
     def give_up(self) -> None:
