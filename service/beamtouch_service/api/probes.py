@@ -28,7 +28,10 @@ async def get_live() -> Health:
     return Health(status="live")
 
 
-@ready_router.get("/health/ready", responses=openapi.problems(Kind.NOT_READY, Kind.CHANGED_CHANNELS, Kind.NO_SURFACE))
+@ready_router.get(
+    "/health/ready",
+    responses=openapi.problems(Kind.NOT_READY, Kind.CHANGED_CHANNELS, Kind.NO_SURFACE, Kind.ONE_OF_SEVERAL),
+)
 async def get_ready(
     context: ContextParameter,
     health: Annotated[bool, Query(description="Also require that no sensor has changed for certain.")] = False,

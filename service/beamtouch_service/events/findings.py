@@ -53,5 +53,5 @@ class Doubtful(NamedTuple):
     samples: list[Estimated]
 
 
-Command = Segment | Capture | Finish | TouchSeen | Loss
-Found = Command | Edge | Doubtful
+Command = Segment | Capture | Finish | TouchSeen | Loss | Edge
+Found = Command | Doubtful
