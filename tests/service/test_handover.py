@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from beamtouch_models import modelfile
@@ -98,6 +98,8 @@ def _shared(shared: Shared) -> None:
 @pytest.mark.usefixtures("_shared")
 @settings(max_examples=8, deadline=None)
 @given(rng=st.randoms(use_true_random=True))
+# A first run of two samples is too short to tell what it leaves to the next service.
+@example(rng=random.Random(306))  # noqa: S311  # a story, no secret
 def test_services_that_take_turns_record_what_one_service_would(rng: random.Random) -> None:
     shared, boot_id = _given["shared"], f"boot-{uuid4()}"
     rows: list[Row] = [RESTING]

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 DAY_S = 86_400.0
 PAST = Past((Memory(State.CONTACT, changing=2, seen_mm=(0.1, 1 / 3)), Memory(State.CLEAR, armed=True)), 45)
+CERTAIN = Past((Memory(State.CLEAR, armed=True),), 45)
 BOOT = "boot-0001"
 
 
@@ -44,8 +45,8 @@ def segment(first: int, last: int, *, end: End = End.OPEN, points: int = 1) -> S
     )
 
 
-def clear(sequence: int, acquired_us: int) -> Edge:
-    return Edge(BOOT, "tiny@000000", sequence, acquired_us, State.CLEAR, PAST)
+def clear(sequence: int, acquired_us: int, past: Past = CERTAIN) -> Edge:
+    return Edge(BOOT, "tiny@000000", sequence, acquired_us, State.CLEAR, past)
 
 
 def opened(url: str, max_bytes: int = 1_000_000) -> EventStore:
@@ -107,9 +108,25 @@ def test_a_clear_sample_that_another_service_saw_completes_an_event(
     assert event.lifted_us == 100_000
 
 
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+@pytest.mark.parametrize(
+    ("kind", "begin", "end"), [(Kind.CONTACT, "touch", "lift"), (Kind.UNEXPLAINED, "unseen", "stale")]
+)
+def test_a_clear_sample_that_a_stretch_could_still_take_ends_only_contacts(
+    stores: tuple[EventStore, EventStore], order: tuple[int, int], kind: Kind, begin: str, end: str
+) -> None:
+    piece = replace(segment(10, 19), kind=kind, ends_unexplained=kind is Kind.UNEXPLAINED)
+    beside = [clear(9, 45_000, PAST), clear(20, 100_000, PAST)]
+    writes: list[list[Command]] = [[piece, Finish(BOOT, 19, End.STALE)], [*beside]]
+    for number in order:
+        stores[number].write("press-7", writes[number], 0.0)
+
+    assert spans(stores[0]) == [(10, 19, begin, end)]
+
+
 def test_what_a_sample_beside_a_gap_leaves_is_known_to_the_other_service(stores: tuple[EventStore, EventStore]) -> None:
     one, other = stores
-    known = [clear(30, 0), Edge(BOOT, "tiny@000000", 40, 7, None, Past(PAST.memories[:1]))]
+    known = [clear(30, 0, PAST), Edge(BOOT, "tiny@000000", 40, 7, None, Past(PAST.memories[:1]))]
     unknown = Edge(BOOT, "tiny@000000", 50, 7, None, PAST)
     one.write("press-7", [segment(0, 9, end=End.UNSEEN), *known, unknown], 0.0)
 

@@ -21,14 +21,14 @@ _AT = _of_sender & (_c.sequence == bindparam("at"))
 _FIND = select(_c.boot_id, _c.model, _c.sequence, _c.acquired_us, _c.state, _c.past).where(_AT)
 _DROP = delete(EDGES).where(_AT)
 _KEEP = insert(EDGES)
-_BESIDE = select(_c.sequence, _c.acquired_us).where(
+_BESIDE = select(_c.sequence, _c.acquired_us, _c.past).where(
     _of_sender, _c.sequence.in_((bindparam("before"), bindparam("after"))), _c.state == State.CLEAR
 )
 
 
 def keep(connection: Connection, surface: str, edge: Edge, now_s: float) -> None:
     """Keep an edge instead of what is known of that sample so far, unless it depends on samples before it."""
-    if edge.state is None and len(edge.past.memories) > 1:
+    if edge.state is None and not edge.is_certain:
         return
     connection.execute(_DROP, {"of_surface": surface, "of_boot_id": edge.boot_id, "at": edge.sequence})
     values = edge._asdict() | {"past": _as_json(edge.past), "recorded_s": now_s}
@@ -47,12 +47,15 @@ def completed(connection: Connection, event: Segment) -> Segment:
     is_open = event.end in _MAY_LIFT
     if event.begin is not Begin.UNSEEN and not is_open:
         return event
+    is_stretch = event.kind is Kind.UNEXPLAINED
     key = {"of_surface": event.surface, "of_boot_id": event.boot_id}
     before, after = event.first_sequence - 1, event.last_sequence + 1
-    for sequence, acquired_us in connection.execute(_BESIDE, key | {"before": before, "after": after}):
-        if sequence == before and event.begin is Begin.UNSEEN:
-            event = replace(event, begin=Begin.TOUCH if event.kind is Kind.CONTACT else Begin.CLEAR)
-        elif sequence == after and is_open:
+    for sequence, acquired_us, past in connection.execute(_BESIDE, key | {"before": before, "after": after}):
+        # Without what came before it, a clear sample may turn out to belong to a stretch.
+        is_certain = len(past["memories"]) == 1
+        if sequence == before and event.begin is Begin.UNSEEN and (is_certain or not is_stretch):
+            event = replace(event, begin=Begin.CLEAR if is_stretch else Begin.TOUCH)
+        elif sequence == after and is_open and (is_certain or not (is_stretch or event.ends_unexplained)):
             event = replace(event, end=_end(event), lifted_us=acquired_us)
     return event
 

@@ -36,6 +36,8 @@ class LateSamples:
         """Number of the last of them -> that of the first."""
         self._count = 0
         """Number of doubtful samples."""
+        self._tried: dict[tuple[str, str, str, int], Past] = {}
+        """What doubtful samples were decided from without success."""
 
     def settled(self, surface: str, stale_ms: float, found: Iterable[Found]) -> list[Command]:
         """Return the commands in what was found; keep the samples beside gaps, and decide doubtful ones if possible."""
@@ -74,11 +76,14 @@ class LateSamples:
     def again(self, surface: str, stale_ms: float, model: ModelFile) -> list[Command]:
         """Return the commands for doubtful samples of which another service has recorded the sample before."""
         of_surface = [key for key in reversed(self._aside) if key[:2] == (surface, model.identity)]
-        for _, _, boot_id, first in of_surface[:_MAX_AGAIN]:
+        for key in of_surface[:_MAX_AGAIN]:
+            boot_id, first = key[2:]
             _, past = self._before(surface, model, boot_id, first - 1)
-            if len(past.memories) == 1:
-                samples = self._take((surface, model.identity, boot_id), first)
-                return self._run(surface, stale_ms, model, boot_id, samples)
+            if len(past.memories) < len(memories_after(None)) and self._tried.get(key) != past:
+                commands = self._run(surface, stale_ms, model, boot_id, self._take(key[:3], first))
+                if key in self._aside:
+                    self._tried[key] = past
+                return commands
         return []
 
     def _run(
@@ -111,6 +116,7 @@ class LateSamples:
         doubtful = self._aside.pop((*of_sender, first), None)
         if doubtful is None:
             return []
+        self._tried.pop((*of_sender, first), None)
         del self._aside_to[*of_sender, doubtful.samples[-1].sequence]
         self._count -= len(doubtful.samples)
         return doubtful.samples

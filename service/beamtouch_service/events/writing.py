@@ -41,6 +41,10 @@ _RIGHT = (
     .limit(1)
 )
 """The event that begins in a segment, or just after it."""
+_BESIDE = select(*CONTENT).where(
+    _of_sender, (_c.last_sequence == bindparam("before")) | (_c.first_sequence == bindparam("after"))
+)
+"""The events on both sides of a sample."""
 GOES_ON = select(_c.ends_unexplained).where(_ends_at, _may_go_on).limit(1)
 """Whether the event that ends with a sample, without a clear one after it, ends unexplained."""
 _INSERT = insert(EVENTS).returning(_c.id)
@@ -96,8 +100,13 @@ def note(connection: Connection, surface: str, edge: Edge, now_s: float) -> None
     """Keep a sample next to a gap, and write what it says of the events beside it."""
     edge_table.keep(connection, surface, edge, now_s)
     if edge.state is State.CLEAR:
-        complete(connection, surface, Finish(edge.boot_id, edge.sequence - 1, End.LIFT, edge.acquired_us))
-        complete(connection, surface, TouchSeen(edge.boot_id, edge.sequence + 1))
+        beside = {"before": edge.sequence - 1, "after": edge.sequence + 1}
+        near = {"of_surface": surface, "of_boot_id": edge.boot_id} | beside
+        for number, event in [numbered(row) for row in connection.execute(_BESIDE, near)]:
+            whole = edge_table.completed(connection, event)
+            found = {"begin": whole.begin, "end": whole.end, "lifted_us": whole.lifted_us}
+            if whole != event:
+                connection.execute(_UPDATE, found | {"of_id": number})
 
 
 def add(connection: Connection, segment: Segment, now_s: float) -> None:
