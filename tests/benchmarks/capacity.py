@@ -1,20 +1,21 @@
 """Processor time and memory of a service per surface: `python tests/benchmarks/capacity.py [--seconds 10]`.
 
-Processor time does not count the time in which other programs have the core, so it can be measured on a busy machine.
-There the senders fall behind, but send batches of the size that they would have on a quiet one.
+Senders press as hard as they can with batches of the size that daemons send. The processor time per batch does not
+count the time in which other programs have the core, so a busy machine can measure it too.
 """
 
 import argparse
+import http.client
 import json
-import subprocess
 import sys
 import tempfile
+import threading
 from pathlib import Path
+from time import monotonic, sleep, time
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 from bench_service import TOKEN, server
-from sample_load import EVERY_S
 
 from beamtouch_models import modelfile
 from beamtouch_models.building.build import build
@@ -22,49 +23,92 @@ from beamtouch_models.scene import load_scene
 from example_scenes import SCENES
 from processes import processor_s, resident_mb
 
-LOAD = Path(__file__).parent / "sample_load.py"
-SURFACES = {1000: 2, 200: 6, 50: 24}
-"""Rate in Hz -> surfaces that are fed at once: a part of what a core carries."""
+PRESSED = 8
+"""Surfaces that are fed at once."""
+RATES = {1000: 4, 200: 1, 50: 1}
+"""Rate in Hz -> samples in a batch of the daemon, which sends every 4 ms."""
 MEMORIES = (1, 100, 500)
 USED = 0.6
 """Share of a core that is planned for: the rest is for questions, and for the surfaces of a service that died."""
 
 
-def measure(folder: Path, surfaces: int, rates: dict[int, int], seconds: float) -> float:
-    """Print the processor time per surface at these rates; returns the resident memory in MB."""
+def press(port: int, surface: str, channels: dict[str, float], in_batch: int, until_s: float, sent: list[int]) -> None:
+    """Send batches to one surface, one after the other."""
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
+    quality = ["good"] * len(channels)
+    count = 0
+    while monotonic() < until_s:
+        now_us = int(time() * 1e6)
+        samples = [
+            {
+                "sequence": count * in_batch + place,
+                "acquired_unix_us": now_us + place * 1000,
+                "deflection_mm": list(channels.values()),
+                "quality": quality,
+            }
+            for place in range(in_batch)
+        ]
+        boot_id = f"boot-{surface}-{in_batch}"
+        body = {"boot_id": boot_id, "channels": list(channels), "newest_age_ms": 0.0, "samples": samples}
+        headers = {"Authorization": f"Bearer {TOKEN}"}
+        connection.request("POST", f"/surfaces/{surface}/samples", json.dumps(body), headers)
+        answer = connection.getresponse()
+        said = answer.read()
+        assert answer.status == 200, said
+        count += 1
+    connection.close()
+    sent.append(count)
+
+
+def batch_s(pid: int, port: int, channels: dict[str, float], in_batch: int, seconds: float) -> float:
+    """Return the processor time of a batch [s]."""
+    begin_s, until_s = processor_s(pid), monotonic() + seconds
+    sent: list[int] = []
+    senders = [
+        threading.Thread(target=press, args=(port, f"s{number}", channels, in_batch, until_s, sent))
+        for number in range(PRESSED)
+    ]
+    for sender in senders:
+        sender.start()
+    for sender in senders:
+        sender.join()
+    assert len(sent) == PRESSED
+    return (processor_s(pid) - begin_s) / sum(sent)
+
+
+def configured(folder: Path, surfaces: int) -> tuple[str | Path, ...]:
+    """Write a configuration; returns the arguments of the service."""
     text = "".join(f'[surfaces.s{number}]\nmodel = "bench.onnx"\n' for number in range(surfaces))
     (folder / "service.toml").write_text(f'[server]\nport = 0\nwrite_token_file = "token"\n{text}')
-    model = modelfile.load(folder / "bench.onnx")
-    channels = json.dumps(dict(zip(model.channels, model.metadata.golden.deflection_mm[0], strict=True)))
-    arguments = ("-m", "beamtouch_service.cli", "run", "--config", folder / "service.toml")
-    with server(*arguments) as (service, port):
-        for rate_hz, count in rates.items():
-            begin_s = processor_s(service.pid)
-            in_batch = max(1, round(rate_hz * EVERY_S))
-            load = [sys.executable, LOAD, port, channels, count, seconds, TOKEN, rate_hz, in_batch]
-            found = json.loads(subprocess.check_output([str(one) for one in load], text=True))
-            batch_s = (processor_s(service.pid) - begin_s) / found["batches"]
-            carried = USED / (batch_s * rate_hz / in_batch)
-            sent = f"{found['batches'] / seconds / count:.0f} batches/s of each surface were sent"
-            words = f"{rate_hz} Hz: {batch_s * 1e6:.0f} us per batch of {in_batch} samples ({sent})"
-            print(f"{words}; a core at {USED:.0%} carries {carried:.0f} surfaces", flush=True)
-        return resident_mb(service.pid)
+    return "-m", "beamtouch_service.cli", "run", "--config", folder / "service.toml"
 
 
 def main() -> None:
     """Run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=10.0)
-    options = parser.parse_args()
+    seconds: float = parser.parse_args().seconds
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         scene, text = load_scene(SCENES / "bench.toml")
         built = build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None)
         (folder / "bench.onnx").write_bytes(built.content)
         (folder / "token").write_text(TOKEN)
-        measure(folder, max(SURFACES.values()), SURFACES, options.seconds)
+        model = modelfile.load(folder / "bench.onnx")
+        channels = dict(zip(model.channels, model.metadata.golden.deflection_mm[0], strict=True))
+        with server(*configured(folder, PRESSED)) as (service, port):
+            cost_s = {size: batch_s(service.pid, port, channels, size, seconds) for size in set(RATES.values())}
+        for rate_hz, size in RATES.items():
+            carried = USED / (cost_s[size] * rate_hz / size)
+            words = f"{rate_hz} Hz: {cost_s[size] * 1e6:.0f} us per batch of {size}"
+            print(f"{words}; a core at {USED:.0%} carries {carried:.0f} surfaces", flush=True)
         for surfaces in MEMORIES:
-            print(f"{surfaces} surfaces: {measure(folder, surfaces, {}, 0.0):.0f} MB", flush=True)
+            with server(*configured(folder, surfaces)) as (service, _):
+                begin_s = processor_s(service.pid)
+                sleep(seconds)
+                idle = (processor_s(service.pid) - begin_s) / seconds
+                memory_mb = resident_mb(service.pid)
+            print(f"{surfaces} surfaces without samples: {memory_mb:.0f} MB, {idle:.1%} of a core", flush=True)
 
 
 if __name__ == "__main__":

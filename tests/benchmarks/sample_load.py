@@ -1,9 +1,8 @@
-"""Sends samples of contacts as daemons do: `sample_load.py PORT CHANNELS SURFACES SECONDS TOKEN [RATE_HZ MOST]`.
+"""Sends samples of contacts as daemons do: `sample_load.py PORT CHANNELS SURFACES SECONDS TOKEN`, 1 kHz for each.
 
-The rate is that of each surface, by default 1 kHz; MOST limits the samples in a batch. Surfaces are named s0, s1 and so
-on; CHANNELS is a JSON object of channel names and deflections [mm]. Each sender waits for its answer before it sends
-what was taken meanwhile. Prints how many samples were acknowledged, and the percentiles of the time from the oldest
-sample of a batch to its receipt, as JSON. Little more than sockets.
+Surfaces are named s0, s1 and so on; CHANNELS is a JSON object of channel names and deflections [mm]. Each sender
+waits for its answer before it sends what was taken meanwhile. Prints how many samples were acknowledged, and the
+percentiles of the time from the oldest sample of a batch to its receipt, as JSON. Little more than sockets.
 """
 
 import asyncio
@@ -14,15 +13,12 @@ from time import monotonic, time
 
 RATE_HZ, EVERY_S = 1000, 0.004
 """As the daemon collects them."""
-MOST = 200
-"""Samples in a batch after a pause of this program."""
 
 
 class Sender:
     """One surface's samples over one connection."""
 
-    def __init__(self, surface: str, channels: dict[str, float], token: str, rate_hz: float, most: int) -> None:
-        self._rate_hz, self._most = rate_hz, most
+    def __init__(self, surface: str, channels: dict[str, float], token: str) -> None:
         self.delays_s: list[float] = []
         self.acknowledged = 0
         self._head = (
@@ -38,34 +34,32 @@ class Sender:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         begin_s, sent = monotonic(), 0
         while (now_s := monotonic()) < until_s:
-            due = min(int((now_s - begin_s) * self._rate_hz), sent + self._most)
+            due = int((now_s - begin_s) * RATE_HZ)
             if due > sent:
                 writer.write(self._request(sent, due))
                 status = await reader.readline()
                 assert b" 200 " in status, status
                 head = await reader.readuntil(b"\r\n\r\n")
                 await reader.readexactly(int(head.lower().partition(b"content-length: ")[2].split(b"\r", 1)[0]))
-                self.delays_s.append(monotonic() - begin_s - sent / self._rate_hz)
+                self.delays_s.append(monotonic() - begin_s - sent / RATE_HZ)
                 self.acknowledged += due - sent
                 sent = due
-            await asyncio.sleep(max(0.0, now_s + max(EVERY_S, 1 / self._rate_hz) - monotonic()))
+            await asyncio.sleep(max(0.0, now_s + EVERY_S - monotonic()))
         writer.close()
 
     def _request(self, first: int, end: int) -> bytes:
-        now_us, step_us = int(time() * 1e6), 1e6 / self._rate_hz
+        now_us = int(time() * 1e6)
         samples = ",".join(
-            f'{{"sequence":{number},"acquired_unix_us":{now_us + int((number - end) * step_us)},{self._sample}'
+            f'{{"sequence":{number},"acquired_unix_us":{now_us + (number - end) * 1_000_000 // RATE_HZ},{self._sample}'
             for number in range(first, end)
         )
         body = f"{self._begin}{samples}]}}"
         return f"{self._head}Content-Length: {len(body)}\r\n\r\n{body}".encode()
 
 
-async def load(
-    port: int, channels: dict[str, float], surfaces: int, seconds: float, token: str, rate_hz: float, most: int
-) -> dict[str, float]:
+async def load(port: int, channels: dict[str, float], surfaces: int, seconds: float, token: str) -> dict[str, float]:
     """Send to so many surfaces for so long."""
-    senders = [Sender(f"s{number}", channels, token, rate_hz, most) for number in range(surfaces)]
+    senders = [Sender(f"s{number}", channels, token) for number in range(surfaces)]
     until_s = monotonic() + seconds
     await asyncio.gather(*(sender.run(port, until_s) for sender in senders))
     delays_ms = sorted(delay_s * 1e3 for sender in senders for delay_s in sender.delays_s)
@@ -78,7 +72,6 @@ async def load(
 
 
 if __name__ == "__main__":
-    _, given_port, given_channels, given_surfaces, given_seconds, given_token, *limits = sys.argv
-    given = int(given_port), json.loads(given_channels), int(given_surfaces), float(given_seconds), given_token
-    rate, most_samples = limits or (RATE_HZ, MOST)
-    print(json.dumps(asyncio.run(load(*given, float(rate), int(most_samples)))))
+    _, given_port, given_channels, given_surfaces, given_seconds, given_token = sys.argv
+    found = load(int(given_port), json.loads(given_channels), int(given_surfaces), float(given_seconds), given_token)
+    print(json.dumps(asyncio.run(found)))

@@ -37,5 +37,6 @@ async def get_ready(
     health: Annotated[bool, Query(description="Also require that no sensor has changed for certain.")] = False,
 ) -> Health:
     """Check that the service has a surface, and that every surface has a model and fresh samples."""
+    context.require_all(f"Ask for {LIVE_PATH} of each service, and for /surfaces/NAME/contact of each surface.")
     context.registry.require_ready(context.clock(), healthy=health)
     return Health(status="ready")
