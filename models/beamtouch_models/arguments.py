@@ -13,6 +13,10 @@ MAX_PLAYS = 10_000
 """Bounds memory: each course takes about 100 kB."""
 
 
+MAX_WORKERS = 1024
+"""Bounds memory: each worker process takes about 150 MB."""
+
+
 def add_build(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `design-sensors build`."""
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
@@ -78,6 +82,7 @@ def add_challenge(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="number of simulated courses per case (default: 400)",
     )
+    _add_workers(parser)
     _add_seed(parser)
     _add_json(parser)
 
@@ -94,6 +99,7 @@ def add_evaluate(parser: argparse.ArgumentParser) -> None:
         help="noise of a sample (standard deviation), instead of the model's; may be given several times",
     )
     _add_contacts(parser, "number of simulated contacts", 16_384)
+    _add_workers(parser)
     _add_seed(parser)
     _add_json(parser)
 
@@ -132,6 +138,7 @@ def add_place(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="prove that no layout on the grid is better, or state how much better one could be",
     )
+    _add_workers(parser, "a proof")
     _add_seed(parser)
     _add_json(parser)
 
@@ -147,9 +154,16 @@ def add_reproduce(parser: argparse.ArgumentParser) -> None:
 
 def add_trade(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `design-sensors trade`."""
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
     parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the table, plot and JSON"
+        "scene", type=Path, metavar="SCENE", help="scene file (TOML), or a folder: all scenes in it, one after another"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for the table, plot and JSON; for a folder of scenes, each gets its own folder in it",
     )
     wish = parser.add_mutually_exclusive_group()
     wish.add_argument(
@@ -160,8 +174,14 @@ def add_trade(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, help="estimators to measure (default: all)")
     _add_contacts(parser, "simulated contacts per point", 4096)
+    _add_workers(parser)
     _add_seed(parser)
-    _add_json(parser)
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="print one JSON object per scene, each on a line of standard output; measured times (times, latency_ms, "
+        "influence_ms and influence_with_ms) differ from run to run, and on_front and picked may differ with them",
+    )
 
 
 def _add_contacts(parser: argparse.ArgumentParser, what: str, default: int) -> None:
@@ -172,6 +192,21 @@ def _add_contacts(parser: argparse.ArgumentParser, what: str, default: int) -> N
         metavar="N",
         help=f"{what}, rounded up to a power of two; below about 2000, a stated standard error is a lower bound "
         f"(default: {default})",
+    )
+
+
+def _add_workers(parser: argparse.ArgumentParser, what: str = "the work") -> None:
+    workers = parser.add_mutually_exclusive_group()
+    workers.add_argument(
+        "--workers",
+        type=whole_number(1, MAX_WORKERS),
+        metavar="N",
+        help=f"number of processes that {what} is spread over (default: one per core); the results are the same",
+    )
+    workers.add_argument(
+        "--cluster",
+        metavar="tcp://HOST:PORT",
+        help=f"spread {what} over the workers of this Dask scheduler instead",
     )
 
 

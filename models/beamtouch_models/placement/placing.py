@@ -1,12 +1,9 @@
 """Placement of sensors by a criterion and a search, with a proof where the criterion has a bound."""
 
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cache
 from typing import Literal
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.arrays import Floats, Indices
@@ -20,6 +17,7 @@ from beamtouch_models.placement.proof import bound_gap, prove
 from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best, pattern_search
 from beamtouch_models.placement.search_paper import paper_runs, paper_search
 from beamtouch_models.progress import Progress, silent
+from beamtouch_models.sweeps import Spread, in_turn, one_thread
 
 SearchName = Literal["exact", "paper"]
 Certify = Literal["nothing", "bound", "proof"]
@@ -50,17 +48,6 @@ class Placement:
         return self.gap == 0
 
 
-@cache
-def _controller() -> ThreadpoolController:
-    return ThreadpoolController()
-
-
-def _one_thread() -> AbstractContextManager[object]:
-    """Keep linear algebra on one thread: with matrices this small, threads wait longer than they work."""
-    limited: AbstractContextManager[object] = _controller().limit(limits=1)
-    return limited
-
-
 def place(
     influence: InfluenceFunction,
     rules: Candidates,
@@ -71,6 +58,7 @@ def place(
     search: SearchName = "exact",
     certify: Certify = "nothing",
     progress: Progress = silent,
+    spread: Spread = in_turn,
 ) -> Placement:
     """Place sensors so that the product of the leading eigenvalues (eq. 4) is largest.
 
@@ -83,13 +71,14 @@ def place(
     search : "exact" exchanges sensors from many starts, "paper" clones and varies a layout
     certify : "bound" states a gap; "proof" closes it if possible, and may return a better layout
     progress : called with the current step and the fraction done
+    spread : runs the tasks of a proof
 
     Raises
     ------
     SceneError
         The rules allow no layout of `count` sensors, or no layout has `leading` components.
     """
-    with _one_thread():
+    with one_thread():
         problem = problem_of(influence, rules, count, leading)
         progress("searching", 0.0)
         runs = _searched(problem, search, seed)
@@ -102,7 +91,9 @@ def place(
             progress("bounding", 0.5)
             gap = bound_gap(problem, layout)
         elif certify == "proof":
-            proof = prove(problem, layout, progress=lambda left: progress(f"proving, gap {left:.2g}", 0.5))
+            proof = prove(
+                problem, layout, progress=lambda left: progress(f"proving, gap {left:.2g}", 0.5), spread=spread
+            )
             layout, score, gap, evaluations = proof.layout, proof.score, proof.gap, evaluations + proof.evaluations
     return _placement(rules, layout, score, best, evaluations, gap)
 
@@ -125,7 +116,7 @@ def place_by_position_error(
     if not 0 < errors.noise_mm < np.inf:
         message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
         raise SceneError(message)
-    with _one_thread():
+    with one_thread():
         equal = equal_layout(rules, influence.length_mm, count)
         surrogate = surrogate_of(influence, rules, count, errors, seed)
         starts = _surrogate_starts(influence, surrogate, equal, seed)
