@@ -62,9 +62,7 @@ class Contacts:
         return self.deviation_mm + worse
 
 
-def simulated(
-    prior: Prior, count: int, seed: int, progress: Fraction = silent, spread: Spread = in_turn
-) -> Contacts:
+def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, spread: Spread = in_turn) -> Contacts:
     """Draw at least `count` contacts of a prior, evenly, with the likely positions of their readings.
 
     The readings are tasks for `spread`, a part each.

@@ -59,9 +59,8 @@ def run(options: argparse.Namespace) -> None:
                 options.seed,
                 options.components,
                 search=options.search,
-                certify="proof" if options.prove else "bound",
+                certify=spread if options.prove else "bound",
                 progress=progress,
-                spread=spread,
             )
         progress("measuring the accuracy limit", 0.95)
         found = _described(options, influence, errors, placement)

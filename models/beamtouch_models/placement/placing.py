@@ -20,7 +20,7 @@ from beamtouch_models.progress import Progress, silent
 from beamtouch_models.sweeps import Spread, in_turn, one_thread
 
 SearchName = Literal["exact", "paper"]
-Certify = Literal["nothing", "bound", "proof"]
+Certify = Literal["nothing", "bound", "proof"] | Spread
 
 SURROGATE_STARTS = 2
 
@@ -58,7 +58,6 @@ def place(
     search: SearchName = "exact",
     certify: Certify = "nothing",
     progress: Progress = silent,
-    spread: Spread = in_turn,
 ) -> Placement:
     """Place sensors so that the product of the leading eigenvalues (eq. 4) is largest.
 
@@ -69,9 +68,9 @@ def place(
     seed : seed of the search
     leading : number of eigenvalues in the product; `count` by default
     search : "exact" exchanges sensors from many starts, "paper" clones and varies a layout
-    certify : "bound" states a gap; "proof" closes it if possible, and may return a better layout
+    certify : "bound" states a gap; "proof" closes it if possible, and may return a better layout; a `Spread` does the
+        same as "proof" with the tasks that it runs
     progress : called with the current step and the fraction done
-    spread : runs the tasks of a proof
 
     Raises
     ------
@@ -90,7 +89,8 @@ def place(
         if certify == "bound":
             progress("bounding", 0.5)
             gap = bound_gap(problem, layout)
-        elif certify == "proof":
+        elif certify != "nothing":
+            spread = in_turn if isinstance(certify, str) else certify
             proof = prove(
                 problem, layout, progress=lambda left: progress(f"proving, gap {left:.2g}", 0.5), spread=spread
             )

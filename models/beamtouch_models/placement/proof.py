@@ -21,6 +21,8 @@ LARGEST_MARGIN = 1e-6
 MAX_REGIONS = 3_000
 ROUND = 32
 """Most regions of a round. More keep more workers busy; fewer let a better layout exclude more regions."""
+EASY = 64
+"""A proof of up to this many regions is over before workers would have begun."""
 ROOT_STEPS = 150
 
 
@@ -74,8 +76,7 @@ def prove(
             break
         progress(taken[0].bound - search.score)
         tasks = [Exploration(search.bounder, region, search.score, search.limit) for region in taken]
-        # A small round is done before the workers would have begun.
-        for found in (spread if len(taken) == ROUND else in_turn)(explored, tasks):
+        for found in (spread if search.regions > EASY and len(tasks) > 1 else in_turn)(explored, tasks):
             search.add(found)
     return Proof(search.layout, search.score, search.stated_gap(search.bound), search.regions, search.evaluations)
 

@@ -64,9 +64,7 @@ def explored(task: Exploration) -> Explored:
     region = task.region
     if math.prod(region.mask.sum(axis=1).tolist()) <= ENUMERATED:
         return _enumerated(task.bounder.problem, region.mask, task.score)
-    parts = [
-        tightened(task.bounder, mask, region.weights, STEPS, task.limit, region.bound) for mask in _split(region)
-    ]
+    parts = [tightened(task.bounder, mask, region.weights, STEPS, task.limit, region.bound) for mask in _split(region)]
     return Explored(parts=tuple(part for part in parts if part is not None), bounded=len(parts))
 
 
