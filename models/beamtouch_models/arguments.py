@@ -2,6 +2,7 @@
 
 import argparse
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from beamtouch_common.commands import whole_number
 
@@ -205,9 +206,23 @@ def _add_workers(parser: argparse.ArgumentParser, what: str = "the work") -> Non
     )
     workers.add_argument(
         "--cluster",
+        type=_address,
         metavar="tcp://HOST:PORT",
         help=f"spread {what} over the workers of this Dask scheduler instead",
     )
+
+
+def _address(text: str) -> str:
+    """Check an address here: for some that are not one, Dask waits until its patience ends."""
+    try:
+        parts = urlsplit(text)
+        is_one = parts.scheme in ("tcp", "tls") and bool(parts.hostname) and bool(parts.port) and not parts.path
+    except ValueError:  # of the port
+        is_one = False
+    if not is_one:
+        message = f"{text!r} is not tcp://HOST:PORT"
+        raise argparse.ArgumentTypeError(message)
+    return text
 
 
 def _add_seed(parser: argparse.ArgumentParser) -> None:
