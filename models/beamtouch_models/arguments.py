@@ -15,7 +15,7 @@ MAX_PLAYS = 10_000
 
 
 MAX_WORKERS = 1024
-"""Bounds memory: each worker process takes about 150 MB."""
+"""Bounds memory: each worker process takes about 200 MB."""
 
 
 def add_build(parser: argparse.ArgumentParser) -> None:

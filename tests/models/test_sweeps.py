@@ -146,7 +146,7 @@ def test_a_folder_without_scenes_and_a_wrong_scene_are_refused_before_any_work(
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "no scenes (*.toml)" in done.stderr
     scenes = scenes_in(tmp_path / "scenes")
-    (scenes / "wrong.toml").write_text(PAPER.replace("count = 2", "count = 1"))
+    (scenes / "wrong.toml").write_text(PAPER.replace("count = 2", "count = 0"))
     done = design_sensors_here("trade", scenes, "-o", tmp_path / "out")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "wrong.toml" in done.stderr

@@ -41,7 +41,7 @@ def test_a_cluster_that_cannot_work_is_refused_in_one_line(bench_model: Path, tm
 @pytest.mark.parametrize("lost", ["worker", "scheduler"])
 def test_a_cluster_that_loses_a_process(bench_model: Path, tmp_path: Path, lost: str) -> None:
     with dask(tmp_path, workers=2) as (address, (scheduler, worker, _)):
-        command = [COMMAND, "challenge", str(bench_model), "--draws", "400", "--json", "--cluster", address]
+        command = [COMMAND, "challenge", str(bench_model), "--draws", "40", "--json", "--cluster", address]
         pipe = subprocess.PIPE
         with subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) as process:
             try:

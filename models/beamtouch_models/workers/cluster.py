@@ -40,7 +40,7 @@ def cluster_at(address: str) -> Iterator[Spread]:
     FailedError
         The cluster ended before the work was done.
     """
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # it logs the errors that it also raises
+    logging.disable(logging.CRITICAL)  # `distributed` also logs, at length, the errors that it raises
     try:
         client = Client(address, timeout=REACHED_S, set_as_default=False)
     except (OSError, ValueError, RuntimeError):
