@@ -21,12 +21,13 @@ def processes(workers: int) -> Iterator[Spread]:
     executor = ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=begin)
     try:
         yield partial(submitted, executor, Future.result)
+        executor.shutdown()
     except BrokenProcessPool:
         message = "a worker process ended before its work was done; if memory was short, use fewer --workers"
         raise FailedError(message) from None
     finally:
-        # Ended, not waited for: after an error or Ctrl-C they would first finish what they have begun.
-        executor.shutdown(wait=False, cancel_futures=True)
+        # After an error or Ctrl-C they would first finish all tasks. These are not cancelled: the executor fails them
+        # when it finds its workers gone, and complains in a thread of its own about one that is cancelled.
         for worker in set(active_children()) - before:
             worker.terminate()
         executor.shutdown()

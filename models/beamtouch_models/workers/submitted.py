@@ -18,7 +18,7 @@ def submitted(
     function: Callable[[Task], Found],
     tasks: Iterable[Task],
 ) -> Iterator[Found]:
-    """Submit all tasks at once, and yield their results in order; what is left is cancelled with the iterator."""
+    """Submit all tasks at once, and yield their results in order."""
     with _interrupts_stay_here():
         futures = [executor.submit(on_one_thread, function, task) for task in tasks]
     return _results(futures, wait)
@@ -26,12 +26,8 @@ def submitted(
 
 def _results(futures: list[Future[Found]], wait: Callable[[Future[Found]], Found]) -> Iterator[Found]:
     futures.reverse()
-    try:
-        while futures:
-            yield wait(futures.pop())  # popped, so that a result is not kept once it is taken
-    finally:
-        for future in futures:
-            future.cancel()
+    while futures:
+        yield wait(futures.pop())  # popped, so that a result is not kept once it is taken
 
 
 @contextmanager
