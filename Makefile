@@ -9,7 +9,7 @@ PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/
 # of processes.
 WORKERS ?= $(shell expr 3 \* $$(nproc))
 
-.PHONY: help install demo test bench check format clean
+.PHONY: help install demo test bench check format deb clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -44,6 +44,9 @@ check: $(INSTALLED)  ## lint, format, types, imports
 format: $(INSTALLED)  ## format the code and sort the imports
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+deb:  ## build the Debian packages in build/deb
+	packaging/debian/build
 
 clean:  ## remove everything that was made
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage*

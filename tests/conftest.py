@@ -24,6 +24,7 @@ from beamtouch_models.scene import load_scene
 from browser import OpenPage, chromium, pages
 from example_scenes import SCENES
 from few_draws import few_draws
+from postgres import Postgres, running
 from scheduling import Scheduling
 from simulated_board import Board, Boards, build_board, build_firmware
 from toolchain import made_once
@@ -171,6 +172,19 @@ def board_for(tmp_path_factory: pytest.TempPathFactory) -> Boards:
 def board(board_for: Boards) -> Board:
     """A board with four channels."""
     return board_for(4)
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Postgres]:
+    """A PostgreSQL server of this test process. A test that stops it starts it again."""
+    with running() as server:
+        yield server
+
+
+@pytest.fixture
+def events_url(postgres: Postgres) -> str:
+    """The URL of a database without tables."""
+    return postgres.create()
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ eighth of it, a stretch begins with three odd samples in a row.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +68,7 @@ class Surface:
         return {name: values.reshape(deflection_mm.shape[:-1]) for name, values in (*found.items(), ("rest", square))}
 
 
+@cache
 def surface(name: str) -> Surface:
     """The surface of a shipped scene."""
     scene, _ = load_scene(SCENES / f"{name}.toml")

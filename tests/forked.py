@@ -21,7 +21,8 @@ from typing import TextIO
 
 LIBRARIES = (
     *("aiohttp", "cobs.cobs", "pymodbus.client", "serial", "sqlite3"),
-    *("fastapi", "httptools", "sqlalchemy.dialects.postgresql", "uvicorn"),
+    *("fastapi", "httptools", "sqlalchemy.dialects.postgresql", "sqlalchemy.dialects.sqlite", "sse_starlette"),
+    *("uvicorn.protocols.http.httptools_impl", "pydantic.v1", "statistics", "tomllib"),
     *("numpy.typing", "prometheus_client", "pydantic.main"),
 )
 """Those that take long to import. One that starts a thread when it is imported, as onnxruntime does, cannot be one."""

@@ -5,6 +5,7 @@ from xdist.scheduler import LoadScopeScheduling
 TOGETHER = (
     "models/test_build_report.py",
     "models/test_calibration.py",
+    "models/test_false_alarms.py",
     "models/test_self_calibration.py",
     "models/test_small_network.py",
     "process/test_heads.py",

@@ -1,5 +1,6 @@
 """A shell that types steps of the README, as they stand there but for ports and the rate of the readings."""
 
+import contextlib
 import os
 import re
 import signal
@@ -74,9 +75,10 @@ class Shell:
 
     def end(self) -> None:
         """End the shell and what it has left running."""
-        if self._process.poll() is None:
+        # Programs outlive a shell that a failed step has ended.
+        with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGTERM)
-            self._process.wait(timeout=PATIENCE_S)
+        self._process.wait(timeout=PATIENCE_S)
         assert self._process.stdin is not None
         self._process.stdin.close()
 

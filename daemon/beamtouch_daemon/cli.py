@@ -51,6 +51,10 @@ def _parser() -> Parser:
 
 
 def _add_run(command: argparse.ArgumentParser) -> None:
+    words = "file with the service's token; overrides the configuration"
+    command.add_argument("--token-file", metavar="FILE", type=Path, help=words)
+    words = "file that keeps undelivered samples on disk; overrides the configuration"
+    command.add_argument("--spool-file", metavar="FILE", type=Path, help=words)
     command.add_argument("--summary", metavar="FILE", type=Path, help="write the final counts to FILE (JSON)")
     command.add_argument(
         "--log-format",

@@ -1,5 +1,6 @@
 """Settings of the service: a TOML file, the command line (which wins), and the token files."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from beamtouch_service.settings import (
 MIN_TOKEN_CHARACTERS = 16
 _MAX_TOKEN_BYTES = 4096
 _TOKEN_FILES = {"write": "write_token_file", "read": "read_token_file", "admin": "admin_token_file"}
+_DATABASE = re.compile(r"postgresql://[^/?#\s]*/[^/?#\s]+(\?\S*)?")
 _FILES = (*_TOKEN_FILES.values(), "certificate_file", "key_file")
 
 
@@ -52,14 +54,32 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
         access=_access(files),
         tls=_tls(files["certificate_file"], files["key_file"], "server", "HTTPS"),
         max_clients=server.max_clients,
-        max_clients_per_address=server.max_clients_per_address or -(-server.max_clients // 2),
+        max_clients_per_address=server.max_clients_per_address
+        or -(-server.max_clients // (1 if server.replica else 2)),
+        replica=server.replica,
         max_batches_per_s=server.max_batches_per_s,
         surfaces=_merge_surfaces(file, folder, overrides),
         max_streams=server.max_streams,
-        events=EventSettings(_path(file.events.file, folder), file.events.keep_days, file.events.max_mb),
+        events=_events(file, folder),
         modbus_server=ModbusSettings(**dict(file.modbus_server)) if file.modbus_server else None,
         mqtt=_mqtt(file.mqtt, folder) if file.mqtt else None,
     )
+
+
+def _events(file: ConfigFile, folder: Path) -> EventSettings:
+    section, url = file.events, file.events.url
+    # None of them quotes the URL: it may hold a password.
+    wrong = {
+        "server.replica: all replicas need one record of events; set events.url": file.server.replica and not url,
+        "events.file and events.url are both given; events are in a file or in a database": url and section.file,
+        "events.url must look like postgresql://beamtouch@127.0.0.1/beamtouch": url and not _DATABASE.fullmatch(url),
+        "[mqtt] does not work with events.url, as each service would send the events of all; set events.file": url
+        and file.mqtt,
+    }
+    for message, applies in wrong.items():
+        if applies:
+            raise ConfigError(message)
+    return EventSettings(_path(section.file, folder), section.keep_days, section.max_mb, url)
 
 
 def _access(files: Mapping[str, Path | None]) -> Access:

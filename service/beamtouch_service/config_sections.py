@@ -40,7 +40,10 @@ class ServerSection(BaseModel):
     max_clients: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] = limits.MAX_CLIENTS
     """Open connections. For one more, an idle one without a token is closed; if there is none, the new one gets 503."""
     max_clients_per_address: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] | None = None
-    """The same for connections from one address that have not shown a token. Default: half of `max_clients`."""
+    """The same for connections from one address that have not shown a token. Default: half of `max_clients`, or all
+    of them for a replica, whose clients are all behind the balancer."""
+    replica: bool = False
+    """This service is one of several that share the surfaces, behind a load balancer. Needs `events.url`."""
     max_batches_per_s: Annotated[FiniteFloat, Field(ge=0.1, le=1e6)] = limits.MAX_BATCHES_PER_S
     """Limit for each surface. Further batches get 429."""
     max_streams: Annotated[int, Field(ge=0, le=1000)] = limits.MAX_STREAMS
@@ -53,7 +56,9 @@ class EventsSection(BaseModel):
     model_config = _STRICT
 
     file: _Text | None = None
-    """SQLite file. Without it, events are kept in memory until the service stops."""
+    """SQLite file. Without it and `url`, events are kept in memory until the service stops."""
+    url: _Text | None = None
+    """PostgreSQL database, as postgresql://USER@HOST/NAME. Several services can share it."""
     keep_days: Annotated[FiniteFloat, Field(gt=0, le=36_500)] = limits.KEEP_DAYS
     """Age at which events are deleted."""
     max_mb: Annotated[FiniteFloat, Field(ge=1, le=1e6)] = limits.MAX_MB

@@ -26,9 +26,11 @@ class EventSettings:
     """The record of contacts."""
 
     file: Path | None
-    """None: in memory."""
+    """None: in the database, or in memory."""
     keep_days: float
     max_mb: float
+    url: str | None = field(default=None, repr=False)
+    """PostgreSQL database; it may hold a password."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,8 @@ class Settings:
     tls: TlsFiles | None
     max_clients: int
     max_clients_per_address: int
+    replica: bool
+    """This service is one of several that share the surfaces."""
     max_batches_per_s: float
     surfaces: tuple[SurfaceSettings, ...]
     max_streams: int

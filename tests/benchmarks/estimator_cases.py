@@ -114,7 +114,9 @@ def latency_rows() -> list[dict[str, object]]:
     for name in ("paper", "bench", "conveyor"):
         scene, _ = load_scene(SCENES / f"{name}.toml")
         count = scene.sensors.count_range[0]
-        errors = sample_errors(scene, noise_of(scene, choose_filter(scene)).sample_mm)
+        chosen = choose_filter(scene)
+        noise = noise_of(scene, chosen)
+        errors = sample_errors(scene, noise.sample_mm)
         prior = Prior.real(influence_of(scene), np.array(placed(name, count)[1]), errors)
         reading = limit.draw(prior, 1, SEED).deflection_mm
         calls: dict[str, Callable[[], object]] = {}
@@ -122,7 +124,7 @@ def latency_rows() -> list[dict[str, object]]:
             made = estimator_of(
                 estimator,
                 prior,
-                settled_mm=prior.noise_mm,
+                least_noise_mm=chosen.least_noise_mm(noise),
                 with_force=scene.wants_force,
                 seed=SEED,
                 progress=silent,

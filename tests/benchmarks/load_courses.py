@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats
-from beamtouch_models.challenge.honest import inertia_mm
+from beamtouch_models.challenge.motion import inertia_mm
 from beamtouch_models.challenge.play import drawn
 from beamtouch_models.challenge.surface import SimulatedSurface
 

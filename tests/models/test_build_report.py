@@ -17,6 +17,7 @@ from beamtouch_models.building.report import facts as facts_module
 from beamtouch_models.building.report.beam_drawing import HEIGHT, MARGIN, WIDTH, beam_drawing
 from beamtouch_models.building.report.facts import Facts, gather
 from beamtouch_models.building.report.page import page
+from beamtouch_models.building.sensor_rules import sample_errors
 from beamtouch_models.metadata import Channel
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.influence import InfluenceFunction
@@ -146,8 +147,8 @@ def test_layouts_are_compared_on_the_same_contacts(facts: Facts) -> None:
 
 def test_a_layout_that_no_search_finds_is_listed_too(facts: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 100)
-    errors = SampleErrors(facts.model.metadata.noise.sample_mm)
-    problem = problem_in(physics_of(facts.model.metadata).scene)
+    scene = physics_of(facts.model.metadata).scene
+    errors, problem = sample_errors(scene, facts.model.metadata.noise.sample_mm), problem_in(scene)
     layouts = facts_module._layouts(*problem, np.array([50.0, 150.0, 250.0, 350.0]), errors, 0)
     assert [layout.taken for layout in layouts] == [False] * (len(layouts) - 1) + [True]
     assert layouts[-1].name == "the model's"

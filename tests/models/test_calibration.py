@@ -18,8 +18,9 @@ from beamtouch_models.calibration.calibrate import Calibrated, calibrate, checke
 from beamtouch_models.calibration.fit import fit, supported_fit
 from beamtouch_models.calibration.loads import Loads, read_loads
 from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.commands import calibrate as command
 from beamtouch_models.modelfile import Metadata, ModelFile
-from beamtouch_models.progress import silent
+from beamtouch_models.progress import Progress, silent
 from beamtouch_models.rig.imperfections import Imperfections
 from few_draws import few_draws
 from imperfect_surface import imperfections, readings, true_prior
@@ -98,7 +99,9 @@ def test_a_beam_rests_before_and_after_its_next_tare(bench: ModelFile) -> None:
     rng = np.random.default_rng(1)
     drifted_mm = np.array([0.008, -0.006, 0.01, 0.004])
     loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng, count=12)
-    metadata = calibrate(bench, dataclasses.replace(loads, measured_mm=loads.measured_mm + drifted_mm), silent).metadata
+    with few_draws():
+        drifted = dataclasses.replace(loads, measured_mm=loads.measured_mm + drifted_mm)
+        metadata = calibrate(bench, drifted, silent).metadata
     assert metadata.calibration is not None
     assert metadata.calibration.departures.offset_mm == pytest.approx(drifted_mm.tolist(), abs=0.001)
     noise_mm2 = np.full(4, metadata.noise.sample_mm**2)
@@ -174,8 +177,19 @@ def test_a_fit_leaves_a_fixity_of_zero(bench: ModelFile) -> None:
 
 @pytest.mark.usefixtures("short_measuring")
 def test_the_command_prints_the_departures(
-    design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path
+    design_sensors_here: Command,
+    bench_model: Path,
+    bench: ModelFile,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    kept: list[Calibrated] = []
+
+    def once(model: ModelFile, loads: Loads, progress: Progress) -> Calibrated:
+        kept.extend([] if kept else [calibrate(model, loads, progress)])
+        return kept[0]
+
+    monkeypatch.setattr(command, "calibrate", once)
     path = readings(tmp_path, bench, imperfections(3, bench.metadata))
     output = tmp_path / "real.onnx"
     done = design_sensors_here("calibrate", bench_model, path, "-o", output, "--json")
@@ -186,6 +200,7 @@ def test_the_command_prints_the_departures(
     assert found["standard_errors"]["gain"]
     shown = design_sensors_here("inspect", output)
     assert "calibrated with 10 loads" in shown.stdout
+    # The same fit once more, for people.
     table = design_sensors_here("calibrate", bench_model, path, "-o", output)
     lines = dict(line.split(maxsplit=1) for line in table.stdout.splitlines())
     assert list(lines) == [

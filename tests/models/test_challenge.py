@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models import modelfile
-from beamtouch_models.challenge import faults, honest, noises
+from beamtouch_models.challenge import faults, honest, motion, noises
 from beamtouch_models.challenge.challenge import misses, rows_of
 from beamtouch_models.challenge.judge import Said, judge
 from beamtouch_models.challenge.naming import Naming, naming
@@ -118,5 +118,5 @@ def test_a_model_without_a_stated_mass_is_challenged_without_ringing(bench: Mode
     assert surface.modes is None
     assert surface.slowest_period == 0
     assert not any("rings" in str(case.make) for case in honest.honest_cases(surface))
-    rows = only(bare, Case(True, lambda *a: honest.moves(*a, speed_mm_per_s=30.0)), 10)
+    rows = only(bare, Case(True, lambda *a: motion.moves(*a, speed_mm_per_s=30.0)), 10)
     assert rows[0].samples == 50

@@ -7,13 +7,27 @@ from pathlib import Path
 import onnx
 import pytest
 
+from beamtouch_models.challenge.challenge import challenge
+from beamtouch_models.challenge.scoring import Row
+from beamtouch_models.commands import challenge as command
+from beamtouch_models.progress import Progress
+from beamtouch_models.sweeps import Spread
 from in_process import Command
 from waiting import interrupted
 
 COMMAND = str(Path(sys.executable).parent / "design-sensors")
 
 
-def test_the_command_prints_both_groups_and_one_json_object(design_sensors_here: Command, bench_model: Path) -> None:
+def test_the_command_prints_both_groups_and_one_json_object(
+    design_sensors_here: Command, bench_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept: list[list[Row]] = []
+
+    def once(content: bytes, *, draws: int, seed: int, progress: Progress, spread: Spread) -> list[Row]:
+        kept.extend([] if kept else [challenge(content, draws=draws, seed=seed, progress=progress, spread=spread)])
+        return kept[0]
+
+    monkeypatch.setattr(command, "challenge", once)
     done = design_sensors_here("challenge", bench_model, "--draws", 10, "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -27,6 +41,7 @@ def test_the_command_prints_both_groups_and_one_json_object(design_sensors_here:
     assert named["two contacts at the quarters"] == {"named": 0.0, "misnamed": 0.0}
     gains = {row["name"]: row["honest"] for row in found["rows"] if row["name"].startswith("gains")}
     assert gains == {"gains 0.3 % off": True, "gains 1 % off": False, "gains 3 % off": False}
+    # The same rows once more, for people.
     table = design_sensors_here("challenge", bench_model, "--draws", 10)
     assert table.returncode == 0
     assert "one contact, honestly measured" in table.stdout
@@ -70,5 +85,5 @@ def test_ctrl_c_is_130(bench_model: Path) -> None:
         # The command loads the runtime only once it is at work.
         return "onnxruntime" in Path(f"/proc/{pid}/maps").read_text()
 
-    command = [COMMAND, "challenge", str(bench_model), "--draws", "10000"]
-    assert interrupted(command, is_at_work) == (130, "", "design-sensors: interrupted\n")
+    words = [COMMAND, "challenge", str(bench_model), "--draws", "10000"]
+    assert interrupted(words, is_at_work) == (130, "", "design-sensors: interrupted\n")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.building.model_prior import prior_of_model
-from beamtouch_models.challenge import honest, noises
+from beamtouch_models.challenge import motion, noises
 from beamtouch_models.challenge.play import drawn
 from beamtouch_models.challenge.power import distances
 from beamtouch_models.challenge.surface import SimulatedSurface
@@ -63,7 +63,7 @@ def test_a_tare_takes_out_what_the_sensors_show_at_rest(surface: SimulatedSurfac
 
 def test_a_slow_load_is_where_it_is_at_rest_and_a_fast_one_swings_around_it(surface: SimulatedSurface) -> None:
     def away_mm(speed_mm_per_s: float) -> float:
-        play = honest.moves(surface, 20, np.random.default_rng(6), speed_mm_per_s=speed_mm_per_s)
+        play = motion.moves(surface, 20, np.random.default_rng(6), speed_mm_per_s=speed_mm_per_s)
         # The force is the same at all times, so the deflection of the first reading tells it.
         shape = surface.influence(play.truth_mm)
         force = np.linalg.norm(play.deflection_mm[:, :1], axis=2) / np.linalg.norm(shape[:, :1], axis=2)

@@ -13,6 +13,8 @@ from false_alarms import (
     surface,
 )
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize(("name", "kept"), [("bench", (0, 1, 2, 3)), ("short-deep", (1,)), ("two-spans", (0, 1, 2, 4))])
 def test_false_contacts_come_once_a_month_wherever_zeros_lie(name: str, kept: tuple[int, ...]) -> None:

@@ -211,11 +211,13 @@ def test_at_rest_a_mean_seldom_lags_and_hardly_ever_by_the_noise_of_its_fewest_r
 def test_drifts_lag_by_half_of_the_way_since_as_many_readings_before() -> None:
     slope = np.array([3.0, -1.0])
     rows = np.arange(20.0)[:, np.newaxis] * slope
-    units = np.stack([rows, rows, rows, 1e-3 * rows, np.where(rows == 0, np.nan, rows)])
+    units = np.stack([rows, rows, rows, 1e-3 * rows, rows])
+    units[4, 3, 1] = np.nan
     lags = drift_lags(units, 1 / np.array([4, 10, 40, 4, 10]), limit=0.0)
     expected = np.array([1.5, 4.5, 19.5, 1.5e-3])[:, np.newaxis] * slope
     np.testing.assert_allclose(lags[:4], expected)
-    assert not lags[4].any()
+    # A channel that lacks a reading has no lag; the other one keeps its own.
+    np.testing.assert_allclose(lags[4], [13.5, 0.0])
     assert not drift_lags(units[3:4], 1 / np.array([4.0]), limit=1.0).any()
 
 
@@ -231,3 +233,24 @@ def test_a_load_that_runs_along_two_spans_stays_near_the_covariance_of_its_mean(
         stated = np.einsum("ni,nij,nj->n", error, np.linalg.inv(filtered.covariance_mm2[10:] + floor), error)
         far.append(stated > 4 * chi2.ppf(0.95, CHANNELS))
     assert np.mean(far) < 0.001
+
+
+@pytest.mark.parametrize("noise_mm", [1.0, 1e-3])
+def test_a_lone_spike_or_a_missing_channel_changes_no_lag_of_a_drift(noise_mm: float) -> None:
+    way = 0.05 * np.arange(400)[:, np.newaxis] * ACROSS / np.linalg.norm(ACROSS)
+    readings = noise_mm * (way + noise(400, 24))
+    spike, missing = readings.copy(), readings.copy()
+    spike[250, 1] += 1000 * noise_mm
+    missing[:, 2] = np.nan
+
+    def deviation(values: FloatArray) -> FloatArray:
+        stage = growing_mean_stage(LONGEST, np.full(CHANNELS, noise_mm), SPIKE * noise_mm)
+        covariance = Chain((stage,), CHANNELS, noise_mm).apply(values).covariance_mm2
+        found: FloatArray = np.sqrt(np.trace(covariance, axis1=1, axis2=2))[256:300] / noise_mm
+        return found
+
+    plain = deviation(readings)
+    assert deviation(spike).max() < 2 * plain.max()
+    assert deviation(missing).mean() > 0.5 * plain.mean()
+    # The mean of a slow drift is a quarter of the readings since it began to show.
+    assert plain.min() > 1.2 * (CHANNELS / (LONGEST / 4)) ** 0.5

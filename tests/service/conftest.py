@@ -12,6 +12,7 @@ from fastapi.testclient import TestClient
 from beamtouch_models import modelfile
 from beamtouch_service.access import Access
 from beamtouch_service.api.app import create_app
+from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.host import model_watch
 from beamtouch_service.host.model_watch import ModelKeeper
 from beamtouch_service.samples import Batch
@@ -47,10 +48,16 @@ class Bench:
         token: str | Access | None = TOKEN,
         max_batches_per_s: float = 1e6,
         keepers: Mapping[str, ModelKeeper] | None = None,
+        recorder: Recorder | None = None,
     ) -> None:
         self.now_s = 1000.0
         self.app = create_app(
-            surfaces, token, clock=lambda: self.now_s, keepers=keepers, max_batches_per_s=max_batches_per_s
+            surfaces,
+            token,
+            clock=lambda: self.now_s,
+            keepers=keepers,
+            max_batches_per_s=max_batches_per_s,
+            recorder=recorder,
         )
         self.client = TestClient(self.app, raise_server_exceptions=False)
 

@@ -10,7 +10,8 @@ import pytest
 from beamtouch_models import modelfile
 from beamtouch_service.events.captures import MAX_SAMPLES, Capture
 from beamtouch_service.events.segments import Begin, End, Kind, Segment
-from beamtouch_service.events.store import EventStore, Selection
+from beamtouch_service.events.selection import Selection
+from beamtouch_service.events.store import EventStore
 from beamtouch_service.surfaces.contradiction import Contradiction
 from beamtouch_service.surfaces.stretch_samples import WHOLE, is_kept
 from beamtouch_service.surfaces.surface import Surface
@@ -179,7 +180,7 @@ def test_captures_survive_the_service_and_other_programs_can_read_them(tmp_path:
     ((_, event),) = store.read(Selection())
     (first, *_) = store.capture(event)
     assert first == capture(10, 10).samples[0]
-    with store._engine.connect() as connection:
+    with store._place._engine.connect() as connection:
         text = connection.exec_driver_sql("SELECT sample FROM captures").scalar()
     assert json.loads(str(text))["misfit"] == 100.0
     store.close()

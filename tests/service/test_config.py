@@ -219,3 +219,31 @@ def test_the_example_shows_the_modbus_server_as_it_is_by_default(tmp_path: Path)
 
     assert load(tmp_path, f"[modbus_server] # {shown}\n").modbus_server == by_default
     assert by_default == ModbusSettings("127.0.0.1", 502, "big", 32, 60)
+
+
+URL = "postgresql://beamtouch:not-for-the-log@db/beamtouch"
+
+
+def test_a_replica_needs_a_record_that_services_share(tmp_path: Path) -> None:
+    settings = load(tmp_path, f"[server]\nreplica = true\nmax_clients = 100\n[events]\nurl = '{URL}'\n")
+    # All clients of a replica have the address of its balancer.
+    assert (settings.replica, settings.events.url, settings.max_clients_per_address) == (True, URL, 100)
+    assert "not-for-the-log" not in repr(settings)
+    with pytest.raises(InputError, match=r"server\.replica: .* set events\.url"):
+        load(tmp_path, "[server]\nreplica = true\n[events]\nfile = 'events.db'\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (f"file = 'events.db'\nurl = '{URL}'", "both given"),
+        ("url = 'mysql://beamtouch:not-for-the-log@db/beamtouch'", "must look like postgresql://"),
+        ("url = 'postgresql://beamtouch:not-for-the-log@db'", "must look like postgresql://"),
+        (f"url = '{URL}'\nurls = 1", "unknown key events.urls"),
+        (f"url = '{URL}'\n[mqtt]\nhost = 'broker'", "as each service would send the events of all"),
+    ],
+)
+def test_a_wrong_address_of_events_is_refused_without_its_password(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        load(tmp_path, f"[events]\n{text}\n")
+    assert "not-for-the-log" not in str(caught.value)

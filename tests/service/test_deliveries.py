@@ -11,7 +11,8 @@ import pytest
 from beamtouch_service.events.findings import Finish
 from beamtouch_service.events.segments import End
 from beamtouch_service.events.store import EventStore
-from service.test_event_store import DAY_S, FORMAT_1, segment
+from service.test_event_store import DAY_S, segment
+from service.test_event_upgrades import old_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -108,10 +109,10 @@ def test_a_change_while_the_event_is_on_its_way_is_due_again(store: EventStore) 
     assert due(store) == [(1, End.UNSEEN)]
 
 
-def test_events_of_one_change_are_due_one_by_one(store: EventStore) -> None:
+def test_events_of_one_change_are_due_one_by_one(store: EventStore, tmp_path: Path) -> None:
     store.begin_delivery(BROKER, from_start=False)
     store.write("press-7", [segment(1, 5, end=End.LIFT), segment(9, 12, end=End.LIFT)], 0.0)
-    with closing(sqlite3.connect(str(store._engine.url.database))) as file:  # the store has no such write
+    with closing(sqlite3.connect(tmp_path / "events.db")) as file:  # the store has no such write
         file.execute("UPDATE events SET change = 7")
         file.commit()
     acknowledge(store, limit=1)
@@ -120,8 +121,7 @@ def test_events_of_one_change_are_due_one_by_one(store: EventStore) -> None:
 
 def test_events_of_an_older_file_are_due_from_the_start(tmp_path: Path) -> None:
     path = tmp_path / "older.db"
-    with closing(sqlite3.connect(path)) as older:
-        older.executescript(FORMAT_1)
+    old_file(path, 1)
     store = opened(path)
     store.begin_delivery(BROKER, from_start=True)
     assert due(store) == [(7, End.LIFT), (8, End.UNFINISHED)]

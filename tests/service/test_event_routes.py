@@ -115,7 +115,7 @@ def test_paths_are_read_only_for_answers_that_hold_them(history: Bench) -> None:
     assert recorder is not None
 
     def spoil_paths(store: EventStore) -> None:
-        with store._engine.begin() as connection:
+        with store._place._engine.begin() as connection:
             connection.exec_driver_sql("UPDATE events SET path = 'none of this is JSON'")
 
     recorder.ask(spoil_paths).result(60)

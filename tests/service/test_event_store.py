@@ -15,31 +15,13 @@ from beamtouch_models.modelfile import State
 from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.findings import Finish
 from beamtouch_service.events.segments import Begin, End, Kind, Segment
-from beamtouch_service.events.store import EventStore, Selection
+from beamtouch_service.events.selection import Selection
+from beamtouch_service.events.store import EventStore
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 DAY_S = 86_400.0
-FORMAT_1 = """
-CREATE TABLE events (
-    id INTEGER PRIMARY KEY AUTOINCREMENT, surface TEXT NOT NULL, model TEXT NOT NULL, boot_id TEXT NOT NULL,
-    first_sequence INTEGER NOT NULL, last_sequence INTEGER NOT NULL, touched_us INTEGER NOT NULL,
-    last_us INTEGER NOT NULL, lifted_us INTEGER, "begin" TEXT NOT NULL, "end" TEXT NOT NULL, samples INTEGER NOT NULL,
-    position_sum_mm REAL NOT NULL, peak_force_n REAL, peak_position_mm REAL, degraded INTEGER NOT NULL,
-    path TEXT NOT NULL, recorded_s REAL NOT NULL);
-CREATE INDEX by_time ON events (touched_us, id);
-CREATE INDEX by_surface ON events (surface, touched_us, id);
-CREATE INDEX by_first ON events (surface, boot_id, first_sequence);
-CREATE INDEX by_last ON events (surface, boot_id, last_sequence);
-CREATE INDEX by_record ON events (recorded_s);
-INSERT INTO events VALUES
-    (7, 'press-7', 'tiny@000000', 'boot-0001', 0, 9, 0, 45000, 50000, 'touch', 'lift', 10, 1000.0, NULL, NULL, 0,
-     '[[0, 99.5, 5.25], [5, 98.0, null]]', 0.0),
-    (8, 'press-7', 'tiny@000000', 'boot-0001', 10, 12, 50000, 60000, NULL, 'unseen', 'open', 3, 300.0, NULL, NULL, 0,
-     '[]', 0.0);
-PRAGMA user_version = 1;
-"""
 
 
 def segment(first: int, last: int, *, end: End = End.OPEN, points: int = 1) -> Segment:
@@ -160,60 +142,6 @@ def test_a_failed_write_changes_nothing(store: EventStore) -> None:
         store.write("press-7", [segment(0, 9), segment(2**70, 2**70)], 0.0)
 
     assert spans(store) == []
-
-
-@pytest.mark.parametrize("old_format", [1, 2])
-def test_a_file_of_an_older_format_keeps_its_events(path: Path, old_format: int) -> None:
-    with closing(sqlite3.connect(path)) as older:
-        older.executescript(FORMAT_1)
-        if old_format == 2:
-            older.executescript(
-                "CREATE INDEX by_open ON events (surface) WHERE \"end\" = 'open'; PRAGMA user_version = 2"
-            )
-
-    store = EventStore(path, 30 * DAY_S, 1_000_000)
-    lifted = replace(
-        segment(0, 9, end=End.LIFT), lifted_us=50_000, begin=Begin.TOUCH, path=[(0, 99.5, 5.25), (5, 98.0, None)]
-    )
-    assert store.read(Selection()) == [(8, replace(segment(10, 12, end=End.UNFINISHED), path=[])), (7, lifted)]
-    store.write("press-7", [segment(13, 14), segment(20, 21)], 0.0)
-    assert [number for number, _ in store.read(Selection())] == [9, 8, 7]
-    store.close()
-    with closing(sqlite3.connect(path)) as file:
-        assert file.execute("PRAGMA user_version").fetchone() == (5,)
-        assert file.execute("SELECT COUNT(*) FROM sqlite_master WHERE name = 'by_open'").fetchone() == (1,)
-
-
-def columns(path: Path) -> dict[str, list[tuple[str, str, int, str | None]]]:
-    """Name, type, whether it may be null, and default of every column, by table."""
-    with closing(sqlite3.connect(path)) as file:
-        return {
-            table: sorted(row[1:5] for row in file.execute(f"PRAGMA table_info({table})"))
-            for table in ("events", "captures", "baselines")
-        }
-
-
-def test_a_file_that_an_older_service_left_at_a_kill_is_upgraded_whole(path: Path, tmp_path: Path) -> None:
-    with closing(sqlite3.connect(path)) as older:
-        older.executescript(Path(__file__).with_name("events_format_2.sql").read_text())
-    EventStore(tmp_path / "new.db", DAY_S, 1_000_000).close()
-
-    store = EventStore(path, 100_000 * DAY_S, 1_000_000)
-    assert columns(path) == columns(tmp_path / "new.db")
-    assert [(number, kept.kind, kept.begin, kept.end, kept.samples) for number, kept in store.read(Selection())] == [
-        (2, "contact", "touch", "unfinished", 2),
-        (1, "contact", "touch", "lift", 3),
-    ]
-    first = store.get(1)
-    assert first is not None
-    assert (len(first.path), first.unexplained_us, first.ends_unexplained, store.capture(first)) == (3, 0, False, [])
-    # The contact that was open goes on, with a stretch in it.
-    goes_on = replace(segment(8, 9), model=first.model, touched_us=first.touched_us + 30_000, kind=Kind.UNEXPLAINED)
-    store.write("press-7", [replace(goes_on, samples=0, unexplained_us=5000, ends_unexplained=True)], 0.0)
-    assert [(kept.last_sequence, kept.end, kept.kind) for _, kept in store.read(Selection(limit=1))] == [
-        (9, "open", "contact")
-    ]
-    store.close()
 
 
 def test_a_database_of_another_program_is_refused_unchanged(path: Path) -> None:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from beamtouch_service.events.recorder import MAX_LATE, Recorder
+from beamtouch_service.events.late_queue import MAX_LATE
+from beamtouch_service.events.recorder import Recorder
 from service.event_story import RESTING, TOUCHING, Row, settle
 
 if TYPE_CHECKING:

@@ -266,6 +266,13 @@ def test_rest_that_was_shown_before_the_stretch_arrived_ends_it() -> None:
     assert (event["kind"], event["begin"], event["end"]) == ("unexplained", "clear", "clear")
 
 
+def test_a_stretch_whose_last_sample_comes_late_goes_on_into_the_rest_after_it() -> None:
+    rows = [*[RESTING] * 2, *[ODD] * 8, *[RESTING] * 8]
+    straight = _record(rows, [(0, len(rows))])
+    late = _record(rows, [(0, 9), (10, 18), (9, 10)])
+    assert [(one["begin"], one["end"]) for one in late] == [(one["begin"], one["end"]) for one in straight]
+
+
 @settings(max_examples=40, deadline=None)
 @given(rng=st.randoms(use_true_random=True))
 def test_wherever_parts_are_cut_their_order_moves_the_ends_of_events_by_three_samples_at_most(

@@ -51,3 +51,10 @@ def test_an_error_reaches_the_caller_and_a_cancelled_task_is_not_done() -> None:
         failing.result(60)
     assert done == []
     worker.close()
+
+
+def test_a_task_that_comes_after_the_end_is_cancelled() -> None:
+    worker = Worker("test")
+    worker.close()
+    assert worker.late(lambda: 1).cancelled()
+    assert worker.prompt(lambda: 1).cancelled()

@@ -5,11 +5,13 @@ import asyncio
 import dataclasses
 import json
 import sys
+from functools import partial
 from pathlib import Path
 
 from beamtouch_common.commands import DONE, INTERRUPTED
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import write_atomically
+from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.running import runtime
 from beamtouch_daemon.running.surface_worker import Summary
 
@@ -20,7 +22,8 @@ def run(arguments: argparse.Namespace) -> int:
     if path and not path.parent.is_dir():
         message = f"--summary: {path.parent} is not a directory"
         raise InputError(message)
-    ended = asyncio.run(runtime.run(arguments.config))
+    files = {"token_file": arguments.token_file, "spool_file": arguments.spool_file}
+    ended = asyncio.run(runtime.run(partial(load_config, arguments.config, files)))
     for name, summary in ended.summaries.items():
         _print(name, summary)
     if path:

@@ -1,6 +1,8 @@
 """Reads the configuration file; any error becomes one line that names the key."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml
@@ -9,11 +11,17 @@ from beamtouch_daemon.config.sources import ModbusTcp
 
 RENAMED = {"most_mm": "max_mm", "most_force_n": "max_force_n"}
 """Keys of older versions, with their present names."""
+_NONE: Mapping[str, Path | None] = MappingProxyType({})
 
 
-def load_config(path: Path) -> Config:
-    """Read and check a configuration file; InputError if it cannot be used."""
-    return load_toml(Config, path, renamed=RENAMED, context={"directory": path.resolve().parent})
+def load_config(path: Path, overrides: Mapping[str, Path | None] = _NONE) -> Config:
+    """Read and check a configuration file; InputError if it cannot be used.
+
+    `overrides` are files that win over those of [publish], unless they are None; relative to the working directory.
+    """
+    config = load_toml(Config, path, renamed=RENAMED, context={"directory": path.resolve().parent})
+    given = {key: file.absolute() for key, file in overrides.items() if file is not None}
+    return config.model_copy(update={"publish": config.publish.model_copy(update=given)})
 
 
 def require_ports(config: Config) -> None:

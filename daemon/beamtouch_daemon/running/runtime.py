@@ -4,10 +4,9 @@ import asyncio
 import contextlib
 import logging
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -15,7 +14,7 @@ from pymodbus.exceptions import ModbusException
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.systemd import ServiceManager
-from beamtouch_daemon.config.file import load_config, require_ports
+from beamtouch_daemon.config.file import require_ports
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.delivery.spool_connection import SpoolError
@@ -40,15 +39,15 @@ class Ended:
     """Whether SIGINT (Ctrl-C) ended it."""
 
 
-async def run(path: Path) -> Ended:
-    """Read and publish all surfaces of a configuration file until SIGTERM or SIGINT; SIGHUP reads the file again.
+async def run(load: Callable[[], Config]) -> Ended:
+    """Read and publish all surfaces of a configuration until SIGTERM or SIGINT; SIGHUP loads it again.
 
     Raises
     ------
     InputError
         The configuration, or a file or port that it names, cannot be used; nothing was read or published.
     """
-    config = load_config(path)
+    config = load()
     require_ports(config)
     stop, reload = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -69,7 +68,7 @@ async def run(path: Path) -> Ended:
             try:
                 with metrics.served(config.metrics.port, lambda: supervisor.workers, supervisor.spooled_elsewhere):
                     await supervisor.apply(config)
-                    summaries = await _serve(path, config, supervisor, group, (stop, reload))
+                    summaries = await _serve(load, config, supervisor, group, (stop, reload))
                     return Ended(summaries, signals[0] is signal.SIGINT)
             except InputError as error:
                 failure = error  # raised here, it would be wrapped in an exception group
@@ -77,7 +76,7 @@ async def run(path: Path) -> Ended:
 
 
 async def _serve(
-    path: Path,
+    load: Callable[[], Config],
     config: Config,
     supervisor: Supervisor,
     group: asyncio.TaskGroup,
@@ -89,7 +88,7 @@ async def _serve(
     manager.ready(_status(config))
     helpers = {
         group.create_task(_watch(supervisor, manager)),
-        group.create_task(_reload_on_event(path, config, supervisor, manager, reload)),
+        group.create_task(_reload_on_event(load, config, supervisor, manager, reload)),
     }
     await stop.wait()
     manager.stopping()
@@ -110,7 +109,11 @@ async def _watch(supervisor: Supervisor, manager: ServiceManager) -> None:
 
 
 async def _reload_on_event(
-    path: Path, config: Config, supervisor: Supervisor, manager: ServiceManager, reload: asyncio.Event
+    load: Callable[[], Config],
+    config: Config,
+    supervisor: Supervisor,
+    manager: ServiceManager,
+    reload: asyncio.Event,
 ) -> None:
     """Read the configuration again after each `reload` event; a wrong configuration changes nothing."""
     while True:
@@ -118,7 +121,7 @@ async def _reload_on_event(
         reload.clear()
         manager.reloading()
         try:
-            new = load_config(path)
+            new = load()
             require_ports(new)
             changed = _needing_restart(config, new)
             started = await supervisor.apply(new)

@@ -82,28 +82,40 @@ class _Seen:
 
 def _log_density(prior: Prior, seen: _Seen, forces: Forces, grids: Floats, influence: Floats) -> Floats:
     """Return log densities (draws, grid) at the nodes of grids (draws or 1, grid) with their influence."""
-    shapes = np.matmul(influence, seen.whitening.transpose(0, 2, 1))
-    sample = np.broadcast_to(seen.sample[:, None, :], shapes.shape)
+    shapes = np.matmul(seen.whitening, influence.transpose(0, 2, 1))
+    sample = seen.sample[:, :, None]
     if prior.uncertainty is None:
         return _fitted(forces, shapes, sample)
     # The likeliest force at a position says how much the mounting adds to each channel's variance there.
-    square = np.einsum("dgs,dgs->dg", shapes, shapes)
-    force = np.einsum("dgs,dgs->dg", shapes, sample) / np.where(square > 0, square, 1.0)
+    square = np.einsum("dsg,dsg->dg", shapes, shapes)
+    force = (shapes * sample).sum(axis=1) / np.where(square > 0, square, 1.0)
     force = np.clip(force, forces[0].low_n, forces[-1].high_n)
-    moved = np.matmul(prior.uncertainty(grids) ** 2, (seen.whitening**2).transpose(0, 2, 1))
-    wider = np.sqrt(1 + force[:, :, None] ** 2 * moved)
-    density: Floats = _fitted(forces, shapes / wider, sample / wider) - np.log(wider).sum(axis=2)
-    return density
+    moved = np.matmul(seen.whitening**2, prior.uncertainty(grids).transpose(0, 2, 1) ** 2)
+    wider = np.sqrt(1 + force[:, None, :] ** 2 * moved)
+    return _fitted(forces, shapes / wider, sample / wider, np.log(wider).sum(axis=1))
 
 
-def _fitted(forces: Forces, shapes: Floats, sample: Floats) -> Floats:
-    """Return log densities (draws, grid) of shapes per newton and samples in their deviations, with their last axis."""
-    size = np.sqrt(np.einsum("dgs,dgs->dg", shapes, shapes))
-    unit = shapes / np.where(size > 0, size, 1.0)[:, :, None]
-    projection = np.einsum("dgs,dgs->dg", unit, sample)
+def _fitted(forces: Forces, shapes: Floats, sample: Floats, log_volume: Floats | float = 0.0) -> Floats:
+    """Return log densities (draws, grid) of shapes per newton and samples in their deviations.
+
+    Shapes are (draws, channels, grid), samples (draws, channels, grid or 1). `log_volume` (draws, grid) is that of the
+    product of their deviations.
+    """
+    size = np.sqrt(np.einsum("dsg,dsg->dg", shapes, shapes))
+    unit = shapes / np.where(size > 0, size, 1.0)[:, None]
+    projection = np.einsum("dsg,dsg->dg", unit, np.broadcast_to(sample, unit.shape))
     # Compute the residual directly: with little noise a difference of squares would cancel.
-    residual = sample - projection[:, :, None] * unit
-    return log_likelihood(forces, size, projection, -np.einsum("dgs,dgs->dg", residual, residual) / 2)
+    residual = np.multiply(projection[:, None], unit, out=unit)
+    np.subtract(sample, residual, out=residual)
+    fit = np.einsum("dsg,dsg->dg", residual, residual) / -2 - log_volume
+    # Integrate over the force where the posterior is not negligible. The largest integrand bounds the integral.
+    nearest = np.clip(projection, forces[0].low_n * size, forces[-1].high_n * size)
+    density: Floats = fit - (projection - nearest) ** 2 / 2
+    rows, best = np.arange(len(density)), density.argmax(axis=1)
+    least = log_likelihood(forces, size[rows, best], projection[rows, best], fit[rows, best]) - NEGLIGIBLE
+    likely = density >= least[:, None]
+    density[likely] = log_likelihood(forces, size[likely], projection[likely], fit[likely])
+    return density
 
 
 def _resolved(prior: Prior, forces: Forces, seen: _Seen, grids: Floats, density: Floats, levels: Floats) -> Floats:
@@ -142,14 +154,14 @@ def _finer(grids: Floats, density: Floats) -> tuple[Floats, Bools]:
 
 
 def log_likelihood(forces: Forces, size: Floats, projection: Floats, fit: Floats) -> Floats:
-    """Return the log likelihood of readings at grid positions, in units of the noise; (draws, grid).
+    """Return the log likelihood of readings at grid positions, in units of the noise; (..., grid).
 
     Parameters
     ----------
     forces : the prior of the force
-    size : (grid,) or (draws, grid), length of the vector of deflections per newton
-    projection : (draws, grid), of the reading on the direction of that vector
-    fit : (draws, grid), minus half the squared residual, or half the squared projection if that is accurate enough
+    size : (grid,) or in the shape of the others, length of the vector of deflections per newton
+    projection : (..., grid), of the reading on the direction of that vector
+    fit : (..., grid), minus half the squared residual, or half the squared projection if that is accurate enough
 
     Terms that depend on neither the position nor the force are left out.
     """

@@ -17,6 +17,7 @@ three begin is found k times and counts 1/k.
 """
 
 from dataclasses import dataclass
+from functools import cache, cached_property
 from itertools import combinations
 
 import numpy as np
@@ -61,6 +62,12 @@ class Sequences:
     first: int
     """Index of the first of the samples that are drawn large."""
 
+    @cached_property
+    def square(self) -> Floats:
+        """Sums of squares (draws, samples)."""
+        square: Floats = np.einsum("dsm,dsm->ds", self.sample, self.sample)
+        return square
+
 
 def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int) -> tuple[list[float], list[float]]:
     """Return the thresholds of rest and of misfit, by the number of valid channels."""
@@ -68,16 +75,21 @@ def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int)
     per_sample = max(1.0, window / simulated) / (SECONDS_PER_DAY * rate_hz)
     rate, often = (min(per_day * per_sample, MOST_OFTEN) for per_day in (PER_DAY, PER_DAY_OF_CONTACT))
     noise, whole = noise_at_rest(prior), shapes_at_rest(prior)[::PLACES]
+
+    @cache  # sets of channels with the same noise have the same sequences
+    def still(deviations: tuple[float, ...]) -> Sequences:
+        return at_rest(np.array(deviations), simulated, DRAWS, seed)
+
     rest, misfit = [], []
     for size in range(1, prior.channels + 1):
         contact = contacts(np.full(size, np.sqrt(np.mean(noise**2))), simulated, DRAWS, seed)
-        limit = threshold(contact, (contact.sample**2).sum(axis=2), often)
+        limit = threshold(contact, contact.square, often)
         sets = list(combinations(range(prior.channels), size))
         each = []
         for kept in sets[:: -(-len(sets) // MAX_SETS)]:
-            still = at_rest(noise[list(kept)], simulated, DRAWS, seed)
-            odd = squares_if_odd(directions(whole[:, kept]), still.sample, limit, still.first)
-            each.append(max(limit, threshold(still, odd, rate)))
+            drawn = still(tuple(noise[list(kept)].tolist()))
+            odd = squares_if_odd(directions(whole[:, kept]), drawn, limit)
+            each.append(max(limit, threshold(drawn, odd, rate)))
         rest.append((max(each) + min(each)) / 2)
         misfit.append(limit)
     return rest, misfit
@@ -116,18 +128,18 @@ def _sequences(basis: Floats, noise: Floats, window: int, rng: np.random.Generat
     return Sequences(sample, FARTHEST * np.exp(density - log_tilt(zero, tilt, reach)), first)
 
 
-def squares_if_odd(unit: Floats, sample: Floats, misfit: float, first: int) -> Floats:
-    """Return the sum of squares of samples (draws, samples, channels), and 0 where a contact explains the sample.
+def squares_if_odd(unit: Floats, drawn: Sequences, misfit: float) -> Floats:
+    """Return the sums of squares (draws, samples) of samples, and 0 where a contact along `unit` explains the sample.
 
-    It is 0 as well for draws without a run of large sums that begins at sample `first`.
+    It is 0 as well for draws without a run of large sums that begins where they are drawn large.
     """
-    square: Floats = (sample**2).sum(axis=2)
+    square = drawn.square
     found: Floats = np.zeros_like(square)
     # Sequences that are not odd where they are drawn large do not count, so they need no search.
-    counted = np.flatnonzero(_lasting(square)[:, first] > misfit)
+    counted = np.flatnonzero(_lasting(square[:, drawn.first :][:, :PERSISTENCE])[:, 0] > misfit)
     large = np.zeros(square.shape, np.bool_)
     large[counted] = square[counted] > misfit
-    explained = np.maximum(sample[large] @ unit.T, 0.0).max(axis=1) ** 2
+    explained = np.maximum((unit @ drawn.sample[large].T).max(axis=0), 0.0) ** 2
     found[large] = np.where(square[large] - explained > misfit, square[large], 0.0)
     return found
 

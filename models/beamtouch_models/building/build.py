@@ -83,7 +83,7 @@ def build(
     made = estimator_of(
         choices.estimator,
         prior,
-        settled_mm=physics.filter.settled_mm(physics.noise),
+        least_noise_mm=physics.filter.least_noise_mm(physics.noise),
         with_force=scene.wants_force,
         seed=seed,
         progress=lambda done: progress("making the estimator", 0.05 + 0.75 * done),

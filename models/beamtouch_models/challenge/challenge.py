@@ -135,7 +135,8 @@ def rows_of(
         if play.naming:
             row = replace(row, naming=naming(surface, model.run, play, rng))
         found.append(row)
-    return [*found[:-1], replace(found[-1], ghosts=None if play.crosses else ghosts(said.said))]
+    felt = said.said if play.crosses is None else said.said[~play.crosses]
+    return [*found[:-1], replace(found[-1], ghosts=ghosts(felt) if len(felt) else None)]
 
 
 def _power(surface: SimulatedSurface, play: Play, fault_mm: Floats, valid: Bools) -> float:

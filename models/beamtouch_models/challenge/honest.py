@@ -1,40 +1,21 @@
 """One contact, honestly measured: touches, ringing, motion, forces beyond the range, sensors as the scene states."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from beamtouch_models.arrays import Floats
+from beamtouch_models.challenge.motion import BEGINS, KEEPS, SPEEDS_MM_PER_S, moves
 from beamtouch_models.challenge.noises import coarse, coloured
 from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.physics.dynamics import DAMPING_RATIO, GRAVITY
-from beamtouch_models.physics.modes import M_PER_MM, Modes, Swings, beyond_rest, swings
+from beamtouch_models.physics.modes import Swings, swings
 
 SINCE_MS = (20, 50, 100, 200, 500)
 """Times after the beginning of a load at which a beam that rings is judged."""
 RAMP_S = 0.03
-SPEEDS_MM_PER_S = (10, 30, 100, 300, 1000)
-
-
-@dataclass(frozen=True)
-class Motion:
-    """When a load that moves is judged."""
-
-    name: str
-    longest_s: float
-    """Time that it moves, unless the way is shorter."""
-    way: float
-    """Longest way, over the range of contacts."""
-    parts: tuple[float, ...]
-    """Parts of that time at which it is judged."""
-
-
-BEGINS = Motion("moves", 0.2, 0.5, (0.2, 0.4, 0.6, 0.8, 1.0))
-KEEPS = Motion("keeps moving", 0.5, 0.75, (0.6, 0.7, 0.8, 0.9, 1.0))
-STEPS = 8
-"""Steps per reading in which a moving load is followed: in one of them it hardly moves."""
 
 
 def honest_cases(surface: SimulatedSurface) -> list[Case]:
@@ -132,52 +113,6 @@ def _swings(surface: SimulatedSurface, position_mm: Floats, force_n: Floats, *, 
         raise ValueError(message)
     weight_kg = force_n / GRAVITY * weighs
     return swings(modes.at(surface.sensor_mm), modes.under(position_mm), modes.square_s2, force_n, weight_kg)
-
-
-def moves(
-    surface: SimulatedSurface,
-    draws: int,
-    rng: np.random.Generator,
-    *,
-    speed_mm_per_s: float,
-    motion: Motion = BEGINS,
-) -> Play:
-    """Return loads that lie still and then move; the beam follows with its inertia."""
-    low, high = surface.metadata.ranges.position_mm
-    rate_hz, before = surface.metadata.sensor.rate_hz, surface.look_back
-    moving_s = min(motion.longest_s, motion.way * (high - low) / speed_mm_per_s)
-    moving = max(len(motion.parts), round(moving_s * rate_hz))
-    step_s = 1 / rate_hz / STEPS
-    way = speed_mm_per_s * step_s * np.arange(moving * STEPS + 1)
-    start = rng.uniform(low, high - way[-1], size=draws)
-    path = start[:, None] + way
-    path = np.where(rng.random((draws, 1)) < 0.5, path, low + high - path)
-    force = drawn(surface, draws, rng)[1]
-    deflection = surface.under(path[:, ::STEPS], np.repeat(force[:, None], moving + 1, axis=1))
-    if surface.modes is not None and surface.mode_shapes is not None:
-        target = surface.mode_shapes(path) * force[:, None, None]
-        deflection += inertia_mm(surface.modes, surface.sensor_mm, target, step_s)
-    still = np.repeat(deflection[:, :1], before, axis=1)
-    return Play(
-        deflection_mm=np.concatenate([still, deflection[:, 1:]], axis=1),
-        truth_mm=np.concatenate([np.repeat(path[:, :1], before, axis=1), path[:, STEPS::STEPS]], axis=1),
-        errors=surface.honest(draws, rng),
-        rows=tuple(
-            (f"{motion.name} at {speed_mm_per_s:.0f} mm/s", before + round(part * moving) - 1) for part in motion.parts
-        ),
-        crosses=motion is KEEPS,
-    )
-
-
-def inertia_mm(modes: Modes, sensor_mm: Floats, target: Floats, step_s: float) -> Floats:
-    """Return what inertia adds at each reading, (draws, readings, channels) in mm.
-
-    The target (draws, steps, modes) is what the modes follow: the shapes at the load times its force.
-    """
-    away = beyond_rest(target, step_s, 1 / np.sqrt(modes.square_s2), DAMPING_RATIO)
-    share_mm = modes.at(sensor_mm) * modes.square_s2 / M_PER_MM
-    added: Floats = away[:, ::STEPS] @ share_mm.T
-    return added
 
 
 def pressed(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, times: float, force_n: float) -> Play:

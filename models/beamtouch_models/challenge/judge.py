@@ -120,24 +120,30 @@ def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int =
     rows: list[JudgedSample] = [SILENT] * len(samples.valid)
     asked = np.arange(len(samples.valid)) % readings_mm.shape[1] >= first
     enough = np.flatnonzero(asked & (samples.valid.sum(axis=1) >= metadata.min_channels))
-    length, names = readings_mm.shape[1], [channel.name for channel in metadata.layout]
-    before, decider, suspects = -1, Decider(metadata.thresholds), Suspects(metadata, run)
+    length, before, decider = readings_mm.shape[1], -1, Decider(metadata.thresholds)
     found = evidence(metadata, run, samples.part(enough)) if len(enough) else []
     for index, one in zip(enough.tolist(), found, strict=True):
         if index // length != before:
             before, decider = index // length, Decider(metadata.thresholds)
-            suspects.clear()
-        verdict = decider.step(one)
-        rows[index] = _row(metadata, one, verdict)
-        if naming and verdict.state is State.UNEXPLAINED:
-            suspects.add(*suspects.leave_out([samples.part(np.array([index]))]))
-            name = suspects.suspect
-            rows[index] = rows[index]._replace(suspect=names.index(name) if name else NOBODY)
-        else:
-            suspects.clear()
+        rows[index] = _row(metadata, one, decider.step(one))
+    if naming:
+        _name_suspects(metadata, run, samples, rows, length)
     columns = (np.array(column).reshape(valid.shape[:2]) for column in zip(*rows, strict=True))
     by_name = dict(zip(JudgedSample._fields, columns, strict=True))
     return Judged(**by_name, mean_mm=mean, valid=valid)
+
+
+def _name_suspects(metadata: Metadata, run: Run, samples: Weighed, rows: list[JudgedSample], length: int) -> None:
+    """Add the suspect of each unexplained sample to its row; draws have `length` samples."""
+    suspects, names = Suspects(metadata, run), [channel.name for channel in metadata.layout]
+    unexplained = [index for index, row in enumerate(rows) if row.said == Said.UNEXPLAINED]
+    without = suspects.leave_out([samples.part(np.array([index])) for index in unexplained])
+    for before, index, left in zip([NOBODY, *unexplained], unexplained, without, strict=False):
+        if index != before + 1 or index % length == 0:
+            suspects.clear()
+        suspects.add(left)
+        if suspects.suspect is not None:
+            rows[index] = rows[index]._replace(suspect=names.index(suspects.suspect))
 
 
 def _row(metadata: Metadata, found: Evidence, verdict: Verdict) -> JudgedSample:

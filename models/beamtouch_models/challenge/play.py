@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.challenge.sensors import SensorErrors, Stated
 from beamtouch_models.challenge.surface import SimulatedSurface
 
@@ -27,8 +27,9 @@ class Play:
     """Whether the force may be anything, so that the exact posterior does not know the range of forces either."""
     quiet: bool = False
     """Whether the contacts that are judged have settled and are within the ranges of the model."""
-    crosses: bool = False
-    """Whether a load may cross a support, where it presses on nothing that bends, so that its contact begins again."""
+    crosses: Bools | None = None
+    """(draws,), whether the load crosses a support; None: none does. There, the beam does not bend, so that the contact
+    ends and begins again."""
     fault_mm: Floats | None = None
     """(draws, channels), what sensors without noise and without honest errors measure of a fault."""
     stated: Stated | None = None

@@ -106,6 +106,11 @@ class SimulatedSurface:
         return len(self.sensor_mm)
 
     @property
+    def least_noise_mm(self) -> float:
+        """Noise of a settled sample."""
+        return self.metadata.filter.least_noise_mm(self.metadata.noise)
+
+    @property
     def look_back(self) -> int:
         """Number of readings after which nothing before them is in a sample or in the state of the surface."""
         return self.metadata.filter.most + self.decided

@@ -59,10 +59,11 @@ class Suspects:
         They are left out where the other channels are so few that they fit most contacts.
         """
         parts = [(index, channel) for index, sample in enumerate(samples) for channel in self._working(sample)]
+        coarse = [self._coarse(sample) for sample in samples]
         found = list[dict[str, LeftOut]]({} for _ in samples)
         for begin in range(0, len(parts), ROWS):
             some = parts[begin : begin + ROWS]
-            rows = _stacked([self._coarse(samples[index]).without(channel) for index, channel in some])
+            rows = _stacked([coarse[index].without(channel) for index, channel in some])
             each = evidence(self._metadata, self._run, rows)
             for (index, channel), said in zip(some, each, strict=True):
                 explained = not is_odd(self._metadata.thresholds, said)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.filters.means import BEFORE, SMALLEST_MM, FloatArray, Stepped, lone_spikes
-from beamtouch_models.filters.pairs import differ, pairs_of
+from beamtouch_models.filters.pairs import differ, differ_of_full, pairs_of
 from beamtouch_models.filters.significance import chi_square_quantile
 from beamtouch_models.filters.splits import SHORT, Sums, best_split, is_sharp, is_step, parts, sharp_changes
 from beamtouch_models.filters.touches import SHARP, calm_limit, calm_readings, follow_touch
@@ -157,14 +157,15 @@ class GrowingMean:
 
     def _sizes(self, sums: Sums, ages: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """Return how many rows are in each mean, and whether they drift; `ages` (rows,) of the newest sharp changes."""
-        _, needed, part, whole, _ = self._pairs
+        needed, whole = self._pairs.lengths, self._pairs.whole
         total = sums.until[:, np.newaxis] - sums.rows[sums.starts[:, np.newaxis] - needed]
-        if total[:, -1, 1].min() == self._longest:
-            means = total[:, :, 0] * self._inverse
-            apart = means.take(part, axis=1) - means.take(whole, axis=1)
-            changed = np.einsum("epc,epc->ep", apart, apart) > self._limits
+        lacking = total[:, -1, 1].min(axis=1) < self._longest
+        if not lacking.any():
+            changed = differ_of_full(self._pairs, total, self._inverse, self._limits)
         else:
-            changed = differ(self._pairs, total, self._agree)
+            changed = np.empty((len(total), len(whole)), np.bool_)
+            changed[lacking] = differ(self._pairs, total[lacking], self._agree)
+            changed[~lacking] = differ_of_full(self._pairs, total[~lacking], self._inverse, self._limits)
         found, drifts = np.full(len(sums.starts), self._longest), np.zeros(len(sums.starts), dtype=np.bool_)
         at = np.flatnonzero(changed.any(axis=1))
         if len(at):

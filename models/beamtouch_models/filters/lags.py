@@ -4,7 +4,7 @@ Such a mean is so precise that a load which begins to move leaves its interval b
 newest readings, each twice the one before, are compared with the mean. The part of their distance that noise does not
 explain counts as its uncertainty. At rest that is little, and rare.
 
-A mean of readings that drift lags by half the distance to the readings before it.
+If the readings drift, their mean lags by half of its distance to the mean of as many readings before it.
 """
 
 import numpy as np
@@ -55,7 +55,7 @@ def lags_of(
 def drift_lags(units: FloatArray, variance: FloatArray, limit: float) -> FloatArray:
     """Return the lags of means of readings that drift, in units of the noise, shape (means, channels).
 
-    They are 0 where noise explains the drift, and where readings are missing.
+    They are 0 where noise explains the drift, and for a channel that lacks readings.
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ def drift_lags(units: FloatArray, variance: FloatArray, limit: float) -> FloatAr
     compared = np.minimum(sizes, units.shape[1] // 2)
     for number in set(compared.tolist()):
         at = compared == number
-        drift = units[at, -number:].mean(axis=1) - units[at, -2 * number : -number].mean(axis=1)
+        drift = np.nan_to_num(units[at, -number:].mean(axis=1) - units[at, -2 * number : -number].mean(axis=1))
         square = np.maximum((drift * drift).sum(axis=1) * number / 2, limit)
-        # A mean is as of the middle of its readings, and a steady drift goes this far in as many as were compared.
+        # A steady drift moves by `drift` in `number` readings; the middle of the mean is (size - 1) / 2 readings old.
         part = np.sqrt(1 - limit / square) * (sizes[at] - 1) / (2 * number)
         lags[at] = drift * part[:, np.newaxis]
-    return np.nan_to_num(lags)
+    return lags

@@ -60,9 +60,22 @@ def differ(pairs: Pairs, total: FloatArray, limits: FloatArray) -> NDArray[np.bo
     """
     number = total[:, :, 1]
     means = total[:, :, 0] / np.maximum(number, 1)
-    few, many = number[:, pairs.part], number[:, pairs.whole]
+    few, many = number.take(pairs.part, axis=1), number.take(pairs.whole, axis=1)
     tested = (few > 0) & (few < many)
-    apart = means[:, pairs.part] - means[:, pairs.whole]
+    apart = means.take(pairs.part, axis=1) - means.take(pairs.whole, axis=1)
     scale = np.where(tested, few * many / np.maximum(many - few, 1), 0.0)
-    changed: NDArray[np.bool_] = (apart * apart * scale).sum(axis=2) > limits[tested.sum(axis=2)]
+    square, working = np.einsum("epc,epc,epc->ep", apart, apart, scale), np.einsum("epc->ep", tested, dtype=np.intp)
+    changed: NDArray[np.bool_] = square > limits[working]
+    return changed
+
+
+def differ_of_full(pairs: Pairs, total: FloatArray, inverse: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:
+    """Return which pairs differ, (means, pairs), where no window lacks a reading.
+
+    The sums and numbers of the readings, `total`, are as in `differ`; `inverse` is one over the lengths, of shape
+    (lengths, 1). The limits (pairs,) are those of the squared distances.
+    """
+    means = total[:, :, 0] * inverse
+    apart = means.take(pairs.part, axis=1) - means.take(pairs.whole, axis=1)
+    changed: NDArray[np.bool_] = np.einsum("epc,epc->ep", apart, apart) > limits
     return changed

@@ -116,7 +116,7 @@ class Scatter:
         moves, view, unfair, moved = self._moves(rows, tidied, mean, sizes, moved=past.moved)
         lags = view.found.lags * self._unit_mm
         if drifts is not None and drifts.any():
-            units = windows(rows, self._rows)[drifts] / self._unit_mm
+            units = windows(tidied.rows, self._rows)[drifts] / self._unit_mm
             lags[drifts] = drift_lags(units, sizes.variance[drifts], self._drift_limit) * self._unit_mm
         lagging = lags.any(axis=1) & ~moves
         uncertain = moves | lagging

@@ -57,7 +57,7 @@ class FilterChoice(MetadataPart):
         """Largest number of readings in a sample."""
         return self.longest or self.window
 
-    def settled_mm(self, noise: "Noise") -> float:
+    def least_noise_mm(self, noise: "Noise") -> float:
         """Return the noise of a sample of the most readings, in mm."""
         return noise.sample_mm * math.sqrt(self.window / self.most)
 

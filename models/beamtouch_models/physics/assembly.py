@@ -3,7 +3,7 @@
 import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.physics.elements import clamped, shapes
+from beamtouch_models.physics.elements import clamped, gauss_rule, shapes
 from beamtouch_models.physics.mesh import Mesh, mesh_of, solve
 from beamtouch_models.structure import Beam
 
@@ -43,12 +43,11 @@ def _touched(mesh: Mesh, low_mm: Floats, high_mm: Floats) -> tuple[Indices, Indi
     return contact, np.arange(len(contact)) - np.repeat(np.cumsum(count) - count - first, count)
 
 
-def _rule(mesh: Mesh, low_mm: Floats, high_mm: Floats) -> list[tuple[float, float]]:
+def _rule(mesh: Mesh, low_mm: Floats, high_mm: Floats) -> tuple[tuple[float, float], ...]:
     """Return nodes and weights on 0..1 that integrate a load along a piece of an element to rounding."""
     if np.array_equal(low_mm, high_mm):
-        return [(0.0, 1.0)]
-    at, weight = np.polynomial.legendre.leggauss(6 if mesh.elements.foundation else 2)
-    return list(zip(((1 + at) / 2).tolist(), (weight / 2).tolist(), strict=True))
+        return ((0.0, 1.0),)
+    return gauss_rule(6 if mesh.elements.foundation else 2)
 
 
 def _share(start: Floats, end: Floats, width: Floats, pieces: int) -> Floats:

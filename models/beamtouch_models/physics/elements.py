@@ -17,6 +17,7 @@ F l^3/(EI). Shear compliances are EI/(k G A l^2).
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -80,11 +81,19 @@ def rigid_forces(of: Elements) -> Floats:
     motion: a sum of positive terms, where a product with the stiffness would cancel.
     """
     total = np.zeros((len(of.height), 4, 2))
-    for at, weight in zip(*np.polynomial.legendre.leggauss(6), strict=True):
-        place = (1 + at) / 2
+    if of.foundation == 0:
+        return total
+    for place, weight in gauss_rule(6):
         shape = shapes(place * of.height, (1 - place) * of.height, of)
-        total += (weight / 2 * of.foundation * of.height)[:, None, None] * shape[:, :, None] * [1 - place, place]
+        total += (weight * of.foundation * of.height)[:, None, None] * shape[:, :, None] * [1 - place, place]
     return total
+
+
+@cache
+def gauss_rule(points: int) -> tuple[tuple[float, float], ...]:
+    """Return places and weights on 0..1 that integrate polynomials of a degree below twice their number."""
+    at, weight = np.polynomial.legendre.leggauss(points)
+    return tuple(zip(((1 + at) / 2).tolist(), (weight / 2).tolist(), strict=True))
 
 
 def shapes(from_left: Floats, from_right: Floats, of: Elements) -> Floats:

@@ -2,7 +2,6 @@
 
 import csv
 import io
-from asyncio import wrap_future
 from typing import Annotated
 
 from fastapi import Query, Response
@@ -42,7 +41,7 @@ class CalibrationQuery(BaseModel):
             "description": "A row per contact, oldest first.",
             "content": {CSV: {"schema": {"type": "string"}, "examples": {"a contact": {"value": examples.BEST_CSV}}}},
         },
-        **openapi.problems(Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.NO_SURFACE),
+        **openapi.problems(Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.NO_SURFACE, Kind.EVENTS_AWAY),
     },
 )
 async def get_calibration_data(
@@ -55,8 +54,8 @@ async def get_calibration_data(
     surface = context.registry.named(name)
     channels = surface.model.channels if surface.model else None
     span = microseconds(query.since), microseconds(query.until), query.limit
-    found = context.recorder.ask(lambda store: _as_csv(store.best_samples(name, *span), channels))
-    return Response(await wrap_future(found), headers=NO_STORE, media_type=CSV)
+    found = await context.ask_events(lambda store: _as_csv(store.best_samples(name, *span), channels))
+    return Response(found, headers=NO_STORE, media_type=CSV)
 
 
 def _as_csv(found: list[Sampled], channels: list[str] | None) -> bytes:

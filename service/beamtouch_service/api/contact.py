@@ -23,6 +23,8 @@ PROBLEMS = (
 """Those that the routes answer with, besides `surface-required`."""
 
 
+_BY_PATH = "Ask for /surfaces/NAME/contact."
+
 router = gate.make_router("contact", Role.READ)
 
 
@@ -31,9 +33,14 @@ def _answer(context: Context, name: str | None) -> Response:
     return Response(context.contacts.get(surface, context.clock()), media_type="application/json")
 
 
-@router.get("/contact", response_model=Contact, responses=openapi.problems(Kind.SURFACE_REQUIRED, *PROBLEMS))
+@router.get(
+    "/contact",
+    response_model=Contact,
+    responses=openapi.problems(Kind.SURFACE_REQUIRED, Kind.ONE_OF_SEVERAL, *PROBLEMS),
+)
 async def get_contact(context: ContextParameter, surface: SurfaceInQuery = None) -> Response:
     """Return the contact on the only surface, or on the one that is named."""
+    context.require_all(_BY_PATH)
     return _answer(context, surface)
 
 
@@ -66,7 +73,10 @@ class ContactFirst:
                 query = QueryParams(scope["query_string"]) if scope["query_string"] else {}
                 try:
                     self._context.allow(scope, Role.READ)
-                    return _answer(self._context, found["path_params"].get("name") or query.get("surface"))
+                    name = found["path_params"].get("name")
+                    if name is None:
+                        self._context.require_all(_BY_PATH)
+                    return _answer(self._context, name or query.get("surface"))
                 except ProblemError:
                     return None
         return None

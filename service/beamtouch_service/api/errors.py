@@ -11,6 +11,7 @@ from starlette.types import Scope
 
 from beamtouch_service.access import Role
 from beamtouch_service.api.context import context_of
+from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemError
 
 NO_STORE = {"Cache-Control": "no-store"}
@@ -22,6 +23,7 @@ _MAX_POINTER = 200
 def install(app: FastAPI) -> None:
     """Make `app` answer every error with problem+json."""
     app.add_exception_handler(ProblemError, _problem)
+    app.add_exception_handler(EventsAwayError, _events_away)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(RequestValidationError, _validation)
     app.add_exception_handler(ClientDisconnect, _disconnect)
@@ -69,6 +71,11 @@ def _counted(scope: Scope, problem: Problem, headers: dict[str, str] | None = No
 async def _problem(request: Request, error: Exception) -> Response:
     assert isinstance(error, ProblemError)  # noqa: S101  # narrows the type; registered for nothing else
     return _counted(request.scope, error.problem, error.headers)
+
+
+async def _events_away(request: Request, error: Exception) -> Response:
+    detail = f"{error}. What is recorded meanwhile is kept and written later."
+    return _counted(request.scope, Problem(Kind.EVENTS_AWAY, detail), {"Retry-After": "1"})
 
 
 async def _http(request: Request, error: Exception) -> Response:

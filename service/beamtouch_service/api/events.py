@@ -1,6 +1,5 @@
 """The event routes. The recorder's thread reads and encodes the answers; the event loop sends them."""
 
-from asyncio import wrap_future
 from dataclasses import dataclass
 from typing import Annotated, Literal
 from urllib.parse import urlencode
@@ -17,7 +16,8 @@ from beamtouch_service.api.event_answers import EventCapture, EventList, EventWi
 from beamtouch_service.api.times import Time, microseconds
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.events.segments import Kind as EventKind
-from beamtouch_service.events.store import EventStore, Selection
+from beamtouch_service.events.selection import Selection
+from beamtouch_service.events.store import EventStore
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import SurfaceName
 
@@ -118,8 +118,10 @@ def _end_stale(context: Context) -> None:
         surface.tell_if_stale(context.clock())
 
 
-_LIST = {200: openapi.EVENTS, **openapi.problems(Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.NO_SURFACE)}
-_ONE = {200: openapi.EVENT, **openapi.problems(Kind.UNKNOWN_EVENT, Kind.INVALID_REQUEST)}
+_PROBLEMS = (Kind.INVALID_REQUEST, Kind.EVENTS_AWAY)
+_LIST = {200: openapi.EVENTS, **openapi.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, *_PROBLEMS)}
+_ONE = {200: openapi.EVENT, **openapi.problems(Kind.UNKNOWN_EVENT, *_PROBLEMS)}
+
 
 _CAPTURE = _ONE | {200: openapi.CAPTURE}
 _Number = Annotated[int, PathParameter(alias="id", ge=1, lt=2**63)]
@@ -132,7 +134,7 @@ async def get_events(context: ContextParameter, request: Request, query: Annotat
     """Return contacts and unexplained stretches, the newest first; as CSV, one row per event."""
     as_csv, recorder = _wants_csv(query, request), context.recorder
     _end_stale(context)
-    page = await wrap_future(recorder.ask(lambda store: _page(recorder, store, query, as_csv=as_csv)))
+    page = await context.ask_events(lambda store: _page(recorder, store, query, as_csv=as_csv))
     if query.surface and page.is_empty:
         # A surface that is no longer configured may still have events; if it has none, the name is wrong.
         context.registry.named(query.surface)
@@ -148,13 +150,13 @@ async def get_event(context: ContextParameter, number: _Number) -> Response:
     """Return one event, with its path."""
     recorder = context.recorder
     _end_stale(context)
-    return _known(number, await wrap_future(recorder.ask(lambda store: _one(recorder, store, number))))
+    return _known(number, await context.ask_events(lambda store: _one(recorder, store, number)))
 
 
 @router.get("/events/{id}/capture", responses=_CAPTURE, response_model=EventCapture)
 async def get_event_capture(context: ContextParameter, number: _Number) -> Response:
     """Return the samples of the unexplained stretches of one event, channel by channel."""
-    return _known(number, await wrap_future(context.recorder.ask(lambda store: _capture(store, number))))
+    return _known(number, await context.ask_events(lambda store: _capture(store, number)))
 
 
 def _known(number: int, content: bytes | None) -> Response:

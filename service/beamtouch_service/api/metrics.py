@@ -38,6 +38,10 @@ class SurfaceCollector(Collector):
         """Return the metrics of all surfaces."""
         words = "Writes to the record of contacts that failed or found no room."
         yield CounterMetricFamily("beamtouch_event_writes_lost", words, value=self._context.recorder.lost)
+        words = "Writes to the record of contacts that wait for a database that is away."
+        yield GaugeMetricFamily("beamtouch_event_writes_waiting", words, value=self._context.recorder.writer.waiting)
+        words = "Times that the database of events went away."
+        yield CounterMetricFamily("beamtouch_event_outages", words, value=self._context.recorder.writer.outages)
         now_s, registry = self._context.clock(), self._context.registry
         summaries = [(surface, surface.summary(now_s)) for surface in registry]
         yield from _of_samples(summaries)

@@ -75,7 +75,7 @@ async def get_model(context: ContextParameter, name: SurfaceInPath) -> ModelDesc
 
 @administration_router.post(
     "/surfaces/{name}/model/reload",
-    responses=openapi.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.MODEL_REFUSED),
+    responses=openapi.problems(Kind.UNKNOWN_SURFACE, Kind.NO_SURFACE, Kind.MODEL_REFUSED, Kind.ONE_OF_SEVERAL),
 )
 async def post_reload(
     context: ContextParameter,
@@ -86,6 +86,7 @@ async def post_reload(
     ] = False,
 ) -> Reloaded:
     """Read the model file of this surface again. A file that cannot be used changes nothing. Needs the admin token."""
+    context.require_all("Each reads a new model file by itself; for a model of another beam, restart them all.")
     surface = context.registry.named(name)
     keeper = context.keepers.get(name)
     if keeper is None:

@@ -28,11 +28,15 @@ async def get_live() -> Health:
     return Health(status="live")
 
 
-@ready_router.get("/health/ready", responses=openapi.problems(Kind.NOT_READY, Kind.CHANGED_CHANNELS, Kind.NO_SURFACE))
+@ready_router.get(
+    "/health/ready",
+    responses=openapi.problems(Kind.NOT_READY, Kind.CHANGED_CHANNELS, Kind.NO_SURFACE, Kind.ONE_OF_SEVERAL),
+)
 async def get_ready(
     context: ContextParameter,
     health: Annotated[bool, Query(description="Also require that no sensor has changed for certain.")] = False,
 ) -> Health:
     """Check that the service has a surface, and that every surface has a model and fresh samples."""
+    context.require_all(f"Ask for {LIVE_PATH} of each service, and for /surfaces/NAME/contact of each surface.")
     context.registry.require_ready(context.clock(), healthy=health)
     return Health(status="ready")

@@ -16,6 +16,8 @@ from beamtouch_service.samples import Batch, Receipt
 MAX_BODY_BYTES = 1024 * 1024
 MAX_BODY_S = 10.0
 """Longest time for a whole body to arrive. A sender states the age of its samples before it sends the body."""
+ARRIVED_S = "beamtouch_arrived_s"
+"""Key in the state of a request: the earliest time at which it may have arrived [s]. Without it: now."""
 LINGER_S = 5.0
 """Drain an oversized body for this long, so that the client can read the 413."""
 _CLOSE = {"Connection": "close"}
@@ -44,7 +46,8 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Receipt:
         surface = context.registry.named(name)
         context.take_turn(name)
         # The age was stated before the body travelled. Counted from here, travel makes samples older, never younger.
-        arrival_s = context.clock()
+        begin_s = context.clock()
+        arrival_s = request.scope.get("state", {}).get(ARRIVED_S, begin_s)
         batch = parse_batch(await read_body(request))
         changes = surface.sender_changes
         receipt = surface.receive(batch, arrival_s)
@@ -52,7 +55,7 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Receipt:
         known = name if name in context.registry.names else ""
         context.counts.rejected.labels(known, error.problem.kind.slug).inc()
         raise
-    context.counts.batch_s.labels(name).observe(context.clock() - arrival_s)
+    context.counts.batch_s.labels(name).observe(context.clock() - begin_s)
     if surface.sender_changes != changes:
         context.counts.sender_changed(name, batch.boot_id)
     context.counts.unexplained(surface)

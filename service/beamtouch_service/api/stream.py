@@ -38,6 +38,7 @@ AppStatus.disable_automatic_graceful_drain()  # type: ignore[no-untyped-call]  #
 _INTERVAL = "Shortest time between two events [ms]. An event is sent after a change, and at least every second."
 _Interval = Annotated[int, Query(ge=20, le=5000, description=_INTERVAL)]
 _PROBLEMS = (Kind.NO_SURFACE, Kind.UNKNOWN_SURFACE, Kind.INVALID_REQUEST, Kind.TOO_MANY_CLIENTS, Kind.STOPPING)
+_UNNAMED = (Kind.SURFACE_REQUIRED, Kind.ONE_OF_SEVERAL)
 
 router = gate.make_router("stream", Role.READ)
 
@@ -99,11 +100,12 @@ def _responses(*kinds: Kind) -> dict[int | str, dict[str, Any]]:
     return {200: answer, **openapi.problems(*kinds)}
 
 
-@router.get("/stream", response_class=StreamingResponse, responses=_responses(Kind.SURFACE_REQUIRED, *_PROBLEMS))
+@router.get("/stream", response_class=StreamingResponse, responses=_responses(*_UNNAMED, *_PROBLEMS))
 async def get_stream(
     context: ContextParameter, surface: SurfaceInQuery = None, interval_ms: _Interval = 50
 ) -> StateStream:
     """Send the state of the only surface, or of the one that is named, as server-sent events."""
+    context.require_all("Ask for /surfaces/NAME/stream.")
     return StateStream(context, context.registry.chosen(surface), interval_ms / 1e3)
 
 

@@ -17,9 +17,10 @@ class SurfaceList(BaseModel):
     surfaces: list[SurfaceSummary]
 
 
-@router.get("/surfaces", responses=openapi.problems())
+@router.get("/surfaces", responses=openapi.problems(Kind.ONE_OF_SEVERAL))
 async def get_surfaces(context: ContextParameter) -> SurfaceList:
     """Return all surfaces of this service."""
+    context.require_all("Ask for /surfaces/NAME of each.")
     now_s = context.clock()
     return SurfaceList(surfaces=[surface.summary(now_s) for surface in context.registry])
 

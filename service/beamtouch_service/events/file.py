@@ -4,7 +4,8 @@ import fcntl
 import json
 import os
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
@@ -20,8 +21,12 @@ _BUSY_S = 2.0
 _PRAGMAS = ("journal_mode=WAL", "synchronous=NORMAL", "journal_size_limit=4194304")
 
 
+compact_json = partial(json.dumps, separators=(",", ":"))
+"""JSON as it is stored."""
+
+
 class EventStoreError(Exception):
-    """The file cannot be used; the message gives the reason and the remedy, in one line."""
+    """The record cannot be used; the message gives the reason and the remedy, in one line."""
 
 
 class EventFile:
@@ -31,35 +36,48 @@ class EventFile:
     flock; SQLite's own locks are fcntl locks, so other programs can still read the file.
     """
 
+    is_shared = False
+
     def __init__(self, path: Path | None, wait_s: float) -> None:
         """Open the file, waiting up to `wait_s` [s] for another service to release it; raises EventStoreError."""
         self._path = path
         self._lock: int | None = None
-        self.engine = create_engine(
+        self._engine = create_engine(
             URL.create("sqlite", database=str(path) if path else None),
             poolclass=StaticPool,
-            json_serializer=partial(json.dumps, separators=(",", ":")),
+            json_serializer=compact_json,
             # The first write begins a transaction and takes SQLite's write lock at once; reads take none.
             connect_args={"check_same_thread": False, "isolation_level": "IMMEDIATE", "timeout": _BUSY_S},
         )
         try:
             # Connecting creates the file and reads nothing yet.
-            with self.engine.connect() as connection:
+            with self._engine.connect() as connection:
                 self._lock = _locked(path, time.monotonic() + wait_s) if path else None
                 _prepare(connection)
         except BlockingIOError:
             self._release()
-            message = f"{path}: another running service writes to it; stop that service, or give each a file of its own"
+            remedy = "stop that service, or give each a file of its own"
+            message = f"events file {path}: another running service writes to it; {remedy}"
             raise EventStoreError(message) from None
         except (DBAPIError, OSError, ValueError) as error:
             self._release()
             reason = str(error.orig if isinstance(error, DBAPIError) else getattr(error, "strerror", None) or error)
-            message = f"{path}: {reason}; set events.file to one that the service can write"
+            message = f"events file {path}: {reason}; set events.file to one that the service can write"
             raise EventStoreError(message) from None
+
+    @contextmanager
+    def begin(self, surface: str | None = None) -> Iterator[Connection]:  # noqa: ARG002  # the file has one lock for all
+        """Give a transaction."""
+        with self._engine.begin() as connection:
+            yield connection
+
+    def connect(self) -> Connection:
+        """Return a connection for reading."""
+        return self._engine.connect()
 
     def used_bytes(self) -> int:
         """Return the size of the used part of the file; later events fill the unused part first."""
-        with self.engine.connect() as connection:
+        with self._engine.connect() as connection:
             pages, free, size = (_pragma(connection, name) for name in ("page_count", "freelist_count", "page_size"))
         return (pages - free) * size
 
@@ -74,15 +92,18 @@ class EventFile:
     def close(self) -> None:
         """Mark open events as unfinished and close the file. If marking fails, the next service marks them."""
         try:
-            with self.engine.begin() as connection:
+            with self._engine.begin() as connection:
                 connection.exec_driver_sql("PRAGMA busy_timeout=200")
                 _finish(connection)
         finally:
             self._release()
 
+    def abandon(self) -> None:
+        """Do nothing: no call waits long for a file."""
+
     def _release(self) -> None:
         # SQLite closes the file first: closing any descriptor of a file releases SQLite's locks on it.
-        self.engine.dispose()
+        self._engine.dispose()
         if self._lock is not None:
             os.close(self._lock)
 

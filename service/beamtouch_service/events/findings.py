@@ -44,6 +44,11 @@ class Edge(NamedTuple):
     """None if it is undecided, or depends on the samples before it."""
     past: Past
 
+    @property
+    def is_certain(self) -> bool:
+        """Whether no sample before it can change its state. A stretch just before it could still go on."""
+        return len(self.past.memories) == 1
+
 
 class Doubtful(NamedTuple):
     """Samples at the beginning of a run, up to the first that does not depend on those before the run."""
@@ -53,5 +58,5 @@ class Doubtful(NamedTuple):
     samples: list[Estimated]
 
 
-Command = Segment | Capture | Finish | TouchSeen | Loss
-Found = Command | Edge | Doubtful
+Command = Segment | Capture | Finish | TouchSeen | Loss | Edge
+Found = Command | Doubtful

@@ -2,9 +2,11 @@
 
 from collections import OrderedDict
 from collections.abc import Iterable
+from contextlib import suppress
 from itertools import pairwise
 
 from beamtouch_models.modelfile import ModelFile, State, memories_after
+from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.findings import Command, Doubtful, Edge, Found, TouchSeen
 from beamtouch_service.events.segmenter import Segmenter, segment_late_run
 from beamtouch_service.events.segments import End
@@ -17,6 +19,9 @@ _MAX_EDGES = 4096
 """Edges in memory, some 3 MB; without its edge, a late run starts from the stored event before it."""
 _MAX_ASIDE = 10_000
 """Doubtful samples in memory, some 30 MB; without them, an event may stay in pieces."""
+
+_MAX_AGAIN = 8
+"""Doubtful samples of a surface that are tried again: the newest."""
 
 
 class LateSamples:
@@ -31,6 +36,8 @@ class LateSamples:
         """Number of the last of them -> that of the first."""
         self._count = 0
         """Number of doubtful samples."""
+        self._tried: dict[tuple[str, str, str, int], Past] = {}
+        """What doubtful samples were decided from without success."""
 
     def settled(self, surface: str, stale_ms: float, found: Iterable[Found]) -> list[Command]:
         """Return the commands in what was found; keep the samples beside gaps, and decide doubtful ones if possible."""
@@ -39,7 +46,8 @@ class LateSamples:
         self._edges |= {(surface, one.boot_id, one.sequence): one for one in edges}
         while len(self._edges) > _MAX_EDGES:
             self._edges.popitem(last=False)
-        commands: list[Command] = []
+        # On record too: another service may have the other side of the gap.
+        commands: list[Command] = [*edges]
         for one in found:
             if isinstance(one, Doubtful):
                 commands += self._run(surface, stale_ms, one.model, one.boot_id, one.samples)
@@ -64,6 +72,19 @@ class LateSamples:
         for begin, end in pairwise([0, *gaps, len(estimates)]):
             commands += self._run(surface, stale_ms, model, batch.boot_id, estimates[begin:end])
         return commands
+
+    def again(self, surface: str, stale_ms: float, model: ModelFile) -> list[Command]:
+        """Return the commands for doubtful samples of which another service has recorded the sample before."""
+        of_surface = [key for key in reversed(self._aside) if key[:2] == (surface, model.identity)]
+        for key in of_surface[:_MAX_AGAIN]:
+            boot_id, first = key[2:]
+            _, past = self._before(surface, model, boot_id, first - 1)
+            if len(past.memories) < len(memories_after(None)) and self._tried.get(key) != past:
+                commands = self._run(surface, stale_ms, model, boot_id, self._take(key[:3], first))
+                if key in self._aside:
+                    self._tried[key] = past
+                return commands
+        return []
 
     def _run(
         self, surface: str, stale_ms: float, model: ModelFile, boot_id: str, run: list[Estimated]
@@ -95,6 +116,7 @@ class LateSamples:
         doubtful = self._aside.pop((*of_sender, first), None)
         if doubtful is None:
             return []
+        self._tried.pop((*of_sender, first), None)
         del self._aside_to[*of_sender, doubtful.samples[-1].sequence]
         self._count -= len(doubtful.samples)
         return doubtful.samples
@@ -110,9 +132,12 @@ class LateSamples:
 
     def _before(self, surface: str, model: ModelFile, boot_id: str, sequence: int) -> tuple[State | None, Past]:
         """Return the state after that sample, None if it is not known, and what it leaves to the next one."""
-        edge = self._edges.get((surface, boot_id, sequence))
-        # An undecided sample may be part of an event, too.
-        state = (edge.state if edge else None) or self._store.state_after(surface, boot_id, sequence)
+        edge, state = self._edges.get((surface, boot_id, sequence)), None
+        # While the database is away, nothing more is known: the samples are decided again later.
+        with suppress(EventsAwayError):
+            edge = edge or self._store.edge(surface, boot_id, sequence)
+            # An undecided sample may be part of an event, too.
+            state = (edge.state if edge else None) or self._store.state_after(surface, boot_id, sequence)
         if edge and edge.model == model.identity:
             return state, edge.past
         return state, Past(memories_after(state))

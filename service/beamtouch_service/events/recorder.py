@@ -6,40 +6,41 @@ decides late samples, so that the current contact never waits for the disk. New 
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from threading import BoundedSemaphore
+from threading import Timer
 from typing import TypeVar
 
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_service.events.findings import Command, Found, Loss
+from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.findings import Finish, Found, Loss
 from beamtouch_service.events.health import HealthKeeper
+from beamtouch_service.events.health_updates import HealthUpdates
 from beamtouch_service.events.late import LateSamples
+from beamtouch_service.events.late_queue import LateQueue
 from beamtouch_service.events.losses import Losses
 from beamtouch_service.events.segmenter import Segmenter
 from beamtouch_service.events.segments import End, Segment
 from beamtouch_service.events.store import EventStore
+from beamtouch_service.events.upkeep import Upkeep
 from beamtouch_service.events.worker import Worker
+from beamtouch_service.events.write_queue import WriteQueue
+from beamtouch_service.events.writer import Writer
 from beamtouch_service.limits import KEEP_DAYS, MAX_MB
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.follower import Seen
 from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.surface import Surface
 
-MAX_LATE = 20_000
-"""Late samples that may wait: about a second of work, and some 20 MB."""
 STOP_S = 1.0
 """At the stop, waiting writes get this much time."""
 _FILE_WAIT_S = 3.0
 """A stopping service releases its file within this time: 2 s for pending answers, 1 s for writes."""
-_MAX_WRITES = 1000
-"""Writes of new segments that may wait; beyond it, they are lost."""
-_TIDY_S = 60.0
 
 _log = logging.getLogger("beamtouch.service.events")
 
@@ -49,32 +50,36 @@ _T = TypeVar("_T")
 class Recorder:
     """Observes the decisions of all surfaces of a service, and records them as events."""
 
-    def __init__(self, path: Path | None = None, keep_days: float = KEEP_DAYS, max_mb: float = MAX_MB) -> None:
-        """Open the file, or keep the events in memory; raises EventStoreError if the file cannot be used."""
+    def __init__(
+        self,
+        place: Path | str | None = None,
+        keep_days: float = KEEP_DAYS,
+        max_mb: float = MAX_MB,
+        *,
+        replica: bool = False,
+    ) -> None:
+        """Open a file, the database of a URL, or memory; raises EventStoreError if it cannot be used."""
+        self.is_replica = replica
+        """Whether other services have the samples of some surfaces."""
         # After a restart, the service before this one may still be stopping.
-        self._store = EventStore(path, keep_days * 86_400, int(max_mb * 1e6), _FILE_WAIT_S)
+        self._store = EventStore(place, keep_days * 86_400, int(max_mb * 1e6), _FILE_WAIT_S)
         self._late = LateSamples(self._store)
         self._health = HealthKeeper(self._store)
-        self._watched: dict[str, Surface] = {}
-        self._to_update: set[str] = set()
-        """Surfaces whose health is about to be updated."""
-        self._is_closing = False
-        self._worker = Worker("events")
-        self._free_writes = BoundedSemaphore(_MAX_WRITES)
-        # Counts of late samples, each changed by one thread only.
-        self._late_added = self._late_done = 0
+        self._worker, self._losses = Worker("events"), Losses()
         self._segmenters: dict[str, Segmenter] = {}
         """Surface -> segmenter of its newest samples."""
-        self._unsettled: set[str] = set()
-        """Surfaces that lost a write: their open event may have ended."""
         self._stale: set[str] = set()
         """Surfaces whose newest sample is too old."""
         self._upkeep: Future[None] | None = None
-        self._tidied_s = float("-inf")
-        self._losses = Losses()
-        self._in_place = True
         self.on_written: Callable[[], None] = lambda: None
         """Called in the worker thread after each write of events."""
+        self._health_updates = HealthUpdates(self._worker, self._health, self._losses)
+        self.writer = Writer(self._store, self._losses, self._written)
+        """Its counts are for the metrics."""
+        self._writes = WriteQueue(self._worker, self.writer, self._losses)
+        self._late_queue = LateQueue(self._worker, self.writer, self._late, self._losses)
+        surfaces = self._health_updates.surfaces
+        self._maintenance = Upkeep(self._store, self.writer, self._losses, self._late, surfaces)
 
     @property
     def lost(self) -> int:
@@ -83,8 +88,7 @@ class Recorder:
 
     def watch(self, surface: Surface) -> None:
         """State the health of a surface, now and after each of its events."""
-        self._watched[surface.name] = surface
-        self._heed(surface.name)
+        self._health_updates.watch(surface)
 
     def fresh(self, surface: Surface, model: ModelFile, boot_id: str, seen: list[Seen]) -> None:
         """Record new samples, in order."""
@@ -94,162 +98,100 @@ class Recorder:
         if segmenter is None or (segmenter.boot_id, segmenter.model) != (boot_id, model.identity):
             commands = segmenter.end_run() if segmenter else []
             segmenter = self._segmenters[surface.name] = Segmenter(surface.name, model, boot_id)
+        last = segmenter.last
+        if self._store.is_shared and (last is None or seen[0].estimated.sequence != last.sequence + 1):
+            # Another service, which may be dead, had the samples before: its open event ends, or goes on with these.
+            commands = [Loss(), *commands]
         for one in seen:
             commands += segmenter.add(one)
         name, stale_ms = surface.name, surface.stale_ms
         if commands:
             # The worker thread decides doubtful samples.
-            self._submit(name, lambda: self._late.settled(name, stale_ms, commands))
+            self._writes.add(name, lambda: self._late.settled(name, stale_ms, commands))
 
     def stale(self, surface: Surface) -> None:
         """End the open event of a surface: its newest sample is too old."""
         self._stale.add(surface.name)
-        segmenter = self._segmenters.get(surface.name)
-        if segmenter:
-            self._submit_all(surface.name, segmenter.expire())
+        if self._store.is_shared:
+            self._leave(surface, End.STALE)
+        elif segmenter := self._segmenters.get(surface.name):
+            self._writes.add_all(surface.name, segmenter.expire())
 
     def settle(self) -> None:
         """End events that a lost write left open, and tidy the file once a minute; call this about once a second."""
-        is_due = bool(self._unsettled) or time.monotonic() - self._tidied_s >= _TIDY_S
-        if is_due and (self._upkeep is None or self._upkeep.done()):
-            self._upkeep = self._worker.prompt(self._maintain)
+        if self._maintenance.is_due and (self._upkeep is None or self._upkeep.done()):
+            self._upkeep = self._worker.prompt(self._maintenance.run)
 
     @property
     def late_waiting(self) -> int:
         """Late samples that are not written yet."""
-        return self._late_added - self._late_done
+        return self._late_queue.waiting
 
     def has_room(self, samples: int) -> bool:
         """Return whether this many more late samples may wait."""
-        return self.late_waiting + samples <= MAX_LATE
+        return self._late_queue.has_room(samples)
 
     def late(self, surface: Surface, served: ServedModel, batch: Batch, samples: list[Sample]) -> None:
         """Record late samples of a batch, in order."""
-        # A batch with a new sample is accepted above the limit, but not without end.
-        if self.late_waiting > 2 * MAX_LATE:
-            self._losses.note("late samples come faster than they can be recorded")
-            return
-        name, stale_ms, model = surface.name, surface.stale_ms, served.file
-        self._late_added += len(samples)
-
-        def run() -> None:
-            self._losses.attempt(lambda: self._write(name, self._late.segment(name, stale_ms, model, batch, samples)))
-            self._late_done += len(samples)
-
-        self._worker.late(run)
+        self._late_queue.add(surface, served, batch, samples)
 
     def ask(self, query: Callable[[EventStore], _T]) -> "Future[_T]":
-        """Run a query in the worker thread, after everything that was observed of new samples so far."""
+        """Run a query in the worker thread, after everything that was observed of new samples so far.
+
+        The query ends with EventsAwayError while a database is away.
+        """
         self._flush()
         return self.look(query)
 
     def look(self, query: Callable[[EventStore], _T]) -> "Future[_T]":
         """Run a query in the worker thread. What was observed of open events since their last write is not in it."""
-        return self._worker.prompt(partial(query, self._store))
+        return self._worker.prompt(partial(self.writer.ask, query))
 
     def answerable(self, event: Segment) -> Segment:
         """Return an event as it is to be answered: not as open if a lost write may have ended it; for a query."""
-        if event.end is not End.OPEN or event.surface not in self._unsettled:
+        if event.end is not End.OPEN or event.surface not in self.writer.unsettled:
             return event
         return replace(event, end=End.STALE if event.surface in self._stale else End.UNSEEN)
 
     def close(self) -> None:
         """Write what can be written in a second, and close the file."""
         lost = self.lost
+        for surface in self._health_updates.surfaces.values() if self._store.is_shared else ():
+            self._leave(surface, End.UNFINISHED)
         self._flush()
-        self._losses.end_s, self._is_closing = time.monotonic() + STOP_S, True
+        self._losses.end_s = time.monotonic() + STOP_S
+        frozen = Timer(STOP_S, self._store.abandon)
+        frozen.start()
         self._worker.close()
+        frozen.cancel()
+        self.writer.give_up()
         if self.lost > lost:
             _log.warning("%d writes were lost at the stop", self.lost - lost)
-        self._check_place()
+        self._maintenance.check_place()
         try:
             self._health.close()
             self._store.close()
         except DBAPIError as error:
             _log.warning("cannot close the file of events properly: %s", error.orig)
+        except EventsAwayError:
+            pass  # the log has it
 
     def tidy(self) -> None:
         """Check that the file is in its place, and drop events beyond the limits; for the worker thread."""
-        self._tidied_s = time.monotonic()
-        self._check_place()
-        dropped = self._store.prune(time.time())
-        if dropped:
-            _log.info("%d events were dropped: too old, or above the size limit", dropped)
+        self._maintenance.tidy()
 
-    def _heed(self, name: str) -> None:
-        """Update the health of a surface soon."""
-        if self._is_closing or name not in self._watched or name in self._to_update:
-            return
-        self._to_update.add(name)
-
-        def run() -> None:
-            self._to_update.discard(name)
-            try:
-                if self._health.update(self._watched[name]):
-                    self._heed(name)
-            except DBAPIError as error:
-                self._losses.warn(f"the health of sensors cannot be updated: {error.orig}")
-
-        self._worker.late(run).add_done_callback(partial(_log_failure, name))
-
-    def _check_place(self) -> None:
-        if self._in_place and not self._store.is_in_place():
-            self._in_place = False
-            self._losses.count += 1
-            _log.error("the file of events was deleted or replaced while open; restart the service to record events")
+    def _written(self, name: str) -> None:
+        self._health_updates.update(name)
+        self.on_written()
 
     def _flush(self) -> None:
         for name, segmenter in self._segmenters.items():
-            self._submit_all(name, segmenter.flush())
+            self._writes.add_all(name, segmenter.flush())
 
-    def _submit_all(self, name: str, commands: Sequence[Command]) -> None:
-        if commands:
-            self._submit(name, lambda: commands)
-
-    def _submit(self, name: str, commands: Callable[[], Sequence[Command]]) -> None:
-        """Write what `commands` returns in the worker thread."""
-        if not self._free_writes.acquire(blocking=False):
-            self._unsettled.add(name)
-            self._losses.note("the disk is too slow")
-            return
-
-        def run() -> None:
-            try:
-                if not self._losses.attempt(partial(self._write_new, name, commands)):
-                    self._unsettled.add(name)
-            finally:
-                self._free_writes.release()
-
-        self._worker.prompt(run).add_done_callback(partial(_log_failure, name))
-
-    def _maintain(self) -> None:
-        try:
-            for name in list(self._unsettled):
-                self._write_new(name, list)
-            if time.monotonic() - self._tidied_s >= _TIDY_S:
-                self.tidy()
-        except DBAPIError as error:
-            self._losses.warn(f"the file of events cannot be maintained: {error.orig}")
-
-    def _write_new(self, name: str, commands: Callable[[], Sequence[Command]]) -> None:
-        is_unsettled = name in self._unsettled
-        # Discarded before the write: a write that is lost meanwhile adds it again.
-        self._unsettled.discard(name)
-        try:
-            self._write(name, [*([Loss()] if is_unsettled else []), *commands()])
-        except DBAPIError:
-            self._unsettled.add(name)
-            raise
-
-    def _write(self, name: str, commands: Sequence[Command]) -> None:
-        if commands:
-            self._store.write(name, commands, time.time())
-            self._heed(name)
-            self.on_written()
-
-
-def _log_failure(name: str, done: "Future[None]") -> None:
-    """Log an error that a task of the worker thread did not foresee; nobody waits for its result."""
-    error = done.exception()
-    if error:
-        _log.error("surface %s: its events or the health of its sensors cannot be updated", name, exc_info=error)
+    def _leave(self, surface: Surface, end: End) -> None:
+        """End the run of a surface: another service may have the next sample."""
+        segmenter = self._segmenters.pop(surface.name, None)
+        if segmenter and segmenter.last:
+            finish = Finish(segmenter.boot_id, segmenter.last.sequence, end)
+            found, stale_ms = [*segmenter.flush(), finish, *segmenter.end_run()], surface.stale_ms
+            self._writes.add(surface.name, lambda: self._late.settled(surface.name, stale_ms, found))

@@ -26,9 +26,10 @@ from sqlalchemy import (
 from sqlalchemy.engine.default import DefaultExecutionContext
 from sqlalchemy.schema import CreateIndex, CreateTable
 
+from beamtouch_models.modelfile import State
 from beamtouch_service.events.segments import Begin, End, Kind
 
-FORMAT = 5
+FORMAT = 6
 """The format of a database of this version of the service; 0 is an empty one."""
 
 
@@ -37,7 +38,8 @@ _CHANGES = "beamtouch changes"
 
 
 def _next_change(context: DefaultExecutionContext) -> int:
-    return next(cast("Iterator[int]", context.root_connection.info[_CHANGES]))
+    numbers = cast("Iterator[int] | None", context.root_connection.info.get(_CHANGES))
+    return next(numbers) if numbers else 0
 
 
 def number_changes(connection: Connection) -> None:
@@ -46,7 +48,7 @@ def number_changes(connection: Connection) -> None:
     connection.info[_CHANGES] = count(max(number or 0 for number in connection.scalars(highest)) + 1)
 
 
-def _words(words: type[Begin | End | Kind]) -> Enum:
+def _words(words: type[Begin | End | Kind | State]) -> Enum:
     return Enum(words, native_enum=False, length=20, values_callable=lambda members: [one.value for one in members])
 
 
@@ -81,7 +83,8 @@ EVENTS = Table(
 )
 """A row per event: the fields of a `Segment`, and when it was last written [s since 1970, by the service's clock].
 
-`change` is the number of its last change; of two changes, the later one has the higher number.
+`change` is the number of its last change; of two changes, the later one has the higher number. It stays 0 in a database
+of several services, which have no common order of changes.
 """
 CAPTURES = Table(
     "captures",
@@ -112,6 +115,21 @@ DELIVERIES = Table(
     Column("event", BigInteger, nullable=False),
 )
 """A row per destination of events: the change that it acknowledged last, and the event that was changed."""
+EDGES = Table(
+    "edges",
+    EVENTS.metadata,
+    Column("surface", String, primary_key=True),
+    Column("boot_id", String, primary_key=True),
+    Column("sequence", BigInteger, primary_key=True, autoincrement=False),
+    Column("model", String, nullable=False),
+    Column("acquired_us", BigInteger, nullable=False),
+    Column("state", _words(State)),
+    Column("past", JSON, nullable=False),
+    Column("recorded_s", Double, nullable=False),
+)
+"""A row per sample next to a gap. Samples on the other side may come later, or to another service."""
+FORMATS = Table("beamtouch_format", MetaData(), Column("format", Integer, nullable=False))
+"""One row: the format of a database that has no header for it, as a SQLite file has."""
 _c = EVENTS.c
 # Written out: SQLite uses a partial index only for a condition without parameters.
 IS_OPEN = _c.end == literal_column(f"'{End.OPEN}'")
@@ -123,6 +141,7 @@ Index("by_surface", _c.surface, _c.touched_us, _c.id)
 Index("by_first", _c.surface, _c.boot_id, _c.first_sequence)
 Index("by_last", _c.surface, _c.boot_id, _c.last_sequence)
 Index("by_record", _c.recorded_s)
+Index("edges_by_record", EDGES.c.recorded_s)
 
 _UPGRADES: dict[int, list[Executable]] = {
     1: [CreateIndex(_by_open)],
@@ -143,6 +162,7 @@ _UPGRADES: dict[int, list[Executable]] = {
         CreateIndex(_by_change),
         CreateTable(DELIVERIES),
     ],
+    5: [CreateTable(EDGES), *(CreateIndex(index) for index in EDGES.indexes)],
 }
 """Format -> statements that turn it into the next format."""
 

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from threading import Lock
 from typing import TypeVar
 
 _LATE_SHARE = 20
@@ -20,6 +21,8 @@ class Worker:
         self._prompt: deque[Callable[[], None]] = deque()
         self._late: deque[Callable[[], None]] = deque()
         self._count = 0
+        self._lock = Lock()
+        self._is_closed = False
 
     def prompt(self, task: Callable[[], _T]) -> "Future[_T]":
         """Run this after the prompt tasks so far, and before late ones."""
@@ -30,7 +33,9 @@ class Worker:
         return self._add(self._late, task)
 
     def close(self) -> None:
-        """Run all tasks, then end the thread."""
+        """Run the tasks so far, then end the thread. Later tasks are cancelled."""
+        with self._lock:
+            self._is_closed = True
         self._thread.shutdown()
 
     def _add(self, queue: deque[Callable[[], None]], task: Callable[[], _T]) -> "Future[_T]":
@@ -44,8 +49,12 @@ class Worker:
                 except BaseException as error:  # noqa: BLE001  # the caller gets it
                     answer.set_exception(error)
 
-        queue.append(run)
-        self._thread.submit(self._next)
+        with self._lock:
+            if self._is_closed:
+                answer.cancel()
+            else:
+                queue.append(run)
+                self._thread.submit(self._next)
         return answer
 
     def _next(self) -> None:

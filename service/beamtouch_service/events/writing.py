@@ -6,8 +6,10 @@ from typing import Any
 
 from sqlalchemy import BigInteger, Connection, Row, Select, bindparam, case, delete, insert, literal, select, update
 
+from beamtouch_models.modelfile import State
+from beamtouch_service.events import edge_table
 from beamtouch_service.events.best_samples import Best
-from beamtouch_service.events.findings import Finish, Loss, TouchSeen
+from beamtouch_service.events.findings import Edge, Finish, Loss, TouchSeen
 from beamtouch_service.events.joining import are_apart, are_one, joined
 from beamtouch_service.events.schema import EVENTS, IS_OPEN
 from beamtouch_service.events.segments import BEFORE_CLEAR, Begin, End, Kind, Segment
@@ -39,6 +41,10 @@ _RIGHT = (
     .limit(1)
 )
 """The event that begins in a segment, or just after it."""
+_BESIDE = select(*CONTENT).where(
+    _of_sender, (_c.last_sequence == bindparam("before")) | (_c.first_sequence == bindparam("after"))
+)
+"""The events on both sides of a sample."""
 GOES_ON = select(_c.ends_unexplained).where(_ends_at, _may_go_on).limit(1)
 """Whether the event that ends with a sample, without a clear one after it, ends unexplained."""
 _INSERT = insert(EVENTS).returning(_c.id)
@@ -66,6 +72,7 @@ _INTERRUPT = update(EVENTS).where(_ends_at, IS_OPEN)
 _CONTACT_FOLLOWS = update(EVENTS).where(_of_id).values(end=End.CONTACT)
 _STRETCH_BEFORE = update(EVENTS).where(_of_id).values(begin=Begin.UNEXPLAINED)
 _END_OPEN = update(EVENTS).where(_of_surface, IS_OPEN, _c.id != bindparam("of_id")).values(end=End.UNSEEN)
+_ABANDONED = update(EVENTS).where(IS_OPEN, _c.recorded_s < bindparam("before_s")).values(end=End.UNFINISHED)
 _NO_ID = 0
 
 Numbered = tuple[int, Segment]
@@ -87,6 +94,19 @@ def complete(connection: Connection, surface: str, command: Finish | TouchSeen |
         connection.execute(_LIFT, values | {"at_us": command.lifted_us})
     else:
         connection.execute(_INTERRUPT, values | {"end": command.end})
+
+
+def note(connection: Connection, surface: str, edge: Edge, now_s: float) -> None:
+    """Keep a sample next to a gap, and write what it says of the events beside it."""
+    edge_table.keep(connection, surface, edge, now_s)
+    if edge.state is State.CLEAR:
+        beside = {"before": edge.sequence - 1, "after": edge.sequence + 1}
+        near = {"of_surface": surface, "of_boot_id": edge.boot_id} | beside
+        for number, event in [numbered(row) for row in connection.execute(_BESIDE, near)]:
+            whole = edge_table.completed(connection, event)
+            found = {"begin": whole.begin, "end": whole.end, "lifted_us": whole.lifted_us}
+            if whole != event:
+                connection.execute(_UPDATE, found | {"of_id": number})
 
 
 def add(connection: Connection, segment: Segment, now_s: float) -> None:
@@ -117,7 +137,7 @@ def add(connection: Connection, segment: Segment, now_s: float) -> None:
             number = right[0]
         else:
             connection.execute(_DELETE, {"of_id": right[0]})
-    _put(connection, number, whole, now_s)
+    _put(connection, number, edge_table.completed(connection, whole), now_s)
 
 
 def _put(connection: Connection, number: int | None, segment: Segment, now_s: float) -> None:
@@ -130,6 +150,11 @@ def _put(connection: Connection, number: int | None, segment: Segment, now_s: fl
     if segment.end is End.OPEN:
         # A surface has one newest sample. Another open event was left by a lost write.
         connection.execute(_END_OPEN, {"of_surface": segment.surface, "of_id": number})
+
+
+def finish_abandoned(connection: Connection, before_s: float) -> None:
+    """End the events whose service has written nothing of them since `before_s` [s since 1970]."""
+    connection.execute(_ABANDONED, {"before_s": before_s})
 
 
 def found(connection: Connection, query: Select[Any], values: Mapping[str, object]) -> Numbered | None:

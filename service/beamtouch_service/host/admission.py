@@ -34,6 +34,8 @@ class Clients:
     """Counts a connection from an address that was closed to make room."""
     handshakes: Handshakes
     """The TLS handshakes under way, if the service speaks HTTPS."""
+    arrived_s: Callable[[], float]
+    """Returns the earliest time at which what is read now may have arrived [s]."""
 
     async def refuse(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Refuse a request of a connection without a place (ASGI)."""

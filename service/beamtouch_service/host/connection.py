@@ -12,6 +12,7 @@ import httptools
 from uvicorn.protocols.http.httptools_impl import RequestResponseCycle
 
 from beamtouch_service.api.probes import LIVE_PATH
+from beamtouch_service.api.samples import ARRIVED_S
 from beamtouch_service.host import heads
 from beamtouch_service.host.admission import Admission, is_answering
 from beamtouch_service.host.ending import REFUSED_S, EndingProtocol
@@ -107,6 +108,7 @@ class BoundedProtocol(EndingProtocol):
             # The first request. A connection with a request is not silent, however long the answer takes.
             self._admission.move(State.IDLE)
         super().on_headers_complete()
+        self.cycle.scope["state"][ARRIVED_S] = self.clients.arrived_s()
         # Only now: uvicorn raises for some targets, and such a request has no body to read.
         self._framing.begin_body(head.get(b"content-length", (None,))[0])
         if self._admission.is_waiting:

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_models.modelfile import ModelFileError
 from beamtouch_service.api.app import create_app
-from beamtouch_service.api.context import Streams
+from beamtouch_service.api.context import Streams, boot_clock
 from beamtouch_service.config import ConfigError
 from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.host import model_watch, tls
+from beamtouch_service.host.arrivals import Arrivals
 from beamtouch_service.host.background import Background, in_background
 from beamtouch_service.host.handshakes import Handshakes, TlsListener
 from beamtouch_service.host.listener import bind, resolve
@@ -36,6 +37,8 @@ _log = logging.getLogger("beamtouch.service")
 def run(settings: Settings) -> None:
     """Serve until SIGTERM or Ctrl-C; raises ConfigError if the settings do not work on this machine."""
     passed = activated()
+    # Connections to a socket that the system keeps open may wait since its start.
+    arrivals = Arrivals(boot_clock, 0.0 if passed else None)
     family, address = resolve(settings.host) if passed is None else (passed.family, str(passed.getsockname()[0]))
     _require_tokens(settings, address)
     if settings.tls is not None:
@@ -66,7 +69,12 @@ def run(settings: Settings) -> None:
         )
         handshakes = Handshakes()
         config = configure(
-            app, settings.max_clients, settings.max_clients_per_address, settings.tls, handshakes=handshakes
+            app,
+            settings.max_clients,
+            settings.max_clients_per_address,
+            settings.tls,
+            handshakes=handshakes,
+            arrivals=arrivals,
         )
         config.load()
         background.ssl = config.ssl
@@ -111,10 +119,9 @@ def _extra(section: str, extra: str, *modules: str) -> Iterator[None]:
 def _recorder(settings: Settings) -> Recorder:
     events = settings.events
     try:
-        return Recorder(events.file, events.keep_days, events.max_mb)
+        return Recorder(events.url or events.file, events.keep_days, events.max_mb, replica=settings.replica)
     except EventStoreError as error:
-        message = f"events file {error}"
-        raise ConfigError(message) from None
+        raise ConfigError(str(error)) from None
 
 
 def _require_tokens(settings: Settings, address: str) -> None:

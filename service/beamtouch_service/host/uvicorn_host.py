@@ -19,8 +19,9 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from beamtouch_common.commands import announce
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.api.app import Application
-from beamtouch_service.api.context import Streams
+from beamtouch_service.api.context import Streams, boot_clock
 from beamtouch_service.host.admission import Clients, is_busy
+from beamtouch_service.host.arrivals import Arrivals, Selector
 from beamtouch_service.host.connection import BoundedProtocol
 from beamtouch_service.host.handshakes import HANDSHAKE_S, Handshakes
 from beamtouch_service.host.places import Places
@@ -48,16 +49,18 @@ def configure(
     tls: TlsFiles | None = None,
     *,
     handshakes: Handshakes | None = None,
+    arrivals: Arrivals | None = None,
 ) -> uvicorn.Config:
     """Return the configuration of uvicorn for `app`."""
     places = Places(max_clients, max_clients_per_address or max_clients, is_busy)
-    clients = _clients(app, places, handshakes or Handshakes())
+    arrivals = arrivals or Arrivals(boot_clock)
+    clients = _clients(app, places, handshakes or Handshakes(), arrivals)
     return uvicorn.Config(
         app,
-        # uvicorn only calls it, once for each connection.
+        # uvicorn only calls it, once for each connection. It calls `loop` too, unless that is a name.
         http=cast("type[asyncio.Protocol]", partial(BoundedProtocol, clients=clients)),
         ws="none",
-        loop=f"{__name__}:Loop",
+        loop=cast("str", partial(Loop, arrivals)),
         lifespan="on",
         log_config=None,
         log_level=logging.WARNING,
@@ -74,17 +77,24 @@ def configure(
     )
 
 
-def _clients(app: ASGIApp, places: Places[HttpToolsProtocol], handshakes: Handshakes) -> Clients:
+def _clients(app: ASGIApp, places: Places[HttpToolsProtocol], handshakes: Handshakes, arrivals: Arrivals) -> Clients:
     if not isinstance(app, Application):
-        return Clients(places, lambda _header: False, lambda _kind, _address: None, lambda _address: None, handshakes)
+        return Clients(
+            places, lambda _header: False, lambda _kind, _address: None, lambda _address: None, handshakes, arrivals.now
+        )
     context = app.context
-    return Clients(places, context.access.knows, context.counts.problem, context.counts.eviction, handshakes)
+    return Clients(
+        places, context.access.knows, context.counts.problem, context.counts.eviction, handshakes, arrivals.now
+    )
 
 
 class Loop(asyncio.SelectorEventLoop):
-    """The usual event loop, with a deadline for TLS handshakes."""
+    """The usual event loop, with a deadline for TLS handshakes, and known arrivals."""
 
     _seldom = Seldom()
+
+    def __init__(self, arrivals: Arrivals) -> None:
+        super().__init__(Selector(arrivals))
 
     def call_exception_handler(self, context: dict[str, Any]) -> None:
         """Report an error as every loop does, but failures to accept a connection only once a minute."""

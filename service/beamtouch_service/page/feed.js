@@ -7,6 +7,7 @@ const SILENT_MS = 2000;
 const FIRST_MS = 6000;
 const RETRY_MS = 500; // twice as long after each failure
 const MOST_RETRY_MS = 5000;
+const ONE_OF_SEVERAL = "urn:beamtouch:problem:one-of-several";
 const LOCKED_RETRY_MS = 30_000; // each refusal counts in the log of the service
 
 /** Milliseconds between two moments, by the clock that says more: one may sleep with the machine, the other be set. */
@@ -65,9 +66,10 @@ export class Feed {
     try {
       const answer = await this.token.ask("/surfaces");
       const body = refuses(answer) ? null : await answer.json();
+      const several = body?.type === ONE_OF_SEVERAL ? await this.named(body.surfaces) : null;
       if (attempt !== this.attempt) return;
-      if (!answer.ok) return body ? this.refuse(body) : this.lock();
-      this.surfaces = body.surfaces;
+      if (!answer.ok && !several) return body ? this.refuse(body) : this.lock();
+      this.surfaces = several ?? body.surfaces;
     } catch {
       if (attempt === this.attempt) this.lose();
       return;
@@ -78,6 +80,14 @@ export class Feed {
     this.onSurfaces();
     if (this.surface) this.listen();
     else this.refuse(this.missing());
+  }
+
+  /** Several services share these surfaces: only the chosen one is asked for. */
+  async named(names) {
+    const name = this.chosen ?? names[0];
+    const answer = await this.token.ask(`/surfaces/${encodeURIComponent(name)}`);
+    const chosen = answer.ok ? await answer.json() : null;
+    return names.map((one) => (one === name && chosen ? chosen : { name: one }));
   }
 
   async listen() {

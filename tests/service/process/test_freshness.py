@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import os
+import signal
 import socket
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from service.conftest import TOKEN
+import pytest
+
+from beamtouch_service.host.arrivals import PAUSE_S
+from service.conftest import TOKEN, batch_of, kind
+from service.process.raw import connected
+from service.process.test_supervision import ACTIVATED
+from waiting import wait_until
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from service.conftest import BuildModel, MakeBatch
-    from service.process.conftest import StartService
+    from service.process.conftest import Service, StartService
 
 BODY_TAKES_S = 0.5
+FROZEN_S = 1.0
+
+
+def post(batch: dict[str, Any]) -> bytes:
+    body = json.dumps(batch).encode()
+    head = f"POST /surfaces/press-7/samples HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {TOKEN}\r\n"
+    return f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body
 
 
 def test_the_time_that_a_body_takes_makes_its_samples_older(
@@ -36,3 +51,73 @@ def test_the_time_that_a_body_takes_makes_its_samples_older(
         assert connection.recv(65536).startswith(b"HTTP/1.1 200 ")
 
     assert service.get("/contact").json()["age_ms"] >= 100 + BODY_TAKES_S * 1e3
+
+
+def take_receipt(connection: socket.socket) -> None:
+    received = b""
+    while not received.endswith(b"}"):
+        piece = connection.recv(65536)
+        assert piece, received
+        received += piece
+    assert received.startswith(b"HTTP/1.1 200 ")
+
+
+def is_stopped(service: Service) -> bool:
+    return Path(f"/proc/{service.process.pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
+
+
+@pytest.mark.parametrize("is_new", [False, True], ids=["kept connection", "new connection"])
+def test_samples_that_waited_while_the_service_stood_still_are_as_old_as_they_are(
+    touched_service: Service, is_new: bool
+) -> None:
+    service, connection = touched_service, connected(touched_service)
+    if not is_new:
+        connection.sendall(post(batch_of(sequence=2)))
+        take_receipt(connection)
+    service.process.send_signal(signal.SIGSTOP)
+    try:
+        wait_until(lambda: is_stopped(service))
+        if is_new:
+            connection.close()
+            connection = connected(service)
+        connection.sendall(post(batch_of(sequence=3)))
+        sent_s = time.monotonic()
+        wait_until(lambda: time.monotonic() > sent_s + FROZEN_S)
+        frozen_s = time.monotonic() - sent_s
+    finally:
+        service.process.send_signal(signal.SIGCONT)
+    take_receipt(connection)
+    connection.close()
+
+    contact = service.get("/contact").json()
+    assert contact["sequence"] == 3
+    # It arrived at an unknown moment since the last look at the connections, and a short pause is not noticed.
+    assert contact["age_ms"] >= (frozen_s - PAUSE_S) * 1e3
+    # The service is awake: what arrives now is new.
+    sequence = itertools.count(4)
+
+    def is_new_again() -> bool:
+        assert service.post(batch_of(sequence=next(sequence))).status_code == 200
+        age_ms: float = service.get("/contact").json()["age_ms"]
+        return age_ms < frozen_s * 1e3
+
+    wait_until(is_new_again)
+
+
+def test_samples_that_waited_in_a_socket_of_the_system_are_older_than_the_service(
+    start_service: StartService, build_model: BuildModel, token_file: Path
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        os.set_inheritable(listener.fileno(), True)
+        # The last service has ended, and the next one has yet to begin.
+        with socket.create_connection(listener.getsockname(), timeout=60) as connection:
+            connection.sendall(post(batch_of()))
+            sent_s = time.monotonic()
+            number = str(listener.fileno())
+            options = ("--model", build_model(), "--write-token-file", token_file)
+            service = start_service(*options, program=("-c", ACTIVATED, number))
+            take_receipt(connection)
+        elapsed_s = time.monotonic() - sent_s
+        contact = service.get("/contact")
+        assert (kind(contact), contact.json()["age_ms"] >= elapsed_s * 1e3) == ("stale", True)
+        assert service.get("/surfaces").json()["surfaces"][0]["samples"]["accepted"] == 1

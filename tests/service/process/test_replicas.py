@@ -1,0 +1,193 @@
+"""Services that share surfaces, behind HAProxy and with one PostgreSQL: one is killed, the database stops."""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING, Any
+
+import httpx2
+import pytest
+
+from balancer import Balancer
+from plain_http import NO_TLS, TIMEOUT_S
+from postgres import PASSWORD, Postgres, rows
+from service.conftest import TOKEN, batch_of, kind
+from service.event_story import RESTING, TOUCHING, Row
+from waiting import wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from browser import OpenPage
+    from service.conftest import BuildModel
+    from service.process.conftest import Service, StartService
+
+SURFACES = [f"press-{number}" for number in range(8)]
+CONTACT: list[Row] = [RESTING, TOUCHING, TOUCHING, RESTING]
+WHOLE = ("/contact", "/stream", "/surfaces", "/health/ready")
+
+
+@pytest.fixture
+def config(tmp_path: Path, build_model: BuildModel, token_file: Path, events_url: str) -> Path:
+    path = tmp_path / "service.toml"
+    model = build_model()
+    surfaces = "".join(f"[surfaces.{name}]\nmodel = '{model}'\nstale_ms = 60000\n" for name in SURFACES)
+    server = f"[server]\nreplica = true\nwrite_token_file = '{token_file}'\n"
+    path.write_text(f"{server}[events]\nurl = '{events_url}'\n{surfaces}")
+    return path
+
+
+class Plant:
+    """Two services behind a balancer, and a sender for each surface."""
+
+    def __init__(self, folder: Path, services: list[Service]) -> None:
+        self.services = services
+        self.balancer = Balancer(folder, [int(service.url.rpartition(":")[2]) for service in services])
+        self._sent = dict.fromkeys(SURFACES, 0)
+
+    def get(self, path: str) -> httpx2.Response:
+        return httpx2.get(self.balancer.url + path, trust_env=False, verify=NO_TLS, timeout=TIMEOUT_S)
+
+    def deliver(self, name: str, *values: Row) -> None:
+        """Send the next samples of a surface, as often as it takes."""
+        body = batch_of(*values, sequence=self._sent[name])
+        for number, sample in enumerate(body["samples"], self._sent[name]):
+            sample["acquired_unix_us"] += number * 5000
+        url = f"{self.balancer.url}/surfaces/{name}/samples"
+        headers = {"Authorization": f"Bearer {TOKEN}"}
+
+        def is_taken() -> bool:
+            try:
+                return httpx2.post(url, json=body, headers=headers, trust_env=False, timeout=TIMEOUT_S).is_success
+            except httpx2.TransportError:
+                return False
+
+        wait_until(is_taken)
+        self._sent[name] += len(values)
+
+    def having(self, service: Service) -> set[str]:
+        """Return the surfaces whose samples a service has."""
+        asked = {name: service.get(f"/surfaces/{name}/contact") for name in SURFACES}
+        return {name for name, answer in asked.items() if answer.is_success}
+
+    def events(self, count: int) -> list[dict[str, Any]]:
+        """Wait for so many events: any service answers, and another one may still be writing."""
+        found: list[dict[str, Any]] = []
+
+        def are_written() -> bool:
+            found[:] = self.get("/events?limit=1000").json().get("events", [])
+            return len(found) >= count
+
+        wait_until(are_written)
+        return found
+
+
+@pytest.fixture
+def plant(start_service: StartService, config: Path) -> Iterator[Plant]:
+    plant = Plant(config.parent, [start_service("--config", config) for _ in range(2)])
+    plant.balancer.start()
+    yield plant
+    plant.balancer.stop()
+
+
+def test_another_service_takes_over_the_surfaces_of_a_dead_one(plant: Plant) -> None:
+    for name in SURFACES:
+        plant.deliver(name, *CONTACT)
+    first, second = (plant.having(service) for service in plant.services)
+    assert first | second == set(SURFACES)
+    assert not first & second
+    assert first
+    assert second
+
+    plant.services[0].stop(signal.SIGKILL)
+    for name in second:
+        assert plant.get(f"/surfaces/{name}/contact").json()["sequence"] == 3
+    for name in SURFACES:
+        plant.deliver(name, *CONTACT)
+        assert plant.get(f"/contact?surface={name}").json()["sequence"] == 7
+    assert plant.having(plant.services[1]) == set(SURFACES)
+    events = plant.events(2 * len(SURFACES))
+    assert sorted(event["surface"] for event in events) == sorted(SURFACES * 2)
+    assert {(event["begin"], event["end"], event["samples"]) for event in events} == {("touch", "lift", 2)}
+
+
+def test_questions_about_all_surfaces_are_answered_for_all_or_refused(plant: Plant) -> None:
+    for name in SURFACES:
+        plant.deliver(name, *CONTACT)
+    for path in WHOLE:
+        refusal = plant.get(path)
+        assert (refusal.status_code, kind(refusal)) == (421, "one-of-several")
+        assert refusal.json()["surfaces"] == SURFACES
+    # Without the balancer, the query form reaches any service.
+    assert kind(plant.services[0].get(f"/contact?surface={SURFACES[0]}")) == "one-of-several"
+    metrics = plant.get("/metrics")
+    assert (metrics.status_code, metrics.json()["type"]) == (421, "urn:beamtouch:problem:one-of-several")
+    assert plant.services[0].get("/metrics").status_code == 200
+
+    for name in SURFACES:
+        assert plant.get(f"/contact?surface={name}").json()["surface"] == name
+        assert plant.get(f"/surfaces/{name}").json()["samples"]["accepted"] == 4
+    plant.events(len(SURFACES))
+    for service in plant.services:
+        # What one service recorded, each of them answers.
+        assert {event["surface"] for event in service.get("/events").json()["events"]} == set(SURFACES)
+    assert "beamtouch" in plant.get("/").text.lower()
+    (name, *_) = SURFACES
+    with httpx2.stream("GET", f"{plant.balancer.url}/stream?surface={name}", trust_env=False) as stream:
+        assert next(line for line in stream.iter_lines() if line.startswith("data: ")).startswith(
+            f'data: {{"surface": "{name}"'
+        )
+
+
+def test_the_page_shows_a_surface_and_names_all(plant: Plant, open_page: OpenPage) -> None:
+    for name in SURFACES:
+        plant.deliver(name, *CONTACT[:3])
+    for name in SURFACES[:3]:
+        seen = open_page(plant.balancer.url, f"/?surface={name}")
+        seen.wait_for_state("contact")
+        assert [option.inner_text() for option in seen.page.query_selector_all("#chooser option")] == SURFACES
+        assert "60000 ms" in seen.text("limit")
+
+
+def test_answers_go_on_while_the_database_is_away_and_its_events_come_later(plant: Plant, postgres: Postgres) -> None:
+    name = SURFACES[0]
+    plant.deliver(name, *CONTACT)
+    assert len(plant.events(1)) == 1
+    postgres.stop(signal.SIGQUIT)
+    try:
+        plant.deliver(name, RESTING, TOUCHING)
+        assert plant.get(f"/surfaces/{name}/contact").json()["state"] == "contact"
+        refusal = plant.get("/events")
+        assert (refusal.status_code, kind(refusal)) == (503, "events-away")
+        assert refusal.headers["retry-after"] == "1"
+        plant.deliver(name, TOUCHING, RESTING)
+        owner = next(service for service in plant.services if name in plant.having(service))
+        wait_until(lambda: "beamtouch_event_writes_waiting 0.0" not in owner.get("/metrics").text)
+    finally:
+        postgres.start()
+    wait_until(lambda: "beamtouch_event_writes_waiting 0.0" in owner.get("/metrics").text)
+    wait_until(lambda: plant.get("/events").is_success)
+    assert [(event["begin"], event["end"], event["samples"]) for event in plant.events(2)] == [("touch", "lift", 2)] * 2
+    said = owner.get("/metrics").text
+    assert "beamtouch_event_outages_total 1.0" in said
+    assert "beamtouch_event_writes_lost_total 0.0" in said
+    code, errors = owner.stop(signal.SIGTERM)
+    assert code == 0
+    assert errors.count("the database of events is away") == 1
+    assert PASSWORD not in errors
+    assert "Traceback" not in errors
+
+
+def test_a_service_starts_without_its_database(start_service: StartService, postgres: Postgres, config: Path) -> None:
+    url = config.read_text().partition("url = '")[2].partition("'")[0]
+    postgres.stop()
+    try:
+        service = start_service("--config", config)
+        answer = service.get("/events")
+        assert kind(answer) == "events-away"
+        assert PASSWORD not in answer.text
+    finally:
+        postgres.start()
+    wait_until(lambda: service.get("/events").is_success)
+    assert rows(url, "SELECT count(*) FROM events") == [(0,)]
