@@ -13,7 +13,7 @@ from beamtouch_models.whitening import whitening
 
 
 def whitened(surface: SimulatedSurface, fault_mm: np.ndarray) -> np.ndarray:
-    covariance = np.eye(surface.channels) * surface.metadata.noise.sample_mm**2
+    covariance = np.eye(surface.channels) * surface.least_noise_mm**2
     floor = surface.metadata.floor
     return whitening(fault_mm, covariance, floor.gain, floor.zero_mm)
 
@@ -74,13 +74,13 @@ def test_the_power_for_a_noisy_channel_is_that_of_its_direction(surface: Simulat
     position, force = drawn(surface, draws, random)
     clean = surface.under(position, force)
     noise = np.ones(clean.shape)
-    noise[np.arange(draws), random.integers(4, size=draws)] = 10.0
+    noise[np.arange(draws), random.integers(4, size=draws)] = 30.0
     power = power_of_noise(surface, clean, noise, alpha)
     assert 0.2 < power < 0.9
     seen = []
-    sample_mm, floor = surface.metadata.noise.sample_mm, surface.metadata.floor
+    least_mm, floor = surface.least_noise_mm, surface.metadata.floor
     for at, row, loud, weight in zip(position, clean, noise, whitened(surface, clean), strict=True):
-        deviation = np.sqrt((loud * sample_mm) ** 2 + (np.array(floor.gain) * row) ** 2 + np.square(floor.zero_mm))
+        deviation = np.sqrt((loud * least_mm) ** 2 + (np.array(floor.gain) * row) ** 2 + np.square(floor.zero_mm))
         error = random.normal(size=(1000, 4)) * deviation @ weight.T
         tangent = np.stack([surface.influence(at), surface.influence(at, 1)], axis=1)
         basis = np.linalg.qr(weight @ tangent)[0]

@@ -17,13 +17,14 @@ from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.calibration.contacts import MAX_BYTES
 from beamtouch_models.calibration.rebuilt import remade
 from beamtouch_models.errors import NotGoodEnoughError, SceneError
-from beamtouch_models.estimators.estimator import Estimator
+from beamtouch_models.estimators.estimator import Estimator, estimator_of
 from beamtouch_models.estimators.posterior.channels import ENOUGH, MAX_SETS, fewest_channels
 from beamtouch_models.export import to_bytes
 from beamtouch_models.loading import load, load_bytes
 from beamtouch_models.metadata import Calibration, Departures
 from beamtouch_models.modelfile import ModelFile, ModelFileError
 from beamtouch_models.physics.beam import influence_of
+from beamtouch_models.progress import silent
 from example_scenes import paper_scene
 from in_process import Command
 from posterior_cases import graph_of, prior_of
@@ -88,7 +89,9 @@ def test_a_model_whose_figures_contradict_each_other_is_refused(
 
 def test_a_model_of_an_estimator_that_is_no_more_is_not_calibrated(bench: ModelFile) -> None:
     later = bench.metadata.model_copy(update={"estimator": "oracle"})
-    content = to_bytes(graph_of(prior_of_model(bench.metadata)), later)
+    prior, least_mm = prior_of_model(later), later.filter.least_noise_mm(later.noise)
+    made = estimator_of("posterior", prior, least_noise_mm=least_mm, with_force=True, seed=later.seed, progress=silent)
+    content = to_bytes(made.graph, later)
     metadata = load_bytes(content, "later.onnx").metadata
     calibration = Calibration(
         departures=Departures(position_offset_mm=[0.0] * 4, gain=[1.0] * 4, offset_mm=[0.0] * 4),
