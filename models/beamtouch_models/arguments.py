@@ -4,11 +4,10 @@ import argparse
 from pathlib import Path
 
 from beamtouch_common.commands import whole_number
+from beamtouch_models.shared_arguments import add_contacts, add_json, add_seed, add_workers
 
 ESTIMATORS = ("posterior", "small-network", "paper-network")
 """The names in `estimators.estimator`, which takes too long to import for --help."""
-MAX_DRAWS = 1_000_000
-"""Bounds memory: each contact takes about 2 kB."""
 MAX_PLAYS = 10_000
 """Bounds memory: each course takes about 100 kB."""
 
@@ -30,8 +29,8 @@ def add_build(parser: argparse.ArgumentParser) -> None:
         "--daemon-config", type=Path, metavar="FILE", help="also write a configuration for beamtouch-daemon (TOML)"
     )
     parser.add_argument("--report", type=Path, metavar="FILE", help="also write a report of the build (.html)")
-    _add_seed(parser)
-    _add_json(parser)
+    add_seed(parser)
+    add_json(parser)
 
 
 def add_calibrate(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +64,7 @@ def add_calibrate(parser: argparse.ArgumentParser) -> None:
     ):
         parser.add_argument(name, type=float, default=1.0, metavar=metavar, help=text)
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MODEL", help="model file to write (.onnx)")
-    _add_json(parser)
+    add_json(parser)
 
 
 def add_challenge(parser: argparse.ArgumentParser) -> None:
@@ -78,8 +77,9 @@ def add_challenge(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="number of simulated courses per case (default: 400)",
     )
-    _add_seed(parser)
-    _add_json(parser)
+    add_workers(parser)
+    add_seed(parser)
+    add_json(parser)
 
 
 def add_evaluate(parser: argparse.ArgumentParser) -> None:
@@ -93,21 +93,22 @@ def add_evaluate(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="noise of a sample (standard deviation), instead of the model's; may be given several times",
     )
-    _add_contacts(parser, "number of simulated contacts", 16_384)
-    _add_seed(parser)
-    _add_json(parser)
+    add_contacts(parser, "number of simulated contacts", 16_384)
+    add_workers(parser)
+    add_seed(parser)
+    add_json(parser)
 
 
 def add_explain(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `design-sensors explain`."""
     parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
-    _add_json(parser)
+    add_json(parser)
 
 
 def add_inspect(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `design-sensors inspect`."""
     parser.add_argument("model", type=Path, metavar="MODEL", help="model file (.onnx)")
-    _add_json(parser)
+    add_json(parser)
 
 
 def add_place(parser: argparse.ArgumentParser) -> None:
@@ -132,8 +133,9 @@ def add_place(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="prove that no layout on the grid is better, or state how much better one could be",
     )
-    _add_seed(parser)
-    _add_json(parser)
+    add_workers(parser, "a proof")
+    add_seed(parser)
+    add_json(parser)
 
 
 def add_reproduce(parser: argparse.ArgumentParser) -> None:
@@ -141,15 +143,22 @@ def add_reproduce(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the plots and numbers"
     )
-    _add_seed(parser)
-    _add_json(parser)
+    add_seed(parser)
+    add_json(parser)
 
 
 def add_trade(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `design-sensors trade`."""
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="scene file (TOML)")
     parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the table, plot and JSON"
+        "scene", type=Path, metavar="SCENE", help="scene file (TOML), or a folder: all scenes in it, one after another"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for the table, plot and JSON; for a folder of scenes, each gets its own folder in it",
     )
     wish = parser.add_mutually_exclusive_group()
     wish.add_argument(
@@ -159,31 +168,12 @@ def add_trade(parser: argparse.ArgumentParser) -> None:
         "--error-mm", type=float, metavar="E", help="build the quickest model with a mean error of at most E mm"
     )
     parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, help="estimators to measure (default: all)")
-    _add_contacts(parser, "simulated contacts per point", 4096)
-    _add_seed(parser)
-    _add_json(parser)
-
-
-def _add_contacts(parser: argparse.ArgumentParser, what: str, default: int) -> None:
+    add_contacts(parser, "simulated contacts per point", 4096)
+    add_workers(parser)
+    add_seed(parser)
     parser.add_argument(
-        "--draws",
-        type=whole_number(100, MAX_DRAWS),
-        default=default,
-        metavar="N",
-        help=f"{what}, rounded up to a power of two; below about 2000, a stated standard error is a lower bound "
-        f"(default: {default})",
+        "--json",
+        action="store_true",
+        help="print one JSON object per scene, each on a line of standard output; measured times (times, latency_ms, "
+        "influence_ms and influence_with_ms) differ from run to run, and on_front and picked may differ with them",
     )
-
-
-def _add_seed(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--seed",
-        type=whole_number(0, 2**32 - 1),
-        default=0,
-        metavar="S",
-        help="seed of all random numbers (default: 0)",
-    )
-
-
-def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print one JSON object on standard output")

@@ -32,6 +32,9 @@ MQTT = tuple(
 )
 """What needs an MQTT client."""
 
+CLUSTER = "beamtouch_models.workers.cluster"
+"""What needs Dask."""
+
 
 def needed(distribution: str, extras: frozenset[str]) -> set[str]:
     """Return the distributions that an installation brings, itself included."""
@@ -57,7 +60,8 @@ def needed(distribution: str, extras: frozenset[str]) -> set[str]:
         ("service", "beamtouch_service", (*MODBUS_SERVER, *MQTT)),
         ("service,modbus-server", "beamtouch_service", MQTT),
         ("service,mqtt", "beamtouch_service", MODBUS_SERVER),
-        ("design", "beamtouch_models", ("beamtouch_models.rig",)),
+        ("design", "beamtouch_models", ("beamtouch_models.rig", CLUSTER)),
+        ("design,cluster", "beamtouch_models", ("beamtouch_models.rig",)),
         ("rig", "beamtouch_models.rig", ()),
     ],
 )

@@ -19,8 +19,13 @@ def surface(bench: ModelFile) -> SimulatedSurface:
 
 @pytest.fixture
 def design_sensors_here(capsys: pytest.CaptureFixture[str]) -> Command:
-    """`design-sensors` in this process."""
-    return command_of(cli.main, capsys)
+    """`design-sensors` in this process, without workers: what a test shortens here, it does not shorten in them."""
+
+    def main(arguments: list[str]) -> int:
+        sweeps = bool(arguments) and arguments[0] in {"trade", "evaluate", "place", "challenge"}
+        return cli.main([*arguments, "--workers", "1"] if sweeps else arguments)
+
+    return command_of(main, capsys)
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ import pytest
 from beamtouch_models.challenge.challenge import challenge
 from beamtouch_models.challenge.scoring import Row
 from beamtouch_models.commands import challenge as command
-from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.progress import Progress
+from beamtouch_models.sweeps import Spread
 from in_process import Command
 from waiting import interrupted
 
@@ -23,8 +23,8 @@ def test_the_command_prints_both_groups_and_one_json_object(
 ) -> None:
     kept: list[list[Row]] = []
 
-    def once(model: ModelFile, *, draws: int, seed: int, progress: Progress) -> list[Row]:
-        kept.extend([] if kept else [challenge(model, draws=draws, seed=seed, progress=progress)])
+    def once(content: bytes, *, draws: int, seed: int, progress: Progress, spread: Spread) -> list[Row]:
+        kept.extend([] if kept else [challenge(content, draws=draws, seed=seed, progress=progress, spread=spread)])
         return kept[0]
 
     monkeypatch.setattr(command, "challenge", once)

@@ -24,15 +24,16 @@ from beamtouch_models.pricing.noise import choose_filter, window_filter
 from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 from beamtouch_models.trade.front import NotToBeHadError, most_accurate, pareto_front, quickest
-from beamtouch_models.trade.physics import physics_trade
+from beamtouch_models.trade.layouts import counts_of, windows_of
+from beamtouch_models.trade.physics import EffectLeftOut, Question, errors_left_out, physics_trade
 from beamtouch_models.trade.point import Point, Trade
-from beamtouch_models.trade.points import counts_of, measured_points, windows_of
 from beamtouch_models.trade.quantised import quantised
-from beamtouch_models.trade.since_touch import curves
+from beamtouch_models.trade.since_touch import Curve, Touches, curve
 from beamtouch_models.trade.timing import Times
 from example_scenes import PAPER, SCENES
 from in_process import Command
 from posterior_cases import answers_of, prior_of
+from traded import points_of
 
 COMMAND = str(Path(sys.executable).parent / "design-sensors")
 NONE = Measurement(0.0, 0.0)
@@ -41,6 +42,10 @@ NONE = Measurement(0.0, 0.0)
 def point(latency_ms: float, error_mm: float, sensors: int) -> Point:
     times = Times(1.0, 1.0, 1.0)
     return Point("posterior", sensors, FilterChoice(), False, NONE, error_mm, NONE, NONE, times, 0.1, 1, latency_ms)
+
+
+def left_out(scene: Scene, draws: int) -> list[EffectLeftOut]:
+    return physics_trade(scene, errors_left_out(Question(scene, draws, 0)), 0)
 
 
 POINTS = st.lists(
@@ -98,10 +103,12 @@ def test_numbers_of_sensors_and_windows_follow_the_scene() -> None:
 def test_a_point_states_the_error_and_latency_of_its_model() -> None:
     scene = parse_scene(PAPER, "paper")
     kept: list[Trade] = []
-    trade = measured_points(scene, ("posterior",), draws=1024, seed=0, progress=lambda *_: None, keep=kept.append)
+    trade = points_of(scene, 1024, kept.append)
     every = trade.points
     assert [len(one.points) for one in kept] == list(range(2, 17, 2))
     assert {one.planned for one in kept} == {trade.planned} == {16}
+    assert {one.timed_alone for one in kept} == {False}
+    assert trade.timed_alone
     assert trade.failures == ()
     assert {one.sensors for one in every} == {2, 3}
     points = [one for one in every if one.sensors == 2]
@@ -134,7 +141,7 @@ def test_quantised_weights_are_integers_and_cost_accuracy() -> None:
 
 def test_leaving_out_an_expensive_effect_costs_accuracy() -> None:
     scene, _ = load_scene(SCENES / "short-deep.toml")
-    found = {effect.effect: effect for effect in physics_trade(scene, draws=400, seed=0)}
+    found = {effect.effect: effect for effect in left_out(scene, 400)}
     assert found["shear"].verdict == "in"
     assert found["shear"].error_over_limit.value > 1.5
     assert found["shear"].influence_ms > 0
@@ -149,7 +156,7 @@ def test_a_row_of_physics_is_one_effect() -> None:
         {"to_mm": length / 3, "thickness_mm": 1.002 * thickness},
         {"to_mm": length, "thickness_mm": thickness},
     ]
-    found = {one.effect: one for one in physics_trade(Scene.model_validate(stated), draws=400, seed=0)}
+    found = {one.effect: one for one in left_out(Scene.model_validate(stated), 400)}
     assert found["shear"].error_over_limit.value > 1.5
     assert found["steps"].error_over_limit.value < 1.05
 
@@ -158,7 +165,7 @@ def test_an_estimator_without_the_steps_of_the_adc_takes_the_noise_to_be_without
     scene, _ = load_scene(SCENES / "conveyor.toml")
     # Steps of 60 um beside a noise of 3 um: an estimator that does not know of them trusts its samples too much.
     coarse = changed(scene, "sensors", adc_bits=6)
-    found = {one.effect: one for one in physics_trade(coarse, draws=400, seed=0)}
+    found = {one.effect: one for one in left_out(coarse, 400)}
     assert found["ADC steps"].error_over_limit.value > 1.05
     assert found["shear"].error_over_limit.value < 1.01
 
@@ -166,21 +173,22 @@ def test_an_estimator_without_the_steps_of_the_adc_takes_the_noise_to_be_without
 def test_noise_from_the_adc_alone_has_a_row_for_each_other_effect() -> None:
     scene, _ = load_scene(SCENES / "conveyor.toml")
     quiet = changed(scene, "sensors", noise_mm=0.0)
-    assert [one.effect for one in physics_trade(quiet, draws=100, seed=0)] == ["shear"]
+    assert [one.effect for one in left_out(quiet, 100)] == ["shear"]
 
 
 def test_a_curve_is_of_the_filter_that_build_writes() -> None:
     stated, _ = load_scene(SCENES / "bench.toml")
     scene = changed(stated, "requirements", max_mean_ms=10.0)  # less than the latency of 20 ms
-    (curve,) = curves(scene, [2], draws=4, seed=0)
-    assert curve.readings[-1] == choose_filter(scene).most == 4
+    found = curve(Touches(scene, 2, 4, 0))
+    assert isinstance(found, Curve)
+    assert found.readings[-1] == choose_filter(scene).most == 4
 
 
 def test_fixed_sensors_raise_the_least_number_of_sensors() -> None:
     scene = parse_scene(PAPER.replace("count = 2", "count = [2, 5]\nfixed_mm = [50, 200, 333]"), "fixed")
     assert counts_of(scene) == [3, 4, 5]
     loaded = changed(scene, "contact", width_mm=20.0)
-    assert [one.effect for one in physics_trade(loaded, draws=100, seed=0)] == ["contact width"]
+    assert [one.effect for one in left_out(loaded, 100)] == ["contact width"]
 
 
 @pytest.mark.long
@@ -286,7 +294,7 @@ def test_points_that_fail_are_named_and_the_others_are_shown_in_a_table(
     assert failure["reason"] in done.stderr
     points, front = len(found["points"]), sum(one["on_front"] for one in found["points"])
     title, *table, last = done.stdout.strip().splitlines()
-    assert title.rstrip() == f"the front, {front} of {points} points"
+    assert title.rstrip() == f"narrow: the front, {front} of {points} points"
     assert sum("posterior" in line for line in table) == front
     assert f"all {points} points are in {tmp_path / 'out'}: trade.md, " in done.stderr
     assert last.startswith(f"built {tmp_path / 'out' / 'narrow.onnx'}: ")

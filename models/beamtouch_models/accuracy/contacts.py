@@ -15,6 +15,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import mean_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.progress import Fraction, silent
+from beamtouch_models.sweeps import Spread, in_turn
 
 LIKELY = 16
 """Number of positions that represent a posterior, with equal probability each."""
@@ -61,8 +62,11 @@ class Contacts:
         return self.deviation_mm + worse
 
 
-def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent) -> Contacts:
-    """Draw at least `count` contacts of a prior, evenly, with the likely positions of their readings."""
+def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent, spread: Spread = in_turn) -> Contacts:
+    """Draw at least `count` contacts of a prior, evenly, with the likely positions of their readings.
+
+    The readings are tasks for `spread`, a part each.
+    """
     drawn = draw_evenly(prior, count, seed)
     if prior.noise_mm == 0:
         return Contacts(drawn, drawn.position_mm[:, None], None, None)
@@ -71,12 +75,18 @@ def simulated(prior: Prior, count: int, seed: int, progress: Fraction = silent) 
     levels = np.column_stack([np.full(len(shift), 0.5), (np.arange(LIKELY) + shift) / LIKELY])
     found = []
     length = CHUNK * max(1, -(-len(shift) // (CHUNK * REPORTS)))
-    for start in range(0, len(shift), length):
-        part = slice(start, start + length)
-        found.append(np.column_stack(posterior_quantiles(prior, drawn.deflection_mm[part], levels[part])))
-        progress(min(1.0, (start + length) / len(shift)))
+    parts = [slice(start, start + length) for start in range(0, len(shift), length)]
+    for quantiles in spread(_quantiles, [(prior, drawn.deflection_mm[part], levels[part]) for part in parts]):
+        found.append(quantiles)
+        progress(len(found) / len(parts))
     whole = np.concatenate(found)
     return Contacts(drawn, whole[:, 1:-1], whole[:, 0], whole[:, -1])
+
+
+def _quantiles(task: tuple[Prior, Floats, Floats]) -> Floats:
+    """Return quantiles (readings, levels) of the posteriors of readings, with the mean distances as the last column."""
+    prior, deflection_mm, levels = task
+    return np.column_stack(posterior_quantiles(prior, deflection_mm, levels))
 
 
 def simulated_enough(prior: Prior, count: int, seed: int) -> Contacts:

@@ -13,6 +13,7 @@ from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest
 from beamtouch_models.arrays import Floats
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.progress import Fraction, silent
+from beamtouch_models.sweeps import Spread, in_turn
 
 MIDDLE = (0.2, 0.8)
 """Bounds of the middle of the beam, over its length."""
@@ -64,9 +65,17 @@ class Evaluation:
     """Share of contacts whose misfit exceeds its threshold; None for a model that states none."""
 
 
-def evaluate(model: ModelFile, prior: Prior, *, draws: int, seed: int, progress: Fraction = silent) -> Evaluation:
+def evaluate(
+    model: ModelFile,
+    prior: Prior,
+    *,
+    draws: int,
+    seed: int,
+    progress: Fraction = silent,
+    spread: Spread = in_turn,
+) -> Evaluation:
     """Measure a model on at least `draws` simulated contacts of a prior, at the noise of the prior."""
-    contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done))
+    contacts = simulated(prior, draws, seed, lambda done: progress(0.8 * done), spread)
     drawn, likely, counts = contacts.drawn, contacts.likely_mm, contacts.weight
     weight = np.broadcast_to(counts[:, None], likely.shape)
     answers = estimates(model, prior, drawn.deflection_mm)

@@ -32,6 +32,10 @@ class SampleErrors:
     """Error of a sensor's position along the beam."""
 
 
+def _as_it_is(deflection_mm: Floats) -> Floats:
+    return deflection_mm
+
+
 @dataclass(frozen=True, eq=False)
 class Prior:
     """The range of contacts, uniform in position and force, and the deflections that the sensors measure."""
@@ -45,7 +49,7 @@ class Prior:
     channels: int
     influence_at: Callable[[Floats], Floats]
     """From load positions in mm (loads,) to the influence matrix (loads, channels) in mm/N."""
-    measured: Callable[[Floats], Floats] = lambda deflection_mm: deflection_mm
+    measured: Callable[[Floats], Floats] = _as_it_is
     """From deflections (samples, channels) that are linear in the force to measured deflections."""
     gain: ArrayLike = 0.0
     """(channels,) or one number, standard deviation of the relative gain error that is left after calibration."""

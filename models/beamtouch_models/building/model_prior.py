@@ -37,13 +37,13 @@ def departed(prior: Prior, beam: Beam, width_mm: float, sensor_mm: Floats, depar
     """
     changed = changed_beam(beam, departures.rigidity, departures.fixity)
     true_mm = np.clip(sensor_mm + np.array(departures.position_offset_mm), 0.0, beam.length_mm)
-    gain = np.array(departures.gain)
-
-    def influence_at(load_mm: Floats) -> Floats:
-        matrix: Floats = gain * influence(changed, true_mm, load_mm, width_mm)
-        return matrix
-
+    influence_at = partial(_departed_influence, np.array(departures.gain), changed, true_mm, width_mm)
     return replace(prior, influence_at=influence_at, measured=partial(measured_by, departures))
+
+
+def _departed_influence(gain: Floats, beam: Beam, true_mm: Floats, width_mm: float, load_mm: Floats) -> Floats:
+    matrix: Floats = gain * influence(beam, true_mm, load_mm, width_mm)
+    return matrix
 
 
 def measured_by(departures: Departures, deflection_mm: Floats) -> Floats:

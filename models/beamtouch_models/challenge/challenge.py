@@ -1,7 +1,8 @@
 """The challenge: all rows of a model, and which of them miss the goals."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import bdtrc, chdtrc
@@ -19,8 +20,9 @@ from beamtouch_models.challenge.power import distances, power_of_noise, power_of
 from beamtouch_models.challenge.scoring import Row, exact_intervals_mm, ghosts, scored
 from beamtouch_models.challenge.sensor_cases import error_cases
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.loading import ModelFile
+from beamtouch_models.loading import ModelFile, load_bytes
 from beamtouch_models.progress import Progress, silent
+from beamtouch_models.sweeps import Spread, in_turn
 
 MISLEADING = 0.005
 """Largest share of samples of honest contacts that may mislead."""
@@ -40,26 +42,67 @@ WIDTH = 1.1
 """Largest median interval over that of the exact posterior."""
 
 
-def challenge(model: ModelFile, *, draws: int, seed: int, progress: Progress = silent) -> list[Row]:
-    """Put a model through all cases; the same seed gives the same rows.
+@dataclass(frozen=True)
+class _Courses:
+    """All courses of a case, as a task that can be sent."""
+
+    content: bytes
+    """The model file."""
+    number: int
+    """Number of the case."""
+    draws: int
+    seed: int
+
+
+def challenge(
+    content: bytes, *, draws: int, seed: int, progress: Progress = silent, spread: Spread = in_turn
+) -> list[Row]:
+    """Put a model file through all cases, which are tasks for `spread`; the same seed gives the same rows.
 
     Raises
     ------
+    ModelFileError
+        The content is not a model.
     SceneError
         The scene in the model cannot be computed.
     """
+    number_of_cases = len(_challenged(content).cases)
+    tasks = [_Courses(content, number, draws, seed) for number in range(number_of_cases)]
+    found: list[Row] = []
+    progress(f"case 1 of {len(tasks)}", 0.0)
+    for number, rows in enumerate(spread(_rows, tasks), 1):
+        found += rows
+        progress(f"case {min(number + 1, len(tasks))} of {len(tasks)}", number / len(tasks))
+    return sorted(found, key=lambda row: not row.honest)
+
+
+@dataclass(frozen=True)
+class _Challenged:
+    """A model, with its surface, prior and cases."""
+
+    model: ModelFile
+    surface: SimulatedSurface
+    prior: Prior | None
+    cases: tuple[Case, ...]
+
+
+@lru_cache(maxsize=1)
+def _challenged(content: bytes) -> _Challenged:
+    """Load a model and make its cases, once in each process."""
+    model = load_bytes(content, "the model")
     surface = SimulatedSurface.of(model.metadata)
-    cases = [*honest_cases(surface), *error_cases(surface), *fault_cases()]
     prior = None if model.metadata.calibration else prior_of_model(model.metadata)
     if prior is not None:
         # What has settled is the mean of as many readings as the filter takes.
         prior = replace(prior, noise_mm=model.metadata.noise.reading_mm / math.sqrt(model.metadata.filter.most))
-    found: list[Row] = []
-    for number, case in enumerate(cases):
-        rng = np.random.default_rng([seed, number])
-        progress(f"case {number + 1} of {len(cases)}", number / len(cases))
-        found += rows_of(model, surface, prior, case, draws, rng)
-    return sorted(found, key=lambda row: not row.honest)
+    cases = (*honest_cases(surface), *error_cases(surface), *fault_cases())
+    return _Challenged(model, surface, prior, cases)
+
+
+def _rows(task: _Courses) -> list[Row]:
+    at = _challenged(task.content)
+    rng = np.random.default_rng([task.seed, task.number])
+    return rows_of(at.model, at.surface, at.prior, at.cases[task.number], task.draws, rng)
 
 
 def rows_of(

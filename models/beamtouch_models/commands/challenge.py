@@ -15,6 +15,7 @@ from beamtouch_models import loading
 from beamtouch_models.challenge.challenge import challenge, misses
 from beamtouch_models.challenge.scoring import Row
 from beamtouch_models.commands.progress import shown_progress
+from beamtouch_models.workers import spread_over
 
 WIDTH_WITHOUT_TERMINAL = 150
 NEEDED = ("position_low_mm", "position_high_mm", "contact_log_odds")
@@ -25,13 +26,14 @@ Column = tuple[str, Callable[[Row], str]]
 
 def run(options: argparse.Namespace) -> None:
     """Challenge the model and print the rows of both groups."""
-    model = loading.load(options.model)
+    content = loading.read(options.model)
+    model = loading.load_bytes(content, str(options.model))
     lacking = [name for name in NEEDED if name not in model.outputs]
     if lacking:
         message = f"{options.model}: its graph does not give {', '.join(lacking)}; build it with another --estimator"
         raise InputError(message)
-    with shown_progress() as progress:
-        rows = challenge(model, draws=options.draws, seed=options.seed, progress=progress)
+    with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
+        rows = challenge(content, draws=options.draws, seed=options.seed, progress=progress, spread=spread)
     if options.json:
         told = [_as_json(row) for row in rows]
         print(json.dumps({"model": model.identity, "draws": options.draws, "seed": options.seed, "rows": told}))

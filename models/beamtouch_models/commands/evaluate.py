@@ -20,6 +20,7 @@ from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.description import unseen
 from beamtouch_models.pricing.noise import check_scale
+from beamtouch_models.workers import spread_over
 
 WIDTH_WITHOUT_TERMINAL = 120
 
@@ -35,7 +36,7 @@ def run(options: argparse.Namespace) -> None:
     prior = prior_of_model(model.metadata)
     noises = options.noise or [prior.noise_mm]
     found = []
-    with shown_progress() as progress:
+    with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         for noise_mm in noises:
             doing = f"measuring at a noise of {noise_mm:.3g} mm"
             one = evaluate(
@@ -44,6 +45,7 @@ def run(options: argparse.Namespace) -> None:
                 draws=options.draws,
                 seed=options.seed,
                 progress=lambda done, doing=doing: progress(doing, done),  # type: ignore[misc]
+                spread=spread,
             )
             found.append(one)
     if missed := unseen(model.metadata):

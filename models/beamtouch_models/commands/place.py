@@ -21,6 +21,7 @@ from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import Scene, load_scene
+from beamtouch_models.workers import spread_over
 
 LIMIT_DRAWS = 10_000
 
@@ -38,7 +39,7 @@ def run(options: argparse.Namespace) -> None:
     if options.components is not None and options.components > count:
         message = f"--components {options.components}: {count} sensors have no more than {count} components"
         raise SceneError(message)
-    with shown_progress() as progress:
+    with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         if options.criterion == "position-error":
             placement = place_by_position_error(
                 influence,
@@ -58,7 +59,7 @@ def run(options: argparse.Namespace) -> None:
                 options.seed,
                 options.components,
                 search=options.search,
-                certify="proof" if options.prove else "bound",
+                certify=spread if options.prove else "bound",
                 progress=progress,
             )
         progress("measuring the accuracy limit", 0.95)

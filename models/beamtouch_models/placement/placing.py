@@ -1,12 +1,9 @@
 """Placement of sensors by a criterion and a search, with a proof where the criterion has a bound."""
 
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from functools import cache
 from typing import Literal
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.arrays import Floats, Indices
@@ -20,9 +17,10 @@ from beamtouch_models.placement.proof import bound_gap, prove
 from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best, pattern_search
 from beamtouch_models.placement.search_paper import paper_runs, paper_search
 from beamtouch_models.progress import Progress, silent
+from beamtouch_models.sweeps import Spread, in_turn, one_thread
 
 SearchName = Literal["exact", "paper"]
-Certify = Literal["nothing", "bound", "proof"]
+Certify = Literal["nothing", "bound", "proof"] | Spread
 
 SURROGATE_STARTS = 2
 
@@ -50,17 +48,6 @@ class Placement:
         return self.gap == 0
 
 
-@cache
-def _controller() -> ThreadpoolController:
-    return ThreadpoolController()
-
-
-def _one_thread() -> AbstractContextManager[object]:
-    """Keep linear algebra on one thread: with matrices this small, threads wait longer than they work."""
-    limited: AbstractContextManager[object] = _controller().limit(limits=1)
-    return limited
-
-
 def place(
     influence: InfluenceFunction,
     rules: Candidates,
@@ -81,7 +68,8 @@ def place(
     seed : seed of the search
     leading : number of eigenvalues in the product; `count` by default
     search : "exact" exchanges sensors from many starts, "paper" clones and varies a layout
-    certify : "bound" states a gap; "proof" closes it if possible, and may return a better layout
+    certify : "bound" states a gap; "proof" closes it if possible, and may return a better layout; a `Spread` does the
+        same as "proof" with the tasks that it runs
     progress : called with the current step and the fraction done
 
     Raises
@@ -89,7 +77,7 @@ def place(
     SceneError
         The rules allow no layout of `count` sensors, or no layout has `leading` components.
     """
-    with _one_thread():
+    with one_thread():
         problem = problem_of(influence, rules, count, leading)
         progress("searching", 0.0)
         runs = _searched(problem, search, seed)
@@ -101,8 +89,11 @@ def place(
         if certify == "bound":
             progress("bounding", 0.5)
             gap = bound_gap(problem, layout)
-        elif certify == "proof":
-            proof = prove(problem, layout, progress=lambda left: progress(f"proving, gap {left:.2g}", 0.5))
+        elif certify != "nothing":
+            spread = in_turn if isinstance(certify, str) else certify
+            proof = prove(
+                problem, layout, progress=lambda left: progress(f"proving, gap {left:.2g}", 0.5), spread=spread
+            )
             layout, score, gap, evaluations = proof.layout, proof.score, proof.gap, evaluations + proof.evaluations
     return _placement(rules, layout, score, best, evaluations, gap)
 
@@ -125,7 +116,7 @@ def place_by_position_error(
     if not 0 < errors.noise_mm < np.inf:
         message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
         raise SceneError(message)
-    with _one_thread():
+    with one_thread():
         equal = equal_layout(rules, influence.length_mm, count)
         surrogate = surrogate_of(influence, rules, count, errors, seed)
         starts = _surrogate_starts(influence, surrogate, equal, seed)

@@ -1,7 +1,7 @@
 """The placement problem, reduced to a few orthogonal coordinates so that scoring a layout is quick."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,11 @@ class Problem:
         """Return the log eigenvalue product of one layout (sensors,), to rounding."""
         logs = float(log_eigenvalue_product(self.matrix[:, layout], self.leading))
         return logs + self.leading * (self.offset + math.log(len(self.matrix)))
+
+    @property
+    def without_matrix(self) -> "Problem":
+        """The problem without what only an exact score needs, which is most of its size."""
+        return replace(self, matrix=np.empty((0, 0)))
 
     def random_layout(self, rng: np.random.Generator) -> Indices:
         """Return the allowed layout nearest to uniformly drawn positions."""

@@ -1,6 +1,7 @@
 """The accuracy and computing time of a surface without each of its physical effects."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,12 +37,51 @@ class EffectLeftOut:
     influence_with_ms: float
 
 
-def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[EffectLeftOut]:
-    """Measure the surface without each effect that can be left out, one at a time.
+@dataclass(frozen=True)
+class Question:
+    """The contacts on which effects are left out, as a task that can be sent."""
 
-    The surface has the fewest sensors that the scene allows. Steps are left out of a beam without shear, because shear
-    depends on the sections.
+    scene: Scene
+    draws: int
+    seed: int
+
+
+def errors_left_out(question: Question) -> list[Measurement]:
+    """Return the ratio for each effect that can be left out, one at a time, in the order of `physics_trade`."""
+    draws, seed = question.draws, question.seed
+    touched: dict[int, Contacts] = {}
+    found = []
+    for pair in _pairs(question.scene, seed):
+        if id(pair.base) not in touched:
+            touched[id(pair.base)] = simulated_enough(pair.base, draws, seed + 1)
+        found.append(_error_over_limit(touched[id(pair.base)], pair.without))
+    return found
+
+
+def physics_trade(scene: Scene, ratios: Sequence[Measurement], seed: int) -> list[EffectLeftOut]:
+    """Return the surface without each effect that can be left out, with the times to compute its influence tables.
+
+    `ratios` are those of `errors_left_out`. The machine should do nothing else. The surface has the fewest sensors
+    that the scene allows. Steps are left out of a beam without shear, because shear depends on the sections.
     """
+    return [
+        EffectLeftOut(pair.effect, pair.price, pair.verdict, ratio, _table_ms(pair.without), _table_ms(pair.base))
+        for pair, ratio in zip(_pairs(scene, seed), ratios, strict=True)
+    ]
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """A surface with and without an effect."""
+
+    effect: str
+    price: float
+    verdict: str
+    base: Prior
+    without: Prior
+
+
+def _pairs(scene: Scene, seed: int) -> list[_Pair]:
     chosen = choose_filter(scene)
     physics = required(scene, chosen)
     influence, rules = influence_of(physics.scene), sensor_rules(physics.scene)
@@ -54,7 +94,6 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[EffectLeftOut]
         return Prior.real(influence_of(same), layout, sample_errors(same, noise_of(same, chosen).sample_mm))
 
     whole = prior_of(scene)
-    touched = simulated_enough(whole, draws, seed + 1)
     found = []
     for effect in physics.effects:
         if effect.leave_out is None or effect.price is None:
@@ -62,14 +101,8 @@ def physics_trade(scene: Scene, *, draws: int, seed: int) -> list[EffectLeftOut]
         without = prior_of(effect.lacking or effect.leave_out(scene))
         if without.noise_mm == 0:  # the steps of the ADC are all of the noise, and without noise there is no estimator
             continue
-        base, contacts = whole, touched
-        if effect.having is not None and effect.having != scene:
-            base = prior_of(effect.having)
-            contacts = simulated_enough(base, draws, seed + 1)
-        ratio = _error_over_limit(contacts, without)
-        found.append(
-            EffectLeftOut(effect.name, effect.price, effect.verdict, ratio, _table_ms(without), _table_ms(base))
-        )
+        base = whole if effect.having is None or effect.having == scene else prior_of(effect.having)
+        found.append(_Pair(effect.name, effect.price, effect.verdict, base, without))
     return found
 
 

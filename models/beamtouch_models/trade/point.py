@@ -49,3 +49,5 @@ class Trade:
     failures: tuple[Failure, ...]
     planned: int
     """Number of points at the end, if none fails."""
+    timed_alone: bool
+    """Whether nothing else ran while inferences were timed; False as long as layouts are being measured."""

@@ -33,6 +33,7 @@ def json_of(
     """Return all results, for JSON."""
     return {
         "planned_points": trade.planned,
+        "timed_alone": trade.timed_alone,
         "points": [{**_fields(point), "on_front": point in front} for point in trade.points],
         "failures": [{**asdict(failure), "filter": failure.filter.model_dump()} for failure in trade.failures],
         "physics": [asdict(effect) for effect in physics],
@@ -84,9 +85,10 @@ def markdown(
     lines = [
         f"# Accuracy against speed: {name}",
         "",
-        f"{len(trade.points)} of {trade.planned} points, measured in one run on one machine. Points on the front (*)",
+        f"{len(trade.points)} of {trade.planned} points, timed in one run on one machine. Points on the front (*)",
         "are not dominated by any other in time, error and number of sensors. A contact is known after half a reading",
         "period, the transfer of a reading at 1 Mbaud, the settling of the filter, and an inference.",
+        *(() if trade.timed_alone else ("Inferences were timed while other points were being measured.",)),
         "",
         *_table(HEADINGS, [row(point, on_front=point in front) for point in _sorted(trade.points)]),
         "",

@@ -10,6 +10,7 @@ from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
+from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.graph import posterior_graph
 from beamtouch_models.filters import Chain, chosen_stages, unit_of
@@ -25,7 +26,6 @@ from beamtouch_models.pricing.noise import (
     noise_of,
     reading_noise_mm,
 )
-from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.scene import Scene
 from beamtouch_models.session import runner
 from beamtouch_models.whitening import whitening
@@ -52,19 +52,25 @@ class Curve:
     """Error of the exact posterior of all readings since the touch, whose time it knows."""
 
 
-def curves(scene: Scene, counts: list[int], *, draws: int, seed: int, progress: Fraction = silent) -> list[Curve]:
-    """Measure a curve for each number of sensors; the beam follows each touch at once.
+@dataclass(frozen=True)
+class Touches:
+    """The touches of a curve, as a task that can be sent."""
 
-    Raises
-    ------
-    SceneError
-        A layout cannot be found, or the noise is too large or too small for a model.
+    scene: Scene
+    sensors: int
+    draws: int
+    seed: int
+
+
+def curve(touches: Touches) -> Curve | SceneError:
+    """Measure a curve; the beam follows each touch at once.
+
+    An error is returned: a layout cannot be found, or the noise is too large or too small for a model.
     """
-    found = []
-    for index, count in enumerate(counts):
-        progress(index / len(counts))
-        found.append(_curve(scene, count, draws, seed))
-    return found
+    try:
+        return _curve(touches.scene, touches.sensors, touches.draws, touches.seed)
+    except SceneError as error:
+        return error
 
 
 def growths(longest: int) -> tuple[int, ...]:

@@ -1,0 +1,45 @@
+"""The form in which sweeps reach their cores: one function over many tasks, which may run in other processes.
+
+A function is one of a module, and a task holds data alone, so that both can be sent. Random numbers are seeded by the
+task, and each task computes on one thread, so that its result is the same wherever it runs.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager
+from functools import cache
+from typing import Protocol, TypeVar
+
+from threadpoolctl import ThreadpoolController
+
+Task = TypeVar("Task")
+Found = TypeVar("Found")
+
+
+class Spread(Protocol):
+    """Runs a function on all tasks, somewhere; yields what it returns in the order of the tasks."""
+
+    def __call__(self, function: Callable[[Task], Found], tasks: Iterable[Task], /) -> Iterator[Found]:
+        """Begin at once or with the first result; an error of the function is raised in the place of its result."""
+
+
+def in_turn(function: Callable[[Task], Found], tasks: Iterable[Task], /) -> Iterator[Found]:
+    """Run a function on one task after another, in this process, each when its result is asked for."""
+    for task in tasks:
+        yield on_one_thread(function, task)
+
+
+def on_one_thread(function: Callable[[Task], Found], task: Task) -> Found:
+    """Run a function with linear algebra on one thread: rounding depends on the number of threads."""
+    with one_thread():
+        return function(task)
+
+
+def one_thread() -> AbstractContextManager[object]:
+    """Keep linear algebra on one thread: with matrices this small, threads wait longer than they work."""
+    limited: AbstractContextManager[object] = _controller().limit(limits=1)
+    return limited
+
+
+@cache
+def _controller() -> ThreadpoolController:
+    return ThreadpoolController()

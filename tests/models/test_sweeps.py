@@ -1,0 +1,153 @@
+"""Sweeps over worker processes: the same results, and an end without remains."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from example_scenes import PAPER, SCENES
+from in_process import Command
+from sweeping import COMMAND, WITHIN_S, at_work, group, sweeping, swept
+from waiting import wait_until
+
+LONG = ("--draws", 2000)
+"""Enough work for workers to be interrupted."""
+MEASURED = ("times", "latency_ms", "influence_ms", "influence_with_ms", "on_front")
+"""Fields of a trade that are measured times, or follow from them."""
+
+
+def untimed(found: Any) -> Any:  # noqa: ANN401  # JSON
+    if isinstance(found, dict):
+        return {key: untimed(value) for key, value in found.items() if key not in MEASURED}
+    return [untimed(one) for one in found] if isinstance(found, list) else found
+
+
+def scenes_in(folder: Path) -> Path:
+    """Make a folder with two small scenes, one of whose layouts cannot be placed."""
+    folder.mkdir()
+    text = PAPER + "\n[requirements]\nlatency_ms = 10\n"
+    (folder / "plain.toml").write_text(text.replace("count = 2", "count = [2, 2]"))
+    narrow = "count = [3, 4]\nmin_distance_mm = 150"  # three sensors go on 400 mm, four do not
+    (folder / "narrow.toml").write_text(text.replace("count = 2", narrow))
+    return folder
+
+
+def test_evaluate_and_challenge_print_the_same_bytes_at_any_number_of_workers(bench_model: Path) -> None:
+    for arguments in (("evaluate", "--draws", 4000, "--noise", 0.01, "--noise", 0.02), ("challenge", "--draws", 10)):
+        one, three = (swept(*arguments, bench_model, "--json", "--workers", workers) for workers in (1, 3))
+        assert one == three
+        assert len(one) > 500
+
+
+def test_a_proof_is_the_same_at_any_number_of_workers() -> None:
+    proofs = []
+    for workers in (1, 2):
+        # Hundreds of regions, in rounds of which most are large enough for workers.
+        arguments = ("place", SCENES / "paper.toml", "--sensors", 8, "--components", 4, "--prove", "--json")
+        found = json.loads(swept(*arguments, "--workers", workers))
+        assert found.pop("wall_s") > 0
+        assert found["proven"]
+        proofs.append(found)
+    assert proofs[0] == proofs[1]
+
+
+@pytest.mark.long
+def test_a_folder_of_scenes_is_traded_into_a_folder_each(tmp_path: Path) -> None:
+    scenes = scenes_in(tmp_path / "scenes")
+    common = ("trade", scenes, "--draws", 100, "--estimators", "posterior", "--json")
+    found = []
+    for workers in (1, 2):
+        output = tmp_path / f"{workers}"
+        command = [COMMAND, *map(str, common), "-o", str(output), "--workers", str(workers)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
+        assert done.returncode == 0, done.stderr
+        assert "min_distance_mm" in done.stderr
+        objects = [json.loads(line) for line in done.stdout.splitlines()]
+        assert [one.pop("output") for one in objects] == [str(output / name) for name in ("narrow", "plain")]
+        assert all(one["timed_alone"] and one["points"] for one in objects)
+        for name in ("narrow", "plain"):
+            assert json.loads((output / name / "trade.json").read_text())["points"]
+        found.append(untimed(objects))
+    assert found[0] == found[1]
+    assert [one["scene"] for one in found[0]] == [str(scenes / f"{name}.toml") for name in ("narrow", "plain")]
+
+
+def interrupt_the_group(process: subprocess.Popen[str]) -> None:
+    os.killpg(process.pid, signal.SIGINT)
+
+
+def kill_a_worker(process: subprocess.Popen[str]) -> None:
+    os.kill(at_work(process.pid)[0], signal.SIGKILL)
+
+
+@pytest.mark.parametrize(
+    ("harm", "code", "said"),
+    [
+        (interrupt_the_group, 130, "design-sensors: interrupted\n"),
+        (kill_a_worker, 1, "design-sensors: a worker process ended before its work was done; if memory was short, use "
+            "fewer --workers\n"),
+    ],
+)  # fmt: skip
+def test_what_ends_a_sweep_ends_its_workers(
+    bench_model: Path, harm: Callable[[subprocess.Popen[str]], None], code: int, said: str
+) -> None:
+    with sweeping("challenge", bench_model, *LONG, "--workers", 2) as process:
+        wait_until(lambda: len(at_work(process.pid)) == 2, WITHIN_S)
+        harm(process)
+        out, err = process.communicate(timeout=WITHIN_S)
+        assert (process.returncode, out, err) == (code, "", said)
+        wait_until(lambda: not group(process.pid), WITHIN_S)
+
+
+def test_workers_end_when_their_command_is_killed(bench_model: Path) -> None:
+    with sweeping("challenge", bench_model, *LONG, "--workers", 2) as process:
+        wait_until(lambda: len(at_work(process.pid)) == 2, WITHIN_S)
+        process.kill()
+        wait_until(lambda: not group(process.pid), WITHIN_S)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--workers", "0"), "'0' is not a whole number from 1 to 1024"),
+        (("--workers", "2", "--cluster", "tcp://127.0.0.1:1"), "not allowed with argument --workers"),
+        (("--cluster", "127.0.0.1:8786"), "'127.0.0.1:8786' is not tcp://HOST:PORT"),
+        (("--cluster", "tcp://127.0.0.1:high"), "is not tcp://HOST:PORT"),
+    ],
+)
+@pytest.mark.parametrize("command", ["trade", "evaluate", "place", "challenge"])
+def test_wrong_workers_are_refused_in_one_line(command: str, options: tuple[str, ...], said: str) -> None:
+    done = subprocess.run([COMMAND, command, "FILE", *options], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert said in done.stderr
+
+
+def test_a_cluster_without_its_extra_names_the_extra(bench_model: Path) -> None:
+    # As if it were not installed: an entry of None is not found.
+    program = "import sys; sys.modules['distributed'] = None; from beamtouch_models.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", program, "evaluate", str(bench_model), "--cluster", "tcp://127.0.0.1:1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
+    expected = "design-sensors: --cluster needs distributed; run: pip install 'beamtouch[design,cluster]'\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
+
+
+def test_a_folder_without_scenes_and_a_wrong_scene_are_refused_before_any_work(
+    design_sensors_here: Command, tmp_path: Path
+) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    done = design_sensors_here("trade", empty, "-o", tmp_path / "out")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "no scenes (*.toml)" in done.stderr
+    scenes = scenes_in(tmp_path / "scenes")
+    (scenes / "wrong.toml").write_text(PAPER.replace("count = 2", "count = 0"))
+    done = design_sensors_here("trade", scenes, "-o", tmp_path / "out")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "wrong.toml" in done.stderr
+    assert not (tmp_path / "out").exists()
