@@ -6,6 +6,7 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -38,13 +39,12 @@ def run(options: argparse.Namespace) -> None:
     found = []
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         for noise_mm in noises:
-            doing = f"measuring at a noise of {noise_mm:.3g} mm"
             one = evaluate(
                 model,
                 at_noise(prior, noise_mm),
                 draws=options.draws,
                 seed=options.seed,
-                progress=lambda done, doing=doing: progress(doing, done),  # type: ignore[misc]
+                progress=partial(progress, f"measuring at a noise of {noise_mm:.3g} mm"),
                 spread=spread,
             )
             found.append(one)

@@ -14,6 +14,7 @@ from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.commands.trade_scene import TradedScene
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import NAMES
+from beamtouch_models.progress import Progress
 from beamtouch_models.scene import load_scene
 from beamtouch_models.trade.front import NotToBeHadError
 from beamtouch_models.workers import spread_over
@@ -44,7 +45,7 @@ def _run(scenes: Sequence[TradedScene], options: argparse.Namespace) -> None:
             scene.begin(tuple(options.estimators or NAMES), spread)
         for scene in scenes:
             with _refusals(scenes, scene, refused):
-                scene.gather(lambda doing, done, scene=scene: progress(f"{scene.name}: {doing}", done))  # type: ignore[misc]
+                scene.gather(_named(scene.name, progress))
     # The workers have ended: from here on, times are measured.
     for scene in scenes:
         if scene.is_gathered:
@@ -53,6 +54,11 @@ def _run(scenes: Sequence[TradedScene], options: argparse.Namespace) -> None:
     if refused:
         message = f"{len(refused)} of {len(scenes)} scenes are not complete: {'; '.join(refused)}"
         raise InputError(message)
+
+
+def _named(name: str, progress: Progress) -> Progress:
+    """Return a progress whose steps begin with the name of a scene."""
+    return lambda doing, done: progress(f"{name}: {doing}", done)
 
 
 @contextmanager

@@ -66,8 +66,8 @@ class EventFile:
             raise EventStoreError(message) from None
 
     @contextmanager
-    def begin(self, surface: str | None = None) -> Iterator[Connection]:  # noqa: ARG002  # the file has one lock for all
-        """Give a transaction."""
+    def begin(self, _surface: str | None = None) -> Iterator[Connection]:
+        """Give a transaction; the file has one lock for all surfaces."""
         with self._engine.begin() as connection:
             yield connection
 
