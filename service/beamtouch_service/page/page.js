@@ -49,11 +49,17 @@ function surfacesKnown() {
   chooser.value = feed.chosen ?? "";
   chooser.hidden = !several || names.length === 0;
   setText(byId("surface"), chooser.hidden ? (feed.chosen ?? "") : "");
-  model = feed.surface?.model ?? null;
+  nameModel(feed.surface?.model ?? null);
   setText(byId("limit"), feed.surface ? `at most ${feed.surface.stale_ms} ms` : "");
   byId("contact-link").href = feed.chosen ? `/contact?surface=${encodeURIComponent(feed.chosen)}` : "/contact";
   events.follow(feed.surface?.name);
   health.follow(feed.surface?.name);
+}
+
+/** At once, not with the next step: nothing of a surface outlives the token that it was read with. */
+function nameModel(name) {
+  model = name;
+  setText(byId("model"), model ? `Model ${model}` : "");
 }
 
 /** The surface that the address names; null if it names none. */
@@ -63,7 +69,7 @@ function follow(name) {
   history.forget();
   beam.forget();
   drawing.forget();
-  model = null;
+  nameModel(null);
   feed.choose(name);
 }
 
@@ -103,8 +109,7 @@ function show() {
   drawNow(shown);
   announce(shown);
   drawChannels(shown.channels, shown.suspect);
-  model = shown.contact?.model ?? model;
-  setText(byId("model"), model ? `Model ${model}` : "");
+  nameModel(shown.contact?.model ?? model);
   if (feed.link === "open") drawing.want(feed.chosen, model);
   beam.draw(shown, drawing.of(model, shown.length));
   if (steps++ % (calm.matches ? 1 : STEPS_PER_STRIP) === 0) drawStrips(shown);
