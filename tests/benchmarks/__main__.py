@@ -1,7 +1,8 @@
 """`make bench`: every benchmark of this folder in one run, as a table and as JSON.
 
 A benchmark is a module `bench_*.py` with a function `run()` that returns rows: a name, a value, its unit, and where
-there is one the goal. Figures are ratios within the run, as the machine is noisy.
+there is one the goal. Figures are ratios within the run, as the machine is noisy. Without names, all run but those
+that draw for many minutes.
 """
 
 import argparse
@@ -17,14 +18,20 @@ from rich.table import Table
 
 HERE = Path(__file__).parent
 _COLUMNS = ("name", "value", "unit", "goal")
+BY_NAME = ("false_alarms", "health")
+"""Benchmarks that take 7 minutes and more each: they run only when they are asked for."""
 
 
 def main() -> int:
     """Run the benchmarks that were asked for; returns 0."""
     available = sorted(path.stem.removeprefix("bench_") for path in HERE.glob("bench_*.py"))
+    left_out = " and ".join(BY_NAME)
     parser = argparse.ArgumentParser(description="Measure, as ratios within one run.")
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help=f"benchmarks to run: {', '.join(available)} (default: all)"
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"benchmarks to run: {', '.join(available)} (default: all but {left_out})",
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the rows to FILE")
     options = parser.parse_args()
@@ -33,7 +40,7 @@ def main() -> int:
     console = Console(width=None if sys.stdout.isatty() else 120)
     rows: list[dict[str, object]] = []
     sys.path.insert(0, str(HERE.parent))  # for the scenes that tests and benchmarks share
-    for name in options.names or available:
+    for name in options.names or [name for name in available if name not in BY_NAME]:
         start = time.monotonic()
         print(f"{name} ...", file=sys.stderr, flush=True)
         found = importlib.import_module(f"bench_{name}").run()
