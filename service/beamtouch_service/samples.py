@@ -146,6 +146,9 @@ class Batch(BaseModel):
     """The channel names, in the order of the values in each sample."""
     newest_age_ms: FiniteFloat = Field(ge=0, le=1e12)
     """Age of the last sample at sending, by the sender's monotonic clock. Freshness depends on nothing else."""
+    sent_us: int | None = Field(default=None, ge=0, lt=2**53)
+    """When `newest_age_ms` was true, by a clock of the sender that never jumps, with any origin. From two batches the
+    service sees which one waited on the way, and counts that to the age. Older senders state none."""
     samples: list[Sample] = Field(min_length=1, max_length=MAX_SAMPLES)
     notes: list[Annotated[Note, Field(strict=False)]] = Field(default=[], max_length=len(Note))
     """Notes of the sender while it took these samples. Older senders state none."""

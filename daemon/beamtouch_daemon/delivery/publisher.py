@@ -10,7 +10,7 @@ import logging
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from time import monotonic
+from time import CLOCK_BOOTTIME, clock_gettime_ns, monotonic
 
 from beamtouch_daemon.delivery.client import ServiceClient, Verdict
 from beamtouch_daemon.delivery.late_delivery import RETRY_S, LateDelivery
@@ -137,6 +137,7 @@ class Publisher:
             boot_id=self._sender.boot_id,
             channels=self._sender.channels,
             newest_age_ms=max(0.0, (now_s - samples[-1].monotonic_s) * 1e3),
+            sent_us=clock_gettime_ns(CLOCK_BOOTTIME) // 1000,
             samples=[taken.sample for taken in samples],
             notes=sorted({note for taken in samples for note in taken.notes}),
             noise_mm=self._sender.noise_mm,

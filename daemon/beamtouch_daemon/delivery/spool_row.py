@@ -75,7 +75,8 @@ def batch_of(row: tuple[Any, ...], number: int, this_boot: str) -> Spooled:
     else:
         message = "its time is not within this boot"
         raise BadRowError(message)
-    return Spooled(number, batch.model_copy(update={"newest_age_ms": age_s * 1e3}))
+    # The clock that it was sent by may be that of another boot.
+    return Spooled(number, batch.model_copy(update={"newest_age_ms": age_s * 1e3, "sent_us": None}))
 
 
 def _checksum(surface: bytes, samples: int, machine_boot: bytes, newest_monotonic_s: float, content: str) -> int:

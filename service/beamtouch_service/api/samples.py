@@ -46,9 +46,11 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Receipt:
         surface = context.registry.named(name)
         context.take_turn(name)
         # The age was stated before the body travelled. Counted from here, travel makes samples older, never younger.
+        # What waited before it came here, in a balancer or a full kernel, shows beside the quickest batches.
         begin_s = context.clock()
         arrival_s = request.scope.get("state", {}).get(ARRIVED_S, begin_s)
         batch = parse_batch(await read_body(request))
+        arrival_s = min(arrival_s, begin_s - surface.transit.waited_s(batch, begin_s))
         changes = surface.sender_changes
         receipt = surface.receive(batch, arrival_s)
     except ProblemError as error:

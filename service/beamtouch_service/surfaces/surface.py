@@ -22,6 +22,7 @@ from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.stretches import Stretches
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
+from beamtouch_service.surfaces.transit import Transit
 from beamtouch_service.surfaces.weighing import noise_contradicts
 
 if TYPE_CHECKING:
@@ -60,6 +61,8 @@ class Surface:
         self._follower: tuple[str, Follower] | None = None
         """Follows the sender with this boot id."""
         self._told_stale = False
+        self.transit = Transit()
+        """Tells whoever receives a batch how long it waited on the way."""
         self.timings = Timings()
         self.on_fresh: Callable[[Surface], None] = lambda _surface: None
         """Called after each batch that moved the answer."""

@@ -1,0 +1,72 @@
+"""Batches that waited on the way are as old as they are, though the clocks of both sides have nothing in common."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from beamtouch_service.samples import Batch, Quality, Sample
+from beamtouch_service.surfaces.transit import WINDOW_S, Transit
+
+if TYPE_CHECKING:
+    from service.conftest import Bench, MakeBatch
+
+BOOT_ID = "aaaaaaaa-1"
+
+
+def sent_at(sent_s: float | None, boot_id: str = BOOT_ID) -> Batch:
+    sample = Sample(sequence=1, acquired_unix_us=0, deflection_mm=[0.0], quality=[Quality.GOOD])
+    sent_us = None if sent_s is None else round(sent_s * 1e6)
+    return Batch(boot_id=boot_id, channels=["a"], newest_age_ms=1.0, samples=[sample], sent_us=sent_us)
+
+
+def waited_s(transit: Transit, sent_s: float | None, received_s: float, boot_id: str = BOOT_ID) -> float:
+    return transit.waited_s(sent_at(sent_s, boot_id), received_s)
+
+
+@pytest.mark.parametrize("apart_s", [-1e6, 0.0, 1e6])
+def test_what_waited_is_seen_beside_the_quickest_whatever_the_clocks_say(apart_s: float) -> None:
+    transit, sent_s = Transit(), 2e6
+    seen = [waited_s(transit, sent_s + at, sent_s + apart_s + at + way) for at, way in enumerate((0.004, 0.002, 0.352))]
+    assert seen == pytest.approx([0.0, 0.0, 0.35], abs=1e-6)
+    assert waited_s(transit, sent_s + 5, sent_s + apart_s + 5.003) == pytest.approx(0.001, abs=1e-6)
+
+
+def test_another_start_of_the_sender_has_another_clock() -> None:
+    transit = Transit()
+    waited_s(transit, 500.0, 1000.0)
+    assert waited_s(transit, 1.0, 1001.0, "bbbbbbbb-2") == 0.0
+    assert waited_s(transit, 2.0, 1002.5, "bbbbbbbb-2") == pytest.approx(0.5)
+
+
+def test_clocks_that_drift_apart_are_met_anew() -> None:
+    transit, received_s, waited = Transit(), 0.0, 0.0
+    drift = 100e-6  # of the worst oscillators
+    while received_s < 20 * WINDOW_S:
+        received_s += 0.1
+        waited = max(waited, waited_s(transit, received_s * (1 - drift), received_s))
+    assert 0 < waited <= 2.1 * WINDOW_S * drift
+    # After a rest of an hour nothing is known.
+    later_s = received_s + 3600
+    assert waited_s(transit, later_s * (1 - drift), later_s) == 0.0
+
+
+def test_a_sender_that_does_not_say_when_changes_nothing() -> None:
+    transit = Transit()
+    assert waited_s(transit, None, 1000.0) == 0.0
+    waited_s(transit, 0.0, 1001.0)
+    assert waited_s(transit, None, 1009.0) == 0.0
+    assert waited_s(transit, 1.0, 1002.2) == pytest.approx(0.2)
+
+
+def test_a_contact_is_as_old_as_its_way_was_long(bench: Bench, make_batch: MakeBatch) -> None:
+    # Sent by a clock that began much later than that of the service.
+    assert bench.post({**make_batch(sequence=1), "newest_age_ms": 1.0, "sent_us": 5_000_000}).status_code == 200
+    bench.now_s += 1.0
+    assert bench.post({**make_batch(sequence=2), "newest_age_ms": 1.0, "sent_us": 5_700_000}).status_code == 200
+    assert bench.get("/contact").json()["age_ms"] == pytest.approx(301.0, abs=0.1)
+    bench.now_s += 0.2
+    refused = bench.get("/contact")
+    assert refused.status_code == 503
+    assert refused.json()["type"] == "urn:beamtouch:problem:stale"
