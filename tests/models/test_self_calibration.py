@@ -154,6 +154,11 @@ def test_swapped_channels_are_refused(bench: ModelFile) -> None:
         self_fit(bench, swapped, quiet)
 
 
+def test_contacts_that_determine_less_than_the_model_states_are_refused(bench: ModelFile) -> None:
+    with pytest.raises(NotGoodEnoughError, match=r"12 contacts determine too little.* record more, over the whole"):
+        fitted(bench, Kind(gain=0.0), 0, 12)
+
+
 def test_two_channels_are_too_few(built_model: Callable[[str], Path]) -> None:
     model = modelfile.load(built_model("bench"))
     layout = model.metadata.layout[:2]
