@@ -14,7 +14,7 @@ from contextlib import asynccontextmanager
 from time import monotonic
 
 from beamtouch_daemon.config.sources import ModbusRtu
-from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
+from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_exchange import Query, RtuExchange, forgotten_s
 from beamtouch_daemon.sources.rtu_frame import Answer
@@ -154,9 +154,9 @@ class RtuBus:
         """Ask a unit that owes no answer for values."""
         async with self._lock:
             await self._pause()
-            if query.unit.probes_needed:
-                message = f"unit {query.unit.address}: the port was opened again"
-                raise SourceError(message)
+            if query.unit.probes_needed:  # while this waited for its turn
+                message = f"unit {query.unit.address} is probed again: the port was opened, or other registers are read"
+                raise NoAnswerError(message, lives=lives)
             begin_s = monotonic()
             answer = await self._exchange.ask(query, None)
         if answer is None:
