@@ -7,7 +7,7 @@ from pydantic import Field, PositiveInt, model_validator
 
 from beamtouch_common.files import parse_toml, read_text
 from beamtouch_models.beam_parts import Finite, Pair, PositiveFinite, PositivePair, Strict
-from beamtouch_models.metadata import MAX_FALSE, most_false_per_day
+from beamtouch_models.metadata import MAX_FALSE, max_false_per_day
 from beamtouch_models.structure import Beam
 
 MIN_SENSORS, MAX_SENSORS = 1, 64
@@ -153,7 +153,7 @@ class Scene(Strict):
             )
             raise ValueError(message)
         often, rate_hz = self.requirements.false_contacts_per_day, self.sensors.rate_hz
-        if often > (most := most_false_per_day(rate_hz)):
+        if often > (most := max_false_per_day(rate_hz)):
             message = (
                 f"requirements.false_contacts_per_day = {often:g}: at sensors.rate_hz = {rate_hz:g} at most "
                 f"{most:.6g} a day, one sample in {1 / MAX_FALSE:g}; state less"

@@ -172,3 +172,22 @@ async def test_a_batch_that_the_service_fails_on_lets_others_pass(
             assert sequences(service) == list(range(10, 30))
             fails = False
             await service.until(30)
+
+
+async def test_so_many_kinds_of_batches_are_passed_over_and_no_more(tmp_path: Path) -> None:
+    attempts = list[str]()
+
+    def problem(batch: Batch, _: int) -> tuple[int, str]:
+        attempts.append(batch.channels[0])
+        return 422, "missing-channels"
+
+    with Spool(tmp_path / "spool", 10**6) as spool:
+        kinds = [f"s{number}" for number in range(late_delivery.MAX_PASSED + 2)]
+        for number, name in enumerate(kinds):
+            put(spool, number, 1, [name, "other"])
+        service = Service()
+        service.problem_of = problem
+        async with serving(service), Bench(service, spool=spool):
+            await until(lambda: attempts.count(kinds[-2]) >= 3)
+    assert kinds[-1] not in attempts
+    assert spool.waiting["bench"] == len(kinds)

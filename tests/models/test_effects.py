@@ -176,6 +176,15 @@ def test_the_price_of_shear_is_its_textbook_deflection_over_the_noise() -> None:
     assert "shear_modulus_gpa" in priced(scene)["shear"].reason
 
 
+def test_negligible_steps_stay_where_shear_is_stated_because_it_depends_on_them() -> None:
+    barely = {"beam": {"segments": [{"to_mm": 200, "thickness_mm": 2.99999}, {"to_mm": 400}]}}
+    alone, with_shear = scene_with(barely), scene_with(barely, STATED["shear"])
+    assert price(alone, "steps") < 1e-3
+    assert (priced(alone)["steps"].verdict, priced(with_shear)["steps"].verdict) == ("out", "in")
+    assert len(physics(alone).beam.sections) == 1
+    assert len(physics(with_shear).beam.sections) == 2
+
+
 def test_without_a_section_shear_and_dynamics_are_not_stated() -> None:
     stated = {"length_mm": 400.0, "flexural_rigidity_n_mm2": 1e7}
     scene = Scene.model_validate({**paper_scene().model_dump(), "beam": stated})
@@ -215,6 +224,11 @@ def test_a_foundation_that_carries_the_beam_is_in_at_any_price() -> None:
 def test_first_frequencies_agree_with_published_values(supports: object, frequency: float) -> None:
     scene = scene_with({"beam": {"supports": supports, "density_kg_m3": 7850}})
     assert first_frequency_hz(scene.beam) == pytest.approx(frequency, rel=2e-4)
+
+
+def test_a_beam_too_light_for_a_frequency_is_refused() -> None:
+    with pytest.raises(SceneError, match="natural frequency cannot be computed; check length, rigidity and density"):
+        first_frequency_hz(scene_with({"beam": {"density_kg_m3": 1e-300}}).beam)
 
 
 def test_the_slowest_period_is_that_of_the_beam_with_the_heaviest_load_on_it() -> None:

@@ -85,6 +85,11 @@ def test_a_measured_string_has_a_number_of_sensors_a_limit_and_an_estimator() ->
         fewest_sensors(string, RULES, (2, 3), wanted_mm=1e-6, errors=SampleErrors(NOISE_MM), seed=0)
 
 
+def test_a_structure_that_does_not_bend_is_refused() -> None:
+    with pytest.raises(SceneError, match="the largest deflection per newton is 0 mm"):
+        place(replace(measured_string(), at=lambda sensor, load: np.zeros((len(load), len(sensor)))), RULES, 3, 0)
+
+
 def test_a_measured_beam_gets_the_sensors_of_its_scene() -> None:
     stated, rules = problem_in(paper_scene())
     at_mm = np.linspace(0.0, 400.0, 161)

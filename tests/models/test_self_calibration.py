@@ -14,8 +14,10 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.building.model_prior import physics_of, prior_of_model
 from beamtouch_models.calibration.calibrate import calibrate
 from beamtouch_models.calibration.contacts import ContactsError, UnlabelledContacts, read_contacts
+from beamtouch_models.calibration.held_out import HeldOut
 from beamtouch_models.calibration.left_open import LeftOpen
 from beamtouch_models.calibration.loads import read_loads
+from beamtouch_models.calibration.refusals import check_held_out
 from beamtouch_models.calibration.self_calibrate import KINDS, SelfCalibrated, SelfFit, self_calibrate, self_fit
 from beamtouch_models.calibration.theory import FIXITY, GAIN, Theory
 from beamtouch_models.calibration.unlabelled import fit_contacts
@@ -152,6 +154,27 @@ def test_swapped_channels_are_refused(bench: ModelFile) -> None:
     swapped = dataclasses.replace(contacts, measured_mm=contacts.measured_mm[:, [1, 0, 2, 3]])
     with pytest.raises(NotGoodEnoughError, match="do not fit this model's surface"):
         self_fit(bench, swapped, quiet)
+
+
+def test_contacts_that_determine_less_than_the_model_states_are_refused(bench: ModelFile) -> None:
+    with pytest.raises(NotGoodEnoughError, match=r"12 contacts determine too little.* record more, over the whole"):
+        fitted(bench, Kind(gain=0.0), 0, 12)
+
+
+@pytest.mark.parametrize(
+    ("found", "reason"),
+    [
+        (HeldOut(before=9.0, after=2.0, expected=1.0, beyond=1.2), r"not as modelled.* 1\.2 times the largest"),
+        (HeldOut(before=1.2, after=1.6, expected=1.0, beyond=0.5), r"would be worse.* 1\.6, by the given model 1\.2"),
+    ],
+)
+def test_left_out_contacts_that_contradict_a_fit_refuse_it(found: HeldOut, reason: str) -> None:
+    with pytest.raises(NotGoodEnoughError, match=reason):
+        check_held_out(found)
+
+
+def test_left_out_contacts_by_chance_a_little_worse_refuse_nothing() -> None:
+    check_held_out(HeldOut(before=1.2, after=1.4, expected=1.0, beyond=0.9))
 
 
 def test_two_channels_are_too_few(built_model: Callable[[str], Path]) -> None:

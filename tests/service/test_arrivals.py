@@ -21,15 +21,15 @@ class Clock:
         self.now_s += seconds
 
 
-def settled() -> tuple[Clock, Arrivals]:
+def caught_up() -> tuple[Clock, Arrivals]:
     clock = Clock()
     arrivals = Arrivals(clock)
-    arrivals.settle()
+    arrivals.caught_up()
     return clock, arrivals
 
 
 def test_what_a_loop_reads_that_looks_often_has_just_arrived() -> None:
-    clock, arrivals = settled()
+    clock, arrivals = caught_up()
     for _ in range(10):
         clock.go(LOOK_S)
         arrivals.looked()
@@ -38,7 +38,7 @@ def test_what_a_loop_reads_that_looks_often_has_just_arrived() -> None:
 
 
 def test_what_is_read_after_a_pause_may_have_arrived_since_the_last_look() -> None:
-    clock, arrivals = settled()
+    clock, arrivals = caught_up()
     arrivals.looked()
     last_look_s = clock.now_s
     # The pause is noticed at once, whether it happens while the loop waits or while it works.
@@ -51,16 +51,16 @@ def test_what_is_read_after_a_pause_may_have_arrived_since_the_last_look() -> No
     clock.go(3.0)
     arrivals.looked()
     assert arrivals.now() == last_look_s
-    arrivals.settle()
+    arrivals.caught_up()
     assert arrivals.now() == clock.now_s
 
 
 def test_a_loop_that_never_rests_ends_a_pause_after_some_looks() -> None:
-    clock, arrivals = settled()
+    clock, arrivals = caught_up()
     clock.go(2 * PAUSE_S)
     arrivals.looked()
     looks = 0
-    while not arrivals.is_settled:
+    while not arrivals.has_caught_up:
         clock.go(0.001)
         arrivals.looked()
         looks += 1
@@ -90,6 +90,6 @@ def test_a_pause_is_over_once_there_is_nothing_to_read() -> None:
         assert [key.fileobj for key, _ in selector.select(1.0)] == [other]
         other.recv(1)
         assert selector.select(0) == []
-        assert not arrivals.is_settled
+        assert not arrivals.has_caught_up
         assert selector.select(1.0) == []
-        assert arrivals.is_settled
+        assert arrivals.has_caught_up

@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from beamtouch_models import modelfile
+from beamtouch_service.surfaces.surface import Surface
+
 if TYPE_CHECKING:
-    from service.conftest import Bench, MakeBatch
+    from service.conftest import Bench, BuildModel, MakeBatch
 
 REST, TOUCH = [0.0, 0.0, 0.0], [0.5, 0.25, 0.125]
 STILL: dict[str, Any] = {"readings": 4}
@@ -87,3 +90,19 @@ def test_a_model_without_the_influence_says_nothing_of_its_sensors(bench: Bench,
 
     assert len(rows(bench)) == 1
     assert bench.get("/surfaces/press-7").json()["health"] is None
+
+
+def test_contacts_of_another_layout_of_channels_have_no_row(
+    make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
+) -> None:
+    surface = Surface("press-7", modelfile.load(build_model(channels=4)))
+    bench = make_bench(surface)
+    before = touched(make_batch, *(([*row, 0.0], STILL) for row in (REST, TOUCH, REST)))
+    assert bench.post(before | {"noise_mm": [0.01] * 4}).status_code == 200
+    assert list(rows(bench)[0])[5:9] == ["s1_mm", "s2_mm", "s3_mm", "s4_mm"]
+
+    surface.adopt(modelfile.load(build_model(name="other", channels=3)))
+    bench.post(touched(make_batch, *((row, STILL) for row in (REST, TOUCH, REST)), sequence=10))
+    (row,) = rows(bench)
+    assert row["model"].startswith("other@")
+    assert "s4_mm" not in row

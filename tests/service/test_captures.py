@@ -9,7 +9,7 @@ import pytest
 
 from beamtouch_models import modelfile
 from beamtouch_service.events.captures import MAX_SAMPLES, Capture
-from beamtouch_service.events.segments import Begin, End, Kind, Segment
+from beamtouch_service.events.segments import Begin, End, EventKind, Segment
 from beamtouch_service.events.selection import Selection
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.surfaces.contradiction import Contradiction
@@ -110,7 +110,7 @@ def test_each_stretch_of_a_contact_is_captured_and_an_hour_of_them_is_bounded(
 
 def stretch(first: int, last: int, **values: object) -> Segment:
     times = first * 5000, last * 5000
-    known = {"kind": Kind.UNEXPLAINED, "end": End.UNSEEN, "ends_unexplained": True, **values}
+    known = {"kind": EventKind.UNEXPLAINED, "end": End.UNSEEN, "ends_unexplained": True, **values}
     return Segment("press-7", "tiny@000000", "boot-0001", first, last, *times, **known)  # type: ignore[arg-type]
 
 
@@ -142,7 +142,7 @@ def test_captures_stay_with_events_that_are_joined_and_go_with_those_that_are_dr
     # The sender repeats samples after a restart of the service.
     store.write("press-7", [stretch(23, 26), capture(23, 26)], 0.0)
 
-    (newest, young), (oldest, old) = store.read(Selection(kind=Kind.UNEXPLAINED))
+    (newest, young), (oldest, old) = store.read(Selection(kind=EventKind.UNEXPLAINED))
     assert [one.sequence for one in store.capture(old)] == list(range(10, 27))
     assert store.prune(31 * DAY_S) == 1
     assert store.get(oldest) is None
@@ -154,7 +154,7 @@ def test_captures_stay_with_events_that_are_joined_and_go_with_those_that_are_dr
 
 def test_above_the_size_limit_the_oldest_captures_go_and_the_events_stay(tmp_path: Path) -> None:
     store = EventStore(tmp_path / "events.db", keep_s=30 * DAY_S, max_bytes=1_000_000)
-    contacts = [stretch(n * 10, n * 10 + 5, kind=Kind.CONTACT, ends_unexplained=False) for n in range(100)]
+    contacts = [stretch(n * 10, n * 10 + 5, kind=EventKind.CONTACT, ends_unexplained=False) for n in range(100)]
     store.write("press-7", contacts, 0.0)
     for number in range(60):
         first = (number + 1) * 1000
@@ -162,8 +162,8 @@ def test_above_the_size_limit_the_oldest_captures_go_and_the_events_stay(tmp_pat
         store.prune(float(number))
 
     assert store.used_bytes() <= 1_000_000
-    assert len(store.read(Selection(limit=1000, kind=Kind.CONTACT))) == 100
-    kept = store.read(Selection(limit=1000, kind=Kind.UNEXPLAINED))
+    assert len(store.read(Selection(limit=1000, kind=EventKind.CONTACT))) == 100
+    kept = store.read(Selection(limit=1000, kind=EventKind.UNEXPLAINED))
     lengths = [len(store.capture(event)) for _, event in kept]
     assert lengths == sorted(lengths, reverse=True)
     assert len(lengths) == 60

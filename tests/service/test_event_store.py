@@ -14,7 +14,7 @@ import pytest
 from beamtouch_models.modelfile import State
 from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.findings import Finish
-from beamtouch_service.events.segments import Begin, End, Kind, Segment
+from beamtouch_service.events.segments import Begin, End, EventKind, Segment
 from beamtouch_service.events.selection import Selection
 from beamtouch_service.events.store import EventStore
 
@@ -130,7 +130,7 @@ def test_a_size_limit_below_an_empty_file_ends_the_pruning(path: Path) -> None:
 
 
 def test_an_event_goes_on_from_the_state_of_its_last_sample(store: EventStore) -> None:
-    stretch = replace(segment(20, 29, end=End.UNSEEN), kind=Kind.UNEXPLAINED, ends_unexplained=True)
+    stretch = replace(segment(20, 29, end=End.UNSEEN), kind=EventKind.UNEXPLAINED, ends_unexplained=True)
     lifted = segment(40, 49, end=End.LIFT)
     store.write("press-7", [segment(0, 9, end=End.UNSEEN), stretch, lifted], 0.0)
     after = [store.state_after("press-7", "boot-0001", sequence) for sequence in (9, 29, 49, 60)]

@@ -14,7 +14,7 @@ import pytest
 from beamtouch_models.modelfile import Memory, State
 from beamtouch_service.events.findings import Edge
 from beamtouch_service.events.schema import FORMAT
-from beamtouch_service.events.segments import Begin, End, Kind, Segment
+from beamtouch_service.events.segments import Begin, End, EventKind, Segment
 from beamtouch_service.events.selection import Selection
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.surfaces.follower import Past
@@ -98,7 +98,9 @@ def test_a_contact_that_was_open_before_an_upgrade_goes_on(tmp_path: Path) -> No
     first = store.get(1)
     assert first is not None
     assert (len(first.path), first.unexplained_us, first.ends_unexplained, store.capture(first)) == (3, 0, False, [])
-    goes_on = replace(segment(8, 9), model=first.model, touched_us=first.touched_us + 30_000, kind=Kind.UNEXPLAINED)
+    goes_on = replace(
+        segment(8, 9), model=first.model, touched_us=first.touched_us + 30_000, kind=EventKind.UNEXPLAINED
+    )
     store.write("press-7", [replace(goes_on, samples=0, unexplained_us=5000, ends_unexplained=True)], 0.0)
     assert [(kept.last_sequence, kept.end, kept.kind) for _, kept in store.read(Selection(limit=1))] == [
         (9, "open", "contact")

@@ -60,7 +60,7 @@ def rest(story: Story) -> None:
     recorder = story.bench.app.context.recorder
     for _ in range(3):
         story.bench.get("/events")
-        recorder.settle()
+        recorder.maintain()
         recorder.ask(lambda _: None).result()
 
 

@@ -57,6 +57,16 @@ def test_what_happens_often_is_spoken_of_once_a_minute_with_its_count() -> None:
     assert seldom.due("b", 61.0) == 1
 
 
+def test_made_up_kinds_of_messages_do_not_fill_the_memory_of_those_that_were_written() -> None:
+    seldom = Seldom(every_s=60)
+    for number in range(100):
+        assert seldom.due(f"kind {number}", 0.0) == 1
+
+    assert seldom.due("kind 0", 1.0) == 0
+    assert seldom.due("one too many", 1.0) == 1
+    assert seldom.due("kind 0", 1.0) == 1  # forgotten with all others, so it is written again
+
+
 def test_a_logger_repeats_itself_once_a_minute() -> None:
     now_s = [0.0]
     limited = SeldomFilter(lambda: now_s[0])

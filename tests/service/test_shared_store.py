@@ -14,7 +14,7 @@ from beamtouch_models.modelfile import Memory, State
 from beamtouch_service.events.database import EventsAwayError
 from beamtouch_service.events.file import EventStoreError
 from beamtouch_service.events.findings import Command, Edge, Finish
-from beamtouch_service.events.segments import End, Kind, Segment
+from beamtouch_service.events.segments import End, EventKind, Segment
 from beamtouch_service.events.selection import Selection
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.surfaces.follower import Past
@@ -88,12 +88,12 @@ def test_pieces_of_two_services_join_whoever_writes_first(stores: tuple[EventSto
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 @pytest.mark.parametrize(
-    ("kind", "begin", "end"), [(Kind.CONTACT, "touch", "lift"), (Kind.UNEXPLAINED, "clear", "clear")]
+    ("kind", "begin", "end"), [(EventKind.CONTACT, "touch", "lift"), (EventKind.UNEXPLAINED, "clear", "clear")]
 )
 def test_a_clear_sample_that_another_service_saw_completes_an_event(
-    stores: tuple[EventStore, EventStore], order: tuple[int, int], kind: Kind, begin: str, end: str
+    stores: tuple[EventStore, EventStore], order: tuple[int, int], kind: EventKind, begin: str, end: str
 ) -> None:
-    piece = replace(segment(10, 19), kind=kind, ends_unexplained=kind is Kind.UNEXPLAINED)
+    piece = replace(segment(10, 19), kind=kind, ends_unexplained=kind is EventKind.UNEXPLAINED)
     beside = [clear(9, 45_000), clear(20, 100_000)]
     writes: list[tuple[EventStore, list[Command]]] = [
         (stores[0], [piece, Finish(BOOT, 19, End.STALE)]),
@@ -110,12 +110,12 @@ def test_a_clear_sample_that_another_service_saw_completes_an_event(
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 @pytest.mark.parametrize(
-    ("kind", "begin", "end"), [(Kind.CONTACT, "touch", "lift"), (Kind.UNEXPLAINED, "unseen", "stale")]
+    ("kind", "begin", "end"), [(EventKind.CONTACT, "touch", "lift"), (EventKind.UNEXPLAINED, "unseen", "stale")]
 )
 def test_a_clear_sample_that_a_stretch_could_still_take_ends_only_contacts(
-    stores: tuple[EventStore, EventStore], order: tuple[int, int], kind: Kind, begin: str, end: str
+    stores: tuple[EventStore, EventStore], order: tuple[int, int], kind: EventKind, begin: str, end: str
 ) -> None:
-    piece = replace(segment(10, 19), kind=kind, ends_unexplained=kind is Kind.UNEXPLAINED)
+    piece = replace(segment(10, 19), kind=kind, ends_unexplained=kind is EventKind.UNEXPLAINED)
     beside = [clear(9, 45_000, PAST), clear(20, 100_000, PAST)]
     writes: list[list[Command]] = [[piece, Finish(BOOT, 19, End.STALE)], [*beside]]
     for number in order:

@@ -44,6 +44,17 @@ def test_the_limit_of_age_is_sharp(surface: Surface, parse_batch: ParseBatch) ->
     assert problem(surface, 8.5 + 1e-6) is Kind.STALE
 
 
+def test_a_model_says_nothing_of_a_sample_from_before_it(build_model: BuildModel, parse_batch: ParseBatch) -> None:
+    surface = Surface("press-7", stale_ms=500)
+    surface.receive(parse_batch(), arrival_s=8.0)
+    assert problem(surface, 8.1) is Kind.NO_MODEL
+
+    surface.adopt(modelfile.load(build_model()))
+    assert problem(surface, 8.1) is Kind.NO_SAMPLES
+    surface.receive(parse_batch(sequence=2), arrival_s=8.2)
+    assert surface.contact(8.2).sequence == 2
+
+
 def test_a_batch_that_is_late_already_when_it_arrives_is_stale(surface: Surface, parse_batch: ParseBatch) -> None:
     receipt = surface.receive(parse_batch(age_ms=1e12), arrival_s=10.0)
 

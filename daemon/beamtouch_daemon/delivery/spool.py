@@ -177,11 +177,9 @@ class Spool:
         self._ledger.gave_way(deleted)
 
     def _start_anew(self) -> bool:
-        """Replace a file that can only be read once everything in it was delivered; return whether that was so."""
-        if self._file.is_writable:
-            return False
+        """Replace a file that cannot be written if everything in it was delivered; return whether that was so."""
         with self._file.access("read") as database:
-            if spool_entries.count(database) > self.unremoved:
+            if spool_entries.has_others(database, self._ledger.done):
                 return False
         self._ledger.done.clear()
         self._file.start_anew()

@@ -58,18 +58,9 @@ class Aside:
             self._fault.failed(f"{samples} samples are set aside: {reason}")
 
     def read(self, file: SpoolConnection, number: int, machine_boot: str) -> Spooled:
-        """Return a batch; BadRowError if its row must be set aside, SpoolError if the whole file cannot be read."""
-        try:
-            with file.access("read") as database:
-                row = spool_entries.row(database, number)
-        except SpoolError as error:
-            if not file.is_open:  # damaged
-                raise
-            # One bad sector is one bad row. If the whole disk is gone, this write fails too, and is tried again.
-            reason = f"it cannot be read ({error.__cause__})"
-            with file.access("write to") as database:
-                spool_entries.set_aside(database, number, reason)
-            raise BadRowError(reason) from error
+        """Return a batch; BadRowError if its row must be set aside, SpoolError if the file cannot be read."""
+        with file.access("read") as database:
+            row = spool_entries.row(database, number)
         if row is None:
             message = "the row is gone"
             raise BadRowError(message)

@@ -5,7 +5,7 @@ import sqlite3
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from beamtouch_daemon.delivery import spool_file, spool_rescue
@@ -116,15 +116,11 @@ class SpoolConnection:
             self._database = None
 
     def _connect(self, *, anew: bool = False) -> sqlite3.Connection:
-        database: sqlite3.Connection | None = None
         try:
             for tail in ("", "-wal", "-journal") if anew else ():
                 self._path.with_name(self._path.name + tail).unlink(missing_ok=True)
-            database, lost = self._opened()
-            self._on_open(database, lost)
+            database = self._opened()
         except (sqlite3.DatabaseError, OSError) as error:
-            if database is not None:
-                database.close()
             raise self._explained(error) from error
         self._database, self._identity = database, _identity_of(self._path)
         if not self.is_writable:
@@ -132,22 +128,26 @@ class SpoolConnection:
         self.reserve()
         return database
 
-    def _opened(self) -> tuple[sqlite3.Connection, Counter[str]]:
-        try:
-            if self._damage is not None:
-                raise spool_file.DamagedError(self._damage)
-            return spool_file.opened(self._path), Counter()
-        except spool_file.DamagedError as error:
-            aside = spool_rescue.put_aside(self._path, int(time.time()))
-            self._damage = None
-            words = "the spool is damaged (%s); it is kept as %s, and its readable rows go into a new one"
-            _log.error(words, error, aside)
-        database = spool_file.opened(self._path)
-        try:
-            return database, spool_rescue.rescue(aside, database, self._without())
-        except BaseException:
-            database.close()
-            raise
+    def _opened(self) -> sqlite3.Connection:
+        """Open the file and count what is in it. A damaged one is replaced, or stays in place if that fails."""
+        with ExitStack() as undo:
+            try:
+                if self._damage is not None:
+                    raise spool_file.DamagedError(self._damage)
+                database, lost = spool_file.opened(self._path), Counter[str]()
+                undo.callback(database.close)
+            except spool_file.DamagedError as error:
+                aside = spool_rescue.put_aside(self._path, int(time.time()))
+                undo.callback(spool_rescue.put_back, aside, self._path)
+                database = spool_file.opened(self._path)
+                undo.callback(database.close)
+                lost = spool_rescue.rescue(aside, database, self._without())
+                words = "the spool is damaged (%s); it is kept as %s, and its readable rows are in a new one"
+                _log.error(words, error, aside)
+            self._on_open(database, lost)
+            undo.pop_all()
+        self._damage = None
+        return database
 
     def _explained(self, error: Exception) -> SpoolError:
         code = getattr(error, "sqlite_errorcode", None)

@@ -2,6 +2,7 @@
 
 import sqlite3
 from collections import Counter
+from collections.abc import Container
 from typing import Any
 
 from beamtouch_daemon.delivery.spool_row import NAME
@@ -26,13 +27,13 @@ def delete(database: sqlite3.Connection, number: int) -> int:
 def delete_oldest(database: sqlite3.Connection, excess: int) -> list[Entry]:
     """Delete the oldest batches of all surfaces until `excess` bytes are free; return them."""
     deleted: list[Entry] = []
-    while sum(length for _, _, _, length, _ in deleted) < excess:
-        query = "SELECT id, name, samples, length, waits FROM entry ORDER BY id LIMIT 1"
-        oldest = database.execute(query).fetchone()
-        if oldest is None:
+    for entry in database.execute("SELECT id, name, samples, length, waits FROM entry ORDER BY id"):
+        if excess <= 0:
             break
-        delete(database, oldest[0])
-        deleted.append(oldest)
+        deleted.append(entry)
+        excess -= entry[3]
+    for number, *_ in deleted:
+        delete(database, number)
     return deleted
 
 
@@ -84,10 +85,9 @@ def set_nameless_aside(database: sqlite3.Connection, reason: str) -> int:
     return total
 
 
-def count(database: sqlite3.Connection) -> int:
-    """Return the number of batches in the file, also of those that were delivered or set aside."""
-    number: int = database.execute("SELECT count(*) FROM batch").fetchone()[0]
-    return number
+def has_others(database: sqlite3.Connection, numbers: Container[int]) -> bool:
+    """Whether the file has a batch with another number, waiting or set aside."""
+    return any(number not in numbers for (number,) in database.execute("SELECT id FROM batch"))
 
 
 def totals(database: sqlite3.Connection) -> tuple[int, int, Counter[str]]:

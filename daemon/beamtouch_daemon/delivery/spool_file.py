@@ -6,6 +6,7 @@ length, where a write-ahead log would have to grow. From the start the journal i
 
 import os
 import sqlite3
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -24,26 +25,29 @@ _ENTRY = """VIEW IF NOT EXISTS entry AS SELECT
     coalesce(length(CAST(content AS BLOB)), 0) AS length,
     id NOT IN (SELECT id FROM aside) AS waits
 FROM batch"""
-_SCHEMA = f"""
-CREATE TABLE IF NOT EXISTS batch (
-    id INTEGER PRIMARY KEY,
-    surface TEXT NOT NULL,
-    samples INTEGER NOT NULL,
-    machine_boot TEXT NOT NULL,
-    newest_monotonic_s REAL NOT NULL,
-    content TEXT NOT NULL,
-    checksum INTEGER
-);
-CREATE INDEX IF NOT EXISTS by_surface ON batch (surface, id);
-CREATE {_ASIDE};
-CREATE {_ENTRY};
-"""
+_SCHEMA = (
+    """CREATE TABLE IF NOT EXISTS batch (
+        id INTEGER PRIMARY KEY,
+        surface TEXT NOT NULL,
+        samples INTEGER NOT NULL,
+        machine_boot TEXT NOT NULL,
+        newest_monotonic_s REAL NOT NULL,
+        content TEXT NOT NULL,
+        checksum INTEGER
+    )""",
+    "CREATE INDEX IF NOT EXISTS by_surface ON batch (surface, id)",
+    f"CREATE {_ASIDE}",
+    f"CREATE {_ENTRY}",
+)
 """Tables of batches and of those set aside, and a view that counts damaged rows too."""
-_DAMAGE = {sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB}
+_DAMAGE = {
+    *(sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB),
+    *(sqlite3.SQLITE_IOERR_READ, sqlite3.SQLITE_IOERR_CORRUPTFS),  # a bad sector: the rest of the file can be rescued
+}
 
 
 class DamagedError(sqlite3.DatabaseError):
-    """The structure of the file is damaged."""
+    """The file is damaged, in its structure or by a bad sector."""
 
 
 def opened(path: Path) -> sqlite3.Connection:
@@ -55,7 +59,7 @@ def opened(path: Path) -> sqlite3.Connection:
     Raises
     ------
     DamagedError
-        The file is no database, or its structure is damaged.
+        The file is no database, its structure is damaged, or a sector of it cannot be read.
     sqlite3.DatabaseError
         It cannot be opened or created.
     """
@@ -91,18 +95,14 @@ def make_writable(database: sqlite3.Connection, path: Path) -> None:
     aside = database.execute("SELECT id, reason FROM aside").fetchall()
     database.executescript("DROP VIEW temp.entry; DROP VIEW temp.batch; DROP TABLE temp.aside;")
     try:
-        _prepare(database, path)
-        with database:
-            database.executemany("INSERT OR IGNORE INTO aside VALUES (?, ?)", aside)
+        _prepare(database, path, aside)
     except sqlite3.DatabaseError:
-        _prepare_for_reading(database)
-        with database:
-            database.executemany("INSERT OR IGNORE INTO aside VALUES (?, ?)", aside)
+        _prepare_for_reading(database, aside)
         raise
 
 
-def _prepare(database: sqlite3.Connection, path: Path) -> None:
-    """Give the file the format of this version; nothing is written if it has it."""
+def _prepare(database: sqlite3.Connection, path: Path, aside: Iterable[tuple[int, bytes]] = ()) -> None:
+    """Give the file the format of this version, all of it or nothing; a file that has it is not written."""
     for setting in (
         "auto_vacuum = INCREMENTAL",
         "journal_mode = PERSIST",
@@ -110,27 +110,25 @@ def _prepare(database: sqlite3.Connection, path: Path) -> None:
         "secure_delete = OFF",
     ):
         database.execute(f"PRAGMA {setting}")
-    database.execute("BEGIN EXCLUSIVE")  # takes the lock and keeps it
-    database.commit()
-    columns = _columns(database)
-    if columns and b"checksum" not in columns:  # created by an older version
-        database.execute("ALTER TABLE batch ADD COLUMN checksum INTEGER")
-    database.executescript(_SCHEMA)
+    with database:
+        database.execute("BEGIN EXCLUSIVE")  # takes the lock and keeps it
+        columns = _columns(database)
+        if columns and b"checksum" not in columns:  # created by an older version
+            database.execute("ALTER TABLE batch ADD COLUMN checksum INTEGER")
+        for statement in _SCHEMA:
+            database.execute(statement)
+        database.executemany("INSERT INTO aside VALUES (?, ?)", aside)
     with suppress(OSError):  # without this room, deletes fail while the disk is full
         _lengthen(path.with_name(f"{path.name}-journal"), JOURNAL_BYTES)
 
 
-def _prepare_for_reading(database: sqlite3.Connection) -> None:
+def _prepare_for_reading(database: sqlite3.Connection, aside: Iterable[tuple[int, bytes]] = ()) -> None:
     """Put views in memory before the tables of an older version, so that it reads like one of this version."""
-    if b"checksum" in _columns(database):
-        database.execute("CREATE TEMP VIEW batch AS SELECT * FROM main.batch")
-    else:
-        database.execute("CREATE TEMP VIEW batch AS SELECT *, NULL AS checksum FROM main.batch")
+    database.execute("CREATE TEMP VIEW batch AS SELECT *, NULL AS checksum FROM main.batch")
     database.execute(f"CREATE TEMP {_ASIDE}")
     database.execute(f"CREATE TEMP {_ENTRY}")
-    if database.execute("SELECT name FROM main.sqlite_master WHERE name = 'aside'").fetchone():
-        with database:
-            database.execute("INSERT INTO aside SELECT * FROM main.aside")
+    with database:
+        database.executemany("INSERT INTO aside VALUES (?, ?)", aside)
 
 
 def _columns(database: sqlite3.Connection) -> set[bytes]:
@@ -162,8 +160,9 @@ def _ballast(path: Path) -> Path:
 
 
 def is_damage(error: sqlite3.Error) -> bool:
-    """Whether an error says that the structure of the file is damaged."""
-    return isinstance(error, DamagedError) or getattr(error, "sqlite_errorcode", 0) & 0xFF in _DAMAGE
+    """Whether an error says that the file is damaged, in its structure or by a bad sector."""
+    code = getattr(error, "sqlite_errorcode", 0)
+    return isinstance(error, DamagedError) or bool({code, code & 0xFF} & _DAMAGE)
 
 
 def _lengthen(path: Path, size: int) -> None:

@@ -36,6 +36,14 @@ def put_aside(path: Path, stamp: int) -> Path:
     return aside
 
 
+def put_back(aside: Path, path: Path) -> None:
+    """Undo `put_aside`: the damaged file replaces the new one. Raises OSError."""
+    for tail in ("-journal", "-wal", ""):
+        path.with_name(path.name + tail).unlink(missing_ok=True)
+        with suppress(FileNotFoundError):
+            aside.with_name(aside.name + tail).rename(path.with_name(path.name + tail))
+
+
 def rescue(damaged: Path, database: sqlite3.Connection, without: set[int]) -> Counter[str]:
     """Copy every readable row of a damaged file into a new one, except those with the numbers `without`.
 

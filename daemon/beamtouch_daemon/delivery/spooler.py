@@ -109,14 +109,15 @@ class Spooler:
         async with self._writes:
             while self._disk is not None and self._refused:
                 spool, (batch, reason) = self._disk.spool, self._refused.popleft()
+                is_written = False
                 try:
                     await self._disk.call(partial(spool.put_refused, self._surface, batch, reason))
+                    is_written = True
                 except SpoolError as error:
-                    self._outbox.drop(len(batch.samples))
                     self._fault.failed(str(error))
-                except BaseException:
-                    self._outbox.drop(len(batch.samples))
-                    raise
+                finally:  # also when cancelled
+                    if not is_written:
+                        self._outbox.drop(len(batch.samples))
 
     async def write_all(self, *, is_last: bool = False) -> bool:
         """Spool all samples that are in memory now; return False if some could not be written and still wait."""

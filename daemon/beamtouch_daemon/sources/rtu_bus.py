@@ -14,7 +14,7 @@ from contextlib import asynccontextmanager
 from time import monotonic
 
 from beamtouch_daemon.config.sources import ModbusRtu
-from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
+from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_exchange import Query, RtuExchange, forgotten_s
 from beamtouch_daemon.sources.rtu_frame import Answer
@@ -56,7 +56,7 @@ class RtuBus:
         """Keep the port open during the block; SourceError if it cannot be opened."""
         if self._exchange.port.open():
             for unit in self._units.values():
-                unit.doubt(AT_A_START)  # earlier requests are unknown
+                unit.require_probes(AT_A_START)  # earlier requests are unknown
         self._users += 1
         try:
             yield
@@ -79,7 +79,7 @@ class RtuBus:
         async with self._turns[unit.address]:
             begin_s = monotonic()
             if begin_s < unit.suspect_until_s and not unit.is_unprovable:
-                unit.doubt(AFTER_A_FAILURE)
+                unit.require_probes(AFTER_A_FAILURE)
             was_needed = unit.probes_needed
             if was_needed and not (unit.is_unprovable and begin_s - unit.explored_s < EXPLORE_S):
                 refusal = await self._bring_in_step(query)
@@ -101,7 +101,7 @@ class RtuBus:
         for _ in range(PROOFS - 1):
             if not is_start or unit.probes_needed or await self._is_quiet(query):
                 return refusal
-            unit.doubt(AT_A_START)
+            unit.require_probes(AT_A_START)
             refusal = await self._prove(query)
         unit.suspect_until_s = monotonic() + SUSPECT_S
         return refusal
@@ -154,9 +154,9 @@ class RtuBus:
         """Ask a unit that owes no answer for values."""
         async with self._lock:
             await self._pause()
-            if query.unit.probes_needed:
-                message = f"unit {query.unit.address}: the port was opened again"
-                raise SourceError(message)
+            if query.unit.probes_needed:  # while this waited for its turn
+                message = f"unit {query.unit.address} is probed again: the port was opened, or other registers are read"
+                raise NoAnswerError(message, lives=lives)
             begin_s = monotonic()
             answer = await self._exchange.ask(query, None)
         if answer is None:

@@ -26,7 +26,7 @@ class Proof:
         if unit.probes_needed and now_s - max(unit.explored_s, unit.proven_s if is_safe else 0.0) > EXPLORE_S:
             unit.is_known = False  # the address may belong to another device by now
         if not unit.is_known:
-            unit.doubt(AT_A_START)
+            unit.require_probes(AT_A_START)
         if not unit.is_known or not is_safe:
             unit.forget(now_s - forgotten_s)
         self.lives = False

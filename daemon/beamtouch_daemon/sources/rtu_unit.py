@@ -103,9 +103,9 @@ class Unit:
             self.asked |= more
             self.works, self.is_known = (), False
             self.explored_s = -EXPLORE_S
-            self.doubt(AT_A_START)
+            self.require_probes(AT_A_START)
 
-    def doubt(self, probes: int) -> None:
+    def require_probes(self, probes: int) -> None:
         """Require at least this many probes before the next value."""
         self.probes_needed = max(self.probes_needed, probes)
 
@@ -113,7 +113,7 @@ class Unit:
         """Note a sent request: a probe, or None for values."""
         self.asked_s = now_s
         if probe is None:
-            self.doubt(AFTER_A_FAILURE)
+            self.require_probes(AFTER_A_FAILURE)
         else:
             self._owed.setdefault(probe, _Owed(now_s, now_s)).last_s = now_s
 

@@ -36,7 +36,7 @@ PER_DAY = 1.0
 PER_DAY_OF_CONTACT = 0.5
 """False stretches per day of a contact, half of those at rest: weak contacts and contacts near an end of the range fit
 fewer than two directions of the errors, which makes up to three times as many stretches."""
-MOST_OFTEN = 0.01
+MAX_RATE_PER_SAMPLE = 0.01
 """Largest rate per sample; above it, a misfit no longer tells anything."""
 FARTHEST = 14.0
 """Largest r, in deviations."""
@@ -73,7 +73,7 @@ def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int)
     """Return the thresholds of rest and of misfit, by the number of valid channels."""
     simulated = int(np.clip(window, *WINDOWS))
     per_sample = max(1.0, window / simulated) / (SECONDS_PER_DAY * rate_hz)
-    rate, often = (min(per_day * per_sample, MOST_OFTEN) for per_day in (PER_DAY, PER_DAY_OF_CONTACT))
+    rate, often = (min(per_day * per_sample, MAX_RATE_PER_SAMPLE) for per_day in (PER_DAY, PER_DAY_OF_CONTACT))
     noise, whole = noise_at_rest(prior), shapes_at_rest(prior)[::PLACES]
 
     @cache  # sets of channels with the same noise have the same sequences

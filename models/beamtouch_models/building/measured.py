@@ -29,7 +29,7 @@ from beamtouch_models.whitening import whitening
 
 ACCURACY_DRAWS = 4_096
 GOLDEN_DRAWS = 6
-MOST_ALIKE = 24
+MAX_ALIKE = 24
 """Readings in a growing mean that make false stretches about as frequent as they become: successive samples share most
 of their readings, and stretches still begin often."""
 SEEN_PLACES = 25
@@ -96,7 +96,7 @@ def _influence(prior: Prior) -> Influence:
 
 def windows_of(chosen: FilterChoice) -> list[int]:
     """Return the numbers of readings in a mean for which the thresholds of misfit hold."""
-    return sorted({chosen.window, min(chosen.most, MOST_ALIKE)})
+    return sorted({chosen.window, min(chosen.most, MAX_ALIKE)})
 
 
 def thresholds_of(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> Thresholds:

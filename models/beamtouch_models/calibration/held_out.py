@@ -32,13 +32,13 @@ class HeldOut:
     """Sum of the misfits of single contacts over the largest that is allowed."""
 
 
-def held_out(fit: ContactFit, contacts: UnlabelledContacts, zero_mm: Floats, most: float) -> HeldOut:
+def held_out(fit: ContactFit, contacts: UnlabelledContacts, zero_mm: Floats, max_error: float) -> HeldOut:
     """Leave out one part of the contacts at a time, spread over time.
 
     Parameters
     ----------
     zero_mm : (channels,) standard deviation of the zeros
-    most : relative error of deflections that may be left
+    max_error : relative error of deflections that may be left
     """
     theory, count = fit.theory, len(contacts)
     after, allowed = np.empty(count), np.empty(count)
@@ -46,7 +46,7 @@ def held_out(fit: ContactFit, contacts: UnlabelledContacts, zero_mm: Floats, mos
         left_out = np.arange(count) % PARTS == part
         rest = fit_contacts(theory, fit.start, contacts[~left_out], fit.kinds, zero_mm, like=fit, rounds=ROUNDS)
         after[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, 0.0, None)
-        allowed[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, most, rest.covariance)
+        allowed[left_out] = _misfits(fit, rest.vector, contacts[left_out], zero_mm, max_error, rest.covariance)
     before = _misfits(fit, fit.start, contacts, zero_mm, 0.0, None)
     degrees = degrees_of(theory)
     largest = float(chi2.isf(CHANCE, degrees * fit.single.sum()))

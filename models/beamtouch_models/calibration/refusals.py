@@ -13,7 +13,7 @@ from beamtouch_models.errors import NotGoodEnoughError
 
 FEWEST = 12
 """Smallest number of contacts."""
-MOST_NOT_SINGLE = 1 / 3
+MAX_NOT_SINGLE = 1 / 3
 """Largest share of samples that are not a single contact on this surface."""
 WORSE = 1.5
 """Median misfit of left-out contacts over the expected one up to which a fit cannot be worse than the given model."""
@@ -36,12 +36,12 @@ def check_contacts(theory: Theory, count: int) -> None:
         raise NotGoodEnoughError(message)
 
 
-def check_single(fit: ContactFit, most: float) -> None:
-    """Raise NotGoodEnoughError if contacts do not fit this surface; a relative error of `most` is allowed."""
+def check_single(fit: ContactFit, max_error: float) -> None:
+    """Raise NotGoodEnoughError if contacts do not fit this surface; a relative error of `max_error` is allowed."""
     other = 1 - float(fit.single.mean())
-    if other > MOST_NOT_SINGLE or fit.left_error > most:
+    if other > MAX_NOT_SINGLE or fit.left_error > max_error:
         left = f"leaves {fit.left_error:.1%} of the deflections unexplained"
-        shown = f"{other:.0%} of them are no single contacts on this beam" if other > MOST_NOT_SINGLE else left
+        shown = f"{other:.0%} of them are no single contacts on this beam" if other > MAX_NOT_SINGLE else left
         message = (
             f"nothing was written: the contacts do not fit this model's surface. At best, {shown}. "
             "Check that file and model belong together, and that the order of the sensors and the beam are as modelled"

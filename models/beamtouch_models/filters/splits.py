@@ -20,7 +20,7 @@ BINS = 16
 """Sums of readings by which a step is told from a slope; the slope within a sum is 1/256 of its squares."""
 SHORT = 16
 """Windows of fewer rows are searched whole: in those, ringing makes sharp changes everywhere."""
-MOST_ROWS = 4096
+MAX_ROWS = 4096
 """Means whose splits are sought at once, so that they fit in memory."""
 
 
@@ -50,8 +50,8 @@ class Sums(NamedTuple):
 
 def parts(at: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
     """Yield the means in parts that fit in memory."""
-    for start in range(0, len(at), MOST_ROWS):
-        yield at[start : start + MOST_ROWS]
+    for start in range(0, len(at), MAX_ROWS):
+        yield at[start : start + MAX_ROWS]
 
 
 def sharp_changes(each: FloatArray, limits: FloatArray) -> NDArray[np.bool_]:

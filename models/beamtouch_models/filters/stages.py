@@ -26,7 +26,7 @@ reading if the step was 500 times that noise."""
 LAG_READINGS = 2
 """Smallest number of newest readings that are compared with the mean, in multiples of `fewest`. Fewer scatter too much
 to show a lag."""
-MOST_COMPARED = 8
+MAX_COMPARED = 8
 """Newest readings of a growing mean whose scatter is tested. The mean itself shows slower motion."""
 
 
@@ -87,7 +87,7 @@ def growing_mean_stage(
     """Return a growing mean as a stage; it leaves out spikes itself. The parameters are those of `GrowingMean`."""
     growing = GrowingMean(longest, unit_mm, spike_mm, fewest, slowest_period)
     spike = math.inf if spike_mm is None else spike_mm
-    span = min(longest, MOST_COMPARED)
+    span = min(longest, MAX_COMPARED)
     return Stage(
         longest,
         growing.step,
@@ -95,7 +95,7 @@ def growing_mean_stage(
         restarts=True,
         fresh=growing.fresh,
         lone_spike_mm=spike,
-        lag_readings=max(MOST_COMPARED, LAG_READINGS * fewest),
+        lag_readings=max(MAX_COMPARED, LAG_READINGS * fewest),
     )
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from beamtouch_models.filters.means import BEFORE, FloatArray, lone_spikes
 from beamtouch_models.filters.significance import LONGER_SLOPES, Found, Look, look_at
 
-MOST_MISSING = 1 / 2
+MAX_MISSING = 1 / 2
 """Part of the readings of a channel that may be missing where rest is to be proved."""
 
 
@@ -142,7 +142,7 @@ class Looks:
         begun = np.logical_or.accumulate(known.any(axis=2), axis=1)
         missing = (begun[:, :, np.newaxis] & ~known)[:, -self.compared(self._span) :].mean(axis=1)
         found = self._find(deviations, there.sum(axis=1), sizes, moved=True)
-        moves = found.moves | ((missing > MOST_MISSING) & there).any(axis=1)
+        moves = found.moves | ((missing > MAX_MISSING) & there).any(axis=1)
         return View(deviations, known, missing, found._replace(moves=moves))
 
     def compared(self, span: int) -> int:

@@ -14,7 +14,7 @@ from beamtouch_models.metadata.thresholds import (
     SECONDS_PER_DAY,
     SmallestForce,
     Thresholds,
-    most_false_per_day,
+    max_false_per_day,
 )
 
 __all__ = [
@@ -42,5 +42,5 @@ __all__ = [
     "Sensor",
     "SmallestForce",
     "Thresholds",
-    "most_false_per_day",
+    "max_false_per_day",
 ]  # fmt: skip

@@ -11,7 +11,7 @@ from beamtouch_models.metadata.calibration import Calibration
 from beamtouch_models.metadata.drawn import Drawn
 from beamtouch_models.metadata.fields import NAME, MetadataPart
 from beamtouch_models.metadata.surface import Channel, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
-from beamtouch_models.metadata.thresholds import SmallestForce, Thresholds, most_false_per_day
+from beamtouch_models.metadata.thresholds import SmallestForce, Thresholds, max_false_per_day
 
 SCHEMA_VERSION: Literal[2] = 2
 METADATA_PREFIX = "beamtouch."
@@ -105,7 +105,7 @@ class Metadata(MetadataPart):
 
     @model_validator(mode="after")
     def _within_reason(self) -> Self:
-        if self.thresholds.false_contacts_per_day > (most := most_false_per_day(self.sensor.rate_hz)):
+        if self.thresholds.false_contacts_per_day > (most := max_false_per_day(self.sensor.rate_hz)):
             message = f"thresholds.false_contacts_per_day: at {self.sensor.rate_hz:g} Hz at most {most:.6g}"
             raise ValueError(message)
         if min(self.noise.reading_mm, self.noise.sample_mm) == 0:

@@ -14,7 +14,7 @@ _Threshold = Annotated[float, Field(ge=1, le=1e6)]
 """Rest exceeds 1 in most samples, whatever the scene allows."""
 
 
-def most_false_per_day(rate_hz: float) -> float:
+def max_false_per_day(rate_hz: float) -> float:
     """Return the largest number of false contacts per day that a threshold can be chosen for."""
     return MAX_FALSE * SECONDS_PER_DAY * rate_hz
 

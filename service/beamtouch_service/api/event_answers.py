@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from pydantic import BaseModel
 
-from beamtouch_service.events.segments import Begin, End, Kind, Segment
+from beamtouch_service.events.segments import Begin, End, EventKind, Segment
 from beamtouch_service.events.writing import Numbered
 from beamtouch_service.surfaces.contact import ContactQuality, rfc3339
 from beamtouch_service.surfaces.contradiction import Contradiction
@@ -26,7 +26,7 @@ class Event(BaseModel):
 
     id: int
     surface: str
-    kind: Kind
+    kind: EventKind
     """`contact`: a contact, with the unexplained stretches during it; `unexplained`: a stretch without a contact
     before it, which has neither force nor position."""
     touched_at: str

@@ -15,7 +15,7 @@ from beamtouch_service.api.errors import NO_STORE
 from beamtouch_service.api.event_answers import EventCapture, EventList, EventWithPath
 from beamtouch_service.api.times import Time, microseconds
 from beamtouch_service.events.recorder import Recorder
-from beamtouch_service.events.segments import Kind as EventKind
+from beamtouch_service.events.segments import EventKind
 from beamtouch_service.events.selection import Selection
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.problems import Kind, Problem, ProblemError

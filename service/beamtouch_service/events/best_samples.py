@@ -12,7 +12,7 @@ from beamtouch_service.surfaces.contact import Decision, Doubt
 from beamtouch_service.surfaces.estimates import Estimated
 from beamtouch_service.surfaces.follower import Seen
 
-MOST_AT_REST = 16
+MAX_AT_REST = 16
 """Samples that the mean of a rest counts for at most, so that it follows the zeros."""
 
 Values = list[float]
@@ -85,7 +85,7 @@ class _Rest:
         if self._sums is None:
             return values * readings, variances * readings**2, float(readings)
         total, variance, weight = self._sums
-        kept = min(1.0, MOST_AT_REST * readings / weight)
+        kept = min(1.0, MAX_AT_REST * readings / weight)
         return total * kept + values * readings, variance * kept**2 + variances * readings**2, weight * kept + readings
 
 

@@ -18,7 +18,7 @@ _ENDED = (
     select(*_CONTENT, _c.end)
     .where(_of_surface, _c.id > bindparam("after"), _HAS_BEST | IS_OPEN)
     .order_by(_c.id)
-    .limit(bindparam("most"))
+    .limit(bindparam("max_events"))
 )
 _BASELINE = select(BASELINES).where(BASELINES.c.surface == bindparam("of_surface"))
 _DROP = delete(BASELINES).where(BASELINES.c.surface == bindparam("of_surface"))
@@ -61,10 +61,10 @@ def contacts(
     return [_sampled(row) for row in connection.execute(query, {"of_surface": surface})][::-1]
 
 
-def ended_after(connection: Connection, surface: str, number: int, most: int) -> list[Sampled]:
+def ended_after(connection: Connection, surface: str, number: int, max_events: int) -> list[Sampled]:
     """Return events with a best sample in the order of their ids, up to the first that is open."""
     found = []
-    for row in connection.execute(_ENDED, {"of_surface": surface, "after": number, "most": most}):
+    for row in connection.execute(_ENDED, {"of_surface": surface, "after": number, "max_events": max_events}):
         if row.end is End.OPEN:
             break
         found.append(_sampled(row))

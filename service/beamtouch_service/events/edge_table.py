@@ -8,7 +8,7 @@ from sqlalchemy import Connection, bindparam, delete, insert, select
 from beamtouch_models.modelfile import Memory, State
 from beamtouch_service.events.findings import Edge
 from beamtouch_service.events.schema import EDGES
-from beamtouch_service.events.segments import Begin, End, Kind, Segment
+from beamtouch_service.events.segments import Begin, End, EventKind, Segment
 from beamtouch_service.surfaces.follower import Past
 
 KEEP_S = 86_400.0
@@ -47,7 +47,7 @@ def completed(connection: Connection, event: Segment) -> Segment:
     is_open = event.end in _MAY_LIFT
     if event.begin is not Begin.UNSEEN and not is_open:
         return event
-    is_stretch = event.kind is Kind.UNEXPLAINED
+    is_stretch = event.kind is EventKind.UNEXPLAINED
     key = {"of_surface": event.surface, "of_boot_id": event.boot_id}
     before, after = event.first_sequence - 1, event.last_sequence + 1
     for sequence, acquired_us, past in connection.execute(_BESIDE, key | {"before": before, "after": after}):
@@ -81,6 +81,6 @@ def _past(kept: dict[str, Any]) -> Past | None:
 
 
 def _end(event: Segment) -> End:
-    if event.kind is Kind.UNEXPLAINED:
+    if event.kind is EventKind.UNEXPLAINED:
         return End.CLEAR
     return End.UNEXPLAINED if event.ends_unexplained else End.LIFT

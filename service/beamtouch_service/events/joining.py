@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from beamtouch_service.events.best_samples import better
-from beamtouch_service.events.segments import AFTER_CLEAR, BEFORE_CLEAR, End, Kind, Segment, sums_of, thin
+from beamtouch_service.events.segments import AFTER_CLEAR, BEFORE_CLEAR, End, EventKind, Segment, sums_of, thin
 
 _ENDS_OF_CONTACT = {End.CLEAR: End.UNEXPLAINED, End.CONTACT: End.UNSEEN}
 """End of an unexplained stretch -> end of the contact that it turns out to belong to."""
@@ -20,7 +20,7 @@ def are_one(left: Segment, right: Segment) -> bool:
 
     An unexplained stretch belongs to the contact before it, and never to the one after it.
     """
-    return not are_apart(left, right) and (left.kind is Kind.CONTACT or right.kind is Kind.UNEXPLAINED)
+    return not are_apart(left, right) and (left.kind is EventKind.CONTACT or right.kind is EventKind.UNEXPLAINED)
 
 
 def _without_first(segment: Segment, last_known: int) -> Segment:

@@ -39,7 +39,7 @@ class LateSamples:
         self._tried: dict[tuple[str, str, str, int], Past] = {}
         """What doubtful samples were decided from without success."""
 
-    def settled(self, surface: str, stale_ms: float, found: Iterable[Found]) -> list[Command]:
+    def commands_in(self, surface: str, stale_ms: float, found: Iterable[Found]) -> list[Command]:
         """Return the commands in what was found; keep the samples beside gaps, and decide doubtful ones if possible."""
         found = list(found)
         edges = [one for one in found if isinstance(one, Edge)]
@@ -109,7 +109,7 @@ class LateSamples:
             if isinstance(one, Doubtful):
                 self._put_aside(of_sender, one)
         known = [one for one in found if not isinstance(one, Doubtful)]
-        return self.settled(surface, stale_ms, known)
+        return self.commands_in(surface, stale_ms, known)
 
     def _take(self, of_sender: tuple[str, str, str], first: int) -> list[Estimated]:
         """Take the doubtful samples that begin with a number."""

@@ -107,7 +107,7 @@ class Recorder:
         name, stale_ms = surface.name, surface.stale_ms
         if commands:
             # The worker thread decides doubtful samples.
-            self._writes.add(name, lambda: self._late.settled(name, stale_ms, commands))
+            self._writes.add(name, lambda: self._late.commands_in(name, stale_ms, commands))
 
     def stale(self, surface: Surface) -> None:
         """End the open event of a surface: its newest sample is too old."""
@@ -117,7 +117,7 @@ class Recorder:
         elif segmenter := self._segmenters.get(surface.name):
             self._writes.add_all(surface.name, segmenter.expire())
 
-    def settle(self) -> None:
+    def maintain(self) -> None:
         """End events that a lost write left open, and tidy the file once a minute; call this about once a second."""
         if self._maintenance.is_due and (self._upkeep is None or self._upkeep.done()):
             self._upkeep = self._worker.prompt(self._maintenance.run)
@@ -149,7 +149,7 @@ class Recorder:
 
     def answerable(self, event: Segment) -> Segment:
         """Return an event as it is to be answered: not as open if a lost write may have ended it; for a query."""
-        if event.end is not End.OPEN or event.surface not in self.writer.unsettled:
+        if event.end is not End.OPEN or event.surface not in self.writer.incomplete:
             return event
         return replace(event, end=End.STALE if event.surface in self._stale else End.UNSEEN)
 
@@ -194,4 +194,4 @@ class Recorder:
         if segmenter and segmenter.last:
             finish = Finish(segmenter.boot_id, segmenter.last.sequence, end)
             found, stale_ms = [*segmenter.flush(), finish, *segmenter.end_run()], surface.stale_ms
-            self._writes.add(surface.name, lambda: self._late.settled(surface.name, stale_ms, found))
+            self._writes.add(surface.name, lambda: self._late.commands_in(surface.name, stale_ms, found))

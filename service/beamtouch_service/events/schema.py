@@ -27,7 +27,7 @@ from sqlalchemy.engine.default import DefaultExecutionContext
 from sqlalchemy.schema import CreateIndex, CreateTable
 
 from beamtouch_models.modelfile import State
-from beamtouch_service.events.segments import Begin, End, Kind
+from beamtouch_service.events.segments import Begin, End, EventKind
 
 FORMAT = 6
 """The format of a database of this version of the service; 0 is an empty one."""
@@ -48,7 +48,7 @@ def number_changes(connection: Connection) -> None:
     connection.info[_CHANGES] = count(max(number or 0 for number in connection.scalars(highest)) + 1)
 
 
-def _words(words: type[Begin | End | Kind | State]) -> Enum:
+def _words(words: type[Begin | End | EventKind | State]) -> Enum:
     return Enum(words, native_enum=False, length=20, values_callable=lambda members: [one.value for one in members])
 
 
@@ -73,7 +73,7 @@ EVENTS = Table(
     Column("degraded", Boolean, nullable=False),
     Column("path", JSON, nullable=False),
     Column("recorded_s", Double, nullable=False),
-    Column("kind", _words(Kind), nullable=False, server_default=Kind.CONTACT),
+    Column("kind", _words(EventKind), nullable=False, server_default=EventKind.CONTACT),
     Column("unexplained_us", BigInteger, nullable=False, server_default="0"),
     Column("ends_unexplained", Boolean, nullable=False, server_default="0"),
     Column("unsteady", Boolean, nullable=False, server_default="0"),

@@ -7,7 +7,7 @@ from beamtouch_service.events.best_samples import BestSamples
 from beamtouch_service.events.captures import Capture
 from beamtouch_service.events.findings import Command, Doubtful, Edge, Finish, Found, TouchSeen
 from beamtouch_service.events.growing_segment import GrowingSegment
-from beamtouch_service.events.segments import Begin, End, Kind, Segment
+from beamtouch_service.events.segments import Begin, End, EventKind, Segment
 from beamtouch_service.surfaces.contact import Decision, Figures
 from beamtouch_service.surfaces.contradiction import Contradiction
 from beamtouch_service.surfaces.follower import Seen
@@ -36,7 +36,7 @@ class Segmenter:
         """Samples that have yet to be written."""
         self._best = BestSamples(model)
         self._end = end
-        self._kind: Kind | None = None
+        self._kind: EventKind | None = None
         """Of the event that continues."""
         self._is_expired = False
         """The event ended as stale; it continues if the next sample arrives."""
@@ -147,7 +147,7 @@ class Segmenter:
 
     def _go_on(self, seen: Seen, *, unexplained: bool) -> list[Command]:
         """Add a sample that is not clear. A contact outlasts an unexplained stretch, but not the other way round."""
-        kind = self._kind if unexplained and self._kind else Kind.UNEXPLAINED if unexplained else Kind.CONTACT
+        kind = self._kind if unexplained and self._kind else EventKind.UNEXPLAINED if unexplained else EventKind.CONTACT
         is_new, commands = kind is not self._kind, list[Command]()
         if is_new:
             commands = self.flush()
@@ -173,10 +173,10 @@ class Segmenter:
         self._kind, self._was_clear, self._is_expired = kind, False, False
         return [*commands, *self.flush()] if due else commands
 
-    def _first(self, kind: Kind, sequence: int, acquired_us: int) -> Segment:
+    def _first(self, kind: EventKind, sequence: int, acquired_us: int) -> Segment:
         begin = Begin.UNSEEN
         if self._was_clear:
-            begin = Begin.TOUCH if kind is Kind.CONTACT else Begin.CLEAR
+            begin = Begin.TOUCH if kind is EventKind.CONTACT else Begin.CLEAR
         key = self._surface, self.model, self.boot_id
         return Segment(*key, sequence, sequence, acquired_us, acquired_us, kind=kind, begin=begin, end=self._end)
 

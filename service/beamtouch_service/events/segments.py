@@ -20,7 +20,7 @@ Point = tuple[int, float, float | None]
 """Time [us since 1970], position [mm], force [N]."""
 
 
-class Kind(StrEnum):
+class EventKind(StrEnum):
     """Kinds of events."""
 
     CONTACT = "contact"
@@ -84,7 +84,7 @@ class Segment:
     """Time of the last sample."""
     lifted_us: int | None = None
     """Time of the first clear sample after it; None if that is not known."""
-    kind: Kind = Kind.CONTACT
+    kind: EventKind = EventKind.CONTACT
     begin: Begin = Begin.UNSEEN
     end: End = End.OPEN
     samples: int = 0

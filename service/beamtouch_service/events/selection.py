@@ -6,7 +6,7 @@ from typing import Any
 from sqlalchemy import Select, select, tuple_
 
 from beamtouch_service.events.schema import EVENTS
-from beamtouch_service.events.segments import Kind
+from beamtouch_service.events.segments import EventKind
 from beamtouch_service.events.writing import CONTENT
 
 _WITHOUT_PATH = [column for column in CONTENT if column not in (EVENTS.c.path, EVENTS.c.best)]
@@ -18,7 +18,7 @@ class Selection:
     """Selects events to read, newest first."""
 
     surface: str | None = None
-    kind: Kind | None = None
+    kind: EventKind | None = None
     since_us: int | None = None
     """Earliest touch."""
     until_us: int | None = None

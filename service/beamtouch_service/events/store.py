@@ -82,10 +82,10 @@ class EventStore:
         with self._place.connect() as connection:
             return best_table.contacts(connection, surface, since_us, until_us, limit)
 
-    def ended_after(self, surface: str, number: int, most: int) -> list[Sampled]:
+    def ended_after(self, surface: str, number: int, max_events: int) -> list[Sampled]:
         """Return events of higher ids with a best sample, in the order of their ids, up to the first that is open."""
         with self._place.connect() as connection:
-            return best_table.ended_after(connection, surface, number, most)
+            return best_table.ended_after(connection, surface, number, max_events)
 
     def baseline(self, surface: str) -> Baseline | None:
         """Return what is kept of the health of a surface; None if nothing is."""

@@ -43,12 +43,12 @@ class Upkeep:
     @property
     def is_due(self) -> bool:
         """Whether there may be something to do."""
-        return bool(self._writer.unsettled) or self._store.is_shared or self._is_untidy()
+        return bool(self._writer.incomplete) or self._store.is_shared or self._is_untidy()
 
     def run(self) -> None:
         """Do what is due."""
         try:
-            self._writer.settle()
+            self._writer.catch_up()
             if self._store.is_shared:
                 self._decide_again()
             if self._is_untidy():

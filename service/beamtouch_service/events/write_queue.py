@@ -24,7 +24,7 @@ class WriteQueue:
     def add(self, surface: str, make: MakeCommands) -> None:
         """Write the commands that `make` returns in the worker thread."""
         if not self._free.acquire(blocking=False):
-            self._writer.unsettled.add(surface)
+            self._writer.incomplete.add(surface)
             self._losses.note("the disk is too slow")
             return
 

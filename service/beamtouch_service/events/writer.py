@@ -36,7 +36,7 @@ class Writer:
     """
 
     def __init__(self, store: EventStore, losses: Losses, written: Callable[[str], None]) -> None:
-        self.unsettled: set[str] = set()
+        self.incomplete: set[str] = set()
         """Surfaces that lost a write: their open event may have ended."""
         self.outages = 0
         """Times that the database went away."""
@@ -59,17 +59,17 @@ class Writer:
         return len(self._backlog)
 
     def write_new(self, name: str, make: MakeCommands) -> None:
-        """Write the commands that `make` returns, of new samples; if they are lost, the surface is unsettled."""
+        """Write the commands that `make` returns, of new samples; if they are lost, the surface is incomplete."""
         if not self._losses.attempt(lambda: self._write_new(name, make)):
-            self.unsettled.add(name)
+            self.incomplete.add(name)
 
     def write_late(self, name: str, make: MakeCommands) -> None:
         """Write the commands that `make` returns, of late samples."""
         self._losses.attempt(lambda: self._write(name, make()))
 
-    def settle(self) -> None:
+    def catch_up(self) -> None:
         """End events that a lost write left open, and carry out what waits; raises DBAPIError."""
-        for name in list(self.unsettled):
+        for name in list(self.incomplete):
             self._write_new(name, list)
         self.drain()
 
@@ -102,7 +102,7 @@ class Writer:
             except DBAPIError as error:
                 self._backlog.remove_first()
                 self._losses.note(str(error.orig))
-                self.unsettled.add(write.surface)
+                self.incomplete.add(write.surface)
             else:
                 self._backlog.remove_first()
                 self._back()
@@ -114,13 +114,13 @@ class Writer:
         self._losses.count += len(self._backlog)
 
     def _write_new(self, name: str, make: MakeCommands) -> None:
-        is_unsettled = name in self.unsettled
+        is_incomplete = name in self.incomplete
         # Discarded before the write: a write that is lost meanwhile adds it again.
-        self.unsettled.discard(name)
+        self.incomplete.discard(name)
         try:
-            self._write(name, [*([Loss()] if is_unsettled else []), *make()])
+            self._write(name, [*([Loss()] if is_incomplete else []), *make()])
         except DBAPIError:
-            self.unsettled.add(name)
+            self.incomplete.add(name)
             raise
 
     def _write(self, name: str, commands: Sequence[Command]) -> None:
@@ -132,7 +132,7 @@ class Writer:
         elif self._backlog.add(name, commands):
             self.drain()
         else:
-            self.unsettled.add(name)
+            self.incomplete.add(name)
             self._losses.note("the database of events has been away for too long")
 
     def _is_resting(self) -> bool:

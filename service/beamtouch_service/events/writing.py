@@ -12,11 +12,11 @@ from beamtouch_service.events.best_samples import Best
 from beamtouch_service.events.findings import Edge, Finish, Loss, TouchSeen
 from beamtouch_service.events.joining import are_apart, are_one, joined
 from beamtouch_service.events.schema import EVENTS, IS_OPEN
-from beamtouch_service.events.segments import BEFORE_CLEAR, Begin, End, Kind, Segment
+from beamtouch_service.events.segments import BEFORE_CLEAR, Begin, End, EventKind, Segment
 
 CONTENT = [EVENTS.c.id, *(EVENTS.c[entry.name] for entry in fields(Segment))]
 _c = EVENTS.c
-_IS_STRETCH = _c.kind == Kind.UNEXPLAINED
+_IS_STRETCH = _c.kind == EventKind.UNEXPLAINED
 # Made once: making a statement takes longer than carrying it out.
 _of_id = _c.id == bindparam("of_id")
 _of_surface = _c.surface == bindparam("of_surface")

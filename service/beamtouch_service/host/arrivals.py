@@ -11,7 +11,7 @@ LOOK_S = 0.05
 """The loop looks at the connections at least this often [s]."""
 PAUSE_S = 0.1
 """If it has not looked for longer [s], requests may have waited."""
-_MOST_LOOKS = 256
+_MAX_LOOKS = 256
 """Looks after a pause within which a busy loop has accepted every connection that waited, and read from it."""
 
 
@@ -31,34 +31,34 @@ class Arrivals:
         self._looked_s = clock()
         self._paused_s = self._looked_s if since_s is None else since_s
         """Last look before the pause."""
-        self._unsettled = _MOST_LOOKS
+        self._looks_left = _MAX_LOOKS
         """Looks until all that waited during a pause counts as read; 0: it is read."""
 
     @property
-    def is_settled(self) -> bool:
+    def has_caught_up(self) -> bool:
         """Whether all that waited during a pause is read."""
-        return self._unsettled == 0
+        return self._looks_left == 0
 
     def now(self) -> float:
         """Return the earliest arrival of what is read now, at most `PAUSE_S` too late [s]."""
         now_s = self._clock()
-        if self._unsettled:
+        if self._looks_left:
             return self._paused_s
         return now_s if now_s - self._looked_s <= PAUSE_S else self._looked_s
 
-    def settle(self) -> None:
+    def caught_up(self) -> None:
         """Note that nothing waits to be read, and nothing that was read waits to be handled."""
-        self._unsettled = 0
+        self._looks_left = 0
 
     def looked(self) -> None:
         """Note that the loop has just looked at the connections."""
         now_s = self._clock()
         if now_s - self._looked_s > PAUSE_S:
-            if not self._unsettled:
+            if not self._looks_left:
                 self._paused_s = self._looked_s
-            self._unsettled = _MOST_LOOKS
-        elif self._unsettled:
-            self._unsettled -= 1
+            self._looks_left = _MAX_LOOKS
+        elif self._looks_left:
+            self._looks_left -= 1
         self._looked_s = now_s
 
 
@@ -73,11 +73,11 @@ class Selector(selectors.DefaultSelector):
         """Wait for connections as every selector does, but return after `LOOK_S` at the latest."""
         wait_s = LOOK_S if timeout is None else min(timeout, LOOK_S)
         found: list[tuple[selectors.SelectorKey, int]] = []
-        if wait_s > 0 and not self._arrivals.is_settled:
+        if wait_s > 0 and not self._arrivals.has_caught_up:
             # The loop has nothing else to do. If there is nothing to read either, the pause is over.
             found = super().select(0)
             if not found:
-                self._arrivals.settle()
+                self._arrivals.caught_up()
         found = found or super().select(wait_s)
         self._arrivals.looked()
         return found

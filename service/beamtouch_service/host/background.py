@@ -84,7 +84,7 @@ class Background:
             for surface in context.registry:
                 surface.summary(context.clock())
                 surface.tell_if_stale(context.clock())
-            context.recorder.settle()
+            context.recorder.maintain()
             self._manager.alive()
             await asyncio.sleep(pause_s)
 

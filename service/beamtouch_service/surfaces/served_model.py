@@ -1,9 +1,15 @@
-"""A model in use: its file, and inference in fixed memory."""
+"""A model in use: its file, inference in fixed memory, and the decisions on the new samples of a surface."""
+
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.modelfile import INPUTS, Answers, ModelFile
+from beamtouch_service.samples import Batch, Sample
+from beamtouch_service.surfaces.estimates import estimate
+from beamtouch_service.surfaces.follower import Follower, Seen
+from beamtouch_service.surfaces.timings import Timings
 
 
 class Inference:
@@ -38,4 +44,19 @@ class ServedModel:
 
     def __init__(self, file: ModelFile) -> None:
         self.file = file
-        self.inference = Inference(file)
+        self._inference = Inference(file)
+        self._follower: tuple[str, Follower] | None = None
+        """Follows the sender with this boot id."""
+
+    def follow(self, surface: str, stale_ms: float, batch: Batch, fresh: list[Sample], timings: Timings) -> list[Seen]:
+        """Decide on new samples of a batch, in order. A sender is followed from its first batch on."""
+
+        def ask(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
+            begin_s = perf_counter()
+            answers = self._inference.ask(deflection_mm, whitening_per_mm)
+            timings.inference_s.observe(perf_counter() - begin_s)
+            return answers
+
+        if self._follower is None or self._follower[0] != batch.boot_id:
+            self._follower = batch.boot_id, Follower(self.file, self._inference.ask, surface, stale_ms)
+        return self._follower[1].follow(estimate(self.file, surface, batch, fresh, ask))

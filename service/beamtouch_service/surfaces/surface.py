@@ -5,7 +5,6 @@ No I/O and no clock: the caller gives the time, in seconds of the service's mono
 
 from __future__ import annotations
 
-from time import perf_counter
 from typing import TYPE_CHECKING
 
 from beamtouch_service.limits import STALE_MS, UNEXPLAINED_AFTER_S
@@ -13,8 +12,6 @@ from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt, Sample
 from beamtouch_service.surfaces import refusals
 from beamtouch_service.surfaces.contact import Contact, Decision, Doubt
-from beamtouch_service.surfaces.estimates import estimate
-from beamtouch_service.surfaces.follower import Follower
 from beamtouch_service.surfaces.health import ChannelHealth, SurfaceHealth
 from beamtouch_service.surfaces.intake import Intake
 from beamtouch_service.surfaces.newest import Decided, Newest
@@ -28,10 +25,7 @@ from beamtouch_service.surfaces.weighing import noise_contradicts
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from beamtouch_models.modelfile import Answers, ModelFile, State
+    from beamtouch_models.modelfile import ModelFile, State
     from beamtouch_service.surfaces.witness import Witness
 
 
@@ -58,8 +52,6 @@ class Surface:
         """The newest sample; None before the first."""
         self._intake = Intake(stale_ms)
         self._served = ServedModel(model) if model else None
-        self._follower: tuple[str, Follower] | None = None
-        """Follows the sender with this boot id."""
         self._told_stale = False
         self.transit = Transit()
         """Tells whoever receives a batch how long it waited on the way."""
@@ -82,7 +74,6 @@ class Surface:
     def adopt(self, model: ModelFile) -> None:
         """Use this model from the next sample on. The contact so far stays with the model that gave it."""
         self._served = ServedModel(model)
-        self._follower = None
 
     def receive(self, batch: Batch, arrival_s: float) -> Receipt:
         """Take a batch that arrived at `arrival_s` [s, monotonic].
@@ -206,18 +197,8 @@ class Surface:
         if served is None:
             self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, list(batch.notes))
             return
-
-        def ask(deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
-            begin_s = perf_counter()
-            answers = served.inference.ask(deflection_mm, whitening_per_mm)
-            self.timings.inference_s.observe(perf_counter() - begin_s)
-            return answers
-
         model, boot_id = served.file, batch.boot_id
-        if self._follower is None or self._follower[0] != boot_id:
-            self._follower = boot_id, Follower(served.file, served.inference.ask, self.name, self.stale_ms)
-        follower = self._follower[1]
-        seen = follower.follow(estimate(model, self.name, batch, fresh, ask))
+        seen = served.follow(self.name, self.stale_ms, batch, fresh, self.timings)
         newest_us = fresh[-1].acquired_unix_us
         for one in seen:
             self.stretches.add(one, acquired_s - (newest_us - one.estimated.acquired_unix_us) / 1e6)

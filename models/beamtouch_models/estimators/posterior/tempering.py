@@ -21,7 +21,7 @@ RESOLVED = 0.5
 CENTRE_ERROR = {True: 0.004, False: 0.026}
 """For known and open force: error of a tempered posterior's centre, in units of its widened deviation; it widens the
 interval."""
-MOST_TURNED = 0.01
+MAX_TURNED = 0.01
 """Largest square of the angle by which a cell turns the reading; next to a support it is noise."""
 NARROW = 2.0
 """Largest deviation of a posterior, in cells, for which its mean is its centre."""
@@ -86,7 +86,7 @@ def tempered(graph: Graph, prior: Prior, cells: Cells, found: Scored) -> Tempere
     turned = graph.apply("ReduceSumSquare", graph.apply("Sub", change, along), axes=[1], keepdims=1)
     if not prior.force_is_known:
         size = graph.apply("ReduceSumSquare", found.sample, axes=[1], keepdims=1)
-        turned = graph.apply("Min", graph.apply("Div", turned, found.precision), graph.constant(MOST_TURNED))
+        turned = graph.apply("Min", graph.apply("Div", turned, found.precision), graph.constant(MAX_TURNED))
         error = CENTRE_ERROR[False]
         return Tempered(graph, cells, _widening(graph, graph.apply("Mul", turned, size), error), error)
     error = CENTRE_ERROR[True]

@@ -1,0 +1,90 @@
+"""Values on a serial bus are requested only from a unit that owes no answer, whatever happens meanwhile."""
+
+import asyncio
+
+import pytest
+
+from beamtouch_daemon.sources.configured import Buses
+from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
+from beamtouch_daemon.sources.registers import Block
+from beamtouch_daemon.sources.rtu_exchange import Query
+
+from .devices import NumberingUnit, Pieces, StampingUnit, rtu_units, with_crc
+from .lines import terminal
+from .publishing import until
+from .sessions import source_in, take_across_sessions
+
+pytestmark = pytest.mark.anyio
+
+TIMEOUT_S = 2.0
+READ, REGISTERS = 4, 3
+PLACES = [f"register = {index}" for index in range(REGISTERS)]
+
+
+def table(path: str, unit: int) -> str:
+    return f'kind = "modbus-rtu"\nport = "{path}"\ntimeout_ms = {TIMEOUT_S * 1e3}\nunit = {unit}'
+
+
+def is_value(frame: bytes) -> bool:
+    """Whether a frame answers a request for the values of the surface."""
+    return frame[1:3] == bytes([READ, 2 * REGISTERS])
+
+
+async def test_an_answer_to_an_earlier_program_in_the_silence_of_a_start_is_followed_by_probes() -> None:
+    sent: list[str] = []
+    foreign = with_crc(bytes([1, READ, 2 * REGISTERS]) + b"\xee" * 2 * REGISTERS)
+
+    def late(_number: int, frame: bytes) -> Pieces:
+        sent.append("value" if is_value(frame) else "probe")
+        if sent.count("probe") > 2 or sent[-1] == "value":
+            return [(0.0, frame)]
+        sent.append("foreign")
+        return [(0.0, frame), (0.02, foreign)]
+
+    with terminal() as line:
+        async with rtu_units(line, {1: NumberingUnit(late)}):
+            readings, errors = await take_across_sessions(source_in({}, table(line.path, 1), PLACES, 20.0), 5)
+    assert errors == []
+    assert sent[:7] == ["value", "probe", "foreign", "probe", "foreign", "probe", "probe"]
+    assert [reading.counts for reading in readings] == [(number,) * REGISTERS for number in range(5, 10)]
+
+
+async def test_a_unit_that_gets_other_registers_while_a_request_waits_is_probed_first() -> None:
+    slow = StampingUnit(lambda _number, frame: [(0.2, frame)])
+    quick = StampingUnit()
+    with terminal() as line:
+        async with rtu_units(line, {1: quick, 2: slow}):
+            buses: Buses = {}
+            for unit in (1, 2):
+                source_in(buses, table(line.path, unit), PLACES, 20.0)
+            (bus,) = buses.values()
+            one, other = (Query(bus.unit(unit, READ, ()), READ, Block(0, REGISTERS), TIMEOUT_S) for unit in (1, 2))
+            async with bus.used():
+                await bus.read(one)
+                await bus.read(other)
+                asked, begun = quick.requests, slow.requests
+                holds = asyncio.create_task(bus.read(other))
+                await until(lambda: slow.requests > begun)
+                waits = asyncio.create_task(bus.read(one))
+                await asyncio.sleep(0)  # it now waits for the other's answer
+                bus.unit(1, READ, [Block(0, REGISTERS + 2)])  # as a new configuration does
+                with pytest.raises(NoAnswerError, match="other registers are read"):
+                    await waits
+                await holds
+                assert quick.requests == asked
+                await bus.read(one)
+                assert quick.requests >= asked + 3  # two probes and the values
+
+
+async def test_a_port_that_is_unplugged_while_a_dead_unit_is_tried_ends_the_session() -> None:
+    unanswered: list[int] = []
+    with terminal() as line:
+        async with rtu_units(line, {1: StampingUnit()}, unanswered):
+            places = [*PLACES, "register = 0\nunit = 2"]
+            stream = source_in({}, table(line.path, 1), places, 20.0).readings()
+            await anext(stream)
+            await until(lambda: len(unanswered) > 0)
+            line.unplug()
+            with pytest.raises(SourceError, match="is gone"):
+                await asyncio.wait_for(anext(stream), 60)
+            await stream.aclose()
