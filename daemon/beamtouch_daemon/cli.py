@@ -145,6 +145,8 @@ def _add_init(command: argparse.ArgumentParser) -> None:
     command.add_argument("--unit", type=whole_number(0, 255), metavar="N", help="Modbus unit (default: 1)")
     words = "4: input registers, 3: holding registers (default: 4)"
     command.add_argument("--function", type=int, choices=(3, 4), help=words)
+    words = "how long to wait for each answer of a Modbus unit (default: 100; tcp: 200)"
+    command.add_argument("--timeout-ms", type=between(1, MAX_TIMEOUT_MS, "milliseconds"), metavar="MS", help=words)
     words = "the service (default: as in the model's configuration)"
     command.add_argument("--url", metavar="URL", help=words)
     words = "file with the service's token (default: as in the model's configuration, beside CONFIG)"

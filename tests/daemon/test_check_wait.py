@@ -144,7 +144,7 @@ async def test_json_has_no_more_digits_than_the_sensor(tmp_path: Path) -> None:
         outcome = await command("check", config, "--json")
         config.write_text(config.read_text().replace("rate_hz", "noise_mm = 0.002\nrate_hz", 1))
         noisy = await command("check", config, "--json")
-    assert '"gap_mm": 2.2999, "deflection_mm": 0.2001' in outcome.out
+    assert '"counts": 20001, "gap_mm": 2.2999, "deflection_mm": 0.2001' in outcome.out
     assert '"gap_mm": 2.3, "deflection_mm": 0.2,' in noisy.out
 
 

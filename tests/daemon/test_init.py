@@ -1,12 +1,7 @@
-"""`init`: what it writes from options and from answers on a terminal, and what it refuses."""
+"""`init`: what it writes from options, and what it refuses."""
 
-import asyncio
 import json
-import os
-import pty
-import re
 import stat
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -74,7 +69,7 @@ async def test_configurations_for_a_bus_and_for_a_board_pass_check(tmp_path: Pat
     with terminal() as bus, terminal() as line:
         SerialDevice(line)
         async with rtu_units(bus, {7: StampingUnit()}):
-            options = ("--baud", "19200", "--parity", "none", "--unit", "7", "--function", "3")
+            options = ("--baud", "19200", "--parity", "none", "--unit", "7", "--function", "3", "--timeout-ms", "900")
             rtu = await init(tmp_path, "--source", f"rtu:{bus.path}", *options)
             source = content(tmp_path / "daemon.toml")["surfaces"]["bench"]["source"]
             reads = await command("check", tmp_path / "daemon.toml", "--json")
@@ -91,6 +86,7 @@ async def test_configurations_for_a_bus_and_for_a_board_pass_check(tmp_path: Pat
         "parity": "none",
         "unit": 7,
         "function": 3,
+        "timeout_ms": 900,
     }
     assert json.loads(reads.out)["surfaces"]["bench"]["error"] is None
 
@@ -166,68 +162,3 @@ async def test_a_file_that_is_no_configuration_of_a_model_is_refused(
     assert refused.code == 2
     assert refused.complaint().startswith(f"{tmp_path / name}: ")
     assert said in refused.complaint()
-
-
-def at_terminal(words: list[str], answers: dict[str, list[str]]) -> tuple[int, str]:
-    """Run the daemon on a terminal; answer each question that contains a key with the next of its answers."""
-    pid, master = pty.fork()
-    if not pid:
-        os.execv(sys.executable, [sys.executable, "-m", "beamtouch_daemon", *words])  # noqa: S606 - our own process
-    said, asked = "", 0
-    try:
-        while True:
-            said += os.read(master, 4096).decode()
-            question = said[asked:].rpartition("\n")[2]
-            if question.endswith(": "):
-                (key,) = (key for key in answers if key in question)
-                asked = len(said)
-                os.write(master, f"{answers[key].pop(0)}\n".encode())
-    except OSError:  # the terminal closes with the process
-        pass
-    finally:
-        os.close(master)
-    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), said
-
-
-async def test_on_a_terminal_it_asks_and_asks_again_after_a_wrong_answer(tmp_path: Path) -> None:
-    model, path = template(tmp_path), tmp_path / "daemon.toml"
-    answers = {
-        "configuration that": [str(tmp_path / "absent.toml"), str(model)],
-        "source": ["/dev/ttyUSB0", "rtu:/dev/ttyUSB0"],
-        "baud": ["fast", "9600"],
-        "parity": ["mark", "even"],
-        "unit": ["300", "3"],
-        "function": [""],
-        "service [": ["nowhere", ""],
-        "token": [""],
-    }
-    code, said = await asyncio.to_thread(at_terminal, ["init", str(path)], answers)
-    assert code == 0, said
-    assert not any(answers.values())
-    assert f"there is no file '{tmp_path / 'absent.toml'}'" in said
-    assert "'300' is not a whole number from 1 to 247" in said
-    assert content(path)["surfaces"]["bench"]["source"] == {
-        "kind": "modbus-rtu",
-        "port": "/dev/ttyUSB0",
-        "baud": 9600,
-        "parity": "even",
-        "unit": 3,
-        "function": 4,
-    }
-    assert content(path)["publish"]["url"] == "http://127.0.0.1:8420"
-
-
-async def test_ctrl_c_at_a_question_ends_it_with_130_and_writes_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "daemon.toml"
-    code, said = await asyncio.to_thread(at_terminal, ["init", str(path)], {"configuration that": ["\x03"]})
-    assert code == 130
-    assert re.search(r"beamtouch-daemon: interrupted", said)
-    assert not path.exists()
-
-
-async def test_the_end_of_the_answers_writes_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "daemon.toml"
-    code, said = await asyncio.to_thread(at_terminal, ["init", str(path)], {"configuration that": ["\x04"]})
-    assert code == 2
-    assert "the answers ended; nothing was written" in said
-    assert not path.exists()

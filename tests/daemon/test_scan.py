@@ -12,35 +12,15 @@ from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from . import configs
-from .devices import Pieces, SerialDevice, StampingUnit, pymodbus_server, rtu_units, with_crc
+from .devices import SerialDevice, pymodbus_server, rtu_units
 from .lines import joined_terminals, terminal
 from .process import Outcome, command, free_port, started
+from .register_units import RegisterUnit
 
 pytestmark = pytest.mark.anyio
 
 PATIENT = ("--timeout-ms", "2000")
 """For a starved machine; every unit that is asked exists."""
-
-
-def registers(function: int, count: int) -> bytes:
-    return bytes([function, 2 * count]) + bytes(2 * count)
-
-
-def with_registers(inputs: int, holdings: int) -> StampingUnit:
-    """A unit with so many registers from 0, which refuses requests for more, and requests of other functions."""
-    unit = StampingUnit()
-    has = {4: inputs, 3: holdings}
-
-    def answer(request: bytes, wrap: object) -> Pieces:
-        assert callable(wrap)
-        address, function, first, count = request[0], request[1], request[3], request[5]
-        good = request[2] == request[4] == 0 and first + count <= has.get(function, 0)
-        unit.requests += 1
-        body = registers(function, count) if good else bytes([function | 0x80, 2])
-        return [(0.0, with_crc(bytes([address]) + body))]
-
-    unit.answer = answer  # type: ignore[method-assign]
-    return unit
 
 
 def blocks(outcome: Outcome) -> list[dict[str, object]]:
@@ -57,7 +37,7 @@ def written(folder: Path, source: dict[str, object]) -> Path:
 
 async def test_the_units_on_a_bus_are_found_with_their_registers_and_the_source_that_reads_them(tmp_path: Path) -> None:
     with terminal() as bus:
-        async with rtu_units(bus, {2: with_registers(8, 0), 5: with_registers(0, 3)}):
+        async with rtu_units(bus, {2: RegisterUnit(8, 0), 5: RegisterUnit(0, 3)}):
             told = await command("scan", bus.path, "--units", "2,5", "--baud", "9600", "--parity", "none", *PATIENT)
             checked = await command("check", written(tmp_path, blocks(told)[1]), "--json")
     assert told.code == 0, told.err
@@ -73,7 +53,7 @@ async def test_the_units_on_a_bus_are_found_with_their_registers_and_the_source_
 
 async def test_json_is_one_object_with_every_unit() -> None:
     with terminal() as bus:
-        async with rtu_units(bus, {3: with_registers(1, 125)}):
+        async with rtu_units(bus, {3: RegisterUnit(1, 125)}):
             told = await command("scan", bus.path, "--units", "3", "--baud", "19200", "--json", *PATIENT)
     assert told.code == 0
     assert json.loads(told.out) == {
@@ -146,8 +126,9 @@ async def test_units_behind_a_tcp_address_are_found_and_the_source_reads_them(tm
         (block,) = blocks(told)
         checked = await command("check", written(tmp_path, block))
     assert told.code == checked.code == 0
-    assert told.out.splitlines()[1].split() == ["1", "-", "-", "0-2", "0-2"]
-    assert f"--source tcp://127.0.0.1:{port} --unit 1 --function 4" in told.out
+    rows = told.out.partition("\n\n")[0].splitlines()
+    assert [row.split() for row in rows[1:]] == [["1", "-", "-", "0-2", "0-2"]]  # there is no unit 2
+    assert f"--source tcp://127.0.0.1:{port} --unit 1 --function 4 --timeout-ms 2000" in told.out
 
 
 async def test_an_address_without_a_device_and_a_port_in_use_fail_with_one_line() -> None:

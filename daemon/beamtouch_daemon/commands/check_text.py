@@ -1,5 +1,6 @@
 """The report of `check`: what it found on each channel, and the table and the JSON object that say it."""
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,7 +61,7 @@ def as_json(state: SurfaceState, *, asked: bool) -> dict[str, object]:
     channels = [
         {
             "channel": one.channel,
-            "counts": None if one.counts is None else float(counts_text(one.counts)),
+            "counts": None if one.counts is None else json.loads(counts_text(one.counts)),
             "gap_mm": _length(one.gap_mm, one),
             "deflection_mm": _length(one.deflection_mm, one),
             "quality": one.quality,

@@ -16,7 +16,11 @@ from beamtouch_daemon.config.sources import ModbusRtu, SerialLine
 
 Answer = TypeVar("Answer")
 SOURCES = "rtu:/dev/ttyUSB0, serial:/dev/ttyACM0 or tcp://HOST[:PORT]"
-OPTIONS = {"rtu": ("baud", "parity", "unit", "function"), "serial": ("baud",), "tcp": ("unit", "function")}
+OPTIONS = {
+    "rtu": ("baud", "parity", "unit", "function", "timeout_ms"),
+    "serial": ("baud",),
+    "tcp": ("unit", "function", "timeout_ms"),
+}
 """Options of a source, by the kind that its address begins with."""
 _KINDS = {"rtu": "modbus-rtu", "serial": "serial"}
 _DEFAULT_BAUD = {"rtu": ModbusRtu.model_fields["baud"].default, "serial": SerialLine.model_fields["baud"].default}
@@ -28,7 +32,7 @@ class Stated:
 
     model_config_: Path | None = None
     source: str = ""
-    options: Mapping[str, str | int] = field(default_factory=dict)
+    options: Mapping[str, str | float] = field(default_factory=dict)
     url: str | None = None
     token_file: Path | None = None
 
@@ -40,7 +44,7 @@ class Stated:
         source: str = arguments.source or ""
         for key in options if source else ():
             if key not in OPTIONS[_kind_of(source)]:
-                message = f"--{key}: a source such as {source} has none; leave it out"
+                message = f"--{key.replace('_', '-')}: a source such as {source} has none; leave it out"
                 raise InputError(message)
         url = None if arguments.url is None else url_of(arguments.url)
         return cls(arguments.model_config, source, options, url, arguments.token_file)
@@ -53,7 +57,7 @@ class Stated:
             raise InputError(message)
         return self.model_config_
 
-    def settings(self) -> dict[str, str | int]:
+    def settings(self) -> dict[str, str | float]:
         """Return the keys of the `[source]` table; InputError without a source."""
         if not self.source:
             message = f"--source: give {SOURCES}; beamtouch-daemon scan finds it"
@@ -61,7 +65,7 @@ class Stated:
         kind = _kind_of(self.source)
         if kind == "tcp":
             host, port = address_of(self.source)
-            where: dict[str, str | int] = {"kind": "modbus-tcp", "host": host, "port": port}
+            where: dict[str, str | float] = {"kind": "modbus-tcp", "host": host, "port": port}
         else:
             where = {"kind": _KINDS[kind], "port": self.source.partition(":")[2]}
         return where | {key: self.options[key] for key in OPTIONS[kind] if key in self.options}
@@ -87,7 +91,7 @@ def complete(stated: Stated) -> Stated:
     if not stated.source:
         stated = replace(stated, source=_ask(f"source: {SOURCES}", None, _source))
     kind = _kind_of(stated.source)
-    left = [key for key in OPTIONS[kind] if key not in stated.options]
+    left = [key for key in OPTIONS[kind] if key not in stated.options and key != "timeout_ms"]
     stated = replace(stated, options={**stated.options, **{key: _ask_option(key, kind) for key in left}})
     if stated.url is None:
         stated = replace(stated, url=_ask("service", "http://127.0.0.1:8420", url_of))

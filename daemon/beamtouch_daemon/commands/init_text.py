@@ -10,12 +10,12 @@ class NoTableError(Exception):
     """The text has no such table; the message names it."""
 
 
-def toml_of(settings: Mapping[str, str | int]) -> list[str]:
+def toml_of(settings: Mapping[str, str | float]) -> list[str]:
     """Return the lines of a table."""
     return [f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in settings.items()]
 
 
-def with_source(text: str, surface: str, settings: Mapping[str, str | int]) -> str:
+def with_source(text: str, surface: str, settings: Mapping[str, str | float]) -> str:
     """Return a configuration with another source of a surface; NoTableError if it has no table of the source."""
     return _with_table(text, ("surfaces", surface, "source"), settings, keeps_others=False)
 
@@ -25,7 +25,7 @@ def with_publish(text: str, url: str, token_file: str) -> str:
     return _with_table(text, ("publish",), {"url": url, "token_file": token_file}, keeps_others=True)
 
 
-def _with_table(text: str, names: Sequence[str], settings: Mapping[str, str | int], *, keeps_others: bool) -> str:
+def _with_table(text: str, names: Sequence[str], settings: Mapping[str, str | float], *, keeps_others: bool) -> str:
     lines = text.splitlines()
     begin = next((place for place, line in enumerate(lines) if _names_in(line) == list(names)), None)
     if begin is None:
@@ -50,5 +50,5 @@ def _names_in(line: str) -> list[str]:
     return names
 
 
-def _states(line: str, settings: Mapping[str, str | int]) -> bool:
+def _states(line: str, settings: Mapping[str, str | float]) -> bool:
     return line.partition("=")[0].strip() in settings

@@ -5,13 +5,13 @@ from itertools import groupby
 
 from beamtouch_daemon.commands.argument_types import ranges
 from beamtouch_daemon.commands.init_text import toml_of
-from beamtouch_daemon.commands.scan_plan import LinePlan, NetworkPlan
+from beamtouch_daemon.commands.scan_plan import RTU_TIMEOUT_MS, TCP_TIMEOUT_MS, LinePlan, NetworkPlan
 from beamtouch_daemon.sources.scanned_unit import FoundUnit, Function
 from beamtouch_protocol.messages import Hello
 
 Board = tuple[int, Hello]
 """Baud rate and hello."""
-Settings = dict[str, str | int]
+Settings = dict[str, str | float]
 """Keys of a `[source]` table."""
 _NAMES: dict[Function, str] = {4: "input registers", 3: "holding registers"}
 
@@ -104,8 +104,10 @@ def _advised(plan: LinePlan | NetworkPlan, settings: Settings, hint: str) -> Ite
         where = plan.url
     else:
         where = f"{'serial' if settings['kind'] == 'serial' else 'rtu'}:{plan.path}"
-    keys = ("baud", "parity", "unit", "function")
-    options = " ".join(f"--{key} {settings[key]}" for key in keys if key in settings)
+    keys = ["baud", "parity", "unit", "function"]
+    if settings.get("timeout_ms") not in (None, RTU_TIMEOUT_MS, TCP_TIMEOUT_MS):
+        keys.append("timeout_ms")
+    options = " ".join(f"--{key.replace('_', '-')} {settings[key]}" for key in keys if key in settings)
     yield f"\nbeamtouch-daemon init daemon.toml --model-config FILE --source {where} {options}"
 
 

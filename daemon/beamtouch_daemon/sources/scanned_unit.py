@@ -14,8 +14,6 @@ Parity = Literal["none", "even", "odd"]
 
 FUNCTIONS: tuple[Function, ...] = (4, 3)
 """Input registers and holding registers. They only read, so no scan changes a device."""
-_GATEWAY = (10, 11)
-"""Exceptions of a gateway without such a unit."""
 MAX_REQUESTS = 18
 """Limit of the requests to one unit that answers: one or two to find it, then eight for each function."""
 
@@ -40,10 +38,7 @@ class FoundUnit:
 async def registers_of(ask: Ask) -> dict[Function, int] | None:
     """Return how many registers from 0 each function reads from a unit; None if there is no such unit."""
     for function in FUNCTIONS:
-        answer = await ask(function, Block(0, 1))
-        if answer is not None:
-            if answer.exception in _GATEWAY:
-                return None
+        if await ask(function, Block(0, 1)) is not None:
             return {each: await _count(ask, each) for each in FUNCTIONS}
     return None
 
