@@ -98,6 +98,8 @@ async def _refused(plan: LinePlan, settings: str) -> None:
 async def _scan_settings(plan: LinePlan, settings: ModbusRtu, found: Found) -> None:
     """Ask all units that have not answered with other line settings."""
     left = [unit for unit in plan.units if unit not in {one.unit for one in found.units}]
+    if not left:
+        return
     name = f"{settings.baud} baud, parity {settings.parity}"
     before = len(found.units)
     try:

@@ -24,10 +24,12 @@ def lines(plan: LinePlan | NetworkPlan, units: Sequence[FoundUnit], board: Board
         yield from _advised(plan, _board_source(plan, baud), "")
     if units:
         yield from _table(units)
-    for (_, _, _), group in groupby(sorted(units, key=_settings), key=_settings):
+    readable = [one for one in units if any(one.registers.values())]
+    for _, group in groupby(sorted(readable or units, key=_settings), key=_settings):
         alike = list(group)
         others = [one.unit for one in alike[1:]]
         hint = f"a channel of unit {ranges(others)} states its unit" if others else ""
+        hint = hint if readable else "registers do not begin at 0: see the manual of the device"
         yield from _advised(plan, source_of(plan, alike[0]), hint)
 
 

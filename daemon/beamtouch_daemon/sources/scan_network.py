@@ -12,8 +12,6 @@ from beamtouch_daemon.sources.scanned_unit import FUNCTIONS, FoundUnit, Function
 
 CONNECT_S = 2.0
 """Shortest time limit of the first connection."""
-ABSENT = (4, 10, 11)
-"""Exceptions for a unit that is not there: of gateways, and (4) of servers with a fixed set of units."""
 
 
 def tcp_request_s(timeout_ms: float) -> float:
@@ -54,7 +52,7 @@ async def scan_tcp(
                     answer, _, _ = await links[function].read(block)
                 except NoAnswerError:
                     return None
-                return None if answer.exception in ABSENT else answer
+                return answer
 
         registers = await registers_of(ask)
         yield number, None if registers is None else FoundUnit(number, registers)

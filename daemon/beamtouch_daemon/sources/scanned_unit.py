@@ -14,6 +14,8 @@ Parity = Literal["none", "even", "odd"]
 
 FUNCTIONS: tuple[Function, ...] = (4, 3)
 """Input registers and holding registers. They only read, so no scan changes a device."""
+ABSENT = (4, 10, 11)
+"""Exceptions for a unit that is not there: of gateways (10, 11), and of servers with a fixed set of units (4)."""
 MAX_REQUESTS = 18
 """Limit of the requests to one unit that answers: one or two to find it, then eight for each function."""
 
@@ -38,7 +40,8 @@ class FoundUnit:
 async def registers_of(ask: Ask) -> dict[Function, int] | None:
     """Return how many registers from 0 each function reads from a unit; None if there is no such unit."""
     for function in FUNCTIONS:
-        if await ask(function, Block(0, 1)) is not None:
+        answer = await ask(function, Block(0, 1))
+        if answer is not None and answer.exception not in ABSENT:
             return {each: await _count(ask, each) for each in FUNCTIONS}
     return None
 
