@@ -14,7 +14,7 @@ from beamtouch_daemon.commands.argument_types import BAUDS, bauds, between, numb
 from beamtouch_daemon.exits import PROGRAM
 
 MAX_WAIT_S = 86_400.0
-MAX_TIMEOUT_MS = 10_000.0
+MAX_TIMEOUT_MS = 60_000.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -113,7 +113,7 @@ def test_surfaces_that_cannot_share_a_port_are_named_with_their_files(tmp_path: 
 
 async def test_check_shows_the_file_of_each_surface(tmp_path: Path) -> None:
     async with pymodbus_server([20_000, 21_000]) as port:
-        bench, one = (configs.surface(name, configs.tcp(port)) for name in ("bench", "one"))
+        bench, one = (configs.surface(name, configs.patient_tcp(port)) for name in ("bench", "one"))
         path = including(tmp_path, bench, a=one)
         table, report = await asyncio.gather(command("check", path), command("check", path, "--json"))
     assert (table.code, report.code) == (0, 0)
@@ -134,7 +134,7 @@ async def test_a_port_that_does_not_exist_is_said_with_the_file(tmp_path: Path) 
 
 async def test_a_surface_comes_and_goes_with_its_file_on_a_reload(tmp_path: Path) -> None:
     async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
-        one, other = (configs.surface(name, configs.tcp(port)) for name in ("one", "other"))
+        one, other = (configs.surface(name, configs.patient_tcp(port)) for name in ("one", "other"))
         path = including(tmp_path, url=service.url, a=one)
         new, old = (tmp_path / "surfaces" / f"{name}.toml" for name in "ba")
         async with started("run", path, "--summary", tmp_path / "summary.json") as daemon:

@@ -44,7 +44,8 @@ async def init(folder: Path, *options: str | Path) -> Outcome:
 async def test_a_configuration_for_modbus_tcp_passes_check_and_keeps_what_belongs_to_the_model(tmp_path: Path) -> None:
     async with pymodbus_server([20_000, 21_000]) as port:
         source = f"tcp://127.0.0.1:{port}"
-        written = await init(tmp_path, "--source", source, "--unit", "1", "--url", "https://beams.example:8420/")
+        options = ("--unit", "1", "--timeout-ms", "30000", "--url", "https://beams.example:8420/")
+        written = await init(tmp_path, "--source", source, *options)
         checked = await command("check", tmp_path / "daemon.toml")
     assert (written.code, written.err) == (0, "")
     path = tmp_path / "daemon.toml"
@@ -57,6 +58,7 @@ async def test_a_configuration_for_modbus_tcp_passes_check_and_keeps_what_belong
         "host": "127.0.0.1",
         "port": port,
         "unit": 1,
+        "timeout_ms": 30_000,
     }
     known["surfaces"]["bench"].pop("source")
     assert told["surfaces"] == known["surfaces"]
@@ -69,7 +71,7 @@ async def test_configurations_for_a_bus_and_for_a_board_pass_check(tmp_path: Pat
     with terminal() as bus, terminal() as line:
         SerialDevice(line)
         async with rtu_units(bus, {7: StampingUnit()}):
-            options = ("--baud", "19200", "--parity", "none", "--unit", "7", "--function", "3", "--timeout-ms", "900")
+            options = ("--baud", "19200", "--parity", "none", "--unit", "7", "--function", "3", "--timeout-ms", "30000")
             rtu = await init(tmp_path, "--source", f"rtu:{bus.path}", *options)
             source = content(tmp_path / "daemon.toml")["surfaces"]["bench"]["source"]
             reads = await command("check", tmp_path / "daemon.toml", "--json")
@@ -86,7 +88,7 @@ async def test_configurations_for_a_bus_and_for_a_board_pass_check(tmp_path: Pat
         "parity": "none",
         "unit": 7,
         "function": 3,
-        "timeout_ms": 900,
+        "timeout_ms": 30_000,
     }
     assert json.loads(reads.out)["surfaces"]["bench"]["error"] is None
 

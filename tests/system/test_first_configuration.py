@@ -49,7 +49,7 @@ def test_what_scan_finds_becomes_a_configuration_that_passes_check(
         assert service.stdout is not None
         url = service.stdout.readline().removeprefix("listening on ").strip()
         wait_until((tmp_path / "line").exists)
-        patient = ("--timeout-ms", "2000") if kind == "modbus-rtu" else ()
+        patient = ("--timeout-ms", "30000") if kind == "modbus-rtu" else ()
         found = daemon(tmp_path, "scan", "line", "--units", "1", "--baud", "1000000", "--parity", "none", *patient)
         assert found.returncode == 0, found.stderr
         (line,) = (line for line in found.stdout.splitlines() if line.startswith("beamtouch-daemon init "))
