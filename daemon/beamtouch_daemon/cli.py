@@ -8,9 +8,13 @@ import importlib
 from collections.abc import Sequence
 from pathlib import Path
 
-from beamtouch_common.commands import Parser, exit_code
+from beamtouch_common.commands import Parser, exit_code, whole_number
 from beamtouch_daemon import logs
+from beamtouch_daemon.commands.argument_types import BAUDS, bauds, between, numbers, parities
 from beamtouch_daemon.exits import PROGRAM
+
+MAX_WAIT_S = 86_400.0
+MAX_TIMEOUT_MS = 60_000.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,14 +34,17 @@ def _parser() -> Parser:
     parser.set_defaults(log_format="text")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    def add(name: str, text: str) -> argparse.ArgumentParser:
+    def add(name: str, text: str, *, reads_config: bool = True) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
-        command.add_argument("config", metavar="CONFIG", type=Path, help="configuration file (TOML)")
+        if reads_config:
+            command.add_argument("config", metavar="CONFIG", type=Path, help="configuration file (TOML)")
         return command
 
     _add_run(add("run", "read all surfaces and publish their samples until stopped"))
     check = add("check", "read every channel once and print counts, gap, deflection and quality")
     check.add_argument("--json", action="store_true", help="print one JSON object on standard output")
+    words = "wait up to S seconds until all channels arrive and the service takes samples (default: read once)"
+    check.add_argument("--wait", type=between(0, MAX_WAIT_S, "seconds"), metavar="S", help=words)
     tare = add("tare", "measure the rest gaps, with nothing on the beam")
     tare.add_argument("--surface", metavar="NAME", help="tare this surface only (default: all)")
     tare.add_argument(
@@ -47,6 +54,9 @@ def _parser() -> Parser:
     )
     _add_record(add("record", "record known loads for design-sensors calibrate"))
     _add_noise(add("noise", "measure the noise of the readings, with nothing on the beam"))
+    _add_scan(add("scan", "find what answers on a serial line or behind a Modbus TCP address", reads_config=False))
+    init = commands.add_parser("init", help="write a configuration for the sensors of a model")
+    _add_init(init)
     return parser
 
 
@@ -100,3 +110,45 @@ def _add_noise(command: argparse.ArgumentParser) -> None:
         "record as long as passes between two tares if it matters",
     )
     command.add_argument("--json", action="store_true", help="print one JSON object on standard output")
+
+
+def _add_scan(command: argparse.ArgumentParser) -> None:
+    command.description = (
+        "Find what answers on a serial line or behind a Modbus TCP address. It only reads registers (functions 3 and "
+        "4), and asks for a Beamtouch board. Stop other programs and masters on the line first."
+    )
+    command.add_argument("target", metavar="TARGET", help="/dev/ttyUSB0, for example, or tcp://HOST[:PORT]")
+    words = "units to ask (default: 1-16; over TCP 0 and 255, too)"
+    command.add_argument("--units", type=numbers, metavar="LIST", help=words)
+    words = "baud rates to try (default: 9600,19200,115200,38400,57600, and 1000000 for a Beamtouch board)"
+    command.add_argument("--baud", type=bauds, metavar="LIST", help=words)
+    command.add_argument("--parity", type=parities, metavar="LIST", help="parities to try (default: none,even,odd)")
+    words = "how long to wait for each answer (default: 100; over TCP 200)"
+    command.add_argument("--timeout-ms", type=between(1, MAX_TIMEOUT_MS, "milliseconds"), metavar="MS", help=words)
+    command.add_argument("--json", action="store_true", help="print one JSON object on standard output")
+
+
+def _add_init(command: argparse.ArgumentParser) -> None:
+    command.description = (
+        "Write a configuration: what belongs to the model, from the file that design-sensors build --daemon-config "
+        "wrote, and the source and the service of this machine. Without --model-config or --source it asks, on a "
+        "terminal."
+    )
+    command.add_argument("config", metavar="CONFIG", type=Path, help="configuration file to write (TOML)")
+    words = "configuration that design-sensors build --daemon-config wrote for the model"
+    command.add_argument("--model-config", metavar="FILE", type=Path, help=words)
+    words = "rtu:/dev/ttyUSB0, serial:/dev/ttyACM0 or tcp://HOST[:PORT], as scan finds it"
+    command.add_argument("--source", metavar="ADDRESS", help=words)
+    words = "baud rate (default: 115200; serial: 1000000)"
+    command.add_argument("--baud", type=whole_number(BAUDS[0], BAUDS[-1]), metavar="N", help=words)
+    command.add_argument("--parity", choices=("none", "even", "odd"), help="parity of an rtu line (default: none)")
+    command.add_argument("--unit", type=whole_number(0, 255), metavar="N", help="Modbus unit (default: 1)")
+    words = "4: input registers, 3: holding registers (default: 4)"
+    command.add_argument("--function", type=int, choices=(3, 4), help=words)
+    words = "how long to wait for each answer of a Modbus unit (default: 100; tcp: 200)"
+    command.add_argument("--timeout-ms", type=between(1, MAX_TIMEOUT_MS, "milliseconds"), metavar="MS", help=words)
+    words = "the service (default: as in the model's configuration)"
+    command.add_argument("--url", metavar="URL", help=words)
+    words = "file with the service's token (default: as in the model's configuration, beside CONFIG)"
+    command.add_argument("--token-file", metavar="FILE", type=Path, help=words)
+    command.add_argument("--force", action="store_true", help="replace an existing CONFIG")

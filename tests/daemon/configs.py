@@ -12,8 +12,13 @@ batch_ms = 20
 """
 
 
-def tcp(port: int, host: str = "127.0.0.1") -> str:
-    return f'kind = "modbus-tcp"\nhost = "{host}"\nport = {port}\ntimeout_ms = 300'
+def tcp(port: int, host: str = "127.0.0.1", timeout_ms: int = 300) -> str:
+    return f'kind = "modbus-tcp"\nhost = "{host}"\nport = {port}\ntimeout_ms = {timeout_ms}'
+
+
+def patient_tcp(port: int) -> str:
+    """Return a source that answers in the end, however slow the machine."""
+    return tcp(port, timeout_ms=30_000)
 
 
 def rtu(path: str) -> str:

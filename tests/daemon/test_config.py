@@ -8,7 +8,8 @@ from pydantic import ValidationError
 
 from beamtouch_common.errors import InputError
 from beamtouch_daemon.config.file import load_config, require_ports
-from beamtouch_daemon.config.settings import Config, place_of
+from beamtouch_daemon.config.places import place_of
+from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.config.signal import Adaptive, GrowingMean, LowPass, MovingAverage, NoFilter, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
 from wrong_numbers import with_wrong_numbers
@@ -211,7 +212,7 @@ def test_a_serial_port_serves_one_surface(tmp_path: Path) -> None:
     path = configs.write(
         tmp_path, configs.surface("a", configs.rtu("/dev/x")), configs.surface("b", configs.serial("/dev/x"))
     )
-    assert complaint(path) == "2 surfaces use /dev/x; a serial port serves one surface"
+    assert complaint(path) == "2 surfaces use /dev/x (a, b); a serial port serves one surface"
 
 
 def test_surfaces_on_one_bus_agree_on_its_line(tmp_path: Path) -> None:
@@ -220,7 +221,7 @@ def test_surfaces_on_one_bus_agree_on_its_line(tmp_path: Path) -> None:
     assert both.surfaces.keys() == {"a", "b"}
     path = configs.write(tmp_path, configs.surface("a", rtu), configs.surface("b", f"{rtu}\nbaud = 9600"))
     assert complaint(path) == (
-        "surfaces on /dev/x state different baud, parity, stop_bits or silence_ms; make them equal"
+        "surfaces on /dev/x (a, b) state different baud, parity, stop_bits or silence_ms; make them equal"
     )
 
 

@@ -4,80 +4,97 @@ import argparse
 import asyncio
 import dataclasses
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+import sys
+from time import monotonic
 
 from beamtouch_common.commands import DONE, FAILED
+from beamtouch_daemon.commands.check_text import ChannelState, SurfaceState, as_json, lines
+from beamtouch_daemon.commands.figures import decimals_of
 from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.file import load_config, require_ports
 from beamtouch_daemon.config.settings import Config, Surface
+from beamtouch_daemon.delivery.client import ServiceClient
+from beamtouch_daemon.delivery.readiness import refusal_of
 from beamtouch_daemon.exits import complain
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
 from beamtouch_daemon.sources.configured import Buses, source_of
-from beamtouch_daemon.sources.reading import SourceError, first_readings
-from beamtouch_service.samples import Quality
+from beamtouch_daemon.sources.reading import Reading, SourceError, first_readings
 
-
-@dataclass(frozen=True, slots=True)
-class ChannelState:
-    """One channel in one reading."""
-
-    channel: str
-    counts: float | None
-    gap_mm: float | None
-    deflection_mm: float | None
-    quality: Quality
-
-
-@dataclass(frozen=True, slots=True)
-class SurfaceState:
-    """All channels of a surface in one reading, or the error that prevented it."""
-
-    surface: str
-    channels: tuple[ChannelState, ...] = ()
-    error: str | None = None
-    limits: tuple[str, ...] = ()
-    """Cases in which old or foreign readings may pass unnoticed, a sentence each."""
-
-    @property
-    def is_good(self) -> bool:
-        """Whether there is a reading and every channel in it is good."""
-        return self.error is None and all(state.quality is Quality.GOOD for state in self.channels)
+PAUSE_S = 0.5
+"""Pause between two attempts of --wait."""
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the command; InputError if the configuration or a tare file cannot be used."""
+    """Run the command; InputError if the configuration, a tare file or the token cannot be used."""
     settings = load_config(arguments.config)
-    require_ports(settings)
-    states = asyncio.run(check(settings))
+    wait_s: float | None = arguments.wait
+    if wait_s is None:
+        require_ports(settings)
+        states = asyncio.run(check(settings))
+    else:
+        states = asyncio.run(wait(settings, wait_s))  # a port may still appear
     is_good = all(state.is_good for state in states)
     if arguments.json:
-        print(json.dumps({"good": is_good, "surfaces": {state.surface: _as_json(state) for state in states}}))
+        surfaces = {state.surface: as_json(state, asked=wait_s is not None) for state in states}
+        print(json.dumps({"good": is_good, "surfaces": surfaces}))
     else:
-        _print_table(states)
-        for state in states:
-            for limit in state.limits:
-                print(f"{state.surface}: {limit}")
+        print("\n".join(lines(states, with_files=bool(settings.include))))
     for state in states:
-        if state.error:
-            complain(f"{state.surface}: {state.error}")
+        for text in state.complaints:
+            complain(f"{state.surface}: {text}")
     return DONE if is_good else FAILED
+
+
+async def wait(config: Config, wait_s: float) -> list[SurfaceState]:
+    """Check until all channels arrive and the service takes samples, for about `wait_s` [s]; return the last states.
+
+    An attempt that has begun is completed. InputError if a tare file, the token or a certificate cannot be used.
+    """
+    deadline_s = monotonic() + wait_s
+    said: list[str] = []
+    async with ServiceClient(config.publish.url, config.read_token(), config.read_certificates()) as client:
+        while True:
+            states = await check(config)
+            states = await asyncio.gather(*(_ask(client, state, config.surfaces[state.surface]) for state in states))
+            waiting = [f"{state.surface}: {_awaited(state)}" for state in states if _awaited(state)]
+            left_s = deadline_s - monotonic()
+            if not waiting or left_s <= 0:
+                return states
+            if waiting != said:
+                print(*(f"waiting: {text}" for text in waiting), sep="\n", file=sys.stderr, flush=True)
+                said = waiting
+            await asyncio.sleep(min(PAUSE_S, left_s))
+
+
+async def _ask(client: ServiceClient, state: SurfaceState, surface: Surface) -> SurfaceState:
+    refusal = await refusal_of(client, state.surface, surface.channel_names)
+    return dataclasses.replace(state, refusal=refusal)
+
+
+def _awaited(state: SurfaceState) -> str:
+    """Return what a surface lacks that may still come; empty if it lacks nothing."""
+    missing = "" if state.has_arrived else "not all channels arrive"
+    return state.error or missing or state.refusal or ""
 
 
 async def check(config: Config) -> list[SurfaceState]:
     """Read every surface once, all at the same time; InputError if a tare file does not fit."""
     rest = {name: tare_file.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}
     buses: Buses = {}
-    return await asyncio.gather(*(_check(name, s, rest[name], buses) for name, s in config.surfaces.items()))
+
+    async def one(name: str, surface: Surface) -> SurfaceState:
+        source = source_of(surface, name, buses)
+        try:
+            (reading,) = await first_readings(source, 1)
+        except SourceError as error:
+            return SurfaceState(name, config.file_of(name), error=str(error))
+        return SurfaceState(name, config.file_of(name), _channels(surface, rest[name], reading), limits=source.limits)
+
+    return await asyncio.gather(*(one(name, surface) for name, surface in config.surfaces.items()))
 
 
-async def _check(name: str, surface: Surface, rest_gap_mm: dict[str, float], buses: Buses) -> SurfaceState:
-    source = source_of(surface, name, buses)
-    try:
-        (reading,) = await first_readings(source, 1)
-    except SourceError as error:
-        return SurfaceState(name, error=str(error))
+def _channels(surface: Surface, rest_gap_mm: dict[str, float], reading: Reading) -> tuple[ChannelState, ...]:
     characteristic = Characteristic.of(surface.channels, rest_gap_mm)
     counts = counts_of([reading])
     gap = characteristic.gap(counts)
@@ -87,40 +104,12 @@ async def _check(name: str, surface: Surface, rest_gap_mm: dict[str, float], bus
         gap[0].tolist(),
         characteristic.deflection(gap)[0].tolist(),
         characteristic.quality(counts)[0].tolist(),
+        (decimals_of(step_mm, surface.noise_mm) for step_mm in characteristic.steepest.tolist()),
         strict=True,
     )
-    return SurfaceState(
-        name,
-        tuple(
-            ChannelState(channel, count, None, None, QUALITIES[code])
-            if count is None
-            else ChannelState(channel, count, gap_mm, deflection_mm, QUALITIES[code])
-            for channel, count, gap_mm, deflection_mm, code in columns
-        ),
-        limits=source.limits,
+    return tuple(
+        ChannelState(channel, count, None, None, QUALITIES[code], decimals)
+        if count is None
+        else ChannelState(channel, count, gap_mm, deflection_mm, QUALITIES[code], decimals)
+        for channel, count, gap_mm, deflection_mm, code, decimals in columns
     )
-
-
-def _as_json(state: SurfaceState) -> dict[str, object]:
-    channels = [dataclasses.asdict(channel) for channel in state.channels]
-    return {"error": state.error, "channels": channels, "limits": state.limits}
-
-
-def _print_table(states: Sequence[SurfaceState]) -> None:
-    rows = [("surface", "channel", "counts", "gap mm", "deflection mm", "quality")]
-    rows += [
-        (
-            state.surface,
-            channel.channel,
-            "-" if channel.counts is None else f"{channel.counts:.10g}",
-            "-" if channel.gap_mm is None else f"{channel.gap_mm:.4f}",
-            "-" if channel.deflection_mm is None else f"{channel.deflection_mm:.4f}",
-            channel.quality.value,
-        )
-        for state in states
-        for channel in state.channels
-    ]
-    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
-    for row in rows:
-        cells = (c.rjust(w) if 2 <= i <= 4 else c.ljust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
-        print("  ".join(cells).rstrip())

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TextIO
 
 from beamtouch_common.errors import InputError
+from beamtouch_daemon.commands.figures import MAX_DECIMALS, counts_text, rounded
 from beamtouch_daemon.processing.pipeline import Taken
 
 LOAD_COLUMNS = ("unix_time_s", "load", "position_mm", "force_n")
@@ -89,7 +90,8 @@ class Table:
         sample = taken.sample
         cells: list[object] = [f"{sample.acquired_unix_us / 1e6:.6f}", self.loads + 1, load.position_mm, load.force_n]
         for count, value, quality in zip(taken.reading.counts, sample.deflection_mm, sample.quality, strict=True):
-            cells += ["" if count is None else f"{count:.10g}", "" if value is None else f"{value:.7g}", quality.value]
+            deflection = "" if value is None else f"{rounded(value, MAX_DECIMALS):.{MAX_DECIMALS}f}"
+            cells += ["" if count is None else counts_text(count), deflection, quality.value]
         return cells
 
     def _write(self, rows: Sequence[Sequence[object]]) -> None:

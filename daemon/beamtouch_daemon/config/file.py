@@ -1,11 +1,12 @@
-"""Reads the configuration file; any error becomes one line that names the key."""
+"""Reads the configuration and the files that it includes; any error becomes one line that names the key."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
 from beamtouch_common.errors import InputError
-from beamtouch_common.files import load_toml
+from beamtouch_common.files import load_toml, validate
+from beamtouch_daemon.config.include import Table, with_included
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.config.sources import ModbusTcp
 
@@ -19,7 +20,9 @@ def load_config(path: Path, overrides: Mapping[str, Path | None] = _NONE) -> Con
 
     `overrides` are files that win over those of [publish], unless they are None; relative to the working directory.
     """
-    config = load_toml(Config, path, renamed=RENAMED, context={"directory": path.resolve().parent})
+    content, files = with_included(load_toml(Table, path).root, path, RENAMED)
+    context = {"directory": path.resolve().parent, "files": files}
+    config = validate(Config, content, str(path), renamed=RENAMED, context=context)
     given = {key: file.absolute() for key, file in overrides.items() if file is not None}
     return config.model_copy(update={"publish": config.publish.model_copy(update=given)})
 
@@ -29,10 +32,16 @@ def require_ports(config: Config) -> None:
     for name, surface in config.surfaces.items():
         if isinstance(surface.source, ModbusTcp):
             continue
-        path = Path(surface.source.port)
-        if not path.exists():
-            message = f"surfaces.{name}.source.port: {path} does not exist; plug the device in or correct the path"
-            raise InputError(message)
-        if not path.is_char_device():
-            message = f"surfaces.{name}.source.port: {path} is not a serial port; correct the path"
-            raise InputError(message)
+        key = f"surfaces.{name}.source.port"
+        require_port(surface.source.port, f"{config.file_of(name)}: {key}: " if config.include else f"{key}: ")
+
+
+def require_port(port: str, key: str = "") -> None:
+    """Raise InputError if a serial port does not exist; `key` is the beginning of the message."""
+    path = Path(port)
+    if not path.exists():
+        message = f"{key}{path} does not exist; plug the device in or correct the path"
+        raise InputError(message)
+    if not path.is_char_device():
+        message = f"{key}{path} is not a serial port; correct the path"
+        raise InputError(message)

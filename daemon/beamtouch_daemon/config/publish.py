@@ -20,10 +20,14 @@ def _http_url(value: str) -> str:
     return value.rstrip("/")
 
 
+HttpUrl = Annotated[str, AfterValidator(_http_url)]
+"""Address of a service, without a path."""
+
+
 class Publish(Strict):
     """The service that receives the samples, and the buffers in front of it."""
 
-    url: Annotated[str, AfterValidator(_http_url)]
+    url: HttpUrl
     """Address of the service, without a path."""
     token_file: RelativePath
     """File with the service's bearer token and nothing else."""

@@ -1,18 +1,14 @@
 """The daemon's configuration: unknown keys are refused, and names state their units. `config.file` reads it."""
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import (
-    Field,
-    FiniteFloat,
-    PrivateAttr,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import Field, FiniteFloat, PrivateAttr, ValidationInfo, model_validator
 
-from beamtouch_daemon.config.modules import Encoding, module_of
+from beamtouch_daemon.config.modules import module_of
+from beamtouch_daemon.config.places import place_of
 from beamtouch_daemon.config.publish import Publish, read_certificates, read_token
 from beamtouch_daemon.config.signal import Channel, Filter, GrowingMean, LowPass, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
@@ -29,36 +25,6 @@ class Metrics(Strict):
 
     port: NetworkPort | None = None
     """GET http://127.0.0.1:PORT/metrics; default: no metrics."""
-
-
-def place_of(source: Source, channel: Channel) -> tuple[str, int, int]:
-    """Return host, unit and first register of a channel; ValueError if the configuration does not state them."""
-    message = ""
-    module = None if isinstance(source, SerialLine) or source.module is None else module_of(source.module)
-    if isinstance(source, SerialLine) and (channel.input, channel.unit, channel.host, channel.type) != (None,) * 4:
-        message = f"channel {channel.name}: input, unit, host and type are for Modbus; a serial channel has a register"
-    elif isinstance(source, ModbusRtu) and channel.host is not None:
-        message = f"channel {channel.name}: host is for modbus-tcp"
-    elif (channel.input is None) == (channel.register_ is None):
-        message = f"channel {channel.name}: state its register{' or its input' if module else ''}"
-    elif channel.input is not None and module is None:
-        message = f"channel {channel.name}: input needs the source's module; state the register"
-    elif channel.input is not None and module is not None and channel.input >= module.inputs:
-        message = f"channel {channel.name}: the module has inputs 0 to {module.inputs - 1}"
-    if message:
-        raise ValueError(message)
-    register = channel.register_
-    if register is None and module is not None and channel.input is not None:
-        register = module.register_of(channel.input)
-    host, unit = getattr(source, "host", ""), getattr(source, "unit", 0)
-    return channel.host or host, unit if channel.unit is None else channel.unit, register or 0
-
-
-def encoding_of(source: Source, channel: Channel) -> Encoding:
-    """Return the data type of the counts of a channel; those of a serial device are whole numbers or their means."""
-    module = None if isinstance(source, SerialLine) else source.module
-    known: Encoding = "u16" if module is None else module_of(module).type
-    return channel.type or known
 
 
 class Loads(Strict):
@@ -151,35 +117,50 @@ class Surface(Strict):
 
 
 class Config(Strict):
-    """The whole file. Relative paths in it start from the `directory` in the validation context."""
+    """The whole file, with the surfaces of the files that it includes.
 
+    In the validation context, `directory` is where relative paths start, and `files` has the file of each surface.
+    """
+
+    include: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Files with further `[surfaces.NAME]` tables, as patterns such as "surfaces/*.toml", relative to this file."""
     publish: Publish
     metrics: Metrics = Metrics()
     surfaces: Annotated[dict[SurfaceName, Surface], Field(min_length=1)]
     _directory: Path = PrivateAttr(default=Path())
+    _files: Mapping[str, Path] = PrivateAttr(default_factory=dict)
 
     @model_validator(mode="after")
-    def _take_directory(self, info: ValidationInfo) -> Self:
+    def _take_context(self, info: ValidationInfo) -> Self:
         if info.context:
             self._directory = info.context["directory"]
+            self._files = info.context.get("files", {})
         return self
 
     @model_validator(mode="after")
     def _ports_can_be_shared(self) -> Self:
-        users: dict[str, list[ModbusRtu | SerialLine]] = {}
-        for surface in self.surfaces.values():
+        users: dict[str, dict[str, ModbusRtu | SerialLine]] = {}
+        for name, surface in self.surfaces.items():
             if not isinstance(surface.source, ModbusTcp):
-                users.setdefault(surface.source.port, []).append(surface.source)
+                users.setdefault(surface.source.port, {})[name] = surface.source
         for port, sources in users.items():
-            lines = {source.line if isinstance(source, ModbusRtu) else None for source in sources}
+            lines = {source.line if isinstance(source, ModbusRtu) else None for source in sources.values()}
+            names = ", ".join(f"{name} in {self._files[name]}" if self.include else name for name in sources)
             message = ""
             if len(sources) > 1 and None in lines:
-                message = f"{len(sources)} surfaces use {port}; a serial port serves one surface"
+                message = f"{len(sources)} surfaces use {port} ({names}); a serial port serves one surface"
             elif len(lines) > 1:
-                message = f"surfaces on {port} state different baud, parity, stop_bits or silence_ms; make them equal"
+                message = (
+                    f"surfaces on {port} ({names}) state different baud, parity, stop_bits or silence_ms; "
+                    "make them equal"
+                )
             if message:
                 raise ValueError(message)
         return self
+
+    def file_of(self, name: str) -> Path:
+        """Return the file that has surface `name`: the configuration, or one that it includes."""
+        return self._files[name]
 
     @property
     def spool_file(self) -> Path:

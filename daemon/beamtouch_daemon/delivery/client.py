@@ -17,7 +17,8 @@ MAX_DETAIL = 200
 PROBLEM = "urn:beamtouch:problem:"
 TOO_LARGE = PROBLEM + "too-large"
 MISSING_CHANNELS = PROBLEM + "missing-channels"
-NEVER_ACCEPTED = {PROBLEM + "malformed-json", PROBLEM + "invalid-request"}
+INVALID_REQUEST = PROBLEM + "invalid-request"
+NEVER_ACCEPTED = {PROBLEM + "malformed-json", INVALID_REQUEST}
 """Problem types that decide the fate of a batch. Only the service sends them, never a proxy in front of it."""
 
 
@@ -57,7 +58,7 @@ class UnreachableError(Exception):
 
 @dataclass(frozen=True)
 class Answer:
-    """Answer of the service to a batch."""
+    """Answer of the service to a request."""
 
     status: int
     content: bytes
@@ -128,9 +129,16 @@ class ServiceClient:
 
     async def post_samples(self, surface: str, batch: bytes) -> Answer:
         """Send a batch as JSON; raises UnreachableError."""
-        url = URL(f"{self.url.rstrip('/')}/surfaces/{surface}/samples")
+        return await self._request("POST", f"/surfaces/{surface}/samples", batch)
+
+    async def get(self, path: str) -> Answer:
+        """Ask for a path; raises UnreachableError."""
+        return await self._request("GET", path, None)
+
+    async def _request(self, method: str, path: str, content: bytes | None) -> Answer:
+        url = URL(f"{self.url.rstrip('/')}{path}")
         try:
-            async with self._session.post(url, data=batch, allow_redirects=False) as response:
+            async with self._session.request(method, url, data=content, allow_redirects=False) as response:
                 return Answer(response.status, await response.read())
         except (aiohttp.ClientError, TimeoutError) as error:
             raise UnreachableError(type(error).__name__) from error

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from beamtouch_daemon.config.settings import Surface, encoding_of
+from beamtouch_daemon.config.places import encoding_of
+from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import Adaptive, Filter, GrowingMean, LowPass, MovingAverage
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_models import filters

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from beamtouch_daemon.config.settings import Surface, encoding_of
+from beamtouch_daemon.config.places import encoding_of
+from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import stuck, tare
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.correlations import summed_correlations, without_line

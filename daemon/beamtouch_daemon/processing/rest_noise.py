@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_daemon.config.settings import Surface, encoding_of
+from beamtouch_daemon.config.places import encoding_of
+from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import GrowingMean
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.correlations import summed_correlations, without_line

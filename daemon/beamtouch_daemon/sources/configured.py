@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from beamtouch_daemon.config.settings import Surface, encoding_of, place_of
+from beamtouch_daemon.config.places import encoding_of, place_of
+from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, SerialLine
 from beamtouch_daemon.sources.links import RtuLink, TcpLink
 from beamtouch_daemon.sources.part import Link, Part

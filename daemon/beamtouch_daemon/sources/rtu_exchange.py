@@ -27,6 +27,13 @@ def forgotten_s(timeout_s: float) -> float:
     return max(FORGOTTEN_S, FORGOTTEN_TIMEOUTS * timeout_s)
 
 
+def silence_s(settings: ModbusRtu) -> float:
+    """Return the silence between two frames on a bus [s]."""
+    if settings.silence_ms is not None:
+        return settings.silence_ms / 1e3
+    return max(MIN_SILENCE_S if settings.baud > 19_200 else 0.0, 3.5 * BITS_PER_CHARACTER / settings.baud)
+
+
 class Query(NamedTuple):
     """A request to a unit, and the timeout of its answer."""
 
@@ -45,8 +52,7 @@ class RtuExchange:
 
     def __init__(self, settings: ModbusRtu) -> None:
         self.port = RtuPort(settings)
-        silence_s = max(MIN_SILENCE_S if settings.baud > 19_200 else 0.0, 3.5 * BITS_PER_CHARACTER / settings.baud)
-        self._silence_s = silence_s if settings.silence_ms is None else settings.silence_ms / 1e3
+        self._silence_s = silence_s(settings)
         self._sent: deque[bytes] = deque(maxlen=2)
         self._free_s = 0.0
 

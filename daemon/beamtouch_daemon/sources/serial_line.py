@@ -46,7 +46,7 @@ class SerialSource:
         """Open the port, check and start the device, and yield its readings."""
         port = SerialPort(self._path, self._baud)
         try:
-            hello = await self._introduce(port)
+            hello = await introduce(port, self._path, self._baud)
             self._require(hello)
             session = Session(hello, self._indices)
             await self._meet(port, session)
@@ -67,23 +67,6 @@ class SerialSource:
             with contextlib.suppress(SourceError):  # the port may be gone
                 port.send(Stop())
             port.close()
-
-    async def _introduce(self, port: SerialPort) -> Hello:
-        """Return the device's hello; ignore readings of a stream that still runs."""
-        deadline_s = monotonic() + HELLO_TIMEOUT_S
-        while (now_s := monotonic()) < deadline_s:
-            port.send(Stop())
-            port.send(HelloRequest())
-            repeat_s = now_s + HELLO_REPEAT_S
-            while (left_s := repeat_s - monotonic()) > 0:
-                for arrival in reversed(await port.receive(left_s)):
-                    if isinstance(arrival.message, Hello):
-                        return arrival.message
-        message = (
-            f"{self._path}: no hello within {HELLO_TIMEOUT_S:g} s{_damage(port)}; "
-            f"is it a beamtouch device, and is {self._baud} its baud rate?"
-        )
-        raise SourceError(message)
 
     async def _meet(self, port: SerialPort, session: Session) -> None:
         """Ping until the device's clock is known, because the first reading may be an old one."""
@@ -119,6 +102,30 @@ class SerialSource:
         if wrong:
             message = f"{self._path}: {wrong}"
             raise SourceError(message)
+
+
+async def introduce(port: SerialPort, path: str, baud: int) -> Hello:
+    """Return the hello of the device on a port; ignore readings of a stream that still runs.
+
+    Raises
+    ------
+    SourceError
+        None came within `HELLO_TIMEOUT_S`, or the port is gone; `path` and `baud` are for its text.
+    """
+    deadline_s = monotonic() + HELLO_TIMEOUT_S
+    while (now_s := monotonic()) < deadline_s:
+        port.send(Stop())
+        port.send(HelloRequest())
+        repeat_s = now_s + HELLO_REPEAT_S
+        while (left_s := repeat_s - monotonic()) > 0:
+            for arrival in reversed(await port.receive(left_s)):
+                if isinstance(arrival.message, Hello):
+                    return arrival.message
+    message = (
+        f"{path}: no hello within {HELLO_TIMEOUT_S:g} s{_damage(port)}; "
+        f"is it a beamtouch device, and is {baud} its baud rate?"
+    )
+    raise SourceError(message)
 
 
 def _damage(port: SerialPort) -> str:

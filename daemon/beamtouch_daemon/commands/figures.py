@@ -1,0 +1,30 @@
+"""Numbers as people and files get them: no more digits than the sensor has."""
+
+import math
+
+MAX_DECIMALS = 6
+"""A nanometre: less than any sensor resolves."""
+
+
+def decimals_of(step_mm: float, noise_mm: float | None) -> int:
+    """Return the decimals of a length in mm that one count or the noise of a reading, if it is larger, allows.
+
+    Parameters
+    ----------
+    step_mm
+        Change of the gap with one count [mm].
+    noise_mm
+        Standard deviation of a reading [mm], if known.
+    """
+    smallest_mm = max(step_mm, noise_mm or 0.0)
+    return min(max(math.ceil(-math.log10(smallest_mm)), 0), MAX_DECIMALS) if smallest_mm > 0 else MAX_DECIMALS
+
+
+def rounded(value: float, decimals: int) -> float:
+    """Return a value with this number of decimals; never -0.0."""
+    return round(value, decimals) + 0.0
+
+
+def counts_text(counts: float) -> str:
+    """Return counts: whole ones in full, means of several conversions and floating-point values to seven digits."""
+    return f"{counts:.0f}" if counts == int(counts) else f"{counts:.7g}"

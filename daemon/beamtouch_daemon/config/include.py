@@ -1,0 +1,92 @@
+"""Surfaces in files of their own, which a configuration includes: `include = ["surfaces/*.toml"]`."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field, RootModel
+
+from beamtouch_common.errors import InputError
+from beamtouch_common.files import load_toml, validate
+from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.config.sources import Strict
+from beamtouch_service.samples import SurfaceName
+
+
+class Table(RootModel[dict[str, Any]]):
+    """Any TOML file."""
+
+
+class _Patterns(BaseModel):
+    include: Annotated[tuple[str, ...], Field(strict=False)] = ()
+
+
+class _Included(Strict):
+    surfaces: Annotated[dict[SurfaceName, Surface], Field(min_length=1)]
+
+
+def with_included(
+    content: Mapping[str, Any], path: Path, renamed: Mapping[str, str]
+) -> tuple[dict[str, Any], dict[str, Path]]:
+    """Return a configuration with the surfaces of the files that it includes, and the file of each surface.
+
+    Relative paths in an included file start from it; in the returned content they are absolute.
+
+    Parameters
+    ----------
+    content, path
+        The configuration, not checked yet, and its file.
+    renamed
+        Keys of older versions, with their present names.
+
+    Raises
+    ------
+    InputError
+        A pattern that no file matches, an included file that cannot be used, or a surface that is in two files.
+    """
+    patterns = validate(_Patterns, {key: content[key] for key in ("include",) if key in content}, str(path)).include
+    surfaces = content.get("surfaces", {})
+    if not isinstance(surfaces, Mapping):
+        return dict(content), {}  # it is refused later
+    merged, files = dict(surfaces), dict.fromkeys(surfaces, path)
+    for file in _matching(patterns, path):
+        for name, surface in _surfaces_in(file, path, renamed).items():
+            if name in merged:
+                message = f"{file}: surfaces.{name} is also in {files[name]}; remove one of the two"
+                raise InputError(message)
+            merged[name], files[name] = surface, file
+    return {**content, "surfaces": merged} if patterns else dict(content), files
+
+
+def _matching(patterns: tuple[str, ...], path: Path) -> Iterator[Path]:
+    """Return the files that the patterns match, each once, in alphabetical order for each pattern."""
+    seen: set[Path] = {path.resolve()}
+    for pattern in patterns:
+        try:
+            matching = sorted(path.parent.glob(pattern))
+        except (ValueError, NotImplementedError):  # absolute, empty, or ** within a name
+            message = f"{path}: include: {pattern!r} is not a pattern relative to this file, such as surfaces/*.toml"
+            raise InputError(message) from None
+        found = [file for file in matching if not file.name.startswith(".")]  # editors hide their unfinished files
+        if not found:
+            message = f"{path}: include: no file matches {pattern!r}; correct it, or write a file with [surfaces.NAME]"
+            raise InputError(message)
+        for file in found:
+            if file.resolve() not in seen:
+                seen.add(file.resolve())
+                yield file
+
+
+def _surfaces_in(file: Path, path: Path, renamed: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """Return the checked surfaces in an included file."""
+    content = load_toml(Table, file).root
+    for key in content:
+        if key != "surfaces":
+            message = f"{file}: {key} belongs in {path}; a file that is included has only [surfaces.NAME] tables"
+            raise InputError(message)
+    checked = validate(_Included, content, str(file), renamed=renamed)
+    surfaces: dict[str, dict[str, Any]] = content["surfaces"]
+    for name, surface in checked.surfaces.items():
+        if surface.tare_file is not None:
+            surfaces[name]["tare_file"] = str(file.resolve().parent / surface.tare_file)
+    return surfaces

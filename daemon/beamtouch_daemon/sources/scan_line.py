@@ -1,0 +1,61 @@
+"""Scans a serial line for Modbus RTU units and for a device that speaks the protocol of `PROTOCOL.md`."""
+
+from collections.abc import AsyncGenerator, Sequence
+
+from beamtouch_daemon.config.sources import ModbusRtu
+from beamtouch_daemon.sources.reading import SourceError
+from beamtouch_daemon.sources.registers import Block
+from beamtouch_daemon.sources.rtu_exchange import Query, RtuExchange, silence_s
+from beamtouch_daemon.sources.rtu_frame import Answer
+from beamtouch_daemon.sources.rtu_unit import Unit
+from beamtouch_daemon.sources.scanned_unit import FoundUnit, Function, registers_of
+from beamtouch_daemon.sources.serial_line import introduce
+from beamtouch_daemon.sources.serial_port import SerialPort
+from beamtouch_protocol.messages import Hello
+
+
+def request_s(settings: ModbusRtu) -> float:
+    """Return the longest time of a request with these line settings [s]."""
+    return settings.timeout_ms / 1e3 + silence_s(settings)
+
+
+async def scan_units(settings: ModbusRtu, units: Sequence[int]) -> AsyncGenerator[tuple[int, FoundUnit | None], None]:
+    """Ask units one after the other; yield each number with what was found, None without an answer.
+
+    Raises
+    ------
+    SourceError
+        The port cannot be opened with these settings, or is gone.
+    """
+    exchange = RtuExchange(settings)
+    exchange.port.open()
+    try:
+        for number in units:
+            unit = Unit(number)
+
+            async def ask(function: Function, block: Block, unit: Unit = unit) -> Answer | None:
+                await exchange.pause()
+                exchange.discard()  # answers that came too late, to earlier requests
+                return await exchange.ask(Query(unit, function, block, settings.timeout_ms / 1e3), None)
+
+            registers = await registers_of(ask)
+            yield number, None if registers is None else FoundUnit(number, registers, settings.baud, settings.parity)
+    finally:
+        exchange.port.close()
+
+
+async def scan_board(path: str, baud: int) -> Hello | None:
+    """Return the hello of a device that speaks the protocol, None without one.
+
+    Raises
+    ------
+    SourceError
+        The port cannot be opened with this rate.
+    """
+    port = SerialPort(path, baud)
+    try:
+        return await introduce(port, path, baud)
+    except SourceError:
+        return None
+    finally:
+        port.close()

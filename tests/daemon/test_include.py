@@ -1,0 +1,156 @@
+"""Surfaces in files of their own: what is read, what is refused with the name of the file, and reloading."""
+
+import asyncio
+import json
+import signal
+from pathlib import Path
+
+import pytest
+
+from beamtouch_common.errors import InputError
+from beamtouch_daemon.config.file import load_config
+
+from . import configs
+from .devices import pymodbus_server
+from .process import command, started
+from .service import Service, serving
+
+pytestmark = pytest.mark.anyio
+
+
+def including(folder: Path, *own: str, url: str = "http://127.0.0.1:8420", **files: str) -> Path:
+    """Write a configuration that includes `surfaces/*.toml`, with these files in the folder."""
+    path = configs.write(folder, *own, url=url)
+    path.write_text(f'include = ["surfaces/*.toml"]\n{path.read_text()}')
+    (folder / "surfaces").mkdir(exist_ok=True)
+    for name, text in files.items():
+        (folder / "surfaces" / f"{name}.toml").write_text(text)
+    return path
+
+
+def complaint(path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        load_config(path)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_the_surfaces_of_all_files_are_read_and_each_knows_its_file(tmp_path: Path) -> None:
+    path = including(tmp_path, configs.surface("bench"), b=configs.surface("two"), a=configs.surface("one"))
+    (tmp_path / "surfaces" / ".c.toml.swp.toml").write_text("unfinished [")  # an editor's
+    (tmp_path / "surfaces" / "notes.txt").write_text("not a surface")
+    config = load_config(path)
+    assert list(config.surfaces) == ["bench", "one", "two"]
+    assert [config.file_of(name) for name in config.surfaces] == [
+        path,
+        tmp_path / "surfaces" / "a.toml",
+        tmp_path / "surfaces" / "b.toml",
+    ]
+
+
+def test_a_configuration_may_have_all_its_surfaces_in_other_files(tmp_path: Path) -> None:
+    assert list(load_config(including(tmp_path, a=configs.surface("one"))).surfaces) == ["one"]
+
+
+def test_paths_start_from_the_file_that_states_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tared = configs.surface("one").replace("rate_hz", 'tare_file = "one.json"\nrate_hz', 1)
+    path = including(tmp_path, a=tared, b=configs.surface("two"))
+    monkeypatch.chdir(tmp_path)
+    for config in (load_config(path), load_config(Path("daemon.toml"))):
+        assert config.tare_file("one") == tmp_path / "surfaces" / "one.json"
+        assert config.tare_file("two") == tmp_path / "two.tare.json"  # as before the surface had a file of its own
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[surfaces", "{file}: not valid TOML: "),
+        (configs.surface("one").replace("window", "windw"), "{file}: unknown key surfaces.one.filter.windw; remove it"),
+        (configs.PUBLISH, "{file}: publish belongs in {path}; a file that is included has only [surfaces.NAME] tables"),
+        ("", "{file}: surfaces is missing; add it"),
+        ("surfaces = 3", "{file}: surfaces: must be"),
+        (configs.surface("bench"), "{file}: surfaces.bench is also in {path}; remove one of the two"),
+        (configs.surface("other"), "{file}: surfaces.other is also in {other}; remove one of the two"),
+    ],
+)
+def test_what_is_wrong_is_said_with_the_file_and_the_key(tmp_path: Path, text: str, said: str) -> None:
+    path = including(tmp_path, configs.surface("bench"), a=configs.surface("other"), z=text)
+    surfaces = tmp_path / "surfaces"
+    assert complaint(path).startswith(said.format(file=surfaces / "z.toml", path=path, other=surfaces / "a.toml"))
+
+
+@pytest.mark.parametrize(
+    ("include", "said"),
+    [
+        ('["surfacs/*.toml"]', "include: no file matches 'surfacs/*.toml'; correct it"),
+        ('["/etc/*.toml"]', "include: '/etc/*.toml' is not a pattern relative to this file"),
+        ('[""]', "include: '' is not a pattern relative to this file"),
+        ('"surfaces/*.toml"', "include: must be "),
+        ("[3]", "include[0]: must be "),
+    ],
+)
+def test_a_wrong_pattern_is_said(tmp_path: Path, include: str, said: str) -> None:
+    path = including(tmp_path, configs.surface("bench"), a=configs.surface("other"))
+    path.write_text(path.read_text().replace('["surfaces/*.toml"]', include))
+    assert complaint(path).startswith(f"{path}: {said}")
+
+
+def test_a_file_that_two_patterns_match_is_read_once(tmp_path: Path) -> None:
+    path = including(tmp_path, a=configs.surface("one"))
+    path.write_text(path.read_text().replace('"surfaces/*.toml"', '"surfaces/*.toml", "*/a.toml", "surfaces/a.toml"'))
+    assert list(load_config(path).surfaces) == ["one"]
+
+
+def test_surfaces_that_cannot_share_a_port_are_named_with_their_files(tmp_path: Path) -> None:
+    a, b = (configs.surface(name, configs.serial("/dev/x")) for name in ("one", "two"))
+    path = including(tmp_path, a=a, b=b)
+    surfaces = tmp_path / "surfaces"
+    assert complaint(path) == (
+        f"{path}: 2 surfaces use /dev/x (one in {surfaces / 'a.toml'}, two in {surfaces / 'b.toml'}); "
+        "a serial port serves one surface"
+    )
+
+
+async def test_check_shows_the_file_of_each_surface(tmp_path: Path) -> None:
+    async with pymodbus_server([20_000, 21_000]) as port:
+        bench, one = (configs.surface(name, configs.patient_tcp(port)) for name in ("bench", "one"))
+        path = including(tmp_path, bench, a=one)
+        table, report = await asyncio.gather(command("check", path), command("check", path, "--json"))
+    assert (table.code, report.code) == (0, 0)
+    assert [line.split()[-1] for line in table.out.splitlines()] == [
+        "file",
+        *[str(path)] * 2,
+        *[str(tmp_path / "surfaces" / "a.toml")] * 2,
+    ]
+    files = {name: found["file"] for name, found in json.loads(report.out)["surfaces"].items()}
+    assert files == {"bench": str(path), "one": str(tmp_path / "surfaces" / "a.toml")}
+
+
+async def test_a_port_that_does_not_exist_is_said_with_the_file(tmp_path: Path) -> None:
+    outcome = await command("check", including(tmp_path, a=configs.surface("one", configs.serial("/dev/ttyNO"))))
+    assert outcome.code == 2
+    assert outcome.complaint().startswith(f"{tmp_path / 'surfaces' / 'a.toml'}: surfaces.one.source.port: /dev/ttyNO ")
+
+
+async def test_a_surface_comes_and_goes_with_its_file_on_a_reload(tmp_path: Path) -> None:
+    async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
+        one, other = (configs.surface(name, configs.patient_tcp(port)) for name in ("one", "other"))
+        path = including(tmp_path, url=service.url, a=one)
+        new, old = (tmp_path / "surfaces" / f"{name}.toml" for name in "ba")
+        async with started("run", path, "--summary", tmp_path / "summary.json") as daemon:
+            await service.until(20, "one")
+            new.write_text("[surfaces.other]")
+            daemon.tell(signal.SIGHUP)
+            await service.until(len(service.samples("one")) + 50, "one")
+            new.write_text(other)
+            daemon.tell(signal.SIGHUP)
+            await service.until(20, "other")
+            old.unlink()
+            daemon.tell(signal.SIGHUP)
+            await service.until(len(service.samples("other")) + 50, "other")
+            outcome = await daemon.stop()
+    assert outcome.code == 0
+    assert f"the old one stays in use: {new}: surfaces.other." in outcome.err
+    assert "configuration read again; restarted: other\n" in outcome.err
+    assert "configuration read again; restarted: nothing\n" in outcome.err
+    assert len({batch.boot_id for name, batch, _ in service.batches if name == "other"}) == 1

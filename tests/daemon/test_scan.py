@@ -1,0 +1,184 @@
+"""`scan` on real lines: pseudo-terminals, the board's protocol, and pymodbus's own servers."""
+
+import asyncio
+import json
+import re
+import signal
+import tomllib
+from pathlib import Path
+
+import pytest
+from pymodbus.server import ModbusSerialServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from . import configs
+from .devices import SerialDevice, pymodbus_server, rtu_units
+from .lines import joined_terminals, terminal
+from .process import Outcome, command, free_port, started
+from .register_units import RegisterUnit
+
+pytestmark = pytest.mark.anyio
+
+PATIENT = ("--timeout-ms", "30000")
+"""For a starved machine; every unit that is asked exists."""
+
+
+def blocks(outcome: Outcome) -> list[dict[str, object]]:
+    """Return the `[source]` tables that were printed."""
+    tables = re.findall(r"^\[surfaces\.NAME\.source\].*\n(?:\w+ = .*\n)+", outcome.out, re.MULTILINE)
+    return [tomllib.loads(table)["surfaces"]["NAME"]["source"] for table in tables]
+
+
+def written(folder: Path, source: dict[str, object]) -> Path:
+    """Write a configuration with a source as it was printed."""
+    lines = "\n".join(f"{key} = {json.dumps(value)}" for key, value in source.items())
+    return configs.write(folder, configs.surface(source=lines))
+
+
+async def test_the_units_on_a_bus_are_found_with_their_registers_and_the_source_that_reads_them(tmp_path: Path) -> None:
+    with terminal() as bus:
+        async with rtu_units(bus, {2: RegisterUnit(8, 0), 5: RegisterUnit(0, 3)}):
+            told = await command("scan", bus.path, "--units", "2,5", "--baud", "9600", "--parity", "none", *PATIENT)
+            checked = await command("check", written(tmp_path, blocks(told)[1]), "--json")
+    assert told.code == 0, told.err
+    assert "at most 124 s, and 541 s more for each unit that answers" in told.err.splitlines()[0]
+    assert [line.split() for line in told.out.splitlines()[:3]] == [
+        ["unit", "baud", "parity", "input", "registers", "holding", "registers"],
+        ["2", "9600", "none", "0-7", "none", "from", "0"],
+        ["5", "9600", "none", "none", "from", "0", "0-2"],
+    ]
+    assert [(block["unit"], block["function"]) for block in blocks(told)] == [(5, 3), (2, 4)]
+    assert json.loads(checked.out)["surfaces"]["bench"]["error"] is None
+
+
+async def test_json_is_one_object_with_every_unit() -> None:
+    with terminal() as bus:
+        async with rtu_units(bus, {3: RegisterUnit(1, 125)}):
+            told = await command("scan", bus.path, "--units", "3", "--baud", "19200", "--json", *PATIENT)
+    assert told.code == 0
+    assert json.loads(told.out) == {
+        "target": bus.path,
+        "units": [
+            {
+                "unit": 3,
+                "baud": 19200,
+                "parity": "none",
+                "input_registers": 1,
+                "holding_registers": 125,
+                "source": {
+                    "kind": "modbus-rtu",
+                    "port": bus.path,
+                    "baud": 19200,
+                    "parity": "none",
+                    "unit": 3,
+                    "function": 3,
+                    "timeout_ms": 30000,
+                },
+            }
+        ],
+        "board": None,
+    }
+
+
+async def test_a_scan_sends_only_requests_that_read_and_hellos() -> None:
+    seen = bytearray()
+    with terminal() as bus:
+        bus.on_data(seen.extend)
+        told = await command("scan", bus.path, "--units", "1-3", "--baud", "9600", "--parity", "none")
+    assert told.code == 1
+    assert told.err.splitlines()[-1].startswith("beamtouch-daemon: nothing answers: check power, wiring")
+    frames = bytes(seen[:48])
+    assert [frames[at : at + 2] for at in range(0, 48, 8)] == [
+        bytes([unit, function]) for unit in (1, 2, 3) for function in (4, 3)
+    ]
+    assert seen[48:]  # then the board is asked
+
+
+async def test_a_board_is_found_and_its_source_reads_it(tmp_path: Path) -> None:
+    with terminal() as line:
+        SerialDevice(line)
+        told = await command("scan", line.path, "--units", "1")
+        (block,) = blocks(told)
+        checked = await command("check", written(tmp_path, block))
+    assert told.code == checked.code == 0
+    assert "a Beamtouch board at 1000000 baud: 2 channels, 16 ADC bits, at most 1000 readings per second" in told.out
+    assert block == {"kind": "serial", "port": line.path, "baud": 1_000_000}
+
+
+async def test_units_of_a_server_that_is_not_ours_are_found_on_a_line() -> None:
+    data = [SimData(0, values=[20_000] * 6, datatype=DataType.REGISTERS)]
+    with joined_terminals() as (near, far):
+        server = ModbusSerialServer(SimDevice(7, simdata=data), port=far, baudrate=19_200)
+        await server.serve_forever(background=True)
+        try:
+            told = await command(
+                "scan", near, "--units", "7", "--baud", "19200", "--parity", "none", "--json", *PATIENT
+            )
+        finally:
+            await server.shutdown()  # type: ignore[no-untyped-call]  # pymodbus leaves it without annotations
+    (unit,) = json.loads(told.out)["units"]
+    assert (unit["unit"], unit["input_registers"], unit["holding_registers"]) == (7, 6, 6)
+
+
+async def test_units_behind_a_tcp_address_are_found_and_the_source_reads_them(tmp_path: Path) -> None:
+    async with pymodbus_server([20_000, 21_000, 22_000]) as port:
+        told = await command("scan", f"tcp://127.0.0.1:{port}", "--units", "1,2", *PATIENT)
+        (block,) = blocks(told)
+        checked = await command("check", written(tmp_path, block))
+    assert told.code == checked.code == 0
+    rows = told.out.partition("\n\n")[0].splitlines()
+    assert [row.split() for row in rows[1:]] == [["1", "-", "-", "0-2", "0-2"]]  # there is no unit 2
+    assert f"--source tcp://127.0.0.1:{port} --unit 1 --function 4 --timeout-ms 30000" in told.out
+
+
+async def test_an_address_without_a_device_and_a_port_in_use_fail_with_one_line() -> None:
+    port = free_port()
+    told = await command("scan", f"tcp://127.0.0.1:{port}")
+    assert told.code == 1
+    assert told.err.splitlines()[1:] == [
+        f"beamtouch-daemon: no connection to 127.0.0.1:{port}; is the device on, and is the address right?"
+    ]
+    absent = await command("scan", "/dev/ttyNO")
+    assert (absent.code, absent.complaint()) == (
+        2,
+        "/dev/ttyNO does not exist; plug the device in or correct the path",
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("/dev/null", "--units", "0-3"), "--units: a serial line has units 1 to 247"),
+        (("/dev/null", "--units", "3-1"), "'3-1' is not a list of unit numbers from 0 to 255"),
+        (("/dev/null", "--baud", "9600,9"), "'9600,9' is not a list of baud rates"),
+        (("/dev/null", "--parity", "mark"), "'mark' is not a list of parities; choose of none,even,odd"),
+        (("/dev/null", "--timeout-ms", "nan"), "'nan' is not a number of milliseconds from 1 to 60000"),
+        (("tcp://127.0.0.1", "--baud", "9600"), "--baud and --parity are for a serial line"),
+        (("udp://127.0.0.1",), "'udp://127.0.0.1' is not an address; give tcp://HOST[:PORT]"),
+        (("tcp://127.0.0.1:99999",), "'tcp://127.0.0.1:99999' is not an address; give tcp://HOST[:PORT]"),
+    ],
+)
+async def test_wrong_arguments_are_one_line(words: tuple[str, ...], said: str) -> None:
+    told = await command("scan", *words)
+    assert (told.code, told.out) == (2, "")
+    (line,) = told.err.splitlines()
+    assert said in line
+
+
+async def test_ctrl_c_ends_a_scan_with_130() -> None:
+    asked = asyncio.Event()
+    with terminal() as bus:
+        bus.on_data(lambda _: asked.set())
+        async with started("scan", bus.path, "--timeout-ms", "10000") as scan:
+            await asyncio.wait_for(asked.wait(), 60)
+            told = await scan.stop(signal.SIGINT)
+    assert (told.code, told.out) == (130, "")
+    assert told.err.splitlines()[-1] == "beamtouch-daemon: interrupted"
+
+
+async def test_a_line_that_is_unplugged_ends_the_scan() -> None:
+    with terminal() as bus:
+        bus.on_data(lambda _: bus.unplug())
+        told = await command("scan", bus.path, "--timeout-ms", "10000")
+    assert told.code == 1
+    assert told.err.splitlines()[-1] == f"beamtouch-daemon: {bus.path} is gone"

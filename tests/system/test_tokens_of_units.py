@@ -1,0 +1,94 @@
+"""The tokens that units load: the commands of docs/debian.md, and the programs with the credentials of the units."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import httpx2
+import pytest
+
+from parts import require
+from plain_http import TIMEOUT_S
+from service.small_model import write_model
+
+ROOT = Path(__file__).parents[2]
+GUIDE = (ROOT / "docs" / "debian.md").read_text()
+UNITS = {name: ROOT / name / f"beamtouch-{name}.service" for name in ("daemon", "service")}
+CREDENTIALS = "/run/credentials/beamtouch-service.service"
+TOKENS = {"token": "token-that-writes-of-the-tests", "read-token": "token-that-reads-of-the-tests"}
+
+
+def drop_ins() -> dict[str, str]:
+    """Return the text of each file that the guide writes under /etc/systemd/system, by its path there."""
+    found = re.findall(r"^sudo tee /etc/systemd/system/(\S+) <<END\n(.*?)^END$", GUIDE, re.MULTILINE | re.DOTALL)
+    return {path: text for path, text in found if ".d/" in path}
+
+
+def started_as(unit: Path) -> list[str]:
+    """Return the words of the command that a unit starts."""
+    (line,) = re.findall(r"^ExecStart=(.*)$", unit.read_text(), re.MULTILINE)
+    return shlex.split(line)
+
+
+@pytest.mark.parametrize("name", ["daemon", "service"])
+def test_systemd_accepts_the_units_with_the_tokens_of_the_guide(tmp_path: Path, name: str) -> None:
+    unit = UNITS[name]
+    command = tmp_path / unit.stem
+    command.symlink_to("/bin/true")
+    (tmp_path / unit.name).write_text(unit.read_text().replace(f"={unit.stem} ", f"={command} "))
+    mine = {path: text for path, text in drop_ins().items() if path.startswith(f"{unit.name}.d/")}
+    assert len(mine) == 1
+    for path, text in mine.items():
+        (tmp_path / path).parent.mkdir()
+        (tmp_path / path).write_text(text)
+    done = subprocess.run(
+        [require("systemd-analyze", "systemd"), "verify", "--man=no", unit.name],
+        env=os.environ | {"SYSTEMD_UNIT_PATH": f"{tmp_path}:"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_every_credential_that_is_named_is_loaded() -> None:
+    texts = [*(unit.read_text() for unit in UNITS.values()), *drop_ins().values()]
+    loaded = {name for text in texts for name in re.findall(r"^LoadCredential=([^:\n]+):", text, re.MULTILINE)}
+    named = set(re.findall(rf"{CREDENTIALS}/([\w-]+)\"", GUIDE))
+    named |= {name for text in texts for name in re.findall(r"\$\{CREDENTIALS_DIRECTORY\}/([\w-]+)", text)}
+    assert named == {"token", "read-token"} == loaded
+
+
+def test_the_service_takes_the_tokens_of_its_credentials(tmp_path: Path) -> None:
+    for name, token in TOKENS.items():
+        (tmp_path / name).write_text(f"{token}\n")
+    model = write_model(tmp_path, "bench")
+    (section,) = re.findall(r"^(\[server\]\nread_token_file = .*)$", GUIDE, re.MULTILINE)
+    config = tmp_path / "service.toml"
+    config.write_text(f'{section.replace(CREDENTIALS, str(tmp_path))}\nport = 0\n[surfaces.bench]\nmodel = "{model}"\n')
+    environment = os.environ | {"CREDENTIALS_DIRECTORY": str(tmp_path)}
+    words = [word.replace("${CREDENTIALS_DIRECTORY}", str(tmp_path)) for word in started_as(UNITS["service"])]
+    words = [str(config) if word == "/etc/beamtouch/service.toml" else word for word in words[1:]]
+    program = [sys.executable, "-m", "beamtouch_service.cli", *words]
+    with subprocess.Popen(
+        program, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment
+    ) as one:
+        try:
+            assert one.stdout is not None
+            url = one.stdout.readline().removeprefix("listening on ").strip()
+
+            def status(method: str, path: str, token: str | None) -> int:
+                headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+                answer = httpx2.request(method, url + path, headers=headers, trust_env=False, timeout=TIMEOUT_S)
+                return answer.status_code
+
+            reads = [status("GET", "/surfaces", token) for token in (None, TOKENS["read-token"], TOKENS["token"])]
+            writes = [status("POST", "/surfaces/bench/samples", TOKENS[name]) for name in ("read-token", "token")]
+        finally:
+            one.terminate()
+    assert reads == [401, 200, 200]
+    assert writes == [403, 400]  # the write token is taken, and the empty body is not
