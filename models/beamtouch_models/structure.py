@@ -6,6 +6,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationError, model_validator
 
+from beamtouch_common.reasons import reason_of
 from beamtouch_models.beam_parts import END_KINDS, PositiveFinite, Section, Segment, Strict, Support, Supports
 from beamtouch_models.errors import SceneError
 
@@ -148,5 +149,5 @@ def changed_beam(beam: Beam, rigidity: float, fixity: tuple[float, float]) -> Be
     try:
         return Beam.model_validate(fields)
     except ValidationError as error:
-        message = f"rigidity: {error.errors()[0]['msg'].removeprefix('Value error, ')}"
+        message = f"rigidity: {reason_of(error.errors()[0])}"
         raise SceneError(message) from None

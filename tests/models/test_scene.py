@@ -46,9 +46,9 @@ def test_rigidity_of_a_rectangular_section() -> None:
         (
             "count = 2",
             "count = 2\nmounting_tolerance_mm = true",
-            "mounting_tolerance_mm: must be a valid",
+            "mounting_tolerance_mm: must be a number (given: true)",
         ),
-        ("count = 2", 'count = 2\nzero_drift_mm = "1"', "zero_drift_mm: must be a valid number (given: '1')"),
+        ("count = 2", 'count = 2\nzero_drift_mm = "1"', 'zero_drift_mm: must be a number (given: "1")'),
         (
             "[sensors]",
             "[requirements]\nfalse_contacts_per_day = 86401\n[sensors]",
