@@ -64,6 +64,8 @@ class Sensors(Strict):
     """Gap at rest; by default the travel of the beam is centred in the range."""
     adc_bits: Annotated[int, Field(ge=6, le=16)] | None = None
     """Bits of the ADC; by default its steps are not modelled. Rounding that the noise does not average out stays."""
+    drift_um_per_k: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    """Largest drift of a sensor's zero with the temperature. It adds to `zero_drift_mm`."""
     min_distance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     keep_out_mm: list[Pair] = Field(default_factory=list)
     """Stretches of the beam without sensors; a sensor may stand at their ends."""
@@ -121,6 +123,20 @@ class Requirements(Strict):
     descriptors: Annotated[tuple[Descriptor, ...], Field(strict=False)] = ("position",)
 
 
+class Environment(Strict):
+    """The surroundings of the surface."""
+
+    temperature_range_k: Pair | None = None
+    """Lowest and highest temperature, relative to that at which the beam was mounted: [-10, 15]."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.temperature_range_k is not None and self.temperature_range_k[0] > self.temperature_range_k[1]:
+            message = f"temperature_range_k = {list(self.temperature_range_k)}: the first must not exceed the second"
+            raise ValueError(message)
+        return self
+
+
 class Scene(Strict):
     """Statements of the user about a surface before it is built."""
 
@@ -128,6 +144,7 @@ class Scene(Strict):
     contact: Contact
     sensors: Sensors
     requirements: Requirements = Field(default_factory=Requirements)
+    environment: Environment = Field(default_factory=Environment)
 
     @model_validator(mode="after")
     def _on_the_beam(self) -> Self:
@@ -145,6 +162,9 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _within_reason(self) -> Self:
+        if self.sensors.drift_um_per_k is not None and self.environment.temperature_range_k is None:
+            message = "sensors.drift_um_per_k needs environment.temperature_range_k, as [-10, 15]"
+            raise ValueError(message)
         tolerance, fewest = self.sensors.mounting_tolerance_mm, self.sensors.count_range[0]
         if tolerance >= (spacing := self.beam.length_mm / fewest):
             message = (
