@@ -76,7 +76,7 @@ def test_a_clamped_beam_column_deflects_as_the_differential_equation_says(force_
     """EI w'''' + N w'' = 0 on either side of a load of 1 N at 120 mm, solved by collocation over both sides at once."""
     at_mm = 120.0
 
-    def slopes(s: Any, y: Any) -> Any:  # noqa: ANN401  # scipy ships no types
+    def slopes(_s: Any, y: Any) -> Any:  # noqa: ANN401  # scipy ships no types
         parts = []
         for first, length in ((0, at_mm), (4, L_MM - at_mm)):
             w1, w2, w3 = y[first + 1], y[first + 2], y[first + 3]
@@ -90,11 +90,8 @@ def test_a_clamped_beam_column_deflects_as_the_differential_equation_says(force_
     solved = solve_bvp(slopes, ends, start, np.zeros((8, 101)), tol=1e-9)
     assert solved.success
     sensors = np.array([60.0, 200.0, 330.0])
-    truth = np.where(
-        sensors < at_mm,
-        solved.sol(sensors / at_mm)[0],
-        solved.sol(np.clip((sensors - at_mm) / (L_MM - at_mm), 0, 1))[4],
-    )
+    right = np.clip((sensors - at_mm) / (L_MM - at_mm), 0, 1)
+    truth = np.where(sensors < at_mm, solved.sol(np.minimum(sensors / at_mm, 1))[0], solved.sol(right)[4])
     clamped, load = beam("fixed-fixed"), np.array([at_mm])
     change = influence_change(clamped, force_n, sensors, load, load)
     assert change is not None
@@ -102,8 +99,9 @@ def test_a_clamped_beam_column_deflects_as_the_differential_equation_says(force_
 
 
 def warmed(supports: object, range_k: tuple[float, float], **sensors: object) -> Scene:
-    stated = paper_scene(count=4, noise_percent_of_max=0.2, zero_drift_mm=0.001, **sensors).model_dump()
+    stated = paper_scene(count=4, noise_percent_of_max=0.2, zero_drift_mm=0.001).model_dump()
     stated["beam"] |= {"material": "steel", "supports": supports}
+    stated["sensors"] |= sensors
     return Scene.model_validate({**stated, "environment": {"temperature_range_k": range_k}})
 
 

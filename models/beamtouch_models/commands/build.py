@@ -31,6 +31,8 @@ def run(options: argparse.Namespace) -> None:
         if path is not None and not path.parent.is_dir():
             message = f"{path.parent}: no such folder; create it first"
             raise SceneError(message)
+    for remark in remarks(scene):
+        print(f"note:    {remark}", file=sys.stderr)
     with shown_progress() as progress:
         built = build(
             scene,
@@ -55,9 +57,8 @@ def run(options: argparse.Namespace) -> None:
             file=sys.stderr,
         )
     _say_floor(scene)
-    for remark in (*remarks(scene), missed_requirement(built.metadata, scene)):
-        if remark:
-            print(f"note:    {remark}", file=sys.stderr)
+    if remark := missed_requirement(built.metadata, scene):
+        print(f"note:    {remark}", file=sys.stderr)
     if missed := unseen(built.metadata):
         print(f"note:    {missed}", file=sys.stderr)
     for effect in built.physics.effects:

@@ -29,13 +29,13 @@ SENSORS = 101
 def run(options: argparse.Namespace) -> None:
     """Price the effects, measure the time that each costs, and print both."""
     scene, _ = load_scene(options.scene)
+    for remark in remarks(scene):
+        print(f"note:    {remark}", file=sys.stderr)
     chosen = choose_filter(scene)
     check_scene(scene, chosen)
     noise = noise_of(scene, chosen)
     effects = [(effect, _cost_us(effect)) for effect in effects_of(scene, chosen)]
     ringing = ringing_of(scene, chosen)
-    for remark in remarks(scene):
-        print(f"note:    {remark}", file=sys.stderr)
     if not options.json:
         _print_table(effects, noise.sample_mm)
         print("\n".join(told(ringing) if ringing else []))
