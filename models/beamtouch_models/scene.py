@@ -8,6 +8,7 @@ from pydantic import Field, PositiveInt, model_validator
 from beamtouch_common.files import parse_toml, read_text
 from beamtouch_models.beam_parts import Finite, Pair, PositiveFinite, PositivePair, Strict
 from beamtouch_models.metadata import MAX_FALSE, most_false_per_day
+from beamtouch_models.plausible import in_other_units
 from beamtouch_models.structure import Beam
 
 MIN_SENSORS, MAX_SENSORS = 1, 64
@@ -164,6 +165,8 @@ class Scene(Strict):
     def _within_reason(self) -> Self:
         if self.sensors.drift_um_per_k is not None and self.environment.temperature_range_k is None:
             message = "sensors.drift_um_per_k needs environment.temperature_range_k, as [-10, 15]"
+            raise ValueError(message)
+        if message := in_other_units(self.beam):
             raise ValueError(message)
         tolerance, fewest = self.sensors.mounting_tolerance_mm, self.sensors.count_range[0]
         if tolerance >= (spacing := self.beam.length_mm / fewest):

@@ -125,6 +125,11 @@ def _lines(found: Evaluation, model: loading.ModelFile) -> list[tuple[str, str, 
     if found.smallest_force_n is not None:
         least, most = found.smallest_force_n
         lines.append(("smallest force", f"{least:.3g}..{most:.3g}", "N, seen in 95 % of samples along the range"))
+    if found.detection is not None:
+        most = 100 * max(found.detection.missed)
+        lines.append(
+            ("missed at most", f"{most:.3g}", f"% of samples of {found.detection.force_n:g} N, where it is worst")
+        )
     if found.cramer_rao_mean_mm is None:
         return [*lines, ("without noise", "", "the limit is 0, so there is no ratio")]
     return [*lines, ("Cramer-Rao", f"{found.cramer_rao_mean_mm:.4g}", "mm, mean |error| of an unbiased estimate")]

@@ -154,11 +154,13 @@ def check_errors(scene: Scene, chosen: FilterChoice) -> None:
     """Raise SceneError as `check_scale`, or if the zeros of a scene's sensors drift too far for any model."""
     deflection_mm = max_deflection_mm(scene)
     check_scale(noise_of(scene, chosen).sample_mm, deflection_mm)
-    drifts_mm = {"zero_drift_mm": zero_drift_mm(scene), "drift_um_per_k": temperature_drift_mm(scene)}
-    name, drift_mm = max(drifts_mm.items(), key=lambda one: one[1])
-    if drift_mm > MAX_NOISE * deflection_mm:
+    zero_mm, warmth_mm = zero_drift_mm(scene), temperature_drift_mm(scene)
+    if max(zero_mm, warmth_mm) > MAX_NOISE * deflection_mm:
+        stated = f"zero_drift_mm = {zero_mm:.3g}"
+        if warmth_mm > zero_mm:
+            stated = f"drift_um_per_k = {scene.sensors.drift_um_per_k:g}"
         message = (
-            f"sensors.{name}: a drift of {drift_mm:.3g} mm hides the largest deflection, {deflection_mm:.3g} mm; "
+            f"sensors.{stated} hides the largest deflection, {deflection_mm:.3g} mm; "
             "tare more often, use better sensors or a softer beam"
         )
         raise SceneError(message)

@@ -1,0 +1,126 @@
+"""The text of a new scene, with comments, from a few answers."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from beamtouch_models.materials import MATERIALS, MaterialName
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.structure import Beam
+
+End = Literal["clamped", "pinned", "roller", "free"]
+BENDS_MM = 1.0
+"""Deflection under the assumed largest force: well within the range of a sensor of 1 to 4 mm."""
+SLOPES = 0.03
+"""Slope under the assumed largest force, in rad: well within small-angle theory."""
+MARGIN = 0.02
+"""Part of the length near a support where the beam moves too little for a contact."""
+SUPPORTS: dict[End, tuple[str, str]] = {
+    "clamped": ('kind = "fixed"', "clamped: it bends and lengthens nowhere here"),
+    "pinned": ('kind = "simple", slides = false', "pinned: the beam can turn, not lengthen"),
+    "roller": ('kind = "simple"', "on a roller: the beam can turn and lengthen"),
+}
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Answers of an engineer; None: a value is assumed, and the scene says so."""
+
+    length_mm: float
+    width_mm: float
+    thickness_mm: float
+    material: MaterialName = "steel"
+    left: End = "pinned"
+    right: End = "roller"
+    force_n: tuple[float, float] | None = None
+    sensors: int = 4
+    noise_mm: float = 0.005
+    rate_hz: float = 200.0
+    range_mm: tuple[float, float] = (1.0, 4.0)
+    latency_ms: float = 20.0
+    position_error_mm: float | None = None
+
+
+def scene_text(answers: Answers, name: str) -> str:
+    """Return the scene as TOML. It may still be refused: whoever writes it has to load it.
+
+    Raises
+    ------
+    ValueError
+        The beam of the answers is none; the message says why.
+    """
+    length, material = answers.length_mm, MATERIALS[answers.material]
+    ends: list[tuple[float, End]] = [(0.0, answers.left), (length, answers.right)]
+    held = [(at, end) for at, end in ends if end != "free"]
+    supports = "\n".join(f"    {{ at_mm = {at:.12g}, {SUPPORTS[end][0]} }},  # {SUPPORTS[end][1]}" for at, end in held)
+    edge = [MARGIN * length if end != "free" else 0.0 for _, end in ends]
+    places = edge[0], length - edge[1]
+    force = answers.force_n or _assumed_force_n(answers, places)
+    told = (
+        "smallest and largest" if answers.force_n else "assumed: the largest bends the beam by about 1 mm; state yours"
+    )
+    wanted = answers.position_error_mm
+    error = "# position_error_mm = 10" if wanted is None else f"position_error_mm = {wanted:.12g}"
+    return f"""\
+# {name}: a strip of {answers.material}, {length:g} x {answers.width_mm:g} x {answers.thickness_mm:g} mm.
+# Lengths are in mm, from the left end. Keys behind a # are optional; the README describes them all.
+
+[beam]
+length_mm = {length:.12g}
+width_mm = {answers.width_mm:.12g}
+thickness_mm = {answers.thickness_mm:.12g}
+# Taken with {material.youngs_modulus_gpa:g} GPa, {material.density_kg_m3:g} kg/m3 and \
+{material.expansion_um_per_m_k:g} um/(m K).
+material = "{answers.material}"
+# youngs_modulus_gpa = {material.youngs_modulus_gpa:g}  # goes before that of the material
+supports = [
+{supports}
+]
+
+[contact]
+force_n = [{force[0]:.12g}, {force[1]:.12g}]  # {told}
+position_mm = [{places[0]:.12g}, {places[1]:.12g}]  # near a support the beam moves too little
+
+[sensors]
+count = {answers.sensors}
+noise_mm = {answers.noise_mm:.12g}  # standard deviation of a reading; `beamtouch-daemon noise` measures it
+rate_hz = {answers.rate_hz:.12g}  # readings per second
+range_mm = [{answers.range_mm[0]:.12g}, {answers.range_mm[1]:.12g}]  # gaps over which the sensor is linear
+# gain_error_percent = 0.3  # what calibration leaves of each sensor's gain, as a standard deviation
+# zero_drift_mm = 0.001  # of each sensor's zero since the last tare, likewise
+# mounting_tolerance_mm = 0.5  # of each sensor's position, likewise
+# drift_um_per_k = 0.2  # needs temperature_range_k
+# min_distance_mm = 30  # between two sensors, for their housings
+# keep_out_mm = [[{length / 2 - 10:.12g}, {length / 2 + 10:.12g}]]  # no sensors here
+
+[requirements]
+latency_ms = {answers.latency_ms:.12g}  # after this time an answer has the stated accuracy
+descriptors = ["position", "force"]
+{error}  # largest mean error
+
+# [environment]
+# temperature_range_k = [-10, 15]  # relative to the temperature at which the beam was mounted
+"""
+
+
+def _assumed_force_n(answers: Answers, places_mm: tuple[float, float]) -> tuple[float, float]:
+    """Return a range of forces that suits a beam: a tenth to all of what bends or slopes it as far as is assumed."""
+    ends: list[tuple[float, End]] = [(0.0, answers.left), (answers.length_mm, answers.right)]
+    beam = Beam.model_validate(
+        {
+            "length_mm": answers.length_mm,
+            "material": answers.material,
+            "width_mm": answers.width_mm,
+            "thickness_mm": answers.thickness_mm,
+            "supports": [
+                {"at_mm": at, "kind": "fixed" if end == "clamped" else "simple"} for at, end in ends if end != "free"
+            ],
+        }
+    )
+    at = np.linspace(0.0, answers.length_mm, 201)
+    shape = influence(beam, at, np.linspace(*places_mm, 41))
+    slope = float(np.abs(np.diff(shape, axis=1)).max() / at[1])
+    most = min(BENDS_MM / float(np.abs(shape).max()), SLOPES / slope)
+    largest = float(f"{most:.2g}")
+    return float(f"{largest / 10:.2g}"), largest
