@@ -15,6 +15,7 @@ _PYTHON_KEYS = re.compile(r"\(('[^']*'(?:, '[^']*')*),?\)")
 """Names of a table as the parser prints them: ('surfaces', 'press-7')."""
 _HINTS = {
     "Invalid value": "; text needs quotes, and true and false are in lower case",
+    "Cannot overwrite a value": "; the key is there twice",
     "Expected newline or end of document after a statement": "; give one key per line, and decimals a point",
 }
 """Complaints of the parser, with what usually causes them."""

@@ -8,6 +8,8 @@ from typing import Any
 
 from pydantic_core import ErrorDetails
 
+from beamtouch_common.plain_toml import toml_of
+
 _OWN = "Value error, "
 """Beginning of the messages of our own checks."""
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
@@ -20,10 +22,11 @@ _KINDS = {
     "bool_type": "true or false",
     "tuple_type": "a list, as [1, 2]",
     "list_type": "a list, as [1, 2]",
-    "dict_type": "a table",
-    "model_type": "a table",
+    "dict_type": "a table, as { key = 1 }",
+    "model_type": "a table, as { key = 1 }",
 }
 """Types of errors that mean a value of another kind -> the kind that it must have."""
+_LISTS = ("tuple_type", "list_type")
 _TABLES = ("dict_type", "model_type")
 
 
@@ -35,6 +38,8 @@ def reason_of(error: ErrorDetails, key: str = "") -> str:
     if kind in _TABLES and key and not key.endswith("]"):
         several = f", not several, [[{key}]]" if isinstance(error["input"], list) else ""
         return f"must be one table, [{key}]{several}"
+    if kind in _LISTS and isinstance(error["input"], str):
+        return f"must be a list, as {toml_of([error['input']])}"
     if kind in _KINDS:
         return f"must be {_KINDS[kind]}"
     if kind in _WORDS:
@@ -74,6 +79,8 @@ def _too_short(what: str) -> Callable[[Mapping[str, Any]], str]:
     return reason
 
 
+_PATTERNS = {"^[A-Za-z0-9_.-]{1,64}$": 'have 1 to 64 letters, digits, "_", "." or "-"'}
+"""Patterns in words."""
 _WORDS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "greater_than": _bound("more than", "gt"),
     "greater_than_equal": _bound("at least", "ge"),
@@ -83,5 +90,7 @@ _WORDS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "string_too_short": _too_short("characters"),
     "too_long": lambda context: f"must have at most {context['max_length']} entries",
     "string_too_long": lambda context: f"must have at most {context['max_length']} characters",
-    "string_pattern_mismatch": lambda context: f"must match the pattern {context['pattern']}",
+    "string_pattern_mismatch": lambda context: (
+        f"must {_PATTERNS.get(context['pattern'], 'match the pattern ' + context['pattern'])}"
+    ),
 }

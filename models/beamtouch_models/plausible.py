@@ -18,18 +18,18 @@ def in_other_units(beam: Beam) -> str:
 
 
 def _found(beam: Beam) -> Iterator[str]:
-    sizes = [("beam.length_mm", beam.length_mm, SHORTEST_MM)]
-    parts = [("beam", beam), *((f"beam.segments[{index}]", one) for index, one in enumerate(beam.segments))]
-    for name, part in parts:
-        sizes += [
-            (f"{name}.width_mm", part.width_mm, NARROWEST_MM),
-            (f"{name}.thickness_mm", part.thickness_mm, THINNEST_MM),
-        ]
+    sizes: list[tuple[str, float | None, float]] = [("beam.length_mm", beam.length_mm, SHORTEST_MM)]
+    sections = [("beam", beam.width_mm, beam.thickness_mm)]
+    sections += [(f"beam.segments[{i}]", one.width_mm, one.thickness_mm) for i, one in enumerate(beam.segments)]
+    for name, width_mm, thickness_mm in sections:
+        sizes += [(f"{name}.width_mm", width_mm, NARROWEST_MM), (f"{name}.thickness_mm", thickness_mm, THINNEST_MM)]
     for key, value, least in sizes:
         if value is not None and value < least:
             yield f"{key} = {value:g} is too small for a beam; if it is in metres, write {1000 * value:g}"
     modulus, density = beam.youngs_modulus_gpa, beam.density_kg_m3
     if modulus is not None and modulus > STIFFEST_GPA:
-        yield f"beam.youngs_modulus_gpa = {modulus:g}: no material is as stiff; if it is in MPa, write {modulus / 1000:g}"
+        right = modulus / 1000
+        yield f"beam.youngs_modulus_gpa = {modulus:g} is more than any material has; if it is in MPa, write {right:g}"
     if density is not None and density < LIGHTEST_KG_M3:
-        yield f"beam.density_kg_m3 = {density:g}: no material is as light; if it is in g/cm3, write {1000 * density:g}"
+        right = 1000 * density
+        yield f"beam.density_kg_m3 = {density:g} is less than any material has; if it is in g/cm3, write {right:g}"

@@ -22,7 +22,7 @@ def add_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--material", choices=tuple(MATERIALS), help="its material (default: steel)")
     parser.add_argument("--left", choices=ENDS, help="how its left end is held (default: pinned)")
     parser.add_argument("--right", choices=ENDS, help="how its right end is held (default: roller)")
-    words = "smallest and largest force of a contact (default: what bends the beam by about 1 mm)"
+    words = "smallest and largest force of a contact (default: what uses a third of --range-mm)"
     parser.add_argument("--force-n", type=float, nargs=2, metavar=("LOW", "HIGH"), help=words)
     parser.add_argument("--sensors", type=whole_number(1, 64), metavar="N", help="number of sensors (default: 4)")
     words = "standard deviation of a reading (default: 0.005)"

@@ -10,16 +10,16 @@ from beamtouch_models.physics.beam import influence
 from beamtouch_models.structure import Beam
 
 End = Literal["clamped", "pinned", "roller", "free"]
-BENDS_MM = 1.0
-"""Deflection under the assumed largest force: well within the range of a sensor of 1 to 4 mm."""
+BENDS = 1 / 3
+"""Deflection under the assumed largest force over the range of a sensor."""
 SLOPES = 0.03
 """Slope under the assumed largest force, in rad: well within small-angle theory."""
 MARGIN = 0.02
 """Part of the length near a support where the beam moves too little for a contact."""
 SUPPORTS: dict[End, tuple[str, str]] = {
-    "clamped": ('kind = "fixed"', "clamped: it bends and lengthens nowhere here"),
-    "pinned": ('kind = "simple", slides = false', "pinned: the beam can turn, not lengthen"),
-    "roller": ('kind = "simple"', "on a roller: the beam can turn and lengthen"),
+    "clamped": ('kind = "fixed"', "clamped: it can neither turn nor move"),
+    "pinned": ('kind = "simple", slides = false', "pinned: it can turn, not slide"),
+    "roller": ('kind = "simple"', "on a roller: it can turn and slide"),
 }
 
 
@@ -47,8 +47,10 @@ def scene_text(answers: Answers, name: str) -> str:
 
     Raises
     ------
-    ValueError
-        The beam of the answers is none; the message says why.
+    ValidationError
+        The beam of the answers cannot stand.
+    SceneError
+        It cannot be computed.
     """
     length, material = answers.length_mm, MATERIALS[answers.material]
     ends: list[tuple[float, End]] = [(0.0, answers.left), (length, answers.right)]
@@ -58,7 +60,9 @@ def scene_text(answers: Answers, name: str) -> str:
     places = edge[0], length - edge[1]
     force = answers.force_n or _assumed_force_n(answers, places)
     told = (
-        "smallest and largest" if answers.force_n else "assumed: the largest bends the beam by about 1 mm; state yours"
+        "smallest and largest"
+        if answers.force_n
+        else "assumed, so that a third of range_mm is used at most; state yours"
     )
     wanted = answers.position_error_mm
     error = "# position_error_mm = 10" if wanted is None else f"position_error_mm = {wanted:.12g}"
@@ -121,6 +125,6 @@ def _assumed_force_n(answers: Answers, places_mm: tuple[float, float]) -> tuple[
     at = np.linspace(0.0, answers.length_mm, 201)
     shape = influence(beam, at, np.linspace(*places_mm, 41))
     slope = float(np.abs(np.diff(shape, axis=1)).max() / at[1])
-    most = min(BENDS_MM / float(np.abs(shape).max()), SLOPES / slope)
+    most = min(BENDS * (answers.range_mm[1] - answers.range_mm[0]) / float(np.abs(shape).max()), SLOPES / slope)
     largest = float(f"{most:.2g}")
     return float(f"{largest / 10:.2g}"), largest

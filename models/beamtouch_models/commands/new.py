@@ -7,7 +7,10 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_args
 
+from pydantic import ValidationError
+
 from beamtouch_common.files import write_atomically
+from beamtouch_common.reasons import reason_of
 from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.new_scene import Answers, End, scene_text
 from beamtouch_models.commands.build import surface_name
@@ -58,9 +61,8 @@ def _checked(answers: Answers, target: Path) -> str:
             raise SceneError(message)
     try:
         text = scene_text(answers, surface_name(target))
-    except ValueError as error:
-        reason = str(error).rpartition("Value error, ")[2].partition(" [type=")[0]
-        message = f"--left {answers.left} --right {answers.right}: {reason}"
+    except ValidationError as error:
+        message = f"--left {answers.left} --right {answers.right}: {reason_of(error.errors()[0])}"
         raise SceneError(message) from None
     scene = parse_scene(text, str(target))
     check_scene(scene, choose_filter(scene))
