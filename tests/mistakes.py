@@ -80,7 +80,8 @@ def mistakes() -> list[Mistake]:
 def document() -> str:
     """Return docs/mistakes.md."""
     parts = [
-        "# Mistakes and their answers\n\nEach command answers a mistake in one line on standard error and ends with exit\n"
+        "# Mistakes and their answers\n\n"
+        "Each command answers a mistake in one line on standard error and ends with exit\n"
         "code 2. The files are good but for the one thing that is shown; a test types all of them.\n"
     ]
     for kind, title in TITLES.items():
