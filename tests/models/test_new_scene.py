@@ -127,29 +127,24 @@ def asked(answers: list[str], folder: Path) -> tuple[int, str]:
     near, far = os.openpty()
     command = [sys.executable, "-m", "beamtouch_models.cli", "new", "asked.toml"]
     with subprocess.Popen(command, stdin=far, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder) as process:
-        assert process.stderr is not None
-        os.set_blocking(process.stderr.fileno(), False)
+        errors = process.stderr
+        assert errors is not None
         told = b""
 
         def asks_again() -> bool:
             nonlocal told
-            told += os.read(process.stderr.fileno(), 65536) if _has_more(process) else b""
+            told += os.read(errors.fileno(), 65536) if select.select([errors], [], [], 0)[0] else b""
             return told.endswith(b": ") or process.poll() is not None
 
         for answer in answers:
             wait_until(asks_again)
             told += b"|"
             os.write(near, f"{answer}\n".encode())
-        process.wait(timeout=60)
-        told += process.stderr.read() or b""
+        process.wait(timeout=100)
+        told += errors.read() or b""
     for end in (near, far):
         os.close(end)
     return process.returncode, told.decode()
-
-
-def _has_more(process: subprocess.Popen[bytes]) -> bool:
-
-    return bool(select.select([process.stderr], [], [], 0)[0])
 
 
 def test_on_a_terminal_it_asks(tmp_path: Path) -> None:
