@@ -13,6 +13,8 @@ from beamtouch_models.pricing.effect import NEGLIGIBLE
 from beamtouch_models.pricing.ringing import ringing_of, told
 from beamtouch_models.svg import STYLE
 
+LEAST_MISSED = 1e-4
+"""Share of contacts from which missed ones are drawn; below it, the page says that there are hardly any."""
 MAX_CHARTED = 8
 """Number of components that are drawn: a chart has as many colours."""
 
@@ -48,6 +50,7 @@ def page(facts: Facts) -> str:
         marked=next(index for index, layout in enumerate(facts.layouts) if layout.taken),
         widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
         negligible=NEGLIGIBLE,
+        detection=detection_of(facts.model.metadata),
         rings=[] if ringing is None else told(ringing),
         missed=unseen(facts.model.metadata),
         touch=per_day(facts.model.metadata.thresholds.false_contacts_per_day),
@@ -76,7 +79,8 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
     charts.append(
         ("seen", Chart(says, at, "force, N", [Series("", seen.position_mm, seen.force_n)], y_from_zero=True), "")
     )
-    if along := detection_of(facts.model.metadata):
+    along = detection_of(facts.model.metadata)
+    if along is not None and max(along.missed) >= LEAST_MISSED:
         says = f"Contacts of {along.force_n:g} N, the smallest force of the scene, that are missed along the beam"
         curve = Series("", along.position_mm, [100 * share for share in along.missed])
         remark = f"; at most {100 * max(along.missed):.2g} % of settled samples"
