@@ -7,6 +7,7 @@ from pydantic import Field, PositiveInt, model_validator
 
 from beamtouch_common.files import parse_toml, read_text
 from beamtouch_models.beam_parts import Finite, Pair, PositiveFinite, PositivePair, Strict
+from beamtouch_models.environment import Environment
 from beamtouch_models.metadata import MAX_FALSE, most_false_per_day
 from beamtouch_models.plausible import in_other_units
 from beamtouch_models.structure import Beam
@@ -124,20 +125,6 @@ class Requirements(Strict):
     descriptors: Annotated[tuple[Descriptor, ...], Field(strict=False)] = ("position",)
 
 
-class Environment(Strict):
-    """The surroundings of the surface."""
-
-    temperature_range_k: Pair | None = None
-    """Lowest and highest temperature, relative to that at which the beam was mounted: [-10, 15]."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.temperature_range_k is not None and self.temperature_range_k[0] > self.temperature_range_k[1]:
-            message = f"temperature_range_k = {list(self.temperature_range_k)}: the first must not exceed the second"
-            raise ValueError(message)
-        return self
-
-
 class Scene(Strict):
     """Statements of the user about a surface before it is built."""
 
@@ -163,10 +150,10 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _within_reason(self) -> Self:
+        message = in_other_units(self.beam)
         if self.sensors.drift_um_per_k is not None and self.environment.temperature_range_k is None:
             message = "sensors.drift_um_per_k needs environment.temperature_range_k, as [-10, 15]"
-            raise ValueError(message)
-        if message := in_other_units(self.beam):
+        if message:
             raise ValueError(message)
         tolerance, fewest = self.sensors.mounting_tolerance_mm, self.sensors.count_range[0]
         if tolerance >= (spacing := self.beam.length_mm / fewest):

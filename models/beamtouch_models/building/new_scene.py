@@ -1,6 +1,6 @@
 """The text of a new scene, with comments, from a few answers."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Literal
 
 import numpy as np
@@ -21,6 +21,47 @@ SUPPORTS: dict[End, tuple[str, str]] = {
     "pinned": ('kind = "simple", slides = false', "pinned: it can turn, not slide"),
     "roller": ('kind = "simple"', "on a roller: it can turn and slide"),
 }
+
+
+TEMPLATE = """\
+# {name}: a strip of {material}, {length_mm:g} x {width_mm:g} x {thickness_mm:g} mm.
+# Lengths are in mm, from the left end. Keys behind a # are optional; the README describes them all.
+
+[beam]
+length_mm = {length_mm:.12g}
+width_mm = {width_mm:.12g}
+thickness_mm = {thickness_mm:.12g}
+# With {known.youngs_modulus_gpa:g} GPa, {known.density_kg_m3:g} kg/m3 and {known.expansion_um_per_m_k:g} um/(m K).
+material = "{material}"
+# youngs_modulus_gpa = {known.youngs_modulus_gpa:g}  # goes before that of the material
+supports = [
+{supports}
+]
+
+[contact]
+force_n = [{force_n[0]:.12g}, {force_n[1]:.12g}]  # {told}
+position_mm = [{position_mm[0]:.12g}, {position_mm[1]:.12g}]  # near a support the beam moves too little
+
+[sensors]
+count = {sensors}
+noise_mm = {noise_mm:.12g}  # standard deviation of a reading; `beamtouch-daemon noise` measures it
+rate_hz = {rate_hz:.12g}  # readings per second
+range_mm = [{range_mm[0]:.12g}, {range_mm[1]:.12g}]  # gaps over which the sensor is linear
+# gain_error_percent = 0.3  # what calibration leaves of each sensor's gain, as a standard deviation
+# zero_drift_mm = 0.001  # of each sensor's zero since the last tare, likewise
+# mounting_tolerance_mm = 0.5  # of each sensor's position, likewise
+# drift_um_per_k = 0.2  # needs temperature_range_k
+# min_distance_mm = 30  # between two sensors, for their housings
+# keep_out_mm = [[{middle_mm[0]:.12g}, {middle_mm[1]:.12g}]]  # no sensors here
+
+[requirements]
+latency_ms = {latency_ms:.12g}  # after this time an answer has the stated accuracy
+descriptors = ["position", "force"]
+{error}  # largest mean error
+
+# [environment]
+# temperature_range_k = [-10, 15]  # relative to the temperature at which the beam was mounted
+"""
 
 
 @dataclass(frozen=True)
@@ -52,60 +93,26 @@ def scene_text(answers: Answers, name: str) -> str:
     SceneError
         It cannot be computed.
     """
-    length, material = answers.length_mm, MATERIALS[answers.material]
+    length = answers.length_mm
     ends: list[tuple[float, End]] = [(0.0, answers.left), (length, answers.right)]
-    held = [(at, end) for at, end in ends if end != "free"]
-    supports = "\n".join(f"    {{ at_mm = {at:.12g}, {SUPPORTS[end][0]} }},  # {SUPPORTS[end][1]}" for at, end in held)
+    rows = [
+        f"    {{ at_mm = {at:.12g}, {SUPPORTS[end][0]} }},  # {SUPPORTS[end][1]}" for at, end in ends if end != "free"
+    ]
     edge = [MARGIN * length if end != "free" else 0.0 for _, end in ends]
     places = edge[0], length - edge[1]
-    force = answers.force_n or _assumed_force_n(answers, places)
-    told = (
-        "smallest and largest"
-        if answers.force_n
-        else "assumed, so that a third of range_mm is used at most; state yours"
-    )
     wanted = answers.position_error_mm
-    error = "# position_error_mm = 10" if wanted is None else f"position_error_mm = {wanted:.12g}"
-    return f"""\
-# {name}: a strip of {answers.material}, {length:g} x {answers.width_mm:g} x {answers.thickness_mm:g} mm.
-# Lengths are in mm, from the left end. Keys behind a # are optional; the README describes them all.
-
-[beam]
-length_mm = {length:.12g}
-width_mm = {answers.width_mm:.12g}
-thickness_mm = {answers.thickness_mm:.12g}
-# Taken with {material.youngs_modulus_gpa:g} GPa, {material.density_kg_m3:g} kg/m3 and \
-{material.expansion_um_per_m_k:g} um/(m K).
-material = "{answers.material}"
-# youngs_modulus_gpa = {material.youngs_modulus_gpa:g}  # goes before that of the material
-supports = [
-{supports}
-]
-
-[contact]
-force_n = [{force[0]:.12g}, {force[1]:.12g}]  # {told}
-position_mm = [{places[0]:.12g}, {places[1]:.12g}]  # near a support the beam moves too little
-
-[sensors]
-count = {answers.sensors}
-noise_mm = {answers.noise_mm:.12g}  # standard deviation of a reading; `beamtouch-daemon noise` measures it
-rate_hz = {answers.rate_hz:.12g}  # readings per second
-range_mm = [{answers.range_mm[0]:.12g}, {answers.range_mm[1]:.12g}]  # gaps over which the sensor is linear
-# gain_error_percent = 0.3  # what calibration leaves of each sensor's gain, as a standard deviation
-# zero_drift_mm = 0.001  # of each sensor's zero since the last tare, likewise
-# mounting_tolerance_mm = 0.5  # of each sensor's position, likewise
-# drift_um_per_k = 0.2  # needs temperature_range_k
-# min_distance_mm = 30  # between two sensors, for their housings
-# keep_out_mm = [[{length / 2 - 10:.12g}, {length / 2 + 10:.12g}]]  # no sensors here
-
-[requirements]
-latency_ms = {answers.latency_ms:.12g}  # after this time an answer has the stated accuracy
-descriptors = ["position", "force"]
-{error}  # largest mean error
-
-# [environment]
-# temperature_range_k = [-10, 15]  # relative to the temperature at which the beam was mounted
-"""
+    assumed = "assumed: it uses up to a third of range_mm; state yours"
+    stated = asdict(answers) | {
+        "name": name,
+        "known": MATERIALS[answers.material],
+        "supports": "\n".join(rows),
+        "position_mm": places,
+        "force_n": answers.force_n or _assumed_force_n(answers, places),
+        "told": "smallest and largest" if answers.force_n else assumed,
+        "middle_mm": (length / 2 - 10, length / 2 + 10),
+        "error": "# position_error_mm = 10" if wanted is None else f"position_error_mm = {wanted:.12g}",
+    }
+    return TEMPLATE.format_map(stated)
 
 
 def _assumed_force_n(answers: Answers, places_mm: tuple[float, float]) -> tuple[float, float]:
