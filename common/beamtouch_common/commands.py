@@ -2,8 +2,10 @@
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable
+from difflib import get_close_matches
 from importlib import metadata
 from typing import Any, NoReturn
 
@@ -26,12 +28,27 @@ class Parser(argparse.ArgumentParser):
         """Parse arguments, and refuse unknown ones here: the parser of a subcommand names its own help."""
         found, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+            near = get_close_matches(unknown[0].partition("=")[0], self._option_string_actions, n=1)
+            self.error(f"unknown argument {' '.join(unknown)}{f'; did you mean {near[0]}?' if near else ''}")
         return found, unknown
 
     def error(self, message: str) -> NoReturn:
         """Print a message and exit with code 2."""
-        self.exit(complain(self.prog, f"{message}; see {self.prog} --help", WRONG_INPUT))
+        self.exit(complain(self.prog, f"{_plain(message)}; see {self.prog} --help", WRONG_INPUT))
+
+
+def _plain(message: str) -> str:
+    """Return a complaint of argparse in plain words, in the same ones whatever the version of Python."""
+    message = re.sub(r"invalid float value: '(.*)'$", r"must be a number (given: \1)", message)
+    message = re.sub(r"invalid int value: '(.*)'$", r"must be a whole number (given: \1)", message)
+    found = re.fullmatch(r"argument (\S+): invalid choice: '(.*)' \(choose from (.*)\)", message, re.DOTALL)
+    if found is None:
+        return message
+    name, given, choices = found[1], found[2], found[3].replace("'", "").split(", ")
+    near = get_close_matches(given, choices, n=1)
+    return f"argument {name}: must be one of {', '.join(choices)} (given: {given})" + (
+        f"; did you mean {near[0]}?" if near else ""
+    )
 
 
 def whole_number(low: int, high: int) -> Callable[[str], int]:

@@ -1,31 +1,22 @@
 """Reads TOML files, with one-line errors, and writes files atomically."""
 
 import os
-import re
 import secrets
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
+from beamtouch_common.complaints import complaint
 from beamtouch_common.errors import InputError
+from beamtouch_common.plain_toml import parser_complaint
 
 MAX_BYTES = 1024 * 1024
 """Largest text file, a thousand times a usual one; a larger file was given by mistake."""
-_MAX_SHOWN = 80
-"""Longest value in a message, in characters."""
 _NONE: Mapping[str, Any] = MappingProxyType({})
-_OWN = "Value error, "
-"""Beginning of the messages of our own checks."""
-_PLAIN = {
-    "greater than or equal to": "at least",
-    "less than or equal to": "at most",
-    "greater than": "more than",
-}
-"""Words of pydantic's messages -> plainer ones."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -85,7 +76,7 @@ def parse_toml(
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         # These include numbers and nesting beyond the limits of the parser.
-        message = f"{origin}: not valid TOML: {error}"
+        message = f"{origin}: not valid TOML: {parser_complaint(error)}"
         raise InputError(message) from None
     return validate(kind, content, origin, renamed=renamed, context=context)
 
@@ -102,7 +93,7 @@ def validate(
     try:
         return kind.model_validate(content, context=dict(context))
     except ValidationError as error:
-        message = f"{origin}: {_complaint(error, content, renamed)}"
+        message = f"{origin}: {complaint(error, kind, content, renamed)}"
         raise InputError(message) from None
 
 
@@ -129,66 +120,3 @@ def write_atomically(path: Path, content: bytes, *, mode: int | None = None) -> 
     except BaseException:
         partial.unlink(missing_ok=True)
         raise
-
-
-def _complaint(error: ValidationError, content: Mapping[str, Any], renamed: Mapping[str, str]) -> str:
-    """Return the first complaint in one line: key, what is wrong, and the number of further complaints."""
-    # A misspelt key is also a missing one. The user can see the spelling, so it comes first.
-    first, *others = sorted(error.errors(include_url=False), key=lambda found: found["type"] != "extra_forbidden")
-    key = _key_path(first["loc"], content, is_missing=first["type"] == "missing")
-    last = str(first["loc"][-1]) if first["loc"] else ""
-    match first["type"]:
-        case "extra_forbidden" if last in renamed:
-            text = f"unknown key {key}; {last} is now {renamed[last]}"
-        case "extra_forbidden":
-            text = f"unknown key {key}; remove it or correct its spelling"
-        case "missing":
-            text = f"{key} is missing; add it"
-        case "union_tag_not_found":
-            text = f"{_tag(key, first['ctx'])} is missing; add it"
-        case "union_tag_invalid":
-            context = first["ctx"]
-            text = f"{_tag(key, context)}: must be one of {context['expected_tags']}" + _given(context["tag"])
-        case _:
-            reason = _reason(first["msg"])
-            text = (f"{key}: {reason}" if key else reason) + _given(first["input"])
-    return text + (f" (and {len(others)} more)" if others else "")
-
-
-def _tag(key: str, context: Mapping[str, Any]) -> str:
-    """Return the key in a table that names the kind of the table."""
-    name = context["discriminator"].strip("'")
-    return f"{key}.{name}" if key else name
-
-
-def _reason(message: str) -> str:
-    """Return the message of a check, which says what the value must be."""
-    if message.startswith(_OWN):
-        return message.removeprefix(_OWN)
-    for theirs, plain in _PLAIN.items():
-        message = message.replace(theirs, plain)
-    return re.sub(r"^\w+ should ", "must ", message)
-
-
-def _given(value: object) -> str:
-    """Return a value in brackets; nothing for a whole table."""
-    if isinstance(value, Mapping | BaseModel):
-        return ""
-    try:
-        text = repr(value)
-    except (ValueError, RecursionError):
-        return ""  # too long or too deep to show
-    return f" (given: {text if len(text) <= _MAX_SHOWN else text[: _MAX_SHOWN - 3] + '...'})"
-
-
-def _key_path(location: Sequence[int | str], content: object, *, is_missing: bool) -> str:
-    """Return a key as in the file, without what pydantic adds: the kinds of which a value may be."""
-    path, here = "", content
-    for place, part in enumerate(location, start=1):
-        if isinstance(part, int):
-            path += f"[{part}]"
-            here = here[part] if isinstance(here, Sequence) and part < len(here) else None
-        elif isinstance(here, Mapping) and (part in here or (is_missing and place == len(location))):
-            path += f".{part}"
-            here = here.get(part)
-    return path.removeprefix(".")

@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_val
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+DampingRatio = Annotated[float, Field(gt=0, lt=1)]
 Fixity = Annotated[float, Field(ge=0, lt=1)]
 Pair = Annotated[tuple[Finite, Finite], Field(strict=False)]
 PositivePair = Annotated[tuple[PositiveFinite, PositiveFinite], Field(strict=False)]
@@ -28,12 +29,21 @@ class Support(Strict):
     stiffest section and the beam's length L. 0 is a hinge; values near 1 approach a fixed end. Monforton & Wu, Matrix
     analysis of semi-rigidly connected frames, J. Struct. Div. ASCE 89 (1963)."""
 
+    slides: bool | None = None
+    """Whether the beam can move lengthwise on it, as on a roller; by default on a simple support, not on a fixed one.
+    It matters only if the temperature changes."""
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.kind == "fixed" and self.fixity:
             message = "a fixed support has no fixity; make it simple, or leave fixity out"
             raise ValueError(message)
         return self
+
+    @property
+    def holds_lengthwise(self) -> bool:
+        """Whether the beam cannot move lengthwise on it."""
+        return not (self.kind == "simple" if self.slides is None else self.slides)
 
     @property
     def stiffness(self) -> float:
@@ -58,6 +68,7 @@ class Section(NamedTuple):
     rigidity_n_mm2: float
     area_mm2: float | None
     """None if the scene does not state width and thickness."""
+    thickness_mm: float | None = None
 
 
 SupportName = Literal["simply-supported", "cantilever", "fixed-fixed", "propped"]

@@ -17,6 +17,7 @@ from beamtouch_models.arguments import (
     add_trade,
 )
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
+from beamtouch_models.scene_arguments import add_new, add_scenes
 
 PROGRAM = "design-sensors"
 
@@ -43,8 +44,10 @@ def _parser() -> Parser:
         ("evaluate", add_evaluate, "measure a model and compare it with the accuracy limit"),
         ("explain", add_explain, "print how much each physical effect matters in a scene"),
         ("inspect", add_inspect, "print the metadata of a model file"),
+        ("new", add_new, "write a commented scene, from arguments or from the answers to a few questions"),
         ("place", add_place, "choose sensor positions and state how much better any other layout could be"),
         ("reproduce", add_reproduce, "recompute the paper's figures and compare them with the paper"),
+        ("scenes", add_scenes, "list the scenes that come with the program, or copy one"),
         ("trade", add_trade, "measure accuracy against speed, number of sensors and filter"),
     ):
         add_arguments(commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}."))

@@ -148,7 +148,8 @@ def _open(make: Callable[[bytes], ort.InferenceSession], content: bytes) -> ort.
         if "xternal" in str(error) and " data" in str(error):
             message = "its weights are in another file, but a model is one file; rebuild it with `design-sensors build`"
         else:
-            message = f"damaged or not an ONNX file; rebuild it with `design-sensors build` ({error})"
+            why = "" if "INVALID_PROTOBUF" in str(error) else f" ({error})"
+            message = f"damaged or not an ONNX file; rebuild it with `design-sensors build`{why}"
         raise ModelFileError(message) from None
 
 

@@ -7,7 +7,9 @@ from pydantic import Field, PositiveInt, model_validator
 
 from beamtouch_common.files import parse_toml, read_text
 from beamtouch_models.beam_parts import Finite, Pair, PositiveFinite, PositivePair, Strict
+from beamtouch_models.environment import Environment
 from beamtouch_models.metadata import MAX_FALSE, max_false_per_day
+from beamtouch_models.plausible import in_other_units
 from beamtouch_models.structure import Beam
 
 MIN_SENSORS, MAX_SENSORS = 1, 64
@@ -64,6 +66,8 @@ class Sensors(Strict):
     """Gap at rest; by default the travel of the beam is centred in the range."""
     adc_bits: Annotated[int, Field(ge=6, le=16)] | None = None
     """Bits of the ADC; by default its steps are not modelled. Rounding that the noise does not average out stays."""
+    drift_um_per_k: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
+    """Largest drift of a sensor's zero with the temperature. It adds to `zero_drift_mm`."""
     min_distance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     keep_out_mm: list[Pair] = Field(default_factory=list)
     """Stretches of the beam without sensors; a sensor may stand at their ends."""
@@ -128,6 +132,7 @@ class Scene(Strict):
     contact: Contact
     sensors: Sensors
     requirements: Requirements = Field(default_factory=Requirements)
+    environment: Environment = Field(default_factory=Environment)
 
     @model_validator(mode="after")
     def _on_the_beam(self) -> Self:
@@ -145,6 +150,11 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _within_reason(self) -> Self:
+        message = in_other_units(self.beam)
+        if self.sensors.drift_um_per_k is not None and self.environment.temperature_range_k is None:
+            message = "sensors.drift_um_per_k needs environment.temperature_range_k, as [-10, 15]"
+        if message:
+            raise ValueError(message)
         tolerance, fewest = self.sensors.mounting_tolerance_mm, self.sensors.count_range[0]
         if tolerance >= (spacing := self.beam.length_mm / fewest):
             message = (

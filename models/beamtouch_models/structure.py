@@ -6,8 +6,19 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, ValidationError, model_validator
 
-from beamtouch_models.beam_parts import END_KINDS, PositiveFinite, Section, Segment, Strict, Support, Supports
+from beamtouch_common.reasons import reason_of
+from beamtouch_models.beam_parts import (
+    END_KINDS,
+    DampingRatio,
+    PositiveFinite,
+    Section,
+    Segment,
+    Strict,
+    Support,
+    Supports,
+)
 from beamtouch_models.errors import SceneError
+from beamtouch_models.materials import MATERIALS, MaterialName
 
 SHEAR_COEFFICIENT = 5 / 6
 """Shear coefficient of a rectangular section; Timoshenko & Gere, Mechanics of Materials, 1972, sec. 12.12."""
@@ -21,6 +32,8 @@ class Beam(Strict):
     length_mm: PositiveFinite
     supports: Supports = "simply-supported"
     """A name, or a list of supports: [{at_mm = 0, kind = "simple"}, ...]."""
+    material: MaterialName | None = None
+    """Name of a material whose modulus, density and expansion hold where the scene does not state them."""
     youngs_modulus_gpa: PositiveFinite | None = None
     shear_modulus_gpa: PositiveFinite | None = None
     """If stated, shear deflection is included (Timoshenko)."""
@@ -29,6 +42,10 @@ class Beam(Strict):
     flexural_rigidity_n_mm2: PositiveFinite | None = None
     """E I; give either this or modulus, width and thickness."""
     density_kg_m3: PositiveFinite | None = None
+    expansion_um_per_m_k: PositiveFinite | None = None
+    """Coefficient of linear thermal expansion."""
+    damping_ratio: DampingRatio | None = None
+    """Damping over critical damping of the lowest mode; by default 0.01, that of a bare metal beam."""
     segments: Annotated[tuple[Segment, ...], Field(strict=False)] = ()
     """Segments from left to right, up to the beam's end; by default the beam is prismatic."""
     foundation_n_mm2: PositiveFinite | None = None
@@ -106,13 +123,35 @@ class Beam(Strict):
         if rigidity is None and not own:
             rigidity = self.flexural_rigidity_n_mm2
         if rigidity is None:
-            if self.youngs_modulus_gpa is None or width is None or thickness is None:
-                message = "give youngs_modulus_gpa, width_mm and thickness_mm, or flexural_rigidity_n_mm2"
+            modulus_gpa = self.modulus_gpa
+            if modulus_gpa is None or width is None or thickness is None:
+                message = "give youngs_modulus_gpa or material, width_mm and thickness_mm, or flexural_rigidity_n_mm2"
                 raise ValueError(message)
-            rigidity = self.youngs_modulus_gpa * 1e3 * width * (thickness * thickness * thickness) / 12
+            rigidity = modulus_gpa * 1e3 * width * (thickness * thickness * thickness) / 12
         elif segment.flexural_rigidity_n_mm2 is not None:
-            area = None
-        return Section(segment.to_mm, rigidity, area)
+            area = thickness = None
+        return Section(segment.to_mm, rigidity, area, thickness)
+
+    @property
+    def modulus_gpa(self) -> float | None:
+        """Young's modulus, as stated or of the material; None if the scene gives neither, or the rigidity instead."""
+        if self.youngs_modulus_gpa is not None or self.material is None or self.flexural_rigidity_n_mm2 is not None:
+            return self.youngs_modulus_gpa
+        return MATERIALS[self.material].youngs_modulus_gpa
+
+    @property
+    def mass_density_kg_m3(self) -> float | None:
+        """Density, as stated or of the material; None if the scene gives neither."""
+        if self.density_kg_m3 is not None or self.material is None:
+            return self.density_kg_m3
+        return MATERIALS[self.material].density_kg_m3
+
+    @property
+    def expansion_per_k(self) -> float | None:
+        """Coefficient of thermal expansion in 1/K, as stated or of the material; None if the scene gives neither."""
+        if self.expansion_um_per_m_k is not None:
+            return 1e-6 * self.expansion_um_per_m_k
+        return None if self.material is None else 1e-6 * MATERIALS[self.material].expansion_um_per_m_k
 
     @property
     def rigidity_n_mm2(self) -> float:
@@ -129,6 +168,7 @@ def changed_beam(beam: Beam, rigidity: float, fixity: tuple[float, float]) -> Be
         A support that gets a fixity is missing or already fixed, or the rigidity cannot be computed with.
     """
     fields: dict[str, Any] = beam.model_dump()
+    fields["youngs_modulus_gpa"] = beam.modulus_gpa
     for part in (fields, *fields["segments"]):
         for key in ("youngs_modulus_gpa", "flexural_rigidity_n_mm2"):
             if part.get(key) is not None:
@@ -148,5 +188,5 @@ def changed_beam(beam: Beam, rigidity: float, fixity: tuple[float, float]) -> Be
     try:
         return Beam.model_validate(fields)
     except ValidationError as error:
-        message = f"rigidity: {error.errors()[0]['msg'].removeprefix('Value error, ')}"
+        message = f"rigidity: {reason_of(error.errors()[0])}"
         raise SceneError(message) from None

@@ -96,7 +96,9 @@ def test_every_command_that_takes_a_pipe_is_interrupted_below() -> None:
         ("design-sensors", "challenge"),
         ("design-sensors", "evaluate"),
         ("design-sensors", "inspect"),
-        ("design-sensors", "reproduce"),  # reads no file
+        ("design-sensors", "new"),  # these read no file of the user
+        ("design-sensors", "reproduce"),
+        ("design-sensors", "scenes"),
     }
 
 

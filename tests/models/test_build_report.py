@@ -283,3 +283,17 @@ def test_explain_and_the_report_of_build_agree_if_the_noise_comes_from_the_adc_a
         price = "-" if effect["price"] is None else f"{effect['price']:.3g}"
         words = [cell for cell in cells[row + 1 :] if cell][:3]
         assert words == [price, effect["verdict"], effect["reason"]]
+
+
+def test_missed_contacts_and_ringing_are_stated(facts: Facts) -> None:
+    text = " ".join(Tags(page(facts)).text)
+    assert "Of settled samples of 2 N, the smallest force of the scene, fewer than one in ten thousand" in text
+    weak = facts.model.metadata.ranges.model_copy(update={"force_n": (0.5, 20.0)})
+    weaker = replace(facts.model, metadata=facts.model.metadata.model_copy(update={"ranges": weak}))
+    drawn = " ".join(Tags(page(replace(facts, model=weaker))).text)
+    assert "Contacts of 0.5 N, the smallest force of the scene, that are missed along the beam; at most" in drawn
+    assert "The beam rings at 44 Hz, with the largest force lying on it as a weight at 10.2 Hz" in text
+    assert "the first sharp answer comes" in text.lower()
+    bare = facts.scene.beam.model_copy(update={"density_kg_m3": None})
+    silent = page(replace(facts, scene=facts.scene.model_copy(update={"beam": bare})))
+    assert "Ringing" not in silent

@@ -279,12 +279,12 @@ def test_the_sag_under_its_own_weight_is_the_published_one() -> None:
 
 
 def test_a_mean_filter_passes_the_expected_part_of_ringing() -> None:
-    assert ringing_after_filter(50.0, FilterChoice(), 1000.0) == 1.0
+    assert ringing_after_filter(50.0, 0.01, FilterChoice(), 1000.0) == 1.0
     # A mean over a whole period passes nothing; a mean of two readings 90 degrees apart passes the root of a half.
     whole = FilterChoice(kind="moving-average", window=20, settling_ms=20)
-    assert ringing_after_filter(50.0, whole, 1000.0) == pytest.approx(0, abs=1e-15)
+    assert ringing_after_filter(50.0, 0.01, whole, 1000.0) == pytest.approx(0, abs=1e-15)
     two = FilterChoice(kind="moving-average", window=2, settling_ms=10)
-    assert ringing_after_filter(50.0, two, 200.0) == pytest.approx(
+    assert ringing_after_filter(50.0, 0.01, two, 200.0) == pytest.approx(
         math.sqrt(0.5) * math.exp(-0.01 * math.pi), rel=1e-12
     )
 
@@ -368,7 +368,7 @@ def test_extreme_noise_gives_prices_or_a_refusal(noise: float) -> None:
 
 def test_a_mass_beyond_float64_is_refused() -> None:
     with pytest.raises(SceneError, match="its mass cannot be computed"):
-        effects(scene_with({"beam": {"density_kg_m3": 1e-320}}))
+        first_frequency_hz(scene_with().beam.model_copy(update={"density_kg_m3": 1e-320}))
 
 
 def test_the_errors_that_calibration_leaves_are_priced_and_belong_to_the_floor() -> None:

@@ -23,6 +23,8 @@ NAMES = [
     "gain error",
     "zero drift",
     "mounting tolerance",
+    "expansion",
+    "sensor drift",
 ]
 
 

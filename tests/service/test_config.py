@@ -87,10 +87,10 @@ def test_the_token_is_not_printed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("[server]\nprot = 1\n", "unknown key server.prot; remove it or correct its spelling"),
+        ("[server]\nprot = 1\n", "unknown key server.prot; did you mean port?"),
         ("[surfaces.a]\nmodle = 'x'\n", "unknown key surfaces.a.modle"),
         ("[surfaces.'a b']\n", "surfaces.a b"),
-        ("[server]\nport = '1'\n", "server.port: must be a valid integer"),
+        ("[server]\nport = '1'\n", "server.port: must be a whole number"),
         ("[server]\nport = 65536\n", "server.port: must be at most 65535"),
         ("[server]\nhost = ''\n", "server.host"),
         ("[surfaces.a]\nstale_ms = 0\n", "surfaces.a.stale_ms"),

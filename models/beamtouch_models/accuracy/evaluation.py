@@ -8,9 +8,15 @@ from beamtouch_models.accuracy import cramer_rao
 from beamtouch_models.accuracy.contacts import Contacts, simulated
 from beamtouch_models.accuracy.limit import SCRAMBLINGS
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.seen_along import seen_along
 from beamtouch_models.accuracy.statistics import Measurement, mean_of, quantile_of, ratio_of, share_of
-from beamtouch_models.accuracy.touch_thresholds import directions, noise_at_rest, rest_like_contact, smallest_force_n
+from beamtouch_models.accuracy.touch_thresholds import (
+    directions,
+    noise_at_rest,
+    rest_like_contact,
+)
 from beamtouch_models.arrays import Floats
+from beamtouch_models.detection import Detection
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.sweeps import Spread, in_turn
@@ -61,6 +67,8 @@ class Evaluation:
     """Share of samples at rest that are taken for a contact."""
     smallest_force_n: tuple[float, float] | None
     """Smallest force of which 95 % of settled samples are a contact: where it is least, and where it is largest."""
+    detection: Detection | None
+    """What a settled sample shows along the beam, at the threshold of the model."""
     unexplained: Measurement | None
     """Share of contacts whose misfit exceeds its threshold; None for a model that states none."""
 
@@ -84,6 +92,7 @@ def evaluate(
     error, best = contacts.error_mm(answers["position_mm"]), contacts.least_error_mm()
     low, high = (end * prior.length_mm for end in MIDDLE)
     inside, drawn_inside = ((low <= position) & (position <= high) for position in (likely, drawn.position_mm))
+    along = seen_along(model, prior)
     return Evaluation(
         noise_mm=prior.noise_mm,
         draws=len(worst),
@@ -103,7 +112,8 @@ def evaluate(
         if "contact_log_odds" in answers
         else None,
         false_alarms=_false_alarms(model, prior, seed + 1),
-        smallest_force_n=_smallest_force_n(model, prior),
+        smallest_force_n=None if along is None else (min(along.smallest_force_n), max(along.smallest_force_n)),
+        detection=along,
         unexplained=_unexplained(model, answers, counts),
     )
 
@@ -169,14 +179,6 @@ def _false_alarms(model: ModelFile, prior: Prior, seed: int) -> Measurement | No
     rest = rest_like_contact(unit, noise_at_rest(prior), REST_RATE, REST_DRAWS, seed)
     odds = estimates(model, prior, rest.sample * deviation)["contact_log_odds"]
     return mean_of(np.where(odds > model.metadata.thresholds.touch[-1], rest.weight, 0.0))
-
-
-def _smallest_force_n(model: ModelFile, prior: Prior) -> tuple[float, float] | None:
-    if "contact_log_odds" not in model.outputs or prior.noise_mm == 0:
-        return None
-    places = np.linspace(*prior.position_mm, REST_PLACES)
-    force = smallest_force_n(prior, model.metadata.thresholds.touch[-1], places)
-    return float(force.min()), float(force.max())
 
 
 def _unexplained(model: ModelFile, answers: dict[str, Floats], weight: Floats) -> Measurement | None:

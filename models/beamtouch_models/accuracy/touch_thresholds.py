@@ -19,6 +19,7 @@ from scipy.special import ndtr, ndtri
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Floats
+from beamtouch_models.detection import SURELY
 from beamtouch_models.metadata import MAX_FALSE, SECONDS_PER_DAY
 
 PLACES = 129
@@ -28,8 +29,6 @@ MAX_SETS = 40
 """Up to this many sets of channels of one size are all simulated; of more, an even choice."""
 BETWEEN = np.log(2.0)
 """Largest excess of a set's threshold over that of its size, in nats: a factor of two in the rate."""
-SURELY = 1.645
-"""Deviations of a sample that a force must exceed the threshold by, so that 95 % of the samples do."""
 FLAT = 1e-6
 """Smallest length of a direction; a beam that no sensor sees moving has none."""
 LARGEST_LOG = 700.0
@@ -157,5 +156,15 @@ def smallest_force_n(prior: Prior, threshold: float, position_mm: Floats) -> Flo
         above = log_odds(unit, middle[:, None] * along) > threshold
         low, high = np.where(above, low, middle), np.where(above, middle, high)
     with np.errstate(divide="ignore"):
-        force: Floats = (high + SURELY) / np.linalg.norm(shape, axis=1)
+        force: Floats = (high + SURELY) / size_per_n(prior, position_mm)
     return force
+
+
+def size_per_n(prior: Prior, position_mm: Floats) -> Floats:
+    """Return the length of the whitened influence at positions (positions,), in deviations of a sample at rest per N.
+
+    All channels work.
+    """
+    shape = prior.table(position_mm) / prior.deviation_mm(np.zeros((1, prior.channels)))
+    size: Floats = np.linalg.norm(shape, axis=1)
+    return size

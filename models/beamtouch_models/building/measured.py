@@ -19,6 +19,7 @@ from beamtouch_models.accuracy.touch_thresholds import (
 )
 from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds
 from beamtouch_models.arrays import Floats
+from beamtouch_models.detection import UNSEEN_N
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.export import to_bytes
@@ -58,7 +59,7 @@ def measured(estimator: Estimator, prior: Prior, scene: Scene, chosen: FilterCho
     run = runner(to_bytes(estimator.graph))
     thresholds = thresholds_of(prior, scene, chosen, seed + 1)
     inside = _inside(prior)
-    seen = np.minimum(smallest_force_n(prior, thresholds.touch[-1], inside), np.finfo(np.float32).max)
+    seen = np.minimum(smallest_force_n(prior, thresholds.touch[-1], inside), UNSEEN_N)
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
     return Measured(
         thresholds,

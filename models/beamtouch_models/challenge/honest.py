@@ -10,7 +10,7 @@ from beamtouch_models.challenge.motion import BEGINS, KEEPS, SPEEDS_MM_PER_S, mo
 from beamtouch_models.challenge.noises import coarse, coloured
 from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.physics.dynamics import DAMPING_RATIO, GRAVITY
+from beamtouch_models.physics.dynamics import GRAVITY, damping_of
 from beamtouch_models.physics.modes import Swings, swings
 
 SINCE_MS = (20, 50, 100, 200, 500)
@@ -71,7 +71,7 @@ def rings(
     before, readings, seconds = _since(surface, draws, rng)
     grown = np.clip(seconds / lasting_s, 0.0, 1.0) if lasting_s else (seconds >= 0).astype(np.float64)
     kind = "weight laid on" if weighs else f"force in {1e3 * lasting_s:.0f} ms" if lasting_s else "sudden force"
-    ringing = _swings(surface, position, force, weighs=weighs).ringing_mm(seconds, DAMPING_RATIO, lasting_s)
+    ringing = _swings(surface, position, force, weighs=weighs).ringing_mm(seconds, damping_of(surface.beam), lasting_s)
     return Play(
         deflection_mm=surface.under(position, force)[:, None] * grown[:, :, None] + ringing,
         truth_mm=np.where(seconds >= 0, position[:, None], np.nan),
@@ -85,7 +85,7 @@ def lifts(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> Pl
     position, force = drawn(surface, draws, rng)
     before, readings, seconds = _since(surface, draws, rng)
     still = surface.under(position, force)[:, None] * (seconds < 0)[:, :, None]
-    ringing = _swings(surface, position, force, weighs=False).ringing_mm(seconds, DAMPING_RATIO)
+    ringing = _swings(surface, position, force, weighs=False).ringing_mm(seconds, damping_of(surface.beam))
     # The scene allows the filter its time.
     told = seconds < surface.metadata.filter.settling_ms * 1e-3
     return Play(

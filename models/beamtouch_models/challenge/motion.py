@@ -7,7 +7,7 @@ import numpy as np
 from beamtouch_models.arrays import Bools, Floats
 from beamtouch_models.challenge.play import Play, drawn
 from beamtouch_models.challenge.surface import SimulatedSurface
-from beamtouch_models.physics.dynamics import DAMPING_RATIO
+from beamtouch_models.physics.dynamics import damping_of
 from beamtouch_models.physics.modes import M_PER_MM, Modes, beyond_rest
 
 SPEEDS_MM_PER_S = (10, 30, 100, 300, 1000)
@@ -79,7 +79,7 @@ def inertia_mm(modes: Modes, sensor_mm: Floats, target: Floats, step_s: float) -
 
     The target (draws, steps, modes) is what the modes follow: the shapes at the load times its force.
     """
-    away = beyond_rest(target, step_s, 1 / np.sqrt(modes.square_s2), DAMPING_RATIO)
+    away = beyond_rest(target, step_s, 1 / np.sqrt(modes.square_s2), damping_of(modes.beam))
     share_mm = modes.at(sensor_mm) * modes.square_s2 / M_PER_MM
     added: Floats = away[:, ::STEPS] @ share_mm.T
     return added

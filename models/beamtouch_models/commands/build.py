@@ -12,6 +12,7 @@ from beamtouch_common.files import write_atomically
 from beamtouch_models import loading
 from beamtouch_models.building.build import Choices, build
 from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
+from beamtouch_models.building.remarks import missed_requirement, remarks
 from beamtouch_models.building.report.facts import gather
 from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import inspect
@@ -30,6 +31,8 @@ def run(options: argparse.Namespace) -> None:
         if path is not None and not path.parent.is_dir():
             message = f"{path.parent}: no such folder; create it first"
             raise SceneError(message)
+    for remark in remarks(scene):
+        print(f"note:    {remark}", file=sys.stderr)
     with shown_progress() as progress:
         built = build(
             scene,
@@ -54,6 +57,8 @@ def run(options: argparse.Namespace) -> None:
             file=sys.stderr,
         )
     _say_floor(scene)
+    if remark := missed_requirement(built.metadata, scene):
+        print(f"note:    {remark}", file=sys.stderr)
     if missed := unseen(built.metadata):
         print(f"note:    {missed}", file=sys.stderr)
     for effect in built.physics.effects:

@@ -18,9 +18,11 @@ from beamtouch_models import loading
 from beamtouch_models.accuracy.evaluation import Errors, Evaluation, at_noise, evaluate
 from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.building.model_prior import prior_of_model
+from beamtouch_models.building.remarks import missed_requirement, remarks
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.description import unseen
 from beamtouch_models.pricing.noise import check_scale
+from beamtouch_models.scene import parse_scene
 from beamtouch_models.workers import spread_over
 
 WIDTH_WITHOUT_TERMINAL = 120
@@ -48,8 +50,10 @@ def run(options: argparse.Namespace) -> None:
                 spread=spread,
             )
             found.append(one)
-    if missed := unseen(model.metadata):
-        print(f"note:    {missed}", file=sys.stderr)
+    scene = parse_scene(model.metadata.scene, f"the scene in {model.metadata.name}")
+    for remark in (*remarks(scene), missed_requirement(model.metadata, scene), unseen(model.metadata)):
+        if remark:
+            print(f"note:    {remark}", file=sys.stderr)
     if options.json:
         figures = [_json(one) for one in found]
         print(json.dumps({"model": model.identity, "estimator": model.metadata.estimator, "evaluations": figures}))
@@ -121,6 +125,11 @@ def _lines(found: Evaluation, model: loading.ModelFile) -> list[tuple[str, str, 
     if found.smallest_force_n is not None:
         least, most = found.smallest_force_n
         lines.append(("smallest force", f"{least:.3g}..{most:.3g}", "N, seen in 95 % of samples along the range"))
+    if found.detection is not None:
+        most = 100 * max(found.detection.missed)
+        lines.append(
+            ("missed at most", f"{most:.3g}", f"% of samples of {found.detection.force_n:g} N, where it is worst")
+        )
     if found.cramer_rao_mean_mm is None:
         return [*lines, ("without noise", "", "the limit is 0, so there is no ratio")]
     return [*lines, ("Cramer-Rao", f"{found.cramer_rao_mean_mm:.4g}", "mm, mean |error| of an unbiased estimate")]

@@ -2,7 +2,9 @@
 
 import argparse
 import json
+import sys
 import time
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,11 +12,13 @@ from rich.console import Console
 from rich.table import Table
 
 from beamtouch_models.building.checks import check_scene
+from beamtouch_models.building.remarks import remarks
 from beamtouch_models.physics.beam import load_positions_mm, max_deflection_mm, scene_influence
 from beamtouch_models.physics.mesh import mesh_of
 from beamtouch_models.pricing.effect import NEGLIGIBLE, Effect
 from beamtouch_models.pricing.effects import effects_of
 from beamtouch_models.pricing.noise import choose_filter, noise_of
+from beamtouch_models.pricing.ringing import ringing_of, told
 from beamtouch_models.scene import Scene, load_scene
 
 REPEATS = 5
@@ -25,17 +29,22 @@ SENSORS = 101
 def run(options: argparse.Namespace) -> None:
     """Price the effects, measure the time that each costs, and print both."""
     scene, _ = load_scene(options.scene)
+    for remark in remarks(scene):
+        print(f"note:    {remark}", file=sys.stderr)
     chosen = choose_filter(scene)
     check_scene(scene, chosen)
     noise = noise_of(scene, chosen)
     effects = [(effect, _cost_us(effect)) for effect in effects_of(scene, chosen)]
+    ringing = ringing_of(scene, chosen)
     if not options.json:
         _print_table(effects, noise.sample_mm)
+        print("\n".join(told(ringing) if ringing else []))
         return
     explained = {
         "effects": [_as_json(effect, cost) for effect, cost in effects],
         "noise_mm": noise.sample_mm,
         "reading_noise_mm": noise.reading_mm,
+        "ringing": ringing and asdict(ringing),
         "max_deflection_mm": max_deflection_mm(scene),
         "negligible": NEGLIGIBLE,
     }

@@ -2,8 +2,10 @@
 
 import argparse
 import json
+from dataclasses import asdict
 from typing import Any
 
+from beamtouch_models.detection import detection_of
 from beamtouch_models.loading import ModelFile, load
 
 
@@ -20,6 +22,7 @@ def show(model: ModelFile, *, as_json: bool) -> None:
 def describe(model: ModelFile) -> dict[str, Any]:
     """Return all metadata of a model file, for JSON."""
     metadata = model.metadata
+    along = detection_of(metadata) if "contact_log_odds" in model.outputs else None
     fields = metadata.model_dump(mode="json", exclude={"golden", "layout", "accuracy", "drawn"})
     return {
         **fields,
@@ -27,6 +30,7 @@ def describe(model: ModelFile) -> dict[str, Any]:
         "positions_mm": [channel.position_mm for channel in metadata.layout],
         "channels": model.channels,
         "noise_mm": metadata.noise.sample_mm,
+        "detection": along and asdict(along),
         "outputs": list(model.outputs),
         "lacks": model.lacks,
         "accuracy": {**metadata.accuracy.model_dump(), "ratio": metadata.accuracy.ratio},

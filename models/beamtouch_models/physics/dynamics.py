@@ -13,7 +13,7 @@ from beamtouch_models.scene import Scene
 from beamtouch_models.structure import SMALLEST_NORMAL, Beam
 
 DAMPING_RATIO = 0.01
-"""Assumed, because a scene states none: a bare metal beam on its supports; Blevins, Flow-Induced Vibration, ch. 8."""
+"""Assumed if a scene states none: a bare metal beam on its supports; Blevins, Flow-Induced Vibration, ch. 8."""
 # First roots of the frequency equations; Blevins, Formulas for Natural Frequency and Mode Shape, 1979, table 8-1.
 FIRST_ROOT = {
     "simply-supported": math.pi,
@@ -28,8 +28,13 @@ MODES = 4
 """Modes that a sudden load excites noticeably: its deflection in mode k is about 1/k^4 of that in the first."""
 
 
+def damping_of(beam: Beam) -> float:
+    """Return the damping of a beam's modes over critical damping, as stated or assumed."""
+    return DAMPING_RATIO if beam.damping_ratio is None else beam.damping_ratio
+
+
 def first_frequency_hz(beam: Beam) -> float | None:
-    """Return the first natural frequency in Hz; None if the scene does not state density, width and thickness.
+    """Return the first natural frequency in Hz; None if the scene does not give density, width and thickness.
 
     Without a closed form it comes from the influence matrix: for any supports, the largest eigenvalue of flexibility
     times mass is 1/omega^2.
@@ -49,27 +54,37 @@ def first_frequency_hz(beam: Beam) -> float | None:
     return frequency
 
 
+def laden_period_s(scene: Scene) -> float | None:
+    """Return the period of a scene's beam with a weight on it, in s; None without density, width and thickness.
+
+    The largest force of the scene is taken as a weight where the beam yields most. The squares of the periods of the
+    beam and of the weight add up (Dunkerley, On the whirling and vibration of shafts, Phil. Trans. A 185, 1894), which
+    is never too short.
+    """
+    first_hz, loads = first_frequency_hz(scene.beam), load_positions_mm(scene)
+    if first_hz is None:
+        return None
+    yielding_m_per_n = 1e-3 * float(np.diag(influence(scene.beam, loads, loads)).max())
+    weight_kg = scene.contact.force_range_n[1] / GRAVITY
+    return math.hypot(1 / first_hz, 2 * math.pi * math.sqrt(weight_kg * yielding_m_per_n))
+
+
 def slowest_period_ms(scene: Scene) -> float | None:
     """Return the longest period in which the readings of a scene's beam seem to swing, in ms.
 
-    None if the scene does not state density, width and thickness.
+    None if the scene does not give density, width and thickness.
 
-    A weight on the beam makes it slower. The largest force of the scene is taken as a weight where the beam yields
-    most; the squares of the periods of the beam and of the weight add up (Dunkerley, On the whirling and vibration of
-    shafts, Phil. Trans. A 185, 1894), which is never too short. A mode that swings faster than half the rate of the
+    A weight on the beam makes it slower, as `laden_period_s` says. A mode that swings faster than half the rate of the
     readings seems to swing at the difference to a multiple of that rate, for as long as it rings. Close to half the
     rate, readings fall on alternate sides, and their amplitude seems to swing at the difference to half the rate.
     """
     beam, rate_hz = scene.beam, scene.sensors.rate_hz
-    mass, first_hz = _line_mass(beam), first_frequency_hz(beam)
-    if mass is None or first_hz is None:
+    mass, first_hz, laden_s = _line_mass(beam), first_frequency_hz(beam), laden_period_s(scene)
+    if mass is None or first_hz is None or laden_s is None:
         return None
-    loads = load_positions_mm(scene)
-    yielding_m_per_n = 1e-3 * float(np.diag(influence(beam, loads, loads)).max())
-    weight_kg = scene.contact.force_range_n[1] / GRAVITY
-    periods_s = [math.hypot(1 / first_hz, 2 * math.pi * math.sqrt(weight_kg * yielding_m_per_n))]
+    periods_s = [laden_s]
     for frequency_hz in (first_hz, *_frequencies_hz(beam, mass)[1:MODES].tolist()):
-        rings_s = 1 / (DAMPING_RATIO * 2 * math.pi * frequency_hz)
+        rings_s = 1 / (damping_of(beam) * 2 * math.pi * frequency_hz)
         apparent_hz = abs(frequency_hz - round(frequency_hz / rate_hz) * rate_hz)
         beat_hz = max(min(apparent_hz, rate_hz / 2 - apparent_hz), 1e-9)
         followed = 2 * frequency_hz <= rate_hz
@@ -89,9 +104,9 @@ def sag_mm(beam: Beam) -> float | None:
 def _line_mass(beam: Beam) -> Floats | None:
     """Return the mass per length of each section in kg/mm; None if the scene does not state it."""
     areas = [section.area_mm2 for section in beam.sections]
-    if beam.density_kg_m3 is None or None in areas:
+    if beam.mass_density_kg_m3 is None or None in areas:
         return None
-    mass = beam.density_kg_m3 * 1e-9 * np.array(areas, dtype=np.float64)
+    mass = beam.mass_density_kg_m3 * 1e-9 * np.array(areas, dtype=np.float64)
     if not np.all((mass >= SMALLEST_NORMAL) & (mass < np.inf)):
         message = "beam: its mass cannot be computed; check density, width and thickness"
         raise SceneError(message)
@@ -122,13 +137,13 @@ def _frequencies_hz(beam: Beam, line_mass: Floats) -> Floats:
     return frequencies
 
 
-def ringing_after_filter(frequency_hz: float, chosen: FilterChoice, rate_hz: float) -> float:
+def ringing_after_filter(frequency_hz: float, damping_ratio: float, chosen: FilterChoice, rate_hz: float) -> float:
     """Return the share of a sudden load's deflection that still rings once the filter has settled on that load.
 
     All motion is assumed to be in the first mode. It decays during the settling time, and a mean of N readings passes
     |sin(pi f N/rate) / (N sin(pi f/rate))| of it.
     """
-    decay = math.exp(-DAMPING_RATIO * 2 * math.pi * frequency_hz * chosen.settling_ms / 1000)
+    decay = math.exp(-damping_ratio * 2 * math.pi * frequency_hz * chosen.settling_ms / 1000)
     phase = math.pi * frequency_hz / rate_hz
     passed = 1.0
     if abs(math.sin(phase)) > 1e-9:

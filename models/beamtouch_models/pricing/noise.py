@@ -2,12 +2,11 @@
 
 import math
 
-import numpy as np
-
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters import readings_within
 from beamtouch_models.metadata import FilterChoice, Noise
 from beamtouch_models.physics.beam import max_deflection_mm
+from beamtouch_models.pricing.rounding import rounding_of
 from beamtouch_models.scene import Scene
 
 SPIKE_SIGMAS = 6.0
@@ -17,11 +16,6 @@ GAIN_ERROR = 0.003
 """Relative gain error that calibration leaves, if the scene does not state it."""
 ZERO_SHARE = 0.2
 """Drift of the zero since the last tare over the noise of a reading, if the scene does not state it."""
-
-HARMONICS = 1000
-"""Harmonics of the rounding error; those beyond it hold 0.03 % of its standard deviation."""
-MAX_EXPONENT = 700.0
-"""exp(-700) is still a float64."""
 
 MAX_READINGS = 10_000
 """Longest filter of the daemon."""
@@ -59,36 +53,33 @@ def rounding_mm(scene: Scene) -> float:
     return rounding_of(sensor_noise_mm(scene), adc_step_mm(scene))
 
 
-def rounding_of(noise_mm: float, step_mm: float) -> float:
-    """Return what `rounding_mm` does, for noise before rounding and a step of the ADC; 0 for a step of 0.
-
-    The mean of rounded readings deviates from the gap by a periodic function of it, with the harmonics
-    q / (pi k) exp(-2 (pi k s / q)^2) for a step of q and noise of s (Widrow & Kollar, 2008, ch. 4). Without noise it is
-    q / sqrt(12); at s = q / 2 it is gone. It counts twice, as the rest gap, which `tare` measures, is rounded too.
-    """
-    if step_mm == 0:
-        return 0.0
-    order = np.arange(1, HARMONICS + 1)
-    decay = np.exp(-np.minimum(2 * (np.pi * order * noise_mm / step_mm) ** 2, MAX_EXPONENT))
-    single = step_mm * math.sqrt(float(np.sum((decay / (np.pi * order)) ** 2)) / 2)
-    return math.sqrt(2) * single
-
-
 def zero_drift_mm(scene: Scene) -> float:
     """Standard deviation of a zero since the last tare, in mm; ZERO_SHARE of a reading's noise if it is not stated."""
     stated = scene.sensors.zero_drift_mm
     return ZERO_SHARE * reading_noise_mm(scene) if stated is None else stated
 
 
+def temperature_drift_mm(scene: Scene) -> float:
+    """Standard deviation of a zero's drift with the temperature, in mm; 0 if the scene does not state it.
+
+    The temperatures of the last tare and of a sample are independent and uniform over the range, so their difference
+    has the standard deviation range / sqrt(6).
+    """
+    range_k, drift_um_per_k = scene.environment.temperature_range_k, scene.sensors.drift_um_per_k
+    if range_k is None or drift_um_per_k is None:
+        return 0.0
+    return 1e-3 * drift_um_per_k * (range_k[1] - range_k[0]) / math.sqrt(6)
+
+
 def floor_of(scene: Scene) -> tuple[float, float]:
     """Return the relative gain error and the error of the zero in mm, as standard deviations per channel.
 
     They stay when readings are averaged. The gain error is GAIN_ERROR if the scene does not state it. The error of the
-    zero is its drift, with the rounding of the ADC that the noise does not average out.
+    zero is its drift, also with the temperature, with the rounding of the ADC that the noise does not average out.
     """
     percent = scene.sensors.gain_error_percent
     gain = GAIN_ERROR if percent is None else percent / 100
-    return gain, math.hypot(zero_drift_mm(scene), rounding_mm(scene))
+    return gain, math.hypot(math.hypot(zero_drift_mm(scene), temperature_drift_mm(scene)), rounding_mm(scene))
 
 
 def step_mm(range_mm: tuple[float, float], adc_bits: int) -> float:
@@ -163,10 +154,14 @@ def check_errors(scene: Scene, chosen: FilterChoice) -> None:
     """Raise SceneError as `check_scale`, or if the zeros of a scene's sensors drift too far for any model."""
     deflection_mm = max_deflection_mm(scene)
     check_scale(noise_of(scene, chosen).sample_mm, deflection_mm)
-    if (drift_mm := zero_drift_mm(scene)) > MAX_NOISE * deflection_mm:
+    zero_mm, warmth_mm = zero_drift_mm(scene), temperature_drift_mm(scene)
+    if max(zero_mm, warmth_mm) > MAX_NOISE * deflection_mm:
+        stated = f"zero_drift_mm = {zero_mm:.3g}"
+        if warmth_mm > zero_mm:
+            stated = f"drift_um_per_k = {scene.sensors.drift_um_per_k:g}"
         message = (
-            f"sensors.zero_drift_mm = {drift_mm:.3g} hides the largest deflection, {deflection_mm:.3g} mm; tare more "
-            "often, use better sensors or a softer beam"
+            f"sensors.{stated} hides the largest deflection, {deflection_mm:.3g} mm; "
+            "tare more often, use better sensors or a softer beam"
         )
         raise SceneError(message)
 

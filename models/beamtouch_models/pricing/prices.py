@@ -19,6 +19,7 @@ from beamtouch_models.pricing.removal import (
     without_tolerance,
     without_width,
 )
+from beamtouch_models.pricing.temperature import expansion, sensor_drift
 
 POISSON_RATIO = 0.3
 """Value of most metals; it gives the shear modulus if the scene does not state one."""
@@ -31,9 +32,9 @@ def _shear(pricing: Pricing) -> Effect:
         price = pricing.price(scene, lacking)
         reason = f"shear modulus {beam.shear_modulus_gpa:g} GPa"
         return Effect("shear", price, verdict_of(price), reason, scene, lacking, without_shear)
-    if beam.youngs_modulus_gpa is None or any(section.area_mm2 is None for section in beam.sections):
+    if beam.modulus_gpa is None or any(section.area_mm2 is None for section in beam.sections):
         return Effect("shear", None, "not stated", "give shear_modulus_gpa with width_mm and thickness_mm")
-    modulus = beam.youngs_modulus_gpa / (2 * (1 + POISSON_RATIO))
+    modulus = beam.modulus_gpa / (2 * (1 + POISSON_RATIO))
     having = changed(scene, "beam", shear_modulus_gpa=modulus)
     price = pricing.price(having, scene)
     if price < NEGLIGIBLE:
@@ -105,13 +106,15 @@ def _dynamics(pricing: Pricing) -> Effect:
     scene = pricing.scene
     frequency = dynamics.first_frequency_hz(scene.beam)
     if frequency is None:
-        return Effect("dynamics", None, "not stated", "give density_kg_m3 with width_mm and thickness_mm")
-    still = dynamics.ringing_after_filter(frequency, pricing.filter, scene.sensors.rate_hz)
+        return Effect("dynamics", None, "not stated", "give density_kg_m3 or material, with width_mm and thickness_mm")
+    damping_ratio = dynamics.damping_of(scene.beam)
+    still = dynamics.ringing_after_filter(frequency, damping_ratio, pricing.filter, scene.sensors.rate_hz)
     price = pricing.in_noise(pricing.deflection_mm(scene)) * still
-    told = f"rings at {frequency:.3g} Hz, damped by {dynamics.DAMPING_RATIO:.0%} (assumed)"
+    assumed = " (assumed)" if scene.beam.damping_ratio is None else ""
+    told = f"rings at {frequency:.3g} Hz, damped by {100 * damping_ratio:.2g} %{assumed}"
     if price < NEGLIGIBLE:
         return Effect("dynamics", price, "out", f"{told}; decayed once the filter has settled")
-    longer = math.log(price / NEGLIGIBLE) / (dynamics.DAMPING_RATIO * 2 * math.pi * frequency)
+    longer = math.log(price / NEGLIGIBLE) / (damping_ratio * 2 * math.pi * frequency)
     reason = f"{told}; after a sudden load it is negligible {longer:.2g} s after the filter has settled"
     return Effect("dynamics", price, "not modelled", reason)
 
@@ -175,4 +178,6 @@ EFFECTS: tuple[Callable[[Pricing], Effect], ...] = (
     _gain_error,
     _zero_drift,
     _mounting_tolerance,
+    expansion,
+    sensor_drift,
 )

@@ -75,7 +75,9 @@ def ringing_of(scene: Scene, chosen: FilterChoice, damping_ratio: float) -> Ring
     """
     frequency = dynamics.first_frequency_hz(scene.beam)
     if frequency is None:
-        message = "damping_ratio needs beam.density_kg_m3, beam.width_mm and beam.thickness_mm in the scene"
+        message = (
+            "damping_ratio needs beam.density_kg_m3 or beam.material, beam.width_mm and beam.thickness_mm in the scene"
+        )
         raise SceneError(message)
     if noise_of(scene, chosen).sample_mm > 0:  # without noise nothing is negligible
         (priced,) = (effect for effect in effects_of(scene, chosen) if effect.name == "dynamics")

@@ -145,7 +145,7 @@ def test_a_broker_that_freezes_in_the_handshake_does_not_hold_up_a_stop(line: Li
     ("section", "words"),
     [
         ("port = 1883\n", "mqtt.host is missing; add it"),
-        ('host = "b"\nprefix = "a/+"\n', "mqtt.prefix: must match pattern"),
+        ('host = "b"\nprefix = "a/+"\n', "mqtt.prefix: must match the pattern"),
         ('host = "b"\nmax_rate_hz = 0.5\n', "mqtt.max_rate_hz: must be at least 1"),
         ('host = "b"\nca_file = "ca.pem"\n', "mqtt.ca_file has no effect without TLS; set mqtt.tls = true"),
         ('host = "b"\ntls = true\nkey_file = "k"\n', "mqtt.certificate_file is missing"),

@@ -110,7 +110,7 @@ def test_a_wrong_config(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> N
     config.write_text("[surfaces.press-7]\nmodle = 'm.onnx'\n")
 
     line = refused_here(capsys, "--config", config)
-    assert line.endswith("unknown key surfaces.press-7.modle; remove it or correct its spelling")
+    assert line.endswith("unknown key surfaces.press-7.modle; did you mean model?")
 
 
 def test_a_token_file_that_is_empty(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -8,9 +8,13 @@ from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
 from beamtouch_models.charts import Chart, Series, draw
 from beamtouch_models.description import per_day, unseen
+from beamtouch_models.detection import detection_of
 from beamtouch_models.pricing.effect import NEGLIGIBLE
+from beamtouch_models.pricing.ringing import ringing_of, told
 from beamtouch_models.svg import STYLE
 
+LEAST_MISSED = 1e-4
+"""Share of contacts from which missed ones are drawn; below it, the page says that there are hardly any."""
 MAX_CHARTED = 8
 """Number of components that are drawn: a chart has as many colours."""
 
@@ -23,9 +27,10 @@ def page(facts: Facts) -> str:
     template = Environment(autoescape=True, undefined=StrictUndefined).from_string(
         here.joinpath("page.html").read_text(encoding="utf-8")
     )
-    charts: dict[str, str] = {"search": ""}
+    charts: dict[str, str] = {"search": "", "missed": ""}
     for name, chart, remark in _charts(facts):
         charts |= {name: draw(chart), f"{name}_caption": f"{chart.says}{remark}."}
+    ringing = ringing_of(facts.scene, facts.model.metadata.filter)
     width_mm = facts.profile.width_mm
     third = slice(PROFILE_BINS // 3, 2 * PROFILE_BINS // 3)
     return template.render(
@@ -45,6 +50,8 @@ def page(facts: Facts) -> str:
         marked=next(index for index, layout in enumerate(facts.layouts) if layout.taken),
         widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
         negligible=NEGLIGIBLE,
+        detection=detection_of(facts.model.metadata),
+        rings=[] if ringing is None else told(ringing),
         missed=unseen(facts.model.metadata),
         touch=per_day(facts.model.metadata.thresholds.false_contacts_per_day),
     )
@@ -72,6 +79,12 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
     charts.append(
         ("seen", Chart(says, at, "force, N", [Series("", seen.position_mm, seen.force_n)], y_from_zero=True), "")
     )
+    along = detection_of(facts.model.metadata)
+    if along is not None and max(along.missed) >= LEAST_MISSED:
+        says = f"Contacts of {along.force_n:g} N, the smallest force of the scene, that are missed along the beam"
+        curve = Series("", along.position_mm, [100 * share for share in along.missed])
+        remark = f"; at most {100 * max(along.missed):.2g} % of settled samples"
+        charts.append(("missed", Chart(says, at, "missed, %", [curve], y_from_zero=True), remark))
     scaled = facts.components.transformed * (facts.middle_force_n / facts.model.metadata.noise.sample_mm)
     says = "Components over the position of the contact, in units of the noise of a sample"
     curves = [

@@ -1,0 +1,137 @@
+"""The text of a new scene, with comments, from a few answers."""
+
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+import numpy as np
+
+from beamtouch_models.materials import MATERIALS, MaterialName
+from beamtouch_models.physics.beam import influence
+from beamtouch_models.structure import Beam
+
+End = Literal["clamped", "pinned", "roller", "free"]
+BENDS = 1 / 3
+"""Deflection under the assumed largest force over the range of a sensor."""
+SLOPES = 0.03
+"""Slope under the assumed largest force, in rad: well within small-angle theory."""
+MARGIN = 0.02
+"""Part of the length near a support where the beam moves too little for a contact."""
+SUPPORTS: dict[End, tuple[str, str]] = {
+    "clamped": ('kind = "fixed"', "clamped: it can neither turn nor move"),
+    "pinned": ('kind = "simple", slides = false', "pinned: it can turn, not slide"),
+    "roller": ('kind = "simple"', "on a roller: it can turn and slide"),
+}
+
+
+TEMPLATE = """\
+# {name}: a strip of {material}, {length_mm:g} x {width_mm:g} x {thickness_mm:g} mm.
+# Lengths are in mm, from the left end. Keys behind a # are optional; the README describes them all.
+
+[beam]
+length_mm = {length_mm:.12g}
+width_mm = {width_mm:.12g}
+thickness_mm = {thickness_mm:.12g}
+# With {known.youngs_modulus_gpa:g} GPa, {known.density_kg_m3:g} kg/m3 and {known.expansion_um_per_m_k:g} um/(m K).
+material = "{material}"
+# youngs_modulus_gpa = {known.youngs_modulus_gpa:g}  # goes before that of the material
+supports = [
+{supports}
+]
+
+[contact]
+force_n = [{force_n[0]:.12g}, {force_n[1]:.12g}]  # {told}
+position_mm = [{position_mm[0]:.12g}, {position_mm[1]:.12g}]  # near a support the beam moves too little
+
+[sensors]
+count = {sensors}
+noise_mm = {noise_mm:.12g}  # standard deviation of a reading; `beamtouch-daemon noise` measures it
+rate_hz = {rate_hz:.12g}  # readings per second
+range_mm = [{range_mm[0]:.12g}, {range_mm[1]:.12g}]  # gaps over which the sensor is linear
+# gain_error_percent = 0.3  # what calibration leaves of each sensor's gain, as a standard deviation
+# zero_drift_mm = 0.001  # of each sensor's zero since the last tare, likewise
+# mounting_tolerance_mm = 0.5  # of each sensor's position, likewise
+# drift_um_per_k = 0.2  # needs temperature_range_k
+# min_distance_mm = 30  # between two sensors, for their housings
+# keep_out_mm = [[{middle_mm[0]:.12g}, {middle_mm[1]:.12g}]]  # no sensors here
+
+[requirements]
+latency_ms = {latency_ms:.12g}  # after this time an answer has the stated accuracy
+descriptors = ["position", "force"]
+{error}  # largest mean error
+
+# [environment]
+# temperature_range_k = [-10, 15]  # relative to the temperature at which the beam was mounted
+"""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Answers of an engineer; None: a value is assumed, and the scene says so."""
+
+    length_mm: float
+    width_mm: float
+    thickness_mm: float
+    material: MaterialName = "steel"
+    left: End = "pinned"
+    right: End = "roller"
+    force_n: tuple[float, float] | None = None
+    sensors: int = 4
+    noise_mm: float = 0.005
+    rate_hz: float = 200.0
+    range_mm: tuple[float, float] = (1.0, 4.0)
+    latency_ms: float = 20.0
+    position_error_mm: float | None = None
+
+
+def scene_text(answers: Answers, name: str) -> str:
+    """Return the scene as TOML. It may still be refused: whoever writes it has to load it.
+
+    Raises
+    ------
+    ValidationError
+        The beam of the answers cannot stand.
+    SceneError
+        It cannot be computed.
+    """
+    length = answers.length_mm
+    ends: list[tuple[float, End]] = [(0.0, answers.left), (length, answers.right)]
+    rows = [
+        f"    {{ at_mm = {at:.12g}, {SUPPORTS[end][0]} }},  # {SUPPORTS[end][1]}" for at, end in ends if end != "free"
+    ]
+    edge = [MARGIN * length if end != "free" else 0.0 for _, end in ends]
+    places = edge[0], length - edge[1]
+    wanted = answers.position_error_mm
+    assumed = "assumed: it uses up to a third of range_mm; state yours"
+    stated = asdict(answers) | {
+        "name": name,
+        "known": MATERIALS[answers.material],
+        "supports": "\n".join(rows),
+        "position_mm": places,
+        "force_n": answers.force_n or _assumed_force_n(answers, places),
+        "told": "smallest and largest" if answers.force_n else assumed,
+        "middle_mm": (length / 2 - 10, length / 2 + 10),
+        "error": "# position_error_mm = 10" if wanted is None else f"position_error_mm = {wanted:.12g}",
+    }
+    return TEMPLATE.format_map(stated)
+
+
+def _assumed_force_n(answers: Answers, places_mm: tuple[float, float]) -> tuple[float, float]:
+    """Return a range of forces that suits a beam: a tenth to all of what bends or slopes it as far as is assumed."""
+    ends: list[tuple[float, End]] = [(0.0, answers.left), (answers.length_mm, answers.right)]
+    beam = Beam.model_validate(
+        {
+            "length_mm": answers.length_mm,
+            "material": answers.material,
+            "width_mm": answers.width_mm,
+            "thickness_mm": answers.thickness_mm,
+            "supports": [
+                {"at_mm": at, "kind": "fixed" if end == "clamped" else "simple"} for at, end in ends if end != "free"
+            ],
+        }
+    )
+    at = np.linspace(0.0, answers.length_mm, 201)
+    shape = influence(beam, at, np.linspace(*places_mm, 41))
+    slope = float(np.abs(np.diff(shape, axis=1)).max() / at[1])
+    most = min(BENDS * (answers.range_mm[1] - answers.range_mm[0]) / float(np.abs(shape).max()), SLOPES / slope)
+    largest = float(f"{most:.2g}")
+    return float(f"{largest / 10:.2g}"), largest

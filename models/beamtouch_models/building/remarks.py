@@ -1,0 +1,51 @@
+"""Remarks on a scene that can be built, and on a model that misses what its scene requires: one line each."""
+
+from collections.abc import Iterator
+
+from beamtouch_models.materials import MATERIALS
+from beamtouch_models.metadata import Metadata
+from beamtouch_models.scene import Scene
+from beamtouch_models.structure import Beam
+
+
+def remarks(scene: Scene) -> list[str]:
+    """Return what an engineer should look at again in a scene."""
+    return [*_implausible(scene.beam), *_assumed(scene.beam)]
+
+
+def _implausible(beam: Beam) -> Iterator[str]:
+    """Yield a remark on a modulus or a rigidity that no piece of the stated material has."""
+    if beam.material is None:
+        return
+    low, high = MATERIALS[beam.material].modulus_range_gpa
+    stated = f"beam.youngs_modulus_gpa = {beam.youngs_modulus_gpa or 0:g}"
+    modulus_gpa = beam.youngs_modulus_gpa
+    if modulus_gpa is None and beam.flexural_rigidity_n_mm2 is not None and beam.width_mm and beam.thickness_mm:
+        modulus_gpa = 12e-3 * beam.flexural_rigidity_n_mm2 / beam.width_mm / beam.thickness_mm**3
+        stated = f"beam.flexural_rigidity_n_mm2 = {beam.flexural_rigidity_n_mm2:g} means {modulus_gpa:.3g} GPa, which"
+    if modulus_gpa is not None and not low <= modulus_gpa <= high:
+        yield f"{stated} is implausible for {beam.material}, which has {low:g} to {high:g} GPa; check it"
+
+
+def _assumed(beam: Beam) -> Iterator[str]:
+    """Yield a remark on a modulus that comes from the table, and scatters by more than a tenth."""
+    if beam.material is None or beam.youngs_modulus_gpa is not None or beam.modulus_gpa is None:
+        return
+    low, high = MATERIALS[beam.material].modulus_range_gpa
+    if low < 0.9 * beam.modulus_gpa or high > 1.1 * beam.modulus_gpa:
+        yield (
+            f"{beam.material} is taken with {beam.modulus_gpa:g} GPa; real pieces have {low:g} to {high:g}, and forces "
+            "are wrong by as much: calibrate, or state youngs_modulus_gpa"
+        )
+
+
+def missed_requirement(metadata: Metadata, scene: Scene) -> str:
+    """Say by how much a model misses the position error that its scene requires; empty if it does not."""
+    wanted_mm = scene.requirements.position_error_mm
+    error_mm = metadata.accuracy.error_percent / 100 * metadata.length_mm
+    if wanted_mm is None or error_mm <= wanted_mm:
+        return ""
+    return (
+        f"the mean error is {error_mm:.3g} mm, more than requirements.position_error_mm = {wanted_mm:g}; use more "
+        "sensors or less noise, or allow more latency_ms"
+    )

@@ -1,0 +1,112 @@
+"""`design-sensors new`: writes a commented scene, from flags or from the answers to a few questions."""
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import ValidationError
+
+from beamtouch_common.files import write_atomically
+from beamtouch_common.reasons import reason_of
+from beamtouch_models.building.checks import check_scene
+from beamtouch_models.building.new_scene import Answers, End, scene_text
+from beamtouch_models.commands.build import surface_name
+from beamtouch_models.errors import SceneError
+from beamtouch_models.materials import MATERIALS
+from beamtouch_models.pricing.noise import choose_filter
+from beamtouch_models.scene import parse_scene
+
+NEEDED = ("length_mm", "width_mm", "thickness_mm")
+TRIES = 3
+"""Answers to one question before the command gives up."""
+
+
+def run(options: argparse.Namespace) -> None:
+    """Write the scene, after it has been loaded and checked as `build` checks it."""
+    target: Path = options.scene
+    if target.suffix != ".toml":
+        message = f"{target}: give the scene a name that ends in .toml"
+        raise SceneError(message)
+    refuse_existing(target, force=options.force)
+    names = [field.name for field in fields(Answers)]
+    stated = {name: value for name in names if (value := getattr(options, name)) is not None}
+    if not stated and sys.stdin is not None and sys.stdin.isatty():
+        stated = _asked()
+    missing = [f"--{name.replace('_', '-')}" for name in NEEDED if name not in stated]
+    if missing:
+        message = f"give {', '.join(missing)}; on a terminal, `design-sensors new {target}` alone asks"
+        raise SceneError(message)
+    if "force_n" in stated:
+        stated["force_n"] = tuple(stated["force_n"])
+    text = _checked(Answers(**{**stated, "range_mm": tuple(stated.get("range_mm", Answers.range_mm))}), target)
+    write_atomically(target, text.encode())
+    print(f"{target}: next, design-sensors explain {target}, then design-sensors build {target} -o MODEL.onnx")
+
+
+def refuse_existing(target: Path, *, force: bool) -> None:
+    """Raise SceneError if a file is there and may not be replaced."""
+    if target.exists() and not force:
+        message = f"{target} exists already; give --force to replace it"
+        raise SceneError(message)
+
+
+def _checked(answers: Answers, target: Path) -> str:
+    """Return the text of a scene that loads and can be built; SceneError or InputError if there is none."""
+    for name in NEEDED:  # before anything is computed with them
+        if not 0 < getattr(answers, name) < float("inf"):
+            message = f"--{name.replace('_', '-')} {getattr(answers, name):g}: give millimetres, more than 0"
+            raise SceneError(message)
+    try:
+        text = scene_text(answers, surface_name(target))
+    except ValidationError as error:
+        message = f"--left {answers.left} --right {answers.right}: {reason_of(error.errors()[0])}"
+        raise SceneError(message) from None
+    scene = parse_scene(text, str(target))
+    check_scene(scene, choose_filter(scene))
+    return text
+
+
+def _asked() -> dict[str, Any]:
+    """Return the answers to a few questions; an empty answer takes what stands in brackets."""
+    plain = Answers(0, 0, 0)
+    return {
+        "length_mm": _ask("length of the beam, mm", float),
+        "width_mm": _ask("its width, mm", float),
+        "thickness_mm": _ask("its thickness, mm", float),
+        "material": _ask("its material", _one_of(tuple(MATERIALS)), plain.material),
+        "left": _ask("its left end", _one_of(get_args(End)), plain.left),
+        "right": _ask("its right end", _one_of(get_args(End)), plain.right),
+        "sensors": _ask("number of sensors", int, plain.sensors),
+        "noise_mm": _ask("noise of a reading, mm", float, plain.noise_mm),
+    }
+
+
+def _one_of(names: tuple[str, ...]) -> Callable[[str], str]:
+    def choose(text: str) -> str:
+        if text not in names:
+            message = f"one of {', '.join(names)}"
+            raise ValueError(message)
+        return text
+
+    return choose
+
+
+def _ask(question: str, kind: Callable[[str], Any], default: object = None) -> Any:  # noqa: ANN401  # of the kind
+    """Return the answer to a question; SceneError if there is none."""
+    for _ in range(TRIES):
+        print(f"{question}{'' if default is None else f' [{default}]'}: ", end="", file=sys.stderr, flush=True)
+        text = sys.stdin.readline()
+        if not text:
+            break
+        if not text.strip() and default is not None:
+            return default
+        try:
+            return kind(text.strip())
+        except ValueError as error:
+            names = str(error) if str(error).startswith("one of") else "a number"
+            print(f"  that must be {names}", file=sys.stderr)
+    message = f"no answer to: {question}; give it as an argument instead (design-sensors new --help)"
+    raise SceneError(message)

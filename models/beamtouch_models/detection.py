@@ -1,0 +1,69 @@
+"""Contacts that are missed along the beam, at the threshold of touch of a model.
+
+A contact moves a whitened sample by a vector whose length is its force times the influence over the errors at rest. It
+is seen when it passes the threshold in its own direction, so its margin over the smallest force that is seen in 95 of
+100 samples says how often noise takes it below: missed = Phi(-1.645 - (force - smallest) |influence / errors|). Noise
+in other directions adds a little to the odds of a contact, so that slightly fewer are missed.
+"""
+
+from dataclasses import dataclass
+from math import erfc, sqrt
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.metadata import Metadata
+
+SURELY = 1.645
+"""Deviations of a sample that a force must exceed the threshold by, so that 95 % of the samples do."""
+UNSEEN_N = float(np.finfo(np.float32).max)
+"""Stands for the smallest force where no sensor moves."""
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What a settled sample shows along the beam, with all channels."""
+
+    position_mm: list[float]
+    smallest_force_n: list[float]
+    """95 of 100 settled samples at this force are a contact."""
+    force_n: float
+    """Smallest force of the scene."""
+    missed: list[float]
+    """Share of settled samples at that force that are not a contact."""
+    false_contacts_per_day: float
+    """At rest, as designed."""
+
+
+def missed_shares(force_n: float, smallest_n: Floats, size_per_n: Floats) -> list[float]:
+    """Return the share of settled samples of a force that are not a contact, along the beam (positions,).
+
+    Parameters
+    ----------
+    force_n : the force
+    smallest_n : (positions,) force of which 95 % are seen; `UNSEEN_N` or more where no sensor moves
+    size_per_n : (positions,) length of the whitened influence, in deviations per newton
+    """
+    margin = SURELY + (force_n - np.minimum(smallest_n, UNSEEN_N)) * size_per_n
+    return [
+        1.0 if smallest >= UNSEEN_N else erfc(one / sqrt(2)) / 2
+        for one, smallest in zip(margin.tolist(), smallest_n.tolist(), strict=True)
+    ]
+
+
+def detection_of(metadata: Metadata) -> Detection | None:
+    """Return what a model sees along the beam; None for an older file, which does not say how its sensors move."""
+    if metadata.influence is None:
+        return None
+    seen, rest = metadata.smallest_force, np.hypot(metadata.floor.zero_mm, metadata.noise.sample_mm)
+    size = np.linalg.norm(np.array(metadata.influence.mm_per_n) / rest, axis=1)
+    at = np.linspace(*metadata.ranges.position_mm, len(size))
+    weakest = metadata.ranges.force_n[0]
+    smallest = np.array(seen.force_n)
+    return Detection(
+        position_mm=seen.position_mm,
+        smallest_force_n=seen.force_n,
+        force_n=weakest,
+        missed=missed_shares(weakest, smallest, np.interp(seen.position_mm, at, size)),
+        false_contacts_per_day=metadata.thresholds.false_contacts_per_day,
+    )

@@ -1,0 +1,59 @@
+"""Materials of beams, with what a scene needs to know of each at room temperature, and the source.
+
+The ranges are those of real pieces. They say which stated modulus is implausible, and how far a modulus from the table
+may be off: the force scales with it, the position does not.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+GERE = "Gere & Goodno, Mechanics of Materials, app. I (tables I-1, I-2, I-4)"
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material."""
+
+    youngs_modulus_gpa: float
+    modulus_range_gpa: tuple[float, float]
+    """Smallest and largest modulus of real pieces."""
+    density_kg_m3: float
+    expansion_um_per_m_k: float
+    """Coefficient of linear thermal expansion."""
+    source: str
+
+
+MaterialName = Literal[
+    "steel", "stainless", "spring-steel", "aluminium", "brass", "glass", "acrylic", "polycarbonate", "glass-fibre"
+]
+
+MATERIALS: dict[MaterialName, Material] = {
+    "steel": Material(
+        210.0, (190.0, 215.0), 7850.0, 12.0, f"EN 1993-1-1:2005, 3.2.6; EN 1993-1-2:2005, 3.2.2; range: {GERE}"
+    ),
+    "stainless": Material(
+        200.0, (185.0, 220.0), 7900.0, 16.0,
+        "EN 10088-1:2005, annex E, for 1.4301 (AISI 304); 195 to 220 GPa and 10 to 16.5 um/(m K) over all grades, less "
+        "in the rolling direction",
+    ),
+    "spring-steel": Material(
+        206.0, (185.0, 215.0), 7850.0, 12.0, "EN 10270-1:2011 and EN 13906-1:2013; expansion as steel"
+    ),
+    "aluminium": Material(70.0, (68.0, 79.0), 2700.0, 23.0, f"EN 1999-1-1:2007, 3.2.5; range: {GERE}"),
+    "brass": Material(103.0, (96.0, 110.0), 8500.0, 20.0, f"{GERE}, middles of the ranges"),
+    "glass": Material(70.0, (48.0, 83.0), 2500.0, 9.0, f"EN 572-1:2012, soda-lime; range over all glasses: {GERE}"),
+    "acrylic": Material(
+        3.3, (2.2, 3.8), 1190.0, 70.0,
+        "PMMA; data sheets of Plexiglas GS and XT (ISO 527-2, ISO 1183); the modulus falls as it warms and creeps",
+    ),
+    "polycarbonate": Material(
+        2.4, (2.0, 2.5), 1200.0, 65.0,
+        "data sheets of Makrolon (ISO 527, ISO 1183, ISO 11359), 65 to 70 um/(m K); it creeps: 1.9 GPa after 1000 h",
+    ),
+    "glass-fibre": Material(
+        20.0, (15.0, 28.0), 1850.0, 14.0,
+        "woven glass in epoxy, G-10 and FR-4: NEMA LI 1 (18.6 GPa lengthwise, 15.2 crosswise, 9 um/(m K)); "
+        "IEC 60893-3-2, EP GC 202 (24 GPa); it scatters with weave, direction and glass content",
+    ),
+}  # fmt: skip
+"""Values at room temperature."""

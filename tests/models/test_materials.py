@@ -1,0 +1,99 @@
+"""Materials: their values, what goes before them, and the remarks on a modulus that no piece of them has."""
+
+from pathlib import Path
+
+import pytest
+
+from beamtouch_common.errors import InputError
+from beamtouch_models.beam_parts import Support
+from beamtouch_models.building.remarks import remarks
+from beamtouch_models.materials import MATERIALS, MaterialName
+from beamtouch_models.physics.dynamics import first_frequency_hz
+from beamtouch_models.scene import Scene, parse_scene
+from beamtouch_models.structure import Beam, changed_beam
+from example_scenes import PAPER, SCENES
+from in_process import Command
+
+MODULUS = "youngs_modulus_gpa = 210"
+
+
+def scene(instead: str) -> Scene:
+    return parse_scene(PAPER.replace(MODULUS, instead), "scene.toml")
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_every_material_is_plausible_and_names_its_source(name: MaterialName) -> None:
+    material = MATERIALS[name]
+    low, high = material.modulus_range_gpa
+    assert low <= material.youngs_modulus_gpa <= high
+    # The speed of sound along a bar of any of these lies between 1400 m/s (acrylic) and 5400 m/s (glass).
+    speed_m_s = (material.youngs_modulus_gpa * 1e9 / material.density_kg_m3) ** 0.5
+    assert 1300 < speed_m_s < 5500
+    assert 5 < material.expansion_um_per_m_k < 100
+    assert len(material.source) > 20
+
+
+def test_a_material_is_worth_its_modulus_and_density_to_the_bit() -> None:
+    text = (SCENES / "bench.toml").read_text()
+    stated = parse_scene(text, "stated").beam
+    named = parse_scene(
+        text.replace("youngs_modulus_gpa = 210", 'material = "steel"').replace("density_kg_m3 = 7850\n", ""), "named"
+    ).beam
+    assert named.youngs_modulus_gpa is named.density_kg_m3 is None
+    assert (named.rigidity_n_mm2, first_frequency_hz(named)) == (stated.rigidity_n_mm2, first_frequency_hz(stated))
+    assert named.expansion_per_k == pytest.approx(12e-6)
+
+
+def test_what_is_stated_goes_before_the_material() -> None:
+    beam = scene('material = "steel"\nyoungs_modulus_gpa = 200\ndensity_kg_m3 = 7800\nexpansion_um_per_m_k = 11').beam
+    assert (beam.modulus_gpa, beam.mass_density_kg_m3) == (200, 7800)
+    assert beam.expansion_per_k == pytest.approx(11e-6)
+    rigid = scene('material = "steel"\nflexural_rigidity_n_mm2 = 1e7').beam
+    assert (rigid.rigidity_n_mm2, rigid.modulus_gpa, rigid.mass_density_kg_m3) == (1e7, None, 7850)
+
+
+def test_a_calibration_changes_the_rigidity_of_a_material_too() -> None:
+    beam = Beam.model_validate({"length_mm": 400, "material": "steel", "width_mm": 25, "thickness_mm": 3})
+    assert changed_beam(beam, 1.1, (0.0, 0.0)).rigidity_n_mm2 == pytest.approx(1.1 * beam.rigidity_n_mm2)
+
+
+@pytest.mark.parametrize(
+    ("instead", "said"),
+    [
+        (
+            'material = "steel"\nyoungs_modulus_gpa = 21',
+            "beam.youngs_modulus_gpa = 21 is implausible for steel, which has 190 to 215 GPa; check it",
+        ),
+        (
+            'material = "aluminium"\nflexural_rigidity_n_mm2 = 1.18125e7',
+            "beam.flexural_rigidity_n_mm2 = 1.18125e+07 means 210 GPa, which is implausible for aluminium, which has "
+            "68 to 79 GPa; check it",
+        ),
+        (
+            'material = "glass-fibre"',
+            "glass-fibre is taken with 20 GPa; real pieces have 15 to 28, and forces are wrong by as much: calibrate, "
+            "or state youngs_modulus_gpa",
+        ),
+        ('material = "steel"\nyoungs_modulus_gpa = 206', None),
+        ('material = "steel"', None),
+    ],
+)
+def test_a_modulus_that_does_not_fit_its_material_is_remarked(
+    design_sensors_here: Command, tmp_path: Path, instead: str, said: str | None
+) -> None:
+    assert remarks(scene(instead)) == ([] if said is None else [said])
+    path = tmp_path / "scene.toml"
+    path.write_text(PAPER.replace(MODULUS, instead).replace("force_n = 10.0", "force_n = 1.0"))
+    done = design_sensors_here("explain", path, "--json")
+    assert (done.returncode, done.stderr) == (0, "" if said is None else f"note:    {said}\n")
+
+
+def test_a_material_that_is_not_in_the_table_is_refused() -> None:
+    with pytest.raises(InputError, match=r'beam.material: must be "steel", .* or "glass-fibre"; did you mean "steel"'):
+        scene('material = "steal"')
+
+
+def test_a_beam_slides_on_simple_supports_unless_stated() -> None:
+    assert [Support(at_mm=0, kind=kind).holds_lengthwise for kind in ("simple", "fixed")] == [False, True]
+    assert Support(at_mm=0, slides=False).holds_lengthwise
+    assert not Support(at_mm=0, kind="fixed", slides=True).holds_lengthwise

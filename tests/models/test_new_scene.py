@@ -1,0 +1,164 @@
+"""`design-sensors new` and `scenes`: what they write loads and builds, and nothing is overwritten."""
+
+import json
+import os
+import select
+import subprocess
+import sys
+import tomllib
+from itertools import product
+from pathlib import Path
+
+import pytest
+
+from beamtouch_models.building.checks import check_scene
+from beamtouch_models.building.new_scene import Answers, End, scene_text
+from beamtouch_models.materials import MaterialName
+from beamtouch_models.physics.axial import held_stretch_mm
+from beamtouch_models.pricing.noise import choose_filter
+from beamtouch_models.scene import load_scene, parse_scene
+from beamtouch_models.shipped import described, shipped_scenes
+from example_scenes import SCENES
+from in_process import Command
+from waiting import wait_until
+
+STRIP = ("--length-mm", 650, "--width-mm", 40, "--thickness-mm", 2)
+STAINLESS = (*STRIP, "--material", "stainless", "--left", "clamped", "--right", "roller", "--sensors", 4)
+STANDING = [pair for pair in product(("clamped", "pinned", "roller", "free"), repeat=2) if "clamped" in pair]
+STANDING += [("pinned", "pinned"), ("pinned", "roller"), ("roller", "pinned")]
+
+
+@pytest.mark.parametrize(("left", "right"), STANDING)
+@pytest.mark.parametrize("size_mm", [(650.0, 40.0, 2.0), (100.0, 10.0, 8.0)])
+def test_a_scene_of_any_ends_can_be_built(left: End, right: End, size_mm: tuple[float, float, float]) -> None:
+    material: MaterialName = "acrylic" if size_mm[0] < 200 else "stainless"
+    scene = parse_scene(scene_text(Answers(*size_mm, material=material, left=left, right=right), "x"), "x.toml")
+    check_scene(scene, choose_filter(scene))
+    assert (held_stretch_mm(scene.beam) is not None) == ({left, right} <= {"clamped", "pinned"})
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("short_measuring")
+def test_the_strip_of_stainless_steel_becomes_a_model(
+    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert design_sensors_here("new", "strip.toml", *STAINLESS).returncode == 0
+    stated = tomllib.loads(Path("strip.toml").read_text())
+    assert stated["beam"]["material"] == "stainless"
+    assert [one["kind"] for one in stated["beam"]["supports"]] == ["fixed", "simple"]
+    done = design_sensors_here("build", "strip.toml", "-o", "strip.onnx", "--json")
+    assert done.returncode == 0, done.stderr
+    assert len(json.loads(done.stdout)["positions_mm"]) == 4
+
+
+def test_every_commented_key_is_one() -> None:
+    text = scene_text(Answers(*(650.0, 40.0, 2.0)), "x")
+    bare = [line.removeprefix("# ") for line in text.splitlines() if line.startswith(("# [", "#")) and " = " in line]
+    table = {key: part for part in ("beam", "sensors", "requirements", "environment") for key in _keys(part)}
+    assert len(bare) >= 8
+    for line in bare:
+        assert line.split(" = ")[0] in table, line
+        tomllib.loads(line)
+
+
+def _keys(part: str) -> set[str]:
+    scene, _ = load_scene(SCENES / "bench.toml")
+    return set(type(getattr(scene, part)).model_fields)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("a.toml",), "give --length-mm, --width-mm, --thickness-mm; on a terminal, `design-sensors new a.toml`"),
+        (("a.txt", *STRIP), "a.txt: give the scene a name that ends in .toml"),
+        (("a.toml", *STRIP[:4], "--thickness-mm", 0.002), "beam.thickness_mm = 0.002 is too small for a beam; if it"),
+        (("a.toml", *STRIP[:4], "--thickness-mm", "nan"), "--thickness-mm nan: give millimetres, more than 0"),
+        (("a.toml", *STRIP, "--left", "free"), "--left free --right roller: supports: one simple support lets"),
+        (("a.toml", *STRIP, "--force-n", 1, 1e6), "at 1e+06 N the beam slopes by"),
+        (("a.toml", *STRIP, "--material", "steal"), "must be one of steel, "),
+    ],
+)
+def test_what_is_no_scene_is_refused_in_one_line(
+    design_sensors_here: Command,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[object, ...],
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = design_sensors_here("new", *arguments)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert said in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_is_replaced_only_by_force(
+    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("bench.toml").write_text("mine")
+    for arguments in (("new", "bench.toml", *STRIP), ("scenes", "--copy", "bench")):
+        done = design_sensors_here(*arguments)
+        assert (done.returncode, Path("bench.toml").read_text()) == (2, "mine")
+        assert done.stderr.endswith("bench.toml exists already; give --force to replace it\n")
+    assert design_sensors_here("scenes", "--copy", "bench", "--force").returncode == 0
+    assert Path("bench.toml").read_bytes() == (SCENES / "bench.toml").read_bytes()
+    assert design_sensors_here("new", "bench.toml", *STRIP, "--force").returncode == 0
+    assert load_scene(Path("bench.toml"))[0].beam.length_mm == 650
+
+
+def test_scenes_are_listed_with_what_they_are(design_sensors_here: Command, tmp_path: Path) -> None:
+    lines = design_sensors_here("scenes").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == sorted(path.stem for path in SCENES.glob("*.toml"))
+    assert all(len(line.split()) > 8 for line in lines)
+    told = json.loads(design_sensors_here("scenes", "--json").stdout)["scenes"]
+    assert told == {name: described(path) for name, path in shipped_scenes().items()}
+    done = design_sensors_here("scenes", "--copy", "paper", tmp_path, "--json")
+    assert json.loads(done.stdout) == {"copied": str(tmp_path / "paper.toml")}
+    for wrong, said in ((("papr",), "choose from bench, "), (("paper", "a", "b"), "b is one too many")):
+        done = design_sensors_here("scenes", "--copy", *wrong)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert said in done.stderr
+
+
+def asked(answers: list[str], folder: Path) -> tuple[int, str]:
+    """Answer the questions of the command at a pseudo-terminal, each when it is asked; return exit code and errors."""
+    near, far = os.openpty()
+    command = [sys.executable, "-m", "beamtouch_models.cli", "new", "asked.toml"]
+    with subprocess.Popen(command, stdin=far, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder) as process:
+        errors = process.stderr
+        assert errors is not None
+        told = b""
+
+        def asks_again() -> bool:
+            nonlocal told
+            told += os.read(errors.fileno(), 65536) if select.select([errors], [], [], 0)[0] else b""
+            return told.endswith(b": ") or process.poll() is not None
+
+        for answer in answers:
+            wait_until(asks_again)
+            told += b"|"
+            os.write(near, f"{answer}\n".encode())
+        process.wait(timeout=100)
+        told += errors.read() or b""
+    for end in (near, far):
+        os.close(end)
+    return process.returncode, told.decode()
+
+
+def test_on_a_terminal_it_asks(tmp_path: Path) -> None:
+    code, told = asked(["650", "forty", "40", "2", "stainless", "clamped", "", "", ""], tmp_path)
+    assert code == 0, told
+    assert "that must be a number" in told
+    scene, _ = load_scene(tmp_path / "asked.toml")
+    assert (scene.beam.length_mm, scene.beam.width_mm, scene.beam.material) == (650, 40, "stainless")
+    assert [one.kind for one in scene.beam.support_list] == ["fixed", "simple"]
+    assert (scene.sensors.count, scene.sensors.noise_mm) == (4, 0.005)
+
+
+def test_who_does_not_answer_is_told_so(tmp_path: Path) -> None:
+    code, told = asked(["a", "b", "c"], tmp_path)
+    assert code == 2
+    assert "no answer to: length of the beam, mm; give it as an argument instead" in told
+    assert not list(tmp_path.iterdir())

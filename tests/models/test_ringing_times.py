@@ -1,0 +1,72 @@
+"""How long a beam rings: against a damped oscillator that scipy integrates."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from beamtouch_models.pricing.noise import choose_filter, noise_of
+from beamtouch_models.pricing.ringing import decay_s, ringing_of
+from beamtouch_models.scene import load_scene
+from example_scenes import PAPER, SCENES
+from in_process import Command
+
+
+def last_above_s(frequency_hz: float, zeta: float, ratio: float) -> float:
+    """Return when y'' + 2 zeta w y' + w^2 y = w^2, from rest, is last further than 1/ratio from 1."""
+    omega = 2 * math.pi * frequency_hz
+    course = solve_ivp(
+        lambda _t, y: [y[1], omega**2 * (1 - y[0]) - 2 * zeta * omega * y[1]],
+        (0, 2 * decay_s(ratio, frequency_hz, zeta)),
+        [0.0, 0.0],
+        rtol=1e-9,
+        atol=1e-12,
+        max_step=0.02 / frequency_hz,
+    )
+    return float(course.t[np.flatnonzero(np.abs(course.y[0] - 1) > 1 / ratio)[-1]])
+
+
+@pytest.mark.parametrize(("frequency_hz", "zeta", "ratio"), [(44.0, 0.01, 100.0), (10.0, 0.05, 30.0)])
+def test_the_ringing_is_under_the_noise_after_the_stated_time(frequency_hz: float, zeta: float, ratio: float) -> None:
+    stated, true = decay_s(ratio, frequency_hz, zeta), last_above_s(frequency_hz, zeta, ratio)
+    assert true <= stated * 1.001
+    assert stated - true < 0.6 / frequency_hz
+
+
+def test_the_bench_rings_as_its_frequency_and_damping_say() -> None:
+    scene, _ = load_scene(SCENES / "bench.toml")
+    chosen = choose_filter(scene)
+    found = ringing_of(scene, chosen)
+    assert found is not None
+    # Blevins, table 8-1: (pi^2 / 2 pi l^2) sqrt(EI / m), with EI = 11.8125 N m^2 and m = 0.58875 kg/m.
+    assert found.frequency_hz == pytest.approx(math.pi / 2 / 0.16 * math.sqrt(11.8125 / 0.58875), rel=1e-9)
+    # 20 N weigh 2.04 kg; in the middle, the spring of the beam alone would carry them at 9.3 Hz.
+    spring_n_per_m = 48 * 11.8125 / 0.4**3
+    alone_hz = math.sqrt(spring_n_per_m / (20 / 9.80665)) / 2 / math.pi
+    assert found.laden_frequency_hz == pytest.approx((alone_hz**-2 + found.frequency_hz**-2) ** -0.5, rel=1e-3)
+    ratio = 500.0  # the noise is 0.2 % of the largest deflection
+    assert found.after_lift_s == pytest.approx(decay_s(ratio, found.frequency_hz, 0.01), rel=1e-9)
+    assert found.after_touch_s == pytest.approx(decay_s(ratio, found.laden_frequency_hz, 0.01), rel=1e-9)
+    assert found.after_touch_s > found.after_lift_s
+    noise = noise_of(scene, chosen)
+    rings_s = decay_s(ratio * noise.reading_mm / noise.sample_mm, found.laden_frequency_hz, 0.01)
+    assert found.sharp_answer_s < 0.02 + rings_s
+    damped = scene.model_copy(update={"beam": scene.beam.model_copy(update={"damping_ratio": 0.05})})
+    quicker = ringing_of(damped, chosen)
+    assert quicker is not None
+    assert quicker.after_lift_s == pytest.approx(found.after_lift_s / 5, rel=1e-12)
+
+
+def test_explain_tells_it_in_words_and_as_json(design_sensors_here: Command, tmp_path: Path) -> None:
+    done = design_sensors_here("explain", SCENES / "bench.toml")
+    assert "the beam rings at 44 Hz" in done.stdout
+    assert "the first sharp answer comes" in done.stdout
+    found = json.loads(design_sensors_here("explain", SCENES / "bench.toml", "--json").stdout)["ringing"]
+    assert found["after_touch_s"] > found["after_lift_s"] > 1
+    path = tmp_path / "scene.toml"
+    path.write_text(PAPER)  # no density
+    done = design_sensors_here("explain", path, "--json")
+    assert json.loads(done.stdout)["ringing"] is None

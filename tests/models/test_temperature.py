@@ -1,0 +1,165 @@
+"""Temperature: the axial force in a held beam against textbooks and a solved boundary value problem, and the drift."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.building.sensor_rules import sample_errors
+from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.axial import held, influence_change
+from beamtouch_models.physics.beam import influence, influence_of
+from beamtouch_models.pricing.effect import Effect
+from beamtouch_models.pricing.effects import effects_of
+from beamtouch_models.pricing.noise import choose_filter, floor_of
+from beamtouch_models.scene import Scene
+from beamtouch_models.structure import Beam
+from example_scenes import paper_scene
+
+L_MM, EI = 400.0, 1.18125e7
+PINNED = [{"at_mm": 0, "slides": False}, {"at_mm": L_MM, "slides": False}]
+PROPPED = [{"at_mm": 0, "kind": "fixed"}, {"at_mm": L_MM, "slides": False}]
+# Lowest roots kl of sin, of tan kl = kl, and of 1 - cos kl; Timoshenko & Gere, Theory of Elastic Stability, ch. 2.
+CRITICAL = [(PINNED, math.pi), (PROPPED, 4.493409457909064), ("fixed-fixed", 2 * math.pi)]
+
+
+def beam(supports: object, **stated: object) -> Beam:
+    """The paper's beam, of steel that lengthens by 12 um/(m K)."""
+    plain = {"length_mm": L_MM, "material": "steel", "width_mm": 25, "thickness_mm": 3, "supports": supports}
+    return Beam.model_validate(plain | stated)
+
+
+@pytest.mark.parametrize(("supports", "root"), CRITICAL, ids=["pinned", "propped", "clamped"])
+def test_the_critical_force_is_that_of_euler(supports: object, root: float) -> None:
+    found = held(beam(supports))
+    assert found is not None
+    assert found.critical_n == pytest.approx(root**2 * EI / L_MM**2, rel=1e-4)
+    # N = E A alpha T: 210 GPa times 75 mm^2 times 12e-6 are 189 N/K.
+    assert found.force_n_per_k == pytest.approx(189.0, rel=1e-12)
+    assert found.buckles_k == pytest.approx(root**2 * EI / L_MM**2 / 189, rel=1e-4)
+
+
+def test_a_beam_that_can_lengthen_bears_no_force() -> None:
+    assert held(beam("simply-supported")) is None
+    assert held(beam("cantilever")) is None
+    assert held(beam("propped")) is None
+    roller = [{"at_mm": 0, "kind": "fixed"}, {"at_mm": L_MM, "kind": "fixed", "slides": True}]
+    assert held(beam(roller)) is None
+
+
+def test_the_force_of_a_stepped_beam_is_that_of_its_sections_in_a_row() -> None:
+    segments = [{"to_mm": 100, "thickness_mm": 6}, {"to_mm": L_MM, "thickness_mm": 3}]
+    found = held(beam(PINNED, segments=segments))
+    # 100 mm of 31.5 MN and 300 mm of 15.75 MN: 4.8e-3 mm/K over (100/31.5e6 + 300/15.75e6) mm/N.
+    assert found is not None
+    assert found.force_n_per_k == pytest.approx(12e-6 * 400 / (100 / 31.5e6 + 300 / 15.75e6), rel=1e-12)
+
+
+@pytest.mark.parametrize("share", [-3.0, -0.3, 0.3, 0.9])
+def test_the_middle_of_a_pinned_beam_column_deflects_as_in_the_textbook(share: float) -> None:
+    """Timoshenko & Gere, 1961, eq. 1-14: F l^3/(48 EI) times 3 (tan u - u)/u^3, with u = (pi/2) sqrt(N/N_cr)."""
+    force_n = share * math.pi**2 * EI / L_MM**2
+    middle = np.array([L_MM / 2])
+    change = influence_change(beam(PINNED), force_n, middle, middle, middle)
+    still = L_MM**3 / 48 / EI
+    u = complex(math.pi / 2 * np.emath.sqrt(share))
+    factor = (3 * (np.tan(u) - u) / u**3).real
+    assert change is not None
+    assert (still + change[0, 0]) / still == pytest.approx(factor, rel=3e-4)
+
+
+@pytest.mark.parametrize("force_n", [-2000.0, 900.0])
+def test_a_clamped_beam_column_deflects_as_the_differential_equation_says(force_n: float) -> None:
+    """EI w'''' + N w'' = 0 on either side of a load of 1 N at 120 mm, solved by collocation over both sides at once."""
+    at_mm = 120.0
+
+    def slopes(_s: Any, y: Any) -> Any:  # noqa: ANN401  # scipy ships no types
+        parts = []
+        for first, length in ((0, at_mm), (4, L_MM - at_mm)):
+            w1, w2, w3 = y[first + 1], y[first + 2], y[first + 3]
+            parts += [length * w1, length * w2, length * w3, length * (-force_n / EI * w2)]
+        return np.vstack(parts)
+
+    def ends(a: Any, b: Any) -> Any:  # noqa: ANN401  # scipy ships no types
+        return np.array([a[0], a[1], b[4], b[5], *(b[:3] - a[4:7]), a[7] - b[3] - 1 / EI])
+
+    start = np.linspace(0, 1, 101)
+    solved = solve_bvp(slopes, ends, start, np.zeros((8, 101)), tol=1e-9)
+    assert solved.success
+    sensors = np.array([60.0, 200.0, 330.0])
+    right = np.clip((sensors - at_mm) / (L_MM - at_mm), 0, 1)
+    truth = np.where(sensors < at_mm, solved.sol(np.minimum(sensors / at_mm, 1))[0], solved.sol(right)[4])
+    clamped, load = beam("fixed-fixed"), np.array([at_mm])
+    change = influence_change(clamped, force_n, sensors, load, load)
+    assert change is not None
+    assert influence(clamped, sensors, load)[0] + change[0] == pytest.approx(truth, rel=3e-4)
+
+
+def warmed(supports: object, range_k: tuple[float, float], **sensors: object) -> Scene:
+    stated = paper_scene(count=4, noise_percent_of_max=0.2, zero_drift_mm=0.001).model_dump()
+    stated["beam"] |= {"material": "steel", "supports": supports}
+    stated["sensors"] |= sensors
+    return Scene.model_validate({**stated, "environment": {"temperature_range_k": range_k}})
+
+
+def priced(scene: Scene, name: str) -> Effect:
+    (found,) = (effect for effect in effects_of(scene, choose_filter(scene)) if effect.name == name)
+    return found
+
+
+def test_both_ends_of_the_range_are_priced() -> None:
+    """A pinned beam 3 K warmer and 3 K colder: N/N_cr = 0.778 and -0.778."""
+    warm, cold, both = (
+        priced(warmed(PINNED, ends), "expansion").price for ends in ((0.0, 3.0), (-3.0, 0.0), (-3.0, 3.0))
+    )
+    assert warm is not None
+    assert cold is not None
+    assert both == warm > cold > 1
+    # A sine of deflection is 1/(1 - N/N_cr) times as large; a point load in the middle is nearly one.
+    share = 3 * 189 / (math.pi**2 * EI / L_MM**2)
+    assert warm / cold == pytest.approx((share / (1 - share)) / (share / (1 + share)), rel=0.02)
+    effect = priced(warmed(PINNED, (-3.0, 3.0)), "expansion")
+    assert effect.verdict == "not modelled"
+    assert "it buckles 3.86 K above its mounting" in effect.reason
+    assert "buckling is near" in effect.reason
+
+
+def test_a_beam_that_buckles_is_refused() -> None:
+    with pytest.raises(SceneError, match=r"temperature_range_k: 4 K above its mounting the beam buckles.* slide"):
+        priced(warmed(PINNED, (-10.0, 4.0)), "expansion")
+    assert priced(warmed("simply-supported", (-10.0, 40.0)), "expansion").price == 0
+
+
+def test_without_a_range_the_temperature_of_buckling_is_told() -> None:
+    stated = paper_scene().model_dump()
+    stated["beam"] |= {"material": "steel", "supports": "fixed-fixed"}
+    effect = priced(Scene.model_validate(stated), "expansion")
+    assert (effect.price, effect.verdict) == (None, "not stated")
+    assert "it buckles 15.4 K above its mounting" in effect.reason
+
+
+def test_the_drift_of_the_sensors_is_part_of_the_floor() -> None:
+    """0.3 um/K over 20 K, between two temperatures anywhere in it: 6 um / sqrt(6), beside 1 um of other drift."""
+    still, drifting = warmed("propped", (-5.0, 15.0)), warmed("propped", (-5.0, 15.0), drift_um_per_k=0.3)
+    temperatures = np.random.default_rng(1).uniform(-5, 15, (2, 100_000))
+    expected_mm = 0.3e-3 * float(np.std(temperatures[0] - temperatures[1]))
+    assert floor_of(drifting)[1] == pytest.approx(math.hypot(0.001, expected_mm), rel=0.01)
+    effect = priced(drifting, "sensor drift")
+    assert effect.verdict == "floor"
+    noise_mm = 0.002 * influence_peak_mm(drifting)
+    assert effect.price == pytest.approx(expected_mm / noise_mm, rel=0.01)
+    assert "up to 6 um after a tare" in effect.reason
+    assert "2.4 times zero drift" in effect.reason
+    errors = sample_errors(drifting, noise_mm)
+    prior = Prior.real(influence_of(drifting), np.array([100.0, 200.0]), errors)
+    assert prior.zero_mm == pytest.approx(floor_of(drifting)[1])
+    assert floor_of(still)[1] == 0.001
+
+
+def influence_peak_mm(scene: Scene) -> float:
+    """Largest deflection: 10 N on the propped beam, Roark's table 8.1, case 1c: 0.0098 F l^3/EI at most."""
+    places = np.linspace(0, L_MM, 401)
+    return 10 * float(influence(scene.beam, places, places).max())
