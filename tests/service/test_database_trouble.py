@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
@@ -85,6 +86,18 @@ def test_a_call_that_a_frozen_database_never_answers_is_ended(
     monkeypatch.undo()
     store.write("press-7", [segment(10, 19)], 0.0)
     assert spans(store) == [(0, 19)]
+
+
+def test_the_socket_of_an_ended_connection_is_not_taken_for_another(store: EventStore, events_url: str) -> None:
+    end_connections(events_url)
+    with pytest.raises(EventsAwayError):
+        store.write("press-7", [segment(10, 19)], 0.0)
+    others = [socket.socketpair() for _ in range(8)]  # one of them has its number
+    store.abandon()
+    for one, other in others:
+        with one, other:
+            one.sendall(b"!")
+            assert other.recv(1) == b"!"
 
 
 def test_a_standby_takes_no_events_and_loses_none(store: EventStore, events_url: str) -> None:

@@ -54,6 +54,7 @@ class EventDatabase:
         self._is_prepared = False
         # A database that was away may come back empty, or changed by a newer service.
         event.listen(self._engine, "connect", self._connected)
+        event.listen(self._engine, "close", self._closing)
         self._socket = _CLOSED
         self._busy_since_s: float | None = None
         """Time at which the call that uses the connection began [s, monotonic]."""
@@ -124,6 +125,10 @@ class EventDatabase:
     def _connected(self, connection: DBAPIConnection, _: object) -> None:
         self._is_prepared = False
         self._socket = connection.fileno()
+
+    def _closing(self, _connection: DBAPIConnection, _: object) -> None:
+        # Its number may soon be that of another socket.
+        self._socket = _CLOSED
 
     def _prepare(self, connection: Connection) -> None:
         if not self._is_prepared:
