@@ -2,7 +2,7 @@
 
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Event, Thread
 
 
@@ -33,18 +33,19 @@ class LosingRelay:
             Thread(target=self._answers, args=(client, server, losing), daemon=True).start()
 
     def _requests(self, client: socket.socket, server: socket.socket, losing: Event) -> None:
-        with client, server:
-            while words := _received(client):
-                if b"COMMIT" in words and self.lose.is_set():
-                    self.lose.clear()
-                    losing.set()
+        while words := _received(client):
+            if b"COMMIT" in words and self.lose.is_set():
+                self.lose.clear()
+                losing.set()
+            with suppress(OSError):  # the other thread sees its end
                 server.sendall(words)
+        _end(client, server)
 
     def _answers(self, client: socket.socket, server: socket.socket, losing: Event) -> None:
         while (words := _received(server)) and not losing.is_set():
-            client.sendall(words)
-        for one in (client, server):
-            one.shutdown(socket.SHUT_RDWR)
+            with suppress(OSError):
+                client.sendall(words)
+        _end(client, server)
 
 
 def _received(line: socket.socket) -> bytes:
@@ -52,6 +53,13 @@ def _received(line: socket.socket) -> bytes:
         return line.recv(65_536)
     except OSError:
         return b""
+
+
+def _end(*lines: socket.socket) -> None:
+    for one in lines:
+        with suppress(OSError):
+            one.shutdown(socket.SHUT_RDWR)
+        one.close()
 
 
 @contextmanager

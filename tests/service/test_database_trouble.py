@@ -108,10 +108,9 @@ def test_a_standby_takes_no_events_and_loses_none(store: EventStore, events_url:
         with pytest.raises(EventsAwayError):
             store.write("press-7", [segment(10, 19)], 0.0)
     assert spans(store) == [(0, 9)]
-    with psycopg.connect(f"{events_url}?options=-c default_transaction_read_only=off", autocommit=True) as connection:
+    with psycopg.connect(events_url, autocommit=True, options="-c default_transaction_read_only=off") as connection:
         connection.execute(f"ALTER DATABASE {name} RESET default_transaction_read_only".encode())
-    with psycopg.connect(events_url, autocommit=True) as connection:
-        connection.execute(b"SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE pid <> pg_backend_pid()")
+    end_connections(events_url)
     writer = Writer(store, Losses(), lambda _surface: None)
     writer.write_new("press-7", lambda: [segment(10, 19)])
     wait_until(writer.drain)

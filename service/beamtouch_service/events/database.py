@@ -188,7 +188,8 @@ def _is_passing(error: DBAPIError) -> bool:
 
 def _code(error: DBAPIError) -> str | None:
     """Return the code that PostgreSQL gave the error; None if it came from elsewhere."""
-    return getattr(error.orig, "sqlstate", None)
+    code: str | None = getattr(error.orig, "sqlstate", None)
+    return code
 
 
 def _reason(error: Exception) -> str:
