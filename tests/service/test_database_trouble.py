@@ -108,7 +108,8 @@ def test_a_standby_takes_no_events_and_loses_none(store: EventStore, events_url:
         with pytest.raises(EventsAwayError):
             store.write("press-7", [segment(10, 19)], 0.0)
     assert spans(store) == [(0, 9)]
-    with psycopg.connect(events_url, autocommit=True, options="-c default_transaction_read_only=off") as connection:
+    with psycopg.connect(events_url, autocommit=True) as connection:
+        connection.execute("SET default_transaction_read_only = off")
         connection.execute(f"ALTER DATABASE {name} RESET default_transaction_read_only".encode())
     end_connections(events_url)
     writer = Writer(store, Losses(), lambda _surface: None)
