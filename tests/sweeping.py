@@ -63,17 +63,22 @@ def _maps(pid: int) -> str:
 
 
 @contextmanager
-def dask(folder: Path, workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A Dask scheduler with workers of one thread, without nannies; yields its address, and its processes."""
+def dask(folder: Path, workers: int, first: Path | None = None) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A Dask scheduler with workers of one thread, without nannies; yields its address, and its processes.
+
+    Modules and distributions in the folder `first` come before those that are installed.
+    """
     if importlib.util.find_spec("distributed") is None:
         give_up("distributed is not installed: pip install 'beamtouch[cluster]'")
     log = folder / "dask.log"
+    environment = {**os.environ, "PYTHONPATH": str(first)} if first else None
     common = ("--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0")
     with ExitStack() as stack, log.open("wb") as output:
 
         def start(*arguments: str) -> subprocess.Popen[bytes]:
             command = [sys.executable, "-m", "dask", *arguments, *common]
-            process = stack.enter_context(subprocess.Popen(command, cwd=folder, stdout=output, stderr=output))
+            process = subprocess.Popen(command, cwd=folder, stdout=output, stderr=output, env=environment)
+            stack.enter_context(process)
             stack.callback(process.kill)
             return process
 

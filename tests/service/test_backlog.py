@@ -20,14 +20,17 @@ def test_writes_come_in_order_and_a_contact_that_goes_on_is_one_of_them() -> Non
     assert backlog.add("press-7", [Finish(BOOT, 11_999, End.LIFT, 60_000_000)])
     assert len(backlog) == 3
 
-    first, second, third = (backlog.remove_first() for _ in range(3))
+    first, second, third = (backlog.take_first() for _ in range(3))
+    assert first
+    assert second
+    assert third
     assert [one.surface for one in (first, second, third)] == ["press-7", "press-8", "press-7"]
     (whole,) = first.commands
     assert isinstance(whole, Segment)
     assert (whole.first_sequence, whole.last_sequence, whole.samples) == (0, 11_999, 12_000)
     assert len(whole.path) <= MAX_POINTS
     assert third.commands == [Finish(BOOT, 11_999, End.LIFT, 60_000_000)]
-    assert backlog.first is None
+    assert backlog.take_first() is None
 
 
 def test_a_full_backlog_takes_nothing_until_there_is_room() -> None:
@@ -36,6 +39,6 @@ def test_a_full_backlog_takes_nothing_until_there_is_room() -> None:
     assert backlog.add("press-7", [segment(200, 299)])
     assert not backlog.add("press-7", [segment(400, 499)])
     assert not backlog.add("press-7", [segment(300, 399)])
-    backlog.remove_first()
+    assert backlog.take_first()
     assert backlog.add("press-7", [segment(400, 499)])
     assert len(backlog) == 2

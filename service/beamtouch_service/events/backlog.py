@@ -41,11 +41,6 @@ class Backlog:
     def __len__(self) -> int:
         return len(self._writes)
 
-    @property
-    def first(self) -> Write | None:
-        """The write to carry out next; None if there is none."""
-        return self._writes[0] if self._writes else None
-
     def add(self, surface: str, commands: Sequence[Command]) -> bool:
         """Add a write; return False if there is no room for it. A contact that continues takes no more room."""
         newest = self._newest.get(surface)
@@ -65,13 +60,20 @@ class Backlog:
         self._newest[surface] = write
         return True
 
-    def remove_first(self) -> Write:
-        """Remove and return the oldest write."""
+    def take_first(self) -> Write | None:
+        """Remove and return the oldest write; None if there is none."""
+        if not self._writes:
+            return None
         write = self._writes.popleft()
         self._weight -= write.weight
         if self._newest.get(write.surface) is write:
             del self._newest[write.surface]
         return write
+
+    def put_back(self, write: Write) -> None:
+        """Make a write the oldest again, as it was: it may have been carried out, although nobody said so."""
+        self._writes.appendleft(write)
+        self._weight += write.weight
 
 
 def _weight(command: Command) -> int:

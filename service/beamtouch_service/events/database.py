@@ -1,11 +1,12 @@
 """The PostgreSQL database of the events: shared by several services, prepared when it is reached."""
 
 import os
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from socket import SHUT_RDWR, socket
 
-from sqlalchemy import Connection, Engine, create_engine, event, func, insert, inspect, make_url, select, update
+from sqlalchemy import Connection, Engine, create_engine, event, func, insert, inspect, make_url, select, text, update
 from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import ArgumentError, DBAPIError, InterfaceError, OperationalError
 
@@ -30,6 +31,12 @@ _ROW_BYTES = 400
 """Size of a row with its index entries, without its JSON."""
 _CLOSED = -1
 """No socket."""
+STUCK_S = 25.0
+"""A call that takes longer is ended. PostgreSQL itself ends statements before that, unless it is frozen."""
+_READ_ONLY = "25006"
+"""The error code of a standby, which takes writes once it is the primary."""
+_OTHER_TABLES = {"42P01", "42703"}
+"""The error codes of a missing table and of a missing column: a backup was restored while the connection was open."""
 
 
 class EventsAwayError(Exception):
@@ -47,7 +54,10 @@ class EventDatabase:
         self._is_prepared = False
         # A database that was away may come back empty, or changed by a newer service.
         event.listen(self._engine, "connect", self._connected)
+        event.listen(self._engine, "close", self._closing)
         self._socket = _CLOSED
+        self._busy_since_s: float | None = None
+        """Time at which the call that uses the connection began [s, monotonic]."""
         try:
             with self._engine.connect() as connection:
                 self._prepare(connection)
@@ -72,13 +82,18 @@ class EventDatabase:
         try:
             with self._engine.connect() as connection:
                 self._prepare(connection)
+                self._busy_since_s = time.monotonic()
                 yield connection
         except DBAPIError as error:
-            if not _is_passing(error):
+            if _code(error) in _OTHER_TABLES:
+                self._is_prepared = False
+            elif not _is_passing(error):
                 raise
             raise EventsAwayError(_reason(error)) from None
         except EventStoreError as error:
             raise EventsAwayError(_reason(error)) from None
+        finally:
+            self._busy_since_s = None
 
     def used_bytes(self) -> int:
         """Return the size of the rows. The files of the database keep the room of deleted ones."""
@@ -101,9 +116,19 @@ class EventDatabase:
         with suppress(OSError), socket(fileno=os.dup(self._socket)) as same:
             same.shutdown(SHUT_RDWR)
 
+    def abandon_stuck(self) -> None:
+        """End a call of another thread that has taken longer than `STUCK_S`."""
+        since_s = self._busy_since_s
+        if since_s is not None and time.monotonic() - since_s > STUCK_S:
+            self.abandon()
+
     def _connected(self, connection: DBAPIConnection, _: object) -> None:
         self._is_prepared = False
         self._socket = connection.fileno()
+
+    def _closing(self, _connection: DBAPIConnection, _: object) -> None:
+        # Its number may soon be that of another socket.
+        self._socket = _CLOSED
 
     def _prepare(self, connection: Connection) -> None:
         if not self._is_prepared:
@@ -136,6 +161,8 @@ def _prepare(connection: Connection) -> None:
                 found = connection.scalar(select(FORMATS.c.format)) or 0
             if found == FORMAT:
                 return
+            # To change a large table takes its time; the other services wait.
+            connection.execute(text("SET LOCAL statement_timeout = 0"))
             upgrade(connection, found)
             if found:
                 connection.execute(update(FORMATS).values(format=FORMAT))
@@ -155,7 +182,14 @@ def _lock(connection: Connection, number: object) -> None:
 
 def _is_passing(error: DBAPIError) -> bool:
     """Return whether the same call may succeed later."""
-    return isinstance(error, OperationalError | InterfaceError) or error.connection_invalidated
+    is_away = isinstance(error, OperationalError | InterfaceError) or error.connection_invalidated
+    return is_away or _code(error) == _READ_ONLY
+
+
+def _code(error: DBAPIError) -> str | None:
+    """Return the code that PostgreSQL gave the error; None if it came from elsewhere."""
+    code: str | None = getattr(error.orig, "sqlstate", None)
+    return code
 
 
 def _reason(error: Exception) -> str:

@@ -101,6 +101,9 @@ class EventFile:
     def abandon(self) -> None:
         """Do nothing: no call waits long for a file."""
 
+    def abandon_stuck(self) -> None:
+        """Do nothing, for the same reason."""
+
     def _release(self) -> None:
         # SQLite closes the file first: closing any descriptor of a file releases SQLite's locks on it.
         self._engine.dispose()

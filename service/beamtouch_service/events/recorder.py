@@ -119,6 +119,7 @@ class Recorder:
 
     def maintain(self) -> None:
         """End events that a lost write left open, and tidy the file once a minute; call this about once a second."""
+        self._store.abandon_stuck()
         if self._maintenance.is_due and (self._upkeep is None or self._upkeep.done()):
             self._upkeep = self._worker.prompt(self._maintenance.run)
 

@@ -171,6 +171,10 @@ class EventStore:
         """End a call of another thread that waits for a database."""
         self._place.abandon()
 
+    def abandon_stuck(self) -> None:
+        """End such a call if it has waited for so long that the database must be frozen."""
+        self._place.abandon_stuck()
+
 
 def _delete(connection: Connection, these: ColumnElement[bool]) -> int:
     """Delete events with their captures; return how many events."""

@@ -49,7 +49,7 @@ class Upkeep:
         """Do what is due."""
         try:
             self._writer.catch_up()
-            if self._store.is_shared:
+            if self._store.is_shared and not self._writer.is_away:
                 self._decide_again()
             if self._is_untidy():
                 self._writer.ask(lambda _store: self.tidy())

@@ -91,23 +91,19 @@ class Writer:
 
     def drain(self) -> bool:
         """Carry out the writes that wait, oldest first; return whether none is left."""
-        while write := self._backlog.first:
-            if self._is_resting():
-                return False
+        while not self._is_resting() and (write := self._backlog.take_first()):
             try:
                 self._store.write(write.surface, write.commands, time.time())
             except EventsAwayError as error:
+                self._backlog.put_back(write)
                 self._away(str(error))
-                return False
             except DBAPIError as error:
-                self._backlog.remove_first()
                 self._losses.note(str(error.orig))
                 self.incomplete.add(write.surface)
             else:
-                self._backlog.remove_first()
                 self._back()
                 self._written(write.surface)
-        return True
+        return not self._backlog
 
     def give_up(self) -> None:
         """Count what still waits as lost."""

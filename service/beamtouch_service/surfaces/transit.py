@@ -5,7 +5,7 @@ import math
 from beamtouch_service.samples import Batch
 
 WINDOW_S = 30.0
-"""The quickest batch is that of the last one to two windows [s]. Two clocks drift apart by some milliseconds in them."""
+"""The quickest batch is that of the last one to two windows [s], in which two clocks drift apart by milliseconds."""
 
 
 class Transit:

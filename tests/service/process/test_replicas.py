@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import signal
-from typing import TYPE_CHECKING, Any
+from contextlib import closing
+from http.client import HTTPConnection
+from typing import TYPE_CHECKING
 
 import httpx2
 import pytest
 
-from balancer import Balancer
-from plain_http import NO_TLS, TIMEOUT_S
+from plain_http import TIMEOUT_S
 from postgres import PASSWORD, Postgres, rows
-from service.conftest import TOKEN, batch_of, kind
-from service.event_story import RESTING, TOUCHING, Row
+from service.conftest import kind
+from service.event_story import RESTING, TOUCHING
 from waiting import wait_until
+
+from .replica_plant import CONTACT, SURFACES, Plant
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,10 +24,8 @@ if TYPE_CHECKING:
 
     from browser import OpenPage
     from service.conftest import BuildModel
-    from service.process.conftest import Service, StartService
+    from service.process.conftest import StartService
 
-SURFACES = [f"press-{number}" for number in range(8)]
-CONTACT: list[Row] = [RESTING, TOUCHING, TOUCHING, RESTING]
 WHOLE = ("/contact", "/stream", "/surfaces", "/health/ready")
 
 
@@ -36,51 +37,6 @@ def config(tmp_path: Path, build_model: BuildModel, token_file: Path, events_url
     server = f"[server]\nreplica = true\nwrite_token_file = '{token_file}'\n"
     path.write_text(f"{server}[events]\nurl = '{events_url}'\n{surfaces}")
     return path
-
-
-class Plant:
-    """Two services behind a balancer, and a sender for each surface."""
-
-    def __init__(self, folder: Path, services: list[Service]) -> None:
-        self.services = services
-        self.balancer = Balancer(folder, [int(service.url.rpartition(":")[2]) for service in services])
-        self._sent = dict.fromkeys(SURFACES, 0)
-
-    def get(self, path: str) -> httpx2.Response:
-        return httpx2.get(self.balancer.url + path, trust_env=False, verify=NO_TLS, timeout=TIMEOUT_S)
-
-    def deliver(self, name: str, *values: Row) -> None:
-        """Send the next samples of a surface, as often as it takes."""
-        body = batch_of(*values, sequence=self._sent[name])
-        for number, sample in enumerate(body["samples"], self._sent[name]):
-            sample["acquired_unix_us"] += number * 5000
-        url = f"{self.balancer.url}/surfaces/{name}/samples"
-        headers = {"Authorization": f"Bearer {TOKEN}"}
-
-        def is_taken() -> bool:
-            try:
-                return httpx2.post(url, json=body, headers=headers, trust_env=False, timeout=TIMEOUT_S).is_success
-            except httpx2.TransportError:
-                return False
-
-        wait_until(is_taken)
-        self._sent[name] += len(values)
-
-    def having(self, service: Service) -> set[str]:
-        """Return the surfaces whose samples a service has."""
-        asked = {name: service.get(f"/surfaces/{name}/contact") for name in SURFACES}
-        return {name for name, answer in asked.items() if answer.is_success}
-
-    def events(self, count: int) -> list[dict[str, Any]]:
-        """Wait for so many events: any service answers, and another one may still be writing."""
-        found: list[dict[str, Any]] = []
-
-        def are_written() -> bool:
-            found[:] = self.get("/events?limit=1000").json().get("events", [])
-            return len(found) >= count
-
-        wait_until(are_written)
-        return found
 
 
 @pytest.fixture
@@ -110,6 +66,19 @@ def test_another_service_takes_over_the_surfaces_of_a_dead_one(plant: Plant) -> 
     events = plant.events(2 * len(SURFACES))
     assert sorted(event["surface"] for event in events) == sorted(SURFACES * 2)
     assert {(event["begin"], event["end"], event["samples"]) for event in events} == {("touch", "lift", 2)}
+
+
+def test_a_surface_is_at_one_service_in_whatever_form_its_address_comes(plant: Plant) -> None:
+    for name in SURFACES:
+        plant.deliver(name, *CONTACT)
+    host = plant.balancer.url.removeprefix("http://")
+    for name in SURFACES:
+        path = f"/surfaces/{name}/contact"
+        # As to a proxy. HTTP/2 has the address of the server in each request, too.
+        for target in (path, f"{plant.balancer.url}{path}", path.replace("-", "%2D"), f"{path}?a=b/c"):
+            with closing(HTTPConnection(host, timeout=TIMEOUT_S)) as connection:
+                connection.request("GET", target)
+                assert (target, connection.getresponse().status) == (target, 200)
 
 
 def test_questions_about_all_surfaces_are_answered_for_all_or_refused(plant: Plant) -> None:
