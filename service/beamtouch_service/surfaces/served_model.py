@@ -4,6 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.modelfile import INPUTS, Answers, ModelFile
+from beamtouch_service.samples import Batch
+from beamtouch_service.surfaces.weighing import Arrangement
 
 
 class Inference:
@@ -39,3 +41,10 @@ class ServedModel:
     def __init__(self, file: ModelFile) -> None:
         self.file = file
         self.inference = Inference(file)
+        self._arrangement: Arrangement | None = None
+
+    def arrangement(self, batch: Batch) -> Arrangement:
+        """Return the channels of the model in a batch: those of the last one, if both name the same channels."""
+        if self._arrangement is None or not self._arrangement.fits(batch):
+            self._arrangement = Arrangement(self.file, batch)
+        return self._arrangement

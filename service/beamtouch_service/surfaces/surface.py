@@ -22,7 +22,6 @@ from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.stretches import Stretches
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
-from beamtouch_service.surfaces.weighing import noise_contradicts
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -210,15 +209,15 @@ class Surface:
             self.timings.inference_s.observe(perf_counter() - begin_s)
             return answers
 
-        model, boot_id = served.file, batch.boot_id
+        model, boot_id, arrangement = served.file, batch.boot_id, served.arrangement(batch)
         if self._follower is None or self._follower[0] != boot_id:
             self._follower = boot_id, Follower(served.file, served.inference.ask, self.name, self.stale_ms)
         follower = self._follower[1]
-        seen = follower.follow(estimate(model, self.name, batch, fresh, ask))
+        seen = follower.follow(estimate(model, self.name, batch, fresh, ask, arrangement))
         newest_us = fresh[-1].acquired_unix_us
         for one in seen:
             self.stretches.add(one, acquired_s - (newest_us - one.estimated.acquired_unix_us) / 1e6)
-        notes: list[str] = [*batch.notes, *([Doubt.NOISE] if noise_contradicts(model, batch) else [])]
+        notes: list[str] = [*batch.notes, *([Doubt.NOISE] if arrangement.contradicts else [])]
         self.newest = Newest(boot_id, batch.channels, fresh[-1], acquired_s, notes, seen[-1], model.identity)
         if self.witness:
             self.witness.fresh(self, model, boot_id, seen)
