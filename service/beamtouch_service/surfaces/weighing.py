@@ -12,6 +12,8 @@ CONTRADICTION = 1.25
 """The noise of a sender contradicts that of the model if one is more than this many times the other."""
 LARGEST = 100.0
 """A deflection is out of range beyond this many times the largest one that the scene allows."""
+_OUT_OF_RANGE = {Quality.GOOD: Quality.OUT_OF_RANGE}
+"""Quality of a channel that the sender calls good, and that takes no part all the same."""
 
 
 def noise_contradicts(model: ModelFile, batch: Batch) -> bool:
@@ -84,11 +86,6 @@ class Arrangement:
             qualities = [sample.quality[place] for place in self._places]
             valid[row] &= [quality is Quality.GOOD for quality in qualities]
             each = zip(self._names, qualities, valid[row].tolist(), strict=True)
-            bad.append(
-                {
-                    name: Quality.OUT_OF_RANGE if quality is Quality.GOOD else quality
-                    for name, quality, fit in each
-                    if not fit
-                }
-            )
+            left_out = {name: quality for name, quality, takes_part in each if not takes_part}
+            bad.append({name: _OUT_OF_RANGE.get(quality, quality) for name, quality in left_out.items()})
         return np.where(valid, values, 0.0), valid, bad
