@@ -7,7 +7,6 @@ from beamtouch_models.modelfile import INPUTS, Answers, ModelFile
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.weighing import Arrangement
 
-
 MAX_BOUND = 16
 """Batches of up to this many samples use memory of their own. Larger ones are rare, and take long anyway."""
 
