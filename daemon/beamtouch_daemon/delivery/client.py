@@ -112,6 +112,8 @@ class ServiceClient:
 
     def __init__(self, url: str, token: str, certificates: str | None = None) -> None:
         self.url = url
+        self._urls: dict[str, URL] = {}
+        """Surface -> address for its samples."""
         trusted = ssl.create_default_context(cadata=certificates) if certificates is not None else True
         self._session = aiohttp.ClientSession(
             connector=aiohttp.TCPConnector(ssl=trusted),
@@ -128,9 +130,10 @@ class ServiceClient:
 
     async def post_samples(self, surface: str, batch: bytes) -> Answer:
         """Send a batch as JSON; raises UnreachableError."""
-        url = URL(f"{self.url.rstrip('/')}/surfaces/{surface}/samples")
+        if surface not in self._urls:
+            self._urls[surface] = URL(f"{self.url.rstrip('/')}/surfaces/{surface}/samples")
         try:
-            async with self._session.post(url, data=batch, allow_redirects=False) as response:
+            async with self._session.post(self._urls[surface], data=batch, allow_redirects=False) as response:
                 return Answer(response.status, await response.read())
         except (aiohttp.ClientError, TimeoutError) as error:
             raise UnreachableError(type(error).__name__) from error
