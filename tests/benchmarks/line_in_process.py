@@ -28,7 +28,7 @@ from example_scenes import SCENES
 
 RATES = {1000: 4, 200: 1}
 """Rate in Hz -> samples in a batch of the daemon, which sends every 4 ms."""
-SECONDS = 3
+SECONDS = 2
 TOKEN = "a-token-of-this-benchmark"  # noqa: S105
 
 

@@ -146,8 +146,7 @@ class Pipeline:
             sequence=self._sequence,
             acquired_unix_us=round(unix_s * 1e6),
             deflection_mm=[
-                None if quality is Quality.MISSING else value
-                for value, quality in zip(values, qualities, strict=True)
+                None if quality is Quality.MISSING else value for value, quality in zip(values, qualities, strict=True)
             ],
             quality=qualities,
             readings=uncertainty.readings,

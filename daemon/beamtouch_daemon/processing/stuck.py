@@ -82,7 +82,7 @@ def runs(counts: FloatArray, state: FloatArray) -> tuple[FloatArray, FloatArray]
         Shape (2, channels): the last count that was not missing, and the length of its run.
     """
     rows = np.concatenate([state[:1], counts])
-    if not np.isnan(rows.sum()):  # the usual case, in half the time
+    if len(counts) and not np.isnan(rows.sum()):  # the usual case, in half the time
         arrived = np.arange(1.0, len(rows))[:, np.newaxis]
         begins = rows[1:] != rows[:-1]
         lengths = arrived - np.maximum.accumulate(np.where(begins, arrived - 1.0, -state[1]), axis=0)
