@@ -12,6 +12,7 @@ from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.running.acquisition import MAX_UNPROCESSED, Acquisition
 from beamtouch_daemon.sources.configured import Buses
 from beamtouch_daemon.sources.reading import Reading
+from beamtouch_service.samples import Note
 
 from . import configs
 from .devices import SerialDevice
@@ -58,9 +59,11 @@ async def test_readings_of_a_serial_line_are_processed_together(
     sizes = list[int]()
     process = Pipeline.process
 
-    def counted(pipeline: Pipeline, readings: Sequence[Reading], *others: object) -> list[Taken]:
+    def counted(
+        pipeline: Pipeline, readings: Sequence[Reading], offset_s: float, notes: tuple[Note, ...]
+    ) -> list[Taken]:
         sizes.append(len(readings))
-        return process(pipeline, readings, *others)
+        return process(pipeline, readings, offset_s, notes)
 
     monkeypatch.setattr(Pipeline, "process", counted)
     with terminal() as line:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from beamtouch_models import modelfile
 from beamtouch_service.samples import Batch
+from beamtouch_service.surfaces.contact import Contact
 from beamtouch_service.surfaces.served_model import MAX_BOUND, ServedModel
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.timings import Timings
@@ -41,15 +42,13 @@ def test_the_graph_runs_once_for_a_batch_whose_readings_move(build_model: BuildM
 
 def test_samples_get_the_same_figures_in_a_batch_of_any_size(build_model: BuildModel, make_batch: MakeBatch) -> None:
     model, samples = modelfile.load(build_model()), 2 * MAX_BOUND + 3
-    found = []
+    whole, found = moving(make_batch, samples, 1), list[Contact]()
     for size in (1, 4, MAX_BOUND, samples):
-        surface, seen = Surface("press-7", model), list[object]()
-        surface.on_fresh = lambda one, seen=seen: seen.append(one.contact(10.0))
-        whole = moving(make_batch, samples, 1)
+        surface = Surface("press-7", model)
         for start in range(0, samples, size):
             part = whole.model_copy(update={"samples": whole.samples[start : start + size]})
             surface.receive(part, 10.0)
-        found.append(seen[-1])
+        found.append(surface.contact(10.0))
     assert all(one == found[0] for one in found)
 
 

@@ -117,34 +117,51 @@ def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
     variance = samples.of_valid(np.einsum("nii->ni", samples.covariance_mm2))
     usual_mm2 = samples.of_valid(np.maximum(noise, metadata.noise.sample_mm**2))
     moves = variance.sum(axis=1) > MOVING * usual_mm2.sum(axis=1)
-    moving = np.flatnonzero(moves)
-    weights = weights_if_still = _weights(metadata, samples, samples.covariance_mm2)
-    deflections = samples.deflection_mm
-    if len(moving):
-        # The graph runs once for the samples as they are and for those that move, as if they were still.
-        part = samples.part(moving)
-        still = _weights(metadata, part, part.noise_mm2[:, :, None] * np.eye(noise.shape[1]))
-        weights_if_still = weights.copy()
-        weights_if_still[moving] = still
-        deflections, weights = np.concatenate([deflections, part.deflection_mm]), np.concatenate([weights, still])
-    answers = {name: values.tolist() for name, values in run(deflections, weights).items()}
-    still_odds, count = answers[LOG_ODDS][: len(moves)], len(moves)
-    for index, odds in zip(moving.tolist(), answers[LOG_ODDS][count:], strict=True):
-        still_odds[index] = odds
+    weights = _weights(metadata, samples, samples.covariance_mm2)
+    answers, still_odds, still_weights = _answers(metadata, run, samples, weights, np.flatnonzero(moves))
     from_rest = _from_rest(metadata, samples)
+    settled: list[bool] = np.asarray((noise <= SETTLED * metadata.noise.sample_mm**2).all(axis=1)).tolist()
     each = zip(
         from_rest,
-        weights[:count],
-        (dict(zip(answers, row, strict=True)) for row in zip(*answers.values(), strict=True)),
+        weights,
+        answers,
         samples.valid.sum(axis=1).tolist(),
-        _misfit_of_rest(weights[:count], from_rest),
+        _misfit_of_rest(weights, from_rest),
         moves.tolist(),
         still_odds,
-        weights_if_still,
-        (noise <= SETTLED * metadata.noise.sample_mm**2).all(axis=1).tolist(),
-        strict=False,  # the answers of samples as if they were still come last
+        still_weights,
+        settled,
+        strict=True,
     )
     return [Evidence(*said) for said in each]
+
+
+def _answers(
+    metadata: Metadata, run: Run, samples: Weighed, weights: Floats, moving: Indices
+) -> tuple[list[dict[str, float]], list[float], Floats]:
+    """Return the answers, and the log odds and the whitening that each sample would have without scatter.
+
+    The graph runs once: for the samples with their whitening, and for those that move as if they were still.
+    """
+    if not len(moving):
+        said = _said(run, samples.deflection_mm, weights)
+        return said, [one[LOG_ODDS] for one in said], weights
+    part, count, still_weights = samples.part(moving), len(weights), weights.copy()
+    still = _weights(metadata, part, part.noise_mm2[:, :, None] * np.eye(weights.shape[1]))
+    still_weights[moving] = still
+    deflection_mm = np.concatenate([samples.deflection_mm, part.deflection_mm])
+    said = _said(run, deflection_mm, np.concatenate([weights, still]))
+    still_odds = [one[LOG_ODDS] for one in said[:count]]
+    for index, one in zip(moving.tolist(), said[count:], strict=True):
+        still_odds[index] = one[LOG_ODDS]
+    return said[:count], still_odds, still_weights
+
+
+def _said(run: Run, deflection_mm: Floats, weights: Floats) -> list[dict[str, float]]:
+    """Return the value per output for each sample."""
+    answers = run(deflection_mm, weights)
+    columns = zip(*(values.tolist() for values in answers.values()), strict=True)
+    return [dict(zip(answers, row, strict=True)) for row in columns]
 
 
 def _from_rest(metadata: Metadata, samples: Weighed) -> Floats:
