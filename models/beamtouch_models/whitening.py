@@ -54,7 +54,9 @@ def _of_all(covariance_mm2: Floats, floor_mm2: Floats) -> Floats:
         whole[:, variances] = 1.0 / deviation
         return whole.reshape(samples, channels, channels)
     # The factor of the correlations is exact where channels differ in scale.
-    total: Floats = covariance_mm2 / deviation[:, :, None] / deviation[:, None, :]
+    total = np.empty((samples, channels, channels))
+    np.divide(covariance_mm2, deviation[:, :, None], out=total)
+    total /= deviation[:, None, :]
     total.reshape(cells)[:, variances] = 1.0
     inverse: Floats = np.tril(np.linalg.inv(_factor(total))) / deviation[:, None, :]
     return inverse
