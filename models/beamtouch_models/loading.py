@@ -5,6 +5,7 @@ import os
 import stat
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ class ModelFile:
     session: Any
     """The onnxruntime session; onnxruntime ships no types."""
 
-    @property
+    @cached_property
     def channels(self) -> list[str]:
         """Channel names in input order."""
         return [channel.name for channel in self.metadata.layout]

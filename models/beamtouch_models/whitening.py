@@ -28,24 +28,38 @@ def whitening(
     ValueError
         A total covariance is not finite or not positive definite.
     """
-    present = np.ones(deflection_mm.shape, np.bool_) if valid is None else valid
-    floor = (np.asarray(gain) * np.where(present, deflection_mm, 0.0)) ** 2 + np.square(zero_mm)
-    channels = np.arange(deflection_mm.shape[1])
-    both = present[:, :, None] & present[:, None, :]
-    total = np.where(both, covariance_mm2, 0.0)
-    variance = np.where(present, total[:, channels, channels] + floor, 1.0)
-    if not ((variance > 0) & (variance < np.inf)).all():
+    gain = np.asarray(gain)
+    if valid is None or valid.all():
+        return _of_all(covariance_mm2, (gain * deflection_mm) ** 2 + np.square(zero_mm))
+    floor = (gain * np.where(valid, deflection_mm, 0.0)) ** 2 + np.square(zero_mm)
+    both = valid[:, :, None] & valid[:, None, :]
+    # A variance of 1 stands in for a missing channel; it is correlated with no other.
+    missing = np.where(valid, 0.0, 1.0)
+    total = np.where(both, covariance_mm2, missing[:, :, None] * np.eye(valid.shape[1]))
+    return np.where(both, _of_all(total, np.where(valid, floor, 0.0)), 0.0)
+
+
+def _of_all(covariance_mm2: Floats, floor_mm2: Floats) -> Floats:
+    """Return the whitening where no channel is missing; `floor_mm2` (samples, channels) adds to the variances."""
+    samples, channels = floor_mm2.shape
+    variances, cells = slice(None, None, channels + 1), (-1, channels * channels)
+    stated = covariance_mm2.reshape(cells)[:, variances]
+    variance = stated + floor_mm2
+    if not (variance.min(initial=np.inf) > 0 and variance.max(initial=0.0) < np.inf):  # False for NaN
         message = "covariance_mm2: every variance must be a positive finite number"
         raise ValueError(message)
-    # The factor of the correlations is exact where channels differ in scale; a diagonal covariance needs no factor.
     deviation = np.sqrt(variance)
-    total /= deviation[:, :, None]
+    if np.count_nonzero(covariance_mm2) == np.count_nonzero(stated):
+        whole = np.zeros((samples, channels * channels))
+        whole[:, variances] = 1.0 / deviation
+        return whole.reshape(samples, channels, channels)
+    # The factor of the correlations is exact where channels differ in scale.
+    total = np.empty((samples, channels, channels))
+    np.divide(covariance_mm2, deviation[:, :, None], out=total)
     total /= deviation[:, None, :]
-    total[:, channels, channels] = 1.0
-    diagonal = np.count_nonzero(total) == deflection_mm.size
-    inverse = total if diagonal else np.tril(np.linalg.inv(_factor(total)))
-    whole: Floats = np.where(both, inverse / deviation[:, None, :], 0.0)
-    return whole
+    total.reshape(cells)[:, variances] = 1.0
+    inverse: Floats = np.tril(np.linalg.inv(_factor(total))) / deviation[:, None, :]
+    return inverse
 
 
 def _factor(correlation: Floats) -> Floats:

@@ -7,7 +7,7 @@ service. It depends on pydantic only, so a gateway needs no web framework and no
 import math
 import sys
 from enum import StrEnum
-from itertools import pairwise
+from operator import le
 from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
@@ -72,34 +72,32 @@ class Sample(BaseModel):
     """
 
     @model_validator(mode="after")
-    def _one_quality_per_value(self) -> Self:
+    def _consistent(self) -> Self:
         if len(self.quality) != len(self.deflection_mm):
             message = f"{len(self.deflection_mm)} deflections with {len(self.quality)} qualities"
             raise ValueError(message)
-        for value, quality in zip(self.deflection_mm, self.quality, strict=True):
-            if value is None and quality is Quality.GOOD:
-                message = "a channel without a deflection cannot be good"
-                raise ValueError(message)
+        if None in self.deflection_mm and (None, Quality.GOOD) in zip(self.deflection_mm, self.quality, strict=True):
+            message = "a channel without a deflection cannot be good"
+            raise ValueError(message)
+        if self.covariance_mm2 is not None:
+            self._require_possible(self.covariance_mm2)
         return self
 
-    @model_validator(mode="after")
-    def _covariance_is_possible(self) -> Self:
-        if self.covariance_mm2 is None:
-            return self
+    def _require_possible(self, covariance_mm2: list[float]) -> None:
+        """Raise ValueError unless this can be the covariance of the deflections."""
         channels = len(self.deflection_mm)
         if self.readings is None:
             message = "covariance_mm2 needs readings"
             raise ValueError(message)
-        if len(self.covariance_mm2) != channels * (channels + 1) // 2:
+        if len(covariance_mm2) != channels * (channels + 1) // 2:
             message = (
                 f"covariance_mm2 must hold {channels * (channels + 1) // 2} values, the lower triangle of {channels} "
-                f"channels, not {len(self.covariance_mm2)}"
+                f"channels, not {len(covariance_mm2)}"
             )
             raise ValueError(message)
-        if reason := _flaw(triangle_rows(self.covariance_mm2), self.deflection_mm):
+        if reason := _flaw(triangle_rows(covariance_mm2), self.deflection_mm):
             message = f"covariance_mm2 {reason}"
             raise ValueError(message)
-        return self
 
 
 def triangle_rows(triangle: list[float]) -> list[list[float]]:
@@ -162,14 +160,14 @@ class Batch(BaseModel):
         if len(set(self.channels)) != len(self.channels):
             message = "a channel name occurs twice"
             raise ValueError(message)
-        if any(len(sample.deflection_mm) != len(self.channels) for sample in self.samples):
+        if {len(sample.deflection_mm) for sample in self.samples} != {len(self.channels)}:
             message = f"every sample must hold {len(self.channels)} values, one per channel"
             raise ValueError(message)
         if self.noise_mm is not None and len(self.noise_mm) != len(self.channels):
             message = f"noise_mm must hold {len(self.channels)} values, one per channel"
             raise ValueError(message)
         sequences = [sample.sequence for sample in self.samples]
-        if any(later <= earlier for earlier, later in pairwise(sequences)):
+        if any(map(le, sequences[1:], sequences)):
             message = "sequence numbers must increase"
             raise ValueError(message)
         return self

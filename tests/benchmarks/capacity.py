@@ -99,9 +99,9 @@ def main() -> None:
         with server(*configured(folder, PRESSED)) as (service, port):
             cost_s = {size: batch_s(service.pid, port, channels, size, seconds) for size in set(RATES.values())}
         for rate_hz, size in RATES.items():
-            carried = USED / (cost_s[size] * rate_hz / size)
+            most = size / (cost_s[size] * rate_hz)
             words = f"{rate_hz} Hz: {cost_s[size] * 1e6:.0f} us per batch of {size}"
-            print(f"{words}; a core at {USED:.0%} carries {carried:.0f} surfaces", flush=True)
+            print(f"{words}; a core carries {most:.1f} surfaces, {USED * most:.1f} at {USED:.0%}", flush=True)
         for surfaces in MEMORIES:
             with server(*configured(folder, surfaces)) as (service, _):
                 begin_s = processor_s(service.pid)

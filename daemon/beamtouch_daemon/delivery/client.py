@@ -113,6 +113,8 @@ class ServiceClient:
 
     def __init__(self, url: str, token: str, certificates: str | None = None) -> None:
         self.url = url
+        self._urls: dict[str, URL] = {}
+        """Surface -> address for its samples."""
         trusted = ssl.create_default_context(cadata=certificates) if certificates is not None else True
         self._session = aiohttp.ClientSession(
             connector=aiohttp.TCPConnector(ssl=trusted),
@@ -129,14 +131,18 @@ class ServiceClient:
 
     async def post_samples(self, surface: str, batch: bytes) -> Answer:
         """Send a batch as JSON; raises UnreachableError."""
-        return await self._request("POST", f"/surfaces/{surface}/samples", batch)
+        if surface not in self._urls:
+            self._urls[surface] = self._url(f"/surfaces/{surface}/samples")
+        return await self._request("POST", self._urls[surface], batch)
 
     async def get(self, path: str) -> Answer:
         """Ask for a path; raises UnreachableError."""
-        return await self._request("GET", path, None)
+        return await self._request("GET", self._url(path), None)
 
-    async def _request(self, method: str, path: str, content: bytes | None) -> Answer:
-        url = URL(f"{self.url.rstrip('/')}{path}")
+    def _url(self, path: str) -> URL:
+        return URL(f"{self.url.rstrip('/')}{path}")
+
+    async def _request(self, method: str, url: URL, content: bytes | None) -> Answer:
         try:
             async with self._session.request(method, url, data=content, allow_redirects=False) as response:
                 return Answer(response.status, await response.read())

@@ -4,12 +4,25 @@ import asyncio
 import contextlib
 import logging
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from beamtouch_daemon.faults import Tally
 from beamtouch_daemon.processing.pipeline import Taken
 
 _log = logging.getLogger(__name__)
+
+
+class Promise(NamedTuple):
+    """Samples that are made when they are needed."""
+
+    make: Callable[[], Sequence[Taken]]
+    """Returns them, newest last; it may return fewer than promised."""
+    samples: int
+    """How many there will be at most."""
+
+
+_NOTHING = Promise(list, 0)
 
 
 class Outbox:
@@ -20,17 +33,24 @@ class Outbox:
         """Samples that will never be delivered."""
         self._max_samples = max_samples
         self._waiting: deque[Taken] = deque()
+        self._promised = _NOTHING
+        """The newest samples."""
         self._changed = asyncio.Event()
         self._closed = asyncio.Event()
         self._tally = Tally(_log, f"{name}: %d samples dropped")
 
     def __len__(self) -> int:
-        return len(self._waiting)
+        return len(self._waiting) + self._promised.samples
 
     @property
     def is_closed(self) -> bool:
         """Whether no more samples will come."""
         return self._closed.is_set()
+
+    def promise(self, promise: Promise) -> None:
+        """Announce samples, in place of those that are promised so far; these are among them."""
+        self._promised = promise
+        self._changed.set()
 
     def put(self, samples: Sequence[Taken]) -> None:
         """Add samples, newest last."""
@@ -40,7 +60,14 @@ class Outbox:
 
     def take(self, max_samples: int) -> list[Taken]:
         """Remove and return up to `max_samples` samples, oldest first."""
+        self.settle()
         return [self._waiting.popleft() for _ in range(min(max_samples, len(self._waiting)))]
+
+    def settle(self) -> None:
+        """Make the promised samples."""
+        promised, self._promised = self._promised, _NOTHING
+        if promised.samples:
+            self.put(promised.make())
 
     def put_back(self, samples: Sequence[Taken]) -> None:
         """Put undelivered samples back at the front; if there is no room, the oldest are dropped."""
@@ -55,15 +82,16 @@ class Outbox:
 
     def close(self) -> None:
         """Announce that no more samples will come, and end all pauses."""
+        self.settle()
         self._closed.set()
         self._changed.set()
 
     async def filled(self) -> bool:
         """Wait until there is a sample; return False if the outbox is closed and empty."""
-        while not self._waiting and not self._closed.is_set():
+        while not len(self) and not self._closed.is_set():
             self._changed.clear()
             await self._changed.wait()
-        return bool(self._waiting)
+        return len(self) > 0
 
     async def pause(self, delay_s: float) -> None:
         """Wait for `delay_s`, or until closed."""
@@ -74,5 +102,6 @@ class Outbox:
     def _trim(self) -> None:
         excess = len(self._waiting) - self._max_samples
         if excess > 0:
-            self.take(excess)
+            for _ in range(excess):
+                self._waiting.popleft()
             self.drop(excess)

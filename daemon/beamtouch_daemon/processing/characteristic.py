@@ -90,16 +90,20 @@ class Characteristic:
         """Return deflections [mm], positive in the direction of the load, of gaps, shape (readings, channels)."""
         return self.rest_gap - gap
 
-    def quality(self, counts: FloatArray) -> NDArray[np.int8]:
-        """Return a quality code per count, shape (readings, channels).
+    def quality(self, counts: FloatArray, gap_mm: FloatArray | None = None) -> NDArray[np.int8]:
+        """Return a quality code per count, shape (readings, channels); `gap_mm` are their gaps if these are known.
 
         A count at an end of the ADC is saturated, whatever its gap: the sensor may be anywhere beyond.
         """
-        gap = self.gap(counts)
+        gap_mm = self.gap(counts) if gap_mm is None else gap_mm
         codes = np.full(counts.shape, _CODE[Quality.GOOD], dtype=np.int8)
-        outside_table = (counts < self.table_low) | (counts > self.table_high)
-        codes[(gap < self.low) | (gap > self.high) | outside_table] = _CODE[Quality.OUT_OF_RANGE]
-        codes[(counts <= self.saturated_low) | (counts >= self.saturated_high)] = _CODE[Quality.SATURATED]
+        in_table = (counts >= self.table_low) & (counts <= self.table_high)
+        in_range = (gap_mm >= self.low) & (gap_mm <= self.high) & in_table
+        converted = (counts > self.saturated_low) & (counts < self.saturated_high)
+        if (in_range & converted).all():  # False for NaN
+            return codes
+        codes[~in_range] = _CODE[Quality.OUT_OF_RANGE]
+        codes[~converted] = _CODE[Quality.SATURATED]
         codes[np.isnan(counts)] = _CODE[Quality.MISSING]
         return codes
 

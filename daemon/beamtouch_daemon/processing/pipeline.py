@@ -93,35 +93,38 @@ class Pipeline:
         notes
             Notes on the surface, which the samples carry.
         """
-        times = np.array([reading.monotonic_s for reading in readings])
         counts = counts_of(readings)
-        codes = self._quality(counts)
-        raw = self._characteristic.deflection(self._characteristic.gap(counts))
+        gap_mm = self._characteristic.gap(counts)
+        codes = self._quality(counts, gap_mm)
+        raw = self._characteristic.deflection(gap_mm)
         values = np.empty_like(raw)
         stated = [UNKNOWN] * len(raw)
-        for part in self._without_gaps(times):
+        for part in self._without_gaps([reading.monotonic_s for reading in readings]):
             values[part], stated[part] = self._values(raw[part], codes[part] == _GOOD)
         unsettled = (codes == _GOOD) & np.isnan(values)  # the filter has too few readings
-        codes[unsettled] = _MISSING
-        waits = unsettled.any(axis=1) & ~(codes == _GOOD).any(axis=1)
+        waits = [False] * len(readings)
+        if unsettled.any():
+            codes[unsettled] = _MISSING
+            waits = (unsettled.any(axis=1) & ~(codes == _GOOD).any(axis=1)).tolist()
+        rows = zip(readings, values.tolist(), codes.tolist(), stated, waits, strict=True)
         return [
             Taken(reading, self._sample(reading.monotonic_s + unix_minus_monotonic_s, value, code, doubt), notes)
-            for reading, value, code, doubt, wait in zip(readings, values, codes, stated, waits, strict=True)
+            for reading, value, code, doubt, wait in rows
             if not wait
         ]
 
-    def _quality(self, counts: FloatArray) -> NDArray[np.int8]:
-        codes = self._characteristic.quality(counts)
+    def _quality(self, counts: FloatArray, gap_mm: FloatArray) -> NDArray[np.int8]:
+        codes = self._characteristic.quality(counts, gap_mm)
         if self._judges_runs:
             lengths, self._runs = stuck.runs(counts, self._runs)
             codes[(codes == _GOOD) & (lengths > self._longest_runs)] = _STUCK
         return codes
 
-    def _without_gaps(self, times: FloatArray) -> Iterator[slice]:
+    def _without_gaps(self, times: list[float]) -> Iterator[slice]:
         """Yield the parts between gaps in the readings; restart the filter before each."""
         before = times[0] if self._last_s is None else self._last_s
-        self._last_s = float(times[-1])
-        starts = np.flatnonzero(np.diff(times, prepend=before) > self._gap_s).tolist()
+        self._last_s = times[-1]
+        starts = [at for at, (one, other) in enumerate(pairwise([before, *times])) if other - one > self._gap_s]
         for start, end in pairwise([*sorted({0, *starts}), len(times)]):
             if start in starts:
                 self._chain.restart()
@@ -136,15 +139,14 @@ class Pipeline:
         filtered = self._chain.apply(np.where(good, raw, np.nan))
         return np.where(good, filtered.mean_mm, raw), uncertainties(filtered)
 
-    def _sample(self, unix_s: float, values: FloatArray, codes: NDArray[np.int8], uncertainty: Uncertainty) -> Sample:
+    def _sample(self, unix_s: float, values: list[float], codes: list[int], uncertainty: Uncertainty) -> Sample:
         qualities = [QUALITIES[code] for code in codes]
         # The service validates what it receives; to do so here as well would double the cost of a covariance.
         sample = Sample.model_construct(
             sequence=self._sequence,
             acquired_unix_us=round(unix_s * 1e6),
             deflection_mm=[
-                None if quality is Quality.MISSING else value
-                for value, quality in zip(values.tolist(), qualities, strict=True)
+                None if quality is Quality.MISSING else value for value, quality in zip(values, qualities, strict=True)
             ],
             quality=qualities,
             readings=uncertainty.readings,

@@ -7,16 +7,18 @@ from contextlib import aclosing
 
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.sources import SerialLine
-from beamtouch_daemon.delivery.outbox import Outbox
+from beamtouch_daemon.delivery.outbox import Outbox, Promise
 from beamtouch_daemon.faults import Backoff, Fault, Tally
 from beamtouch_daemon.processing import rate
-from beamtouch_daemon.processing.pipeline import Pipeline
+from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_service.samples import Note
 
 REOPEN_S = 0.5
 """Longest wait before a source is opened again; opening costs other users nothing."""
+MAX_UNPROCESSED = 64
+"""Readings that wait for the next batch at most. More take no less time for each."""
 _log = logging.getLogger(__name__)
 
 
@@ -42,6 +44,8 @@ class Acquisition:
         self._source: Source = source_of(surface, name, buses)
         self._outbox = outbox
         self._pipeline = Pipeline(surface, rest_gap_mm)
+        self._unprocessed: list[Reading] = []
+        """The newest readings. They become samples when a batch is sent: many together take as long as one."""
         self._backoff = Backoff(max_s=REOPEN_S)
         self._fault = Fault(_log, name)
         self._tally = Tally(_log, f"{name}: readings lost: %d")
@@ -57,6 +61,7 @@ class Acquisition:
             await asyncio.sleep(self._backoff.next())
 
     async def _session(self) -> None:
+        self._outbox.settle()
         self._pipeline.restart()
         self.meter.restart()
         is_first = True
@@ -82,8 +87,16 @@ class Acquisition:
         self.last_s = readings[-1].monotonic_s
         self.turned_s = time.monotonic()
         self._watch_rate(readings)
+        self._unprocessed += readings
+        self._outbox.promise(Promise(self._process, len(self._unprocessed)))
+        if len(self._unprocessed) >= MAX_UNPROCESSED:
+            self._outbox.settle()
+
+    def _process(self) -> list[Taken]:
+        """Return the samples of the readings that wait for it."""
+        readings, self._unprocessed = self._unprocessed, []
         notes = () if self.meter.fits else (Note.RATE,)
-        self._outbox.put(self._pipeline.process(readings, time.time() - time.monotonic(), notes))
+        return self._pipeline.process(readings, time.time() - time.monotonic(), notes)
 
     def _watch_rate(self, readings: list[Reading]) -> None:
         verdict = self.meter.add(readings)

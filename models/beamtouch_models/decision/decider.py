@@ -80,7 +80,7 @@ class Decider:
         """What it knows of the samples so far, without what no longer matters."""
         if self.state is State.CLEAR:
             if self._armed:
-                return AT_REST._replace(run=self._run)
+                return AT_REST if not self._run else AT_REST._replace(run=self._run)
             return Memory(self.state, still=self._still, changing=self._changing, run=self._run)
         seen_mm = None if self._seen_mm is None else tuple(self._seen_mm.tolist())
         return Memory(self.state, changing=self._changing, run=self._run, seen_mm=seen_mm)

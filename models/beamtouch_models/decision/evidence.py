@@ -1,12 +1,14 @@
 """Evidence for rest and for a contact in each sample: the answers of a model under the sample's covariance."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.metadata import Metadata
-from beamtouch_models.session import Answers, Run
+from beamtouch_models.session import Run
 from beamtouch_models.whitening import whitening
 
 MOVING = 1.5
@@ -32,6 +34,15 @@ class Weighed:
     valid: Bools
     """(samples, channels), False for a channel that is missing."""
 
+    @cached_property
+    def is_whole(self) -> bool:
+        """Whether no channel is missing in any sample."""
+        return bool(self.valid.all())
+
+    def of_valid(self, values: Floats) -> Floats:
+        """Return values (samples, channels) with 0 for channels that are missing."""
+        return values if self.is_whole else np.where(self.valid, values, 0.0)
+
     def part(self, rows: Indices) -> "Weighed":
         """Return some of the samples."""
         return Weighed(self.deflection_mm[rows], self.covariance_mm2[rows], self.noise_mm2[rows], self.valid[rows])
@@ -43,8 +54,7 @@ class Weighed:
         return Weighed(np.where(valid, self.deflection_mm, 0.0), self.covariance_mm2, self.noise_mm2, valid)
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
+class Evidence(NamedTuple):
     """The evidence of one sample, under its covariance and the floor of the model."""
 
     deflection_mm: Floats
@@ -103,44 +113,70 @@ def evidence(metadata: Metadata, run: Run, samples: Weighed) -> list[Evidence]:
     ValueError
         A total covariance is not positive definite.
     """
-    variance = np.where(samples.valid, np.einsum("nii->ni", samples.covariance_mm2), 0.0)
-    noise = np.where(samples.valid, samples.noise_mm2, 0.0)
-    usual_mm2 = np.where(samples.valid, np.maximum(noise, metadata.noise.sample_mm**2), 0.0)
+    noise = samples.of_valid(samples.noise_mm2)
+    variance = samples.of_valid(np.einsum("nii->ni", samples.covariance_mm2))
+    usual_mm2 = samples.of_valid(np.maximum(noise, metadata.noise.sample_mm**2))
     moves = variance.sum(axis=1) > MOVING * usual_mm2.sum(axis=1)
-    from_rest = np.where(samples.valid, samples.deflection_mm - _rest_mm(metadata), 0.0)
-    weights, answers = _weigh(metadata, run, samples, samples.covariance_mm2)
-    rest = _misfit_of_rest(weights, from_rest)
-    still_odds, still_weights = answers[LOG_ODDS].tolist(), list(weights)
-    if moves.any():
-        moving = np.flatnonzero(moves)
-        part = samples.part(moving)
-        weights_if_still, again = _weigh(metadata, run, part, part.noise_mm2[:, :, None] * np.eye(len(noise[0])))
-        for index, odds, weight in zip(moving.tolist(), again[LOG_ODDS].tolist(), weights_if_still, strict=True):
-            still_odds[index], still_weights[index] = odds, weight
+    weights = _weights(metadata, samples, samples.covariance_mm2)
+    answers, still_odds, still_weights = _answers(metadata, run, samples, weights, np.flatnonzero(moves))
+    from_rest = _from_rest(metadata, samples)
     settled: list[bool] = np.asarray((noise <= SETTLED * metadata.noise.sample_mm**2).all(axis=1)).tolist()
-    columns = zip(*(column.tolist() for column in answers.values()), strict=True)
-    channels = samples.valid.sum(axis=1).tolist()
-    return [
-        Evidence(z, weight, dict(zip(answers, row, strict=True)), *said)
-        for z, weight, row, *said in zip(
-            from_rest, weights, columns, channels, rest, moves.tolist(), still_odds, still_weights, settled, strict=True
-        )
-    ]
+    each = zip(
+        from_rest,
+        weights,
+        answers,
+        samples.valid.sum(axis=1).tolist(),
+        _misfit_of_rest(weights, from_rest),
+        moves.tolist(),
+        still_odds,
+        still_weights,
+        settled,
+        strict=True,
+    )
+    return [Evidence(*said) for said in each]
 
 
-def _rest_mm(metadata: Metadata) -> Floats:
-    """Return the deflections (channels,) that a calibration found at rest."""
-    calibration = metadata.calibration
-    return np.array(calibration.departures.offset_mm if calibration else [0.0] * len(metadata.layout))
+def _answers(
+    metadata: Metadata, run: Run, samples: Weighed, weights: Floats, moving: Indices
+) -> tuple[list[dict[str, float]], list[float], Floats]:
+    """Return the answers, and the log odds and the whitening that each sample would have without scatter.
+
+    The graph runs once: for the samples with their whitening, and for those that move as if they were still.
+    """
+    if not len(moving):
+        said = _said(run, samples.deflection_mm, weights)
+        return said, [one[LOG_ODDS] for one in said], weights
+    part, count, still_weights = samples.part(moving), len(weights), weights.copy()
+    still = _weights(metadata, part, part.noise_mm2[:, :, None] * np.eye(weights.shape[1]))
+    still_weights[moving] = still
+    deflection_mm = np.concatenate([samples.deflection_mm, part.deflection_mm])
+    said = _said(run, deflection_mm, np.concatenate([weights, still]))
+    still_odds = [one[LOG_ODDS] for one in said[:count]]
+    for index, one in zip(moving.tolist(), said[count:], strict=True):
+        still_odds[index] = one[LOG_ODDS]
+    return said[:count], still_odds, still_weights
 
 
-def _weigh(metadata: Metadata, run: Run, samples: Weighed, covariance_mm2: Floats) -> tuple[Floats, Answers]:
-    """Return the whitening and the answers for samples of this covariance."""
+def _said(run: Run, deflection_mm: Floats, weights: Floats) -> list[dict[str, float]]:
+    """Return the value per output for each sample."""
+    answers = run(deflection_mm, weights)
+    columns = zip(*(values.tolist() for values in answers.values()), strict=True)
+    return [dict(zip(answers, row, strict=True)) for row in columns]
+
+
+def _from_rest(metadata: Metadata, samples: Weighed) -> Floats:
+    """Return the deflections (samples, channels) from those that a calibration found at rest."""
+    calibration, deflection_mm = metadata.calibration, samples.deflection_mm
+    if calibration is not None:
+        deflection_mm = deflection_mm - np.array(calibration.departures.offset_mm)
+    return samples.of_valid(deflection_mm)
+
+
+def _weights(metadata: Metadata, samples: Weighed, covariance_mm2: Floats) -> Floats:
+    """Return the whitening for samples of this covariance."""
     floor = metadata.floor
-    weights = whitening(samples.deflection_mm, covariance_mm2, floor.gain, floor.zero_mm, samples.valid)
-    # The answers may lie in memory that the next run uses again.
-    answers = {name: values.copy() for name, values in run(samples.deflection_mm, weights).items()}
-    return weights, answers
+    valid = None if samples.is_whole else samples.valid
+    return whitening(samples.deflection_mm, covariance_mm2, floor.gain, floor.zero_mm, valid)
 
 
 def _misfit_of_rest(whitening_per_mm: Floats, from_rest_mm: Floats) -> list[float]:

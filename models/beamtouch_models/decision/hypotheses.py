@@ -60,7 +60,8 @@ class Hypotheses:
     @property
     def agree(self) -> bool:
         """Whether all hypotheses have the same state."""
-        return all(one.state is self.state for one in self._deciders)
+        state = self.state
+        return len(self._deciders) == 1 or all(one.state is state for one in self._deciders)
 
     @property
     def memories(self) -> tuple[Memory, ...]:

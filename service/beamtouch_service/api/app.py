@@ -96,7 +96,8 @@ class Application(FastAPI):
 
     def build_middleware_stack(self) -> ASGIApp:
         """Return the layers around the routes: those of the framework that are needed, and ours outside."""
-        routes = ExceptionMiddleware(AsyncExitStackMiddleware(self.router), handlers=self.exception_handlers)
+        others = samples.SamplesFirst(self.context, AsyncExitStackMiddleware(self.router))
+        routes = ExceptionMiddleware(others, handlers=self.exception_handlers)
         return gate.Gate(contact.ContactFirst(self.context, routes))
 
 

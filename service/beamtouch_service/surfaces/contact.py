@@ -1,10 +1,10 @@
 """The contact, and its decision from the answer of the model. Pure: no clock, no state, no I/O."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from math import isfinite
+from typing import NamedTuple
 
 from pydantic import BaseModel
 
@@ -22,8 +22,7 @@ class ContactQuality(StrEnum):
     DEGRADED = "degraded"
 
 
-@dataclass(frozen=True, slots=True)
-class Figures:
+class Figures(NamedTuple):
     """Position and force with 95 % intervals; None without a contact or an output for it."""
 
     position_mm: float | None = None
@@ -34,7 +33,6 @@ class Figures:
     force_high_n: float | None = None
 
 
-_FIGURES = tuple(field.name for field in fields(Figures))
 NO_FIGURES = Figures()
 
 
@@ -87,14 +85,13 @@ class Doubt(StrEnum):
     NOISE = "noise"
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(NamedTuple):
     """State and figures of one sample."""
 
     state: State
     figures: Figures = NO_FIGURES
     misfit: float = 0.0
-    notes: list[str] = field(default_factory=list)
+    notes: Sequence[str] = ()
     """Values of `Doubt`, or `check-NAME`."""
     suspect: str | None = None
     """The channel NAME of `check-NAME`."""
@@ -117,7 +114,7 @@ def figures_of(answer: Mapping[str, float], length_mm: float) -> Figures:
     UnusableEstimateError
         A figure is not finite, or the position lies off the beam.
     """
-    served = {name: answer[name] for name in _FIGURES if name in answer}
+    served = {name: answer[name] for name in Figures._fields if name in answer}
     # A sum of finite 32-bit values is finite, so one test covers all.
     if not isfinite(sum(served.values())):
         for name, value in served.items():

@@ -1,7 +1,7 @@
 """Runs the model on all samples of a batch in one call. Pure: no clock, no state, no I/O."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,7 @@ CHUNK = 256
 """Samples that are weighed together. More would cost memory and save no time."""
 
 
-@dataclass(frozen=True, slots=True)
-class Estimated:
+class Estimated(NamedTuple):
     """One sample, and the evidence in it under the model."""
 
     sequence: int
@@ -41,20 +40,27 @@ class Estimated:
         """Return the same without the samples around it, to be kept for long."""
         evidence = self.evidence
         if isinstance(evidence, Evidence):
-            evidence = replace(
-                evidence,
+            evidence = evidence._replace(
                 deflection_mm=evidence.deflection_mm.copy(),
                 whitening_per_mm=evidence.whitening_per_mm.copy(),
                 still_whitening_per_mm=evidence.still_whitening_per_mm.copy(),
             )
-        return replace(self, evidence=evidence, weighed=self.weighed.part(np.array([self.row])), row=0)
+        return self._replace(evidence=evidence, weighed=self.weighed.part(np.array([self.row])), row=0)
 
 
 def estimate(
-    model: ModelFile, surface: str, batch: Batch, samples: Sequence[Sample], ask: Ask | None = None
+    model: ModelFile,
+    surface: str,
+    batch: Batch,
+    samples: Sequence[Sample],
+    ask: Ask | None = None,
+    arrangement: Arrangement | None = None,
 ) -> list[Estimated]:
-    """Return the evidence in `samples` of a batch of `surface` under `model`; by default, `model.estimate` runs it."""
-    arrangement = Arrangement(model, batch)
+    """Return the evidence in `samples` of a batch of `surface` under `model`.
+
+    By default, `model.run` runs it, and the arrangement is made for this batch.
+    """
+    arrangement = arrangement or Arrangement(model, batch)
     found: list[Estimated] = []
     for start in range(0, len(samples), CHUNK):
         part = samples[start : start + CHUNK]
@@ -71,20 +77,18 @@ def _chunk(
     characteristic: str | None,
 ) -> list[Estimated]:
     weighed, bad = arrangement.weighed(samples)
-    enough = np.flatnonzero(weighed.valid.sum(axis=1) >= model.metadata.min_channels)
-    found = dict(zip(enough.tolist(), _evidence(model, surface, ask, weighed.part(enough)), strict=True))
+    found: Sequence[Evidence | Problem]
+    if weighed.is_whole:
+        found = _evidence(model, surface, ask, weighed)
+    else:
+        enough = np.flatnonzero(weighed.valid.sum(axis=1) >= model.metadata.min_channels)
+        known = dict(zip(enough.tolist(), _evidence(model, surface, ask, weighed.part(enough)), strict=True))
+        found = [known.get(row) or _too_few(model, surface, left_out) for row, left_out in enumerate(bad)]
     return [
         Estimated(
-            sample.sequence,
-            sample.acquired_unix_us,
-            sample.readings,
-            left_out,
-            found[row] if row in found else _too_few(model, surface, left_out),
-            weighed,
-            row,
-            characteristic,
+            sample.sequence, sample.acquired_unix_us, sample.readings, left_out, one, weighed, row, characteristic
         )
-        for row, (sample, left_out) in enumerate(zip(samples, bad, strict=True))
+        for row, (sample, left_out, one) in enumerate(zip(samples, bad, found, strict=True))
     ]
 
 

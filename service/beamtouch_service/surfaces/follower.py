@@ -1,7 +1,6 @@
 """Decides on the samples of one sender, in the order in which they were taken. Pure but for the run of the model."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -49,8 +48,7 @@ class Past(NamedTuple):
 NO_PAST = Past(memories_after(None))
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
+class Seen(NamedTuple):
     """The decision on one sample."""
 
     estimated: Estimated
@@ -82,8 +80,7 @@ class Seen:
         return isinstance(self.outcome, Decision) and Doubt.UNSTEADY in self.outcome.notes
 
 
-@dataclass(frozen=True, slots=True)
-class _Judged:
+class _Judged(NamedTuple):
     """A sample whose state is decided."""
 
     estimated: Estimated

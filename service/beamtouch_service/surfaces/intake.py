@@ -40,11 +40,15 @@ class Intake:
         self.counts.accepted += admission.accepted
         self.counts.repeated += admission.repeated
         self.counts.lost += admission.lost
-        new = set(admission.new)
-        samples = [sample for sample in batch.samples if sample.sequence in new]
-        # Sequence numbers increase, so the samples after the newest one are the last of the batch.
-        fresh = [sample for sample in samples if self._is_after_newest(batch, sample, arrival_s)]
+        samples = batch.samples
+        if admission.repeated:
+            new = set(admission.new)
+            samples = [sample for sample in samples if sample.sequence in new]
         acquired_s = _acquired_s(batch, arrival_s)
+        # Sequence numbers increase, so the samples after the newest one are the last of the batch.
+        fresh = samples
+        if samples and not self._is_after_newest(batch, samples[0], arrival_s):
+            fresh = [sample for sample in samples if self._is_after_newest(batch, sample, arrival_s)]
         if fresh:
             self.senders.move(batch.boot_id, fresh[-1].sequence, acquired_s)
         receipt = Receipt(accepted=admission.accepted, repeated=admission.repeated)

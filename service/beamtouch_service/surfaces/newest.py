@@ -1,6 +1,6 @@
 """The newest sample of a surface, and the contact that it gives."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from beamtouch_service.samples import Sample
@@ -50,7 +50,7 @@ class Decided(NamedTuple):
             state=self.decision.state,
             readings=estimated.readings,
             misfit=round(self.decision.misfit, 2),
-            **asdict(self.decision.figures),
+            **self.decision.figures._asdict(),
             age_ms=newest.age_ms(now_s),
             sampled_at=rfc3339(newest.sample.acquired_unix_us),
             sequence=newest.sample.sequence,

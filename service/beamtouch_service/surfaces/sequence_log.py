@@ -45,6 +45,13 @@ class Runs:
         index = bisect_right(self._begins, number) - 1
         return index >= 0 and number < self._ends[index]
 
+    def extend(self, begin: int, end: int) -> bool:
+        """Add the numbers from `begin` to before `end` if they follow the last one; return whether they do."""
+        if not self._ends or self._ends[-1] != begin:
+            return False
+        self._ends[-1] = end
+        return True
+
     def add(self, begin: int, end: int) -> None:
         """Add the numbers from `begin` up to, but without, `end`. None of them may be in the set."""
         index = bisect_right(self._begins, begin)
@@ -78,6 +85,8 @@ class SequenceLog:
         self._runs.move_to_end(boot_id)
         if len(self._runs) > self._max_senders:
             self._runs.popitem(last=False)
+        if sequences[-1] - sequences[0] == len(sequences) - 1 and runs.extend(sequences[0], sequences[-1] + 1):
+            return Admission(accepted=len(sequences), repeated=0, lost=0, new=tuple(sequences))
         missing = runs.missing
         new = [sequence for sequence in sequences if sequence not in runs]
         cuts = [0, *(index + 1 for index, (one, other) in enumerate(pairwise(new)) if other != one + 1), len(new)]

@@ -10,17 +10,20 @@ from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.estimates import estimate
 from beamtouch_service.surfaces.follower import Follower, Seen
 from beamtouch_service.surfaces.timings import Timings
+from beamtouch_service.surfaces.weighing import Arrangement
+
+MAX_BOUND = 16
+"""Batches of up to this many samples use memory of their own. Larger ones are rare, and take long anyway."""
 
 
-class Inference:
-    """Runs a model. Single samples always use the same memory, which is a tenth faster than new arrays."""
+class _Bound:
+    """Runs a model on a fixed number of samples, always in the same memory."""
 
-    def __init__(self, model: ModelFile) -> None:
-        self._model = model
+    def __init__(self, model: ModelFile, samples: int) -> None:
         self._run = model.session.run_with_iobinding
         golden = model.metadata.golden
-        self._deflection_mm = np.array(golden.deflection_mm[:1], np.float32)
-        self._whitening = np.array(golden.whitening_per_mm[:1], np.float32)
+        self._deflection_mm = np.repeat(np.array(golden.deflection_mm[:1], np.float32), samples, axis=0)
+        self._whitening = np.repeat(np.array(golden.whitening_per_mm[:1], np.float32), samples, axis=0)
         # The graph decides the shapes of its outputs, so take them from an answer.
         answers = model.estimate(self._deflection_mm, self._whitening)
         self._answers = {name: np.ascontiguousarray(values) for name, values in answers.items()}
@@ -31,12 +34,26 @@ class Inference:
             self._binding.bind_output(name, "cpu", 0, array.dtype.type, array.shape, array.ctypes.data)
 
     def ask(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
-        """Return the values per output for deflections [mm] and their whitening. They hold until the next call."""
-        if len(deflection_mm) != 1:
-            return self._model.run(deflection_mm, whitening_per_mm)
         self._deflection_mm[:], self._whitening[:] = deflection_mm, whitening_per_mm
         self._run(self._binding)
         return self._answers
+
+
+class Inference:
+    """Runs a model. Small batches always use the same memory, which is a tenth faster than new arrays."""
+
+    def __init__(self, model: ModelFile) -> None:
+        self._model = model
+        self._bound = {1: _Bound(model, 1)}
+
+    def ask(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
+        """Return the values per output for deflections [mm] and their whitening. They hold until the next call."""
+        samples = len(deflection_mm)
+        if not 0 < samples <= MAX_BOUND:
+            return self._model.run(deflection_mm, whitening_per_mm)
+        if samples not in self._bound:
+            self._bound[samples] = _Bound(self._model, samples)
+        return self._bound[samples].ask(deflection_mm, whitening_per_mm)
 
 
 class ServedModel:
@@ -45,8 +62,15 @@ class ServedModel:
     def __init__(self, file: ModelFile) -> None:
         self.file = file
         self._inference = Inference(file)
+        self._arrangement: Arrangement | None = None
         self._follower: tuple[str, Follower] | None = None
         """Follows the sender with this boot id."""
+
+    def arrangement(self, batch: Batch) -> Arrangement:
+        """Return the channels of the model in a batch: those of the last one, if both name the same channels."""
+        if self._arrangement is None or not self._arrangement.fits(batch):
+            self._arrangement = Arrangement(self.file, batch)
+        return self._arrangement
 
     def follow(self, surface: str, stale_ms: float, batch: Batch, fresh: list[Sample], timings: Timings) -> list[Seen]:
         """Decide on new samples of a batch, in order. A sender is followed from its first batch on."""
@@ -59,4 +83,4 @@ class ServedModel:
 
         if self._follower is None or self._follower[0] != batch.boot_id:
             self._follower = batch.boot_id, Follower(self.file, self._inference.ask, surface, stale_ms)
-        return self._follower[1].follow(estimate(self.file, surface, batch, fresh, ask))
+        return self._follower[1].follow(estimate(self.file, surface, batch, fresh, ask, self.arrangement(batch)))

@@ -20,7 +20,6 @@ from beamtouch_service.surfaces.stretches import Stretches
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
 from beamtouch_service.surfaces.transit import Transit
-from beamtouch_service.surfaces.weighing import noise_contradicts
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -197,12 +196,12 @@ class Surface:
         if served is None:
             self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, list(batch.notes))
             return
-        model, boot_id = served.file, batch.boot_id
+        model, boot_id, arrangement = served.file, batch.boot_id, served.arrangement(batch)
         seen = served.follow(self.name, self.stale_ms, batch, fresh, self.timings)
         newest_us = fresh[-1].acquired_unix_us
         for one in seen:
             self.stretches.add(one, acquired_s - (newest_us - one.estimated.acquired_unix_us) / 1e6)
-        notes: list[str] = [*batch.notes, *([Doubt.NOISE] if noise_contradicts(model, batch) else [])]
+        notes: list[str] = [*batch.notes, *([Doubt.NOISE] if arrangement.contradicts else [])]
         self.newest = Newest(boot_id, batch.channels, fresh[-1], acquired_s, notes, seen[-1], model.identity)
         if self.witness:
             self.witness.fresh(self, model, boot_id, seen)

@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beamtouch_models.modelfile import ModelFile, Weighed
-from beamtouch_service.samples import Batch, Quality, Sample, triangle_rows
+from beamtouch_service.samples import Batch, Quality, Sample
 
 CONTRADICTION = 1.25
 """The noise of a sender contradicts that of the model if one is more than this many times the other."""
 LARGEST = 100.0
 """A deflection is out of range beyond this many times the largest one that the scene allows."""
+_OUT_OF_RANGE = {Quality.GOOD: Quality.OUT_OF_RANGE}
+"""Quality of a channel that the sender calls good, and that takes no part all the same."""
 
 
 def noise_contradicts(model: ModelFile, batch: Batch) -> bool:
@@ -28,54 +30,62 @@ class Arrangement:
     """The channels of a model in the order of a batch, and the noise of a reading of each."""
 
     def __init__(self, model: ModelFile, batch: Batch) -> None:
-        self.channels = [(name, batch.channels.index(name)) for name in model.channels]
-        self._places = [place for _, place in self.channels]
+        self.contradicts = noise_contradicts(model, batch)
+        """Whether the noise that the sender states contradicts the model."""
+        self._of = batch.channels, batch.noise_mm
+        self._names = model.channels
+        self._places = [batch.channels.index(name) for name in self._names]
+        self._is_as_sent = self._places == list(range(len(batch.channels)))
+        self._all_good = [Quality.GOOD] * len(self._places)
+        count = len(self._places)
+        # The place of each entry of a matrix in the lower triangle of a batch.
+        rows, columns = np.maximum.outer(self._places, self._places), np.minimum.outer(self._places, self._places)
+        self._entries = (rows * (rows + 1) // 2 + columns).ravel()
         self._largest_mm = LARGEST * model.metadata.max_deflection_mm
         said = model.metadata.noise
-        self._settled_mm2 = np.full(len(self.channels), said.sample_mm**2)
+        self._settled_mm2 = np.full(count, said.sample_mm**2)
         stated = [batch.noise_mm[place] for place in self._places] if batch.noise_mm else None
-        self._stated_mm2 = np.square(stated) if stated else np.full(len(self.channels), said.reading_mm**2)
-        contradicts = noise_contradicts(model, batch)
-        self._reading_mm2 = np.maximum(self._stated_mm2, said.reading_mm**2) if contradicts else self._stated_mm2
+        self._stated_mm2 = np.square(stated) if stated else np.full(count, said.reading_mm**2)
+        self._reading_mm2 = np.maximum(self._stated_mm2, said.reading_mm**2) if self.contradicts else self._stated_mm2
+
+    def fits(self, batch: Batch) -> bool:
+        """Return whether this is the arrangement of another batch for the same model, too."""
+        return self._of == (batch.channels, batch.noise_mm)
 
     def weighed(self, samples: Sequence[Sample]) -> tuple[Weighed, list[dict[str, Quality]]]:
         """Return samples as arrays, and for each the qualities of the channels that take no part."""
-        count, channels = len(samples), len(self.channels)
-        deflection_mm, noise_mm2 = np.zeros((count, channels)), np.empty((count, channels))
-        covariance_mm2 = np.zeros((count, channels, channels))
-        diagonal = np.arange(channels)
+        deflection_mm, valid, bad = self._values(samples)
+        settled = [sample.readings is None for sample in samples]
+        readings = np.array([[sample.readings or 1] for sample in samples], np.float64)
+        noise_mm2 = self._reading_mm2 / readings
+        if any(settled):
+            noise_mm2[settled] = self._settled_mm2
+        channels = len(self._names)
+        covariance_mm2 = np.zeros((len(samples), channels * channels))
+        variances = covariance_mm2[:, :: channels + 1]
+        variances[:] = noise_mm2
+        stated = [row for row, sample in enumerate(samples) if sample.covariance_mm2 is not None]
+        if stated:
+            triangles = np.array([samples[row].covariance_mm2 for row in stated])
+            covariance_mm2[stated] = triangles[:, self._entries]
+            variances[stated] += noise_mm2[stated] - self._stated_mm2 / readings[stated]
+        return Weighed(deflection_mm, covariance_mm2.reshape(-1, channels, channels), noise_mm2, valid), bad
+
+    def _values(
+        self, samples: Sequence[Sample]
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], list[dict[str, Quality]]]:
+        """Return the deflections [mm], 0 for channels that take no part, which channels do, and why others do not."""
+        sent = np.array([sample.deflection_mm for sample in samples], np.float64)  # NaN for null
+        values = sent if self._is_as_sent else sent[:, self._places]
+        # No load goes that far. In single precision, the model could answer anything.
+        valid = np.abs(values) <= self._largest_mm
+        if self._is_as_sent and valid.all() and all(sample.quality == self._all_good for sample in samples):
+            return values, valid, [{} for _ in samples]
         bad = []
         for row, sample in enumerate(samples):
-            values, left_out = self._values(sample)
-            deflection_mm[row] = values
-            bad.append(left_out)
-            settled = sample.readings is None
-            noise_mm2[row] = self._settled_mm2 if settled else self._reading_mm2 / (sample.readings or 1)
-            if sample.covariance_mm2 is None:
-                covariance_mm2[row, diagonal, diagonal] = noise_mm2[row]
-            else:
-                covariance_mm2[row] = self._ordered(sample.covariance_mm2)
-                covariance_mm2[row, diagonal, diagonal] += noise_mm2[row] - self._stated_mm2 / (sample.readings or 1)
-        valid = np.array([[name not in one for name, _ in self.channels] for one in bad], np.bool_)
-        return Weighed(deflection_mm, covariance_mm2, noise_mm2, valid.reshape(count, channels)), bad
-
-    def _values(self, sample: Sample) -> tuple[list[float], dict[str, Quality]]:
-        """Return the deflections [mm], 0 for a channel that takes no part, and the qualities of those."""
-        values: list[float] = []
-        bad: dict[str, Quality] = {}
-        for name, place in self.channels:
-            value, quality = sample.deflection_mm[place], sample.quality[place]
-            if value is None or quality is not Quality.GOOD:
-                bad[name] = quality
-            elif abs(value) > self._largest_mm:
-                # No load does that. In single precision, the model could answer anything.
-                bad[name] = Quality.OUT_OF_RANGE
-            values.append(0.0 if value is None or name in bad else value)
-        return values, bad
-
-    def _ordered(self, triangle: list[float]) -> NDArray[np.float64]:
-        """Return a lower triangle in the order of the batch as a matrix in the order of the model."""
-        rows = triangle_rows(triangle)
-        return np.array(
-            [[rows[max(one, two)][min(one, two)] for two in self._places] for one in self._places], np.float64
-        )
+            qualities = [sample.quality[place] for place in self._places]
+            valid[row] &= [quality is Quality.GOOD for quality in qualities]
+            each = zip(self._names, qualities, valid[row].tolist(), strict=True)
+            left_out = {name: quality for name, quality, takes_part in each if not takes_part}
+            bad.append({name: _OUT_OF_RANGE.get(quality, quality) for name, quality in left_out.items()})
+        return np.where(valid, values, 0.0), valid, bad
