@@ -65,9 +65,14 @@ class Problem:
 def no_layout(count: int) -> SceneError:
     """Return the error for rules that allow no layout."""
     return SceneError(
-        f"no layout of {count} sensors keeps the rules of sensors (min_distance_mm, keep_out_mm, fixed_mm, grid_mm); "
-        "loosen one or use fewer sensors"
+        f"no layout of {count} sensors keeps the rules of sensors (min_distance_mm, keep_out_mm, fixed_mm, grid_mm, "
+        "mounting_tolerance_mm); loosen one or use fewer sensors"
     )
+
+
+def too_few_components(count: int, leading: int) -> SceneError:
+    """Return the error for more components than sensors."""
+    return SceneError(f"{count} sensors have {count} components, not {leading}; use fewer components or more sensors")
 
 
 def equal_layout(rules: Candidates, length_mm: float, count: int) -> Indices:
@@ -97,8 +102,7 @@ def problem_of(influence: InfluenceFunction, rules: Candidates, count: int, lead
     """
     leading = leading or count
     if leading > count:
-        message = f"{count} sensors have {count} components, not {leading}; use fewer components or more sensors"
-        raise SceneError(message)
+        raise too_few_components(count, leading)
     equal = equal_layout(rules, influence.length_mm, count)
     return problem_from(influence.matrix(rules.position_mm), rules, equal, leading, influence.unit_mm_per_n)
 
