@@ -19,7 +19,9 @@ from playwright.sync_api import Browser
 from xdist.remote import Producer
 
 from beamtouch_models import cli, modelfile
-from beamtouch_models.building.build import build
+from beamtouch_models.building.build import Choices, build
+from beamtouch_models.placement import Aim
+from beamtouch_models.progress import silent
 from beamtouch_models.scene import load_scene
 from browser import OpenPage, chromium, pages
 from example_scenes import SCENES
@@ -89,10 +91,14 @@ def anyio_backend() -> str:
     return "asyncio"
 
 
+BY_PRODUCT = Choices(aim=Aim("eigenvalue-product"))
+"""The paper's layouts, which are known numbers and take less time to find."""
+
+
 def _build(name: str, folder: Path) -> None:
     """Write the model of a shipped scene into a folder."""
     scene, text = load_scene(SCENES / f"{name}.toml")
-    built = build(scene, text, name, count=None, seed=0, progress=lambda _doing, _done: None)
+    built = build(scene, text, name, count=None, seed=0, progress=silent, choices=BY_PRODUCT)
     (folder / f"{name}.onnx").write_bytes(built.content)
 
 
@@ -111,7 +117,7 @@ def _build_for_firmware(folder: Path) -> None:
     text = (SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10")
     (folder / "scene.toml").write_text(text)
     scene, text = load_scene(folder / "scene.toml")
-    built = build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None)
+    built = build(scene, text, "bench", count=None, seed=0, progress=silent, choices=BY_PRODUCT)
     (folder / "model.onnx").write_bytes(built.content)
 
 
@@ -125,7 +131,7 @@ def ten_bits(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 def _build_paper_network(folder: Path) -> None:
     """Write a model with the paper's network, and the JSON object that the command prints."""
     with redirect_stdout(io.StringIO()) as said:
-        output = ("-o", str(folder / "paper.onnx"), "--json")
+        output = ("--criterion", "eigenvalue-product", "-o", str(folder / "paper.onnx"), "--json")
         assert cli.main(["build", str(SCENES / "paper.toml"), "--estimator", "paper-network", *output]) == 0
     (folder / "said.json").write_text(said.getvalue())
 

@@ -6,6 +6,7 @@ import re
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import onnx
 
@@ -26,7 +27,7 @@ from beamtouch_models.placement import Aim
 from beamtouch_models.pricing.noise import floor_of, zero_drift_mm
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 
-EARLIER = {"criterion": "eigenvalue-product", "spare": 0}
+EARLIER: dict[str, Any] = {"criterion": "eigenvalue-product", "spare": 0}
 """Placement of model files that do not state it."""
 
 

@@ -18,7 +18,7 @@ from beamtouch_models.placement.search_paper import SearchName, paper_search
 from beamtouch_models.progress import Fraction
 
 STARTS = 2
-FINALISTS = 3
+FINALISTS = 6
 FINAL_DRAWS = 2_000
 """Simulated contacts by which the finalists are compared."""
 MOST_LISTED = 512
@@ -59,7 +59,7 @@ def searched(
             else:
                 runs.append(pattern_search(surrogate.scores, rules, start))
         runs.sort(key=lambda run: -run.score)
-        finalists = [*(run.layout for run in runs), *starts]
+        finalists = [*(run.layout for run in runs), starts[0]]
     distinct = list({tuple(layout): layout for layout in finalists}.values())[:FINALISTS]
     return _decided(influence, rules, distinct, errors, seed, spare, lambda part: progress(0.7 + 0.3 * part)), runs
 

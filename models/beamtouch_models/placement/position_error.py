@@ -1,8 +1,10 @@
 """The mean position error of layouts, quickly: the accuracy limit of a few contacts on a coarse grid.
 
-It is the width of the posteriors of samples that are drawn without errors. Of layouts on the bench scene, the ratio of
-this width to the limit scatters by 0.4 %; with drawn errors it scatters by 1.2 %, because a layout then fits the errors
-that were drawn. The width itself holds all errors of a sample: noise, gains, zeros and the mounting of the sensors.
+It is the mean width of posteriors, which holds all errors of a sample: noise, gains, zeros and the mounting of the
+sensors. If the force is open, the samples themselves are drawn without errors: of layouts on the bench scene, the ratio
+of this width to the limit scatters by 0.4 %; with drawn errors it scatters by 1.2 %, because a layout then fits the
+errors that were drawn. If the force is known, two places may explain a sample alike, and only drawn errors show how
+often; then there are more contacts.
 
 The contacts are the same for every layout, and more of them lie where errors are large. The cells of the grid are
 narrower where an equal pitch tells more positions apart. Nothing here bounds how much better another layout could be.
@@ -21,8 +23,11 @@ from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
 
-CELLS = 256
-DRAWS = 128
+CELLS = (256, 1024)
+"""Smallest and largest number of cells; between them, RESOLVED for each mean error of an equal pitch."""
+RESOLVED = 2.0
+DRAWS = {True: 512, False: 128}
+"""For known and open force: contacts, a power of two."""
 NEGLIGIBLE = 15.0
 """Difference to the largest log density beyond which a cell is not part of a posterior."""
 TIE = 1e-6
@@ -48,6 +53,10 @@ class Surrogate:
     """(cells, candidates), its deviation by the mounting of a sensor, in mm/N; None if positions are exact."""
     clean: Floats
     """(draws, candidates), deflection in mm."""
+    deviation: Floats
+    """(draws, candidates), standard deviation of a sample of it, in mm."""
+    noise: Floats
+    """(draws, sensors), with variance 1; 0 if the force is open."""
     weight: Floats
     """(draws,), 1 on average."""
 
@@ -68,7 +77,7 @@ class Surrogate:
     def mean_errors_mm(self, layout: Indices) -> list[float]:
         """Return the mean error of a layout (sensors,) with all sensors, and with a spare, with each one failed."""
         count = len(layout)
-        sample = self.clean[:, layout]
+        sample = self.clean[:, layout] + self.deviation[:, layout] * self.noise
         floor = (self.errors.gain * sample) ** 2 + self.errors.zero_mm**2
         precision = 1 / (self.errors.noise_mm**2 + floor)
         working = np.ones((1, count)) if not self.spare else np.vstack([np.ones(count), 1 - np.eye(count)])
@@ -152,21 +161,37 @@ def surrogate_of(
 ) -> Surrogate:
     """Draw the contacts of a surrogate; `equal` is the allowed layout nearest to equal pitch."""
     prior = Prior.real(influence, rules.position_mm[equal], errors)
-    drawn, force, _ = spread_contacts(prior, DRAWS, np.random.default_rng(seed))
+    known = prior.force_is_known
+    drawn, force, noise = spread_contacts(prior, DRAWS[known], np.random.default_rng(seed))
     drawn, weight = where_it_errs(prior, drawn)
     edges = _edges_mm(prior)
     middles = (edges[1:] + edges[:-1]) / 2
     clean = influence.at(rules.position_mm, drawn) * force[:, None]
-    shapes, uncertain = influence.at(rules.position_mm, middles), None
+    square = errors.noise_mm**2 + errors.zero_mm**2 + (errors.gain * clean) ** 2
+    uncertain = None
     if errors.mounting_mm:
         uncertain = influence.deviation(rules.position_mm, middles, errors.mounting_mm)
-    return Surrogate(influence.force_n, rules, errors, spare, edges, shapes, uncertain, clean, weight / weight.mean())
+        square += (influence.deviation(rules.position_mm, drawn, errors.mounting_mm) * force[:, None]) ** 2
+    return Surrogate(
+        influence.force_n,
+        rules,
+        errors,
+        spare,
+        edges,
+        influence.at(rules.position_mm, middles),
+        uncertain,
+        clean,
+        np.sqrt(square),
+        noise if known else np.zeros_like(noise),
+        weight / weight.mean(),
+    )
 
 
 def _edges_mm(prior: Prior) -> Floats:
-    """Return the edges of CELLS cells, half of them spread evenly and half where the prior tells positions apart."""
+    """Return the edges of cells, half of them spread evenly and half where the prior tells positions apart."""
     told_apart = 1 / cramer_rao.mean_errors_mm(prior)
+    cells = int(np.clip(RESOLVED * told_apart.mean() * (prior.position_mm[1] - prior.position_mm[0]), *CELLS))
     often = UNIFORM + (1 - UNIFORM) * told_apart / told_apart.mean()
     along = np.concatenate([[0.0], np.cumsum(often)]) / often.sum()
-    edges: Floats = np.interp(np.linspace(0, 1, CELLS + 1), along, np.linspace(*prior.position_mm, len(along)))
+    edges: Floats = np.interp(np.linspace(0, 1, cells + 1), along, np.linspace(*prior.position_mm, len(along)))
     return edges
