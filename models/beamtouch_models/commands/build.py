@@ -6,7 +6,6 @@ import re
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import onnx
 
@@ -22,12 +21,12 @@ from beamtouch_models.commands.aims import aim_of
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.description import unseen
 from beamtouch_models.errors import ModelFileError, SceneError
-from beamtouch_models.metadata import METADATA_PREFIX
+from beamtouch_models.metadata import METADATA_PREFIX, Placed
 from beamtouch_models.placement import Aim
 from beamtouch_models.pricing.noise import floor_of, zero_drift_mm
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 
-EARLIER: dict[str, Any] = {"criterion": "eigenvalue-product", "spare": 0}
+EARLIER = Aim("eigenvalue-product")
 """Placement of model files that do not state it."""
 
 
@@ -97,10 +96,11 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
     try:
         entries = {entry.key: entry.value for entry in onnx.load_from_string(loading.read(path)).metadata_props}
         text, name, layout = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name", "layout"))
-        before = json.loads(entries.get(METADATA_PREFIX + "placed", "null")) or EARLIER
+        stated = json.loads(entries.get(METADATA_PREFIX + "placed", "null"))
+        before = Placed.model_validate(stated) if stated else EARLIER
         if options.sensors is None and options.criterion is None and options.spare is None:
             kept_mm = tuple(float(channel["position_mm"]) for channel in layout)
-            choices = replace(choices, aim=Aim(before["criterion"], before["spare"]), kept_mm=kept_mm)
+            choices = replace(choices, aim=Aim(before.criterion, before.spare), kept_mm=kept_mm)
     except ModelFileError:
         raise
     except Exception:  # noqa: BLE001  # protobuf's errors have no common base but Exception

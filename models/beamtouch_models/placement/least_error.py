@@ -20,7 +20,11 @@ from beamtouch_models.progress import Fraction
 STARTS = 2
 FINALISTS = 6
 FINAL_DRAWS = 2_000
-"""Simulated contacts by which the finalists are compared."""
+"""Simulated contacts by which the finalists are compared; fewer where many failures are."""
+MOST_SCORED = 2_000
+"""Layouts that a run scores, or fewer with a spare; searches of up to eight sensors seldom score as many."""
+FEWER = 5
+"""Number of sensors failed in turn above which the two are lowered, so that the time is bounded."""
 MOST_LISTED = 512
 """Up to this many layouts are all scored, which takes no longer than a search."""
 MAX_EXCHANGES = 200
@@ -57,7 +61,8 @@ def searched(
             if search == "paper":
                 runs.append(paper_search(surrogate.scores, rules, start, rng))
             else:
-                runs.append(pattern_search(surrogate.scores, rules, start))
+                most = MOST_SCORED * shared(count, spare)
+                runs.append(pattern_search(surrogate.scores, rules, start, most=most))
         runs.sort(key=lambda run: -run.score)
         finalists = [*(run.layout for run in runs), starts[0]]
     distinct = list({tuple(layout): layout for layout in finalists}.values())[:FINALISTS]
@@ -81,6 +86,11 @@ def mean_errors_percent(
 def objective(all_percent: float, failed_percent: list[float]) -> float:
     """Return what a placement minimises: the largest error with one failed; among equals, that with all sensors."""
     return max(failed_percent) + TIE * all_percent if failed_percent else all_percent
+
+
+def shared(count: int, spare: int) -> float:
+    """Return the factor by which a placement lowers its numbers of draws and layouts, at most 1."""
+    return min(1.0, FEWER / (1 + spare * count))
 
 
 def _every(rules: Candidates, count: int) -> Indices | None:
@@ -132,9 +142,9 @@ def _decided(
     progress: Fraction,
 ) -> Indices:
     """Return the layout with the smallest objective by the accuracy limit itself."""
-    found = []
+    found, draws = [], round(FINAL_DRAWS * shared(len(layouts[0]), spare))
     for number, layout in enumerate(layouts):
         progress(number / len(layouts))
-        whole, *failed = mean_errors_percent(influence, rules.position_mm[layout], errors, FINAL_DRAWS, seed, spare)
+        whole, *failed = mean_errors_percent(influence, rules.position_mm[layout], errors, draws, seed, spare)
         found.append(objective(whole, failed))
     return layouts[int(np.argmin(found))]
