@@ -8,9 +8,9 @@ import numpy as np
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.placement.impossible import too_few_components
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.placing import Certify, Placement, place, place_by_position_error, score_positions
-from beamtouch_models.placement.problem import too_few_components
 from beamtouch_models.placement.search_paper import SearchName
 from beamtouch_models.progress import Progress, silent
 

@@ -9,6 +9,7 @@ from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.components import log_eigenvalue_product
+from beamtouch_models.placement.impossible import no_layout, too_few_components
 from beamtouch_models.placement.layout import Candidates, equal_pitch_mm
 
 TAIL = 1e-8
@@ -60,19 +61,6 @@ class Problem:
         if layout is None:
             raise no_layout(self.count)
         return layout
-
-
-def no_layout(count: int) -> SceneError:
-    """Return the error for rules that allow no layout."""
-    return SceneError(
-        f"no layout of {count} sensors keeps the rules of sensors (min_distance_mm, keep_out_mm, fixed_mm, grid_mm, "
-        "mounting_tolerance_mm); loosen one or use fewer sensors"
-    )
-
-
-def too_few_components(count: int, leading: int) -> SceneError:
-    """Return the error for more components than sensors."""
-    return SceneError(f"{count} sensors have {count} components, not {leading}; use fewer components or more sensors")
 
 
 def equal_layout(rules: Candidates, length_mm: float, count: int) -> Indices:
