@@ -43,7 +43,9 @@ def test_the_defaults_are_the_scenes_number_of_sensors_the_position_error_and_th
 ) -> None:
     found = json.loads(design_sensors_here("place", SCENES / "paper.toml", "--json").stdout)
     assert (found["criterion"], found["search"], found["seed"]) == ("position-error", "exact", 0)
-    assert (found["spare"], found["limit_without_percent"]) == (0, [])
+    assert found["spare"] == 0
+    # One sensor does not tell the two halves of the beam apart.
+    assert min(found["limit_without_percent"]) > 2 * found["accuracy_limit_percent"]
     assert found["components"] == len(found["positions_mm"]) == 2
     # From independent code: 3.78 % at the least error, 4.12 % at the largest eigenvalue product.
     assert found["accuracy_limit_percent"] == pytest.approx(3.78, abs=0.08)

@@ -9,13 +9,15 @@ import pytest
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
-from beamtouch_models.placement import Aim, place_by_position_error
-from beamtouch_models.placement.least_error import FINAL_DRAWS, MOST_LISTED
+from beamtouch_models.placement import Aim, least_error, place_by_position_error
+from beamtouch_models.placement.least_error import MOST_LISTED
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from stated_problems import problem_in
 
 pytestmark = [pytest.mark.long, pytest.mark.untraced]
+
+DRAWS = 500
 
 
 def scene_of(supports: str, force_n: object, position_mm: tuple[float, float], **sensors: object) -> Scene:
@@ -38,14 +40,15 @@ SCENES = {
 
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("spare", [0, 1])
-def test_the_layout_is_the_best_of_all_on_a_coarse_grid(name: str, spare: int) -> None:
+def test_the_layout_is_the_best_of_all_on_a_coarse_grid(name: str, spare: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(least_error, "FINAL_DRAWS", DRAWS)
     scene, count, errors = SCENES[name]
     influence, rules = problem_in(scene)
 
     @cache
     def error(*kept: int) -> float:
         prior = Prior.real(influence, rules.position_mm[list(kept)], errors)
-        return accuracy_limit(prior, FINAL_DRAWS, 0).percent
+        return accuracy_limit(prior, DRAWS, 0).percent
 
     def objective(layout: tuple[int, ...]) -> tuple[float, float]:
         # Without a sensor, the limit is that of the others: a prior of its own, not one with a channel less.
@@ -58,20 +61,20 @@ def test_the_layout_is_the_best_of_all_on_a_coarse_grid(name: str, spare: int) -
     assert found.positions_mm == tuple(rules.position_mm[list(best)])
 
 
-def test_a_search_finds_the_best_of_more_layouts_than_are_listed() -> None:
+def test_a_search_of_more_layouts_than_are_listed_is_within_a_hundredth_of_the_best() -> None:
     scene, errors = scene_of("propped", (2.0, 20.0), (1, 399), grid_mm=22), SampleErrors(0.002)
     influence, rules = problem_in(scene)
 
     @cache
     def error(*kept: int) -> float:
-        return accuracy_limit(Prior.real(influence, rules.position_mm[list(kept)], errors), FINAL_DRAWS, 0).percent
+        return accuracy_limit(Prior.real(influence, rules.position_mm[list(kept)], errors), DRAWS, 0).percent
 
     every = list(combinations(range(len(rules.position_mm)), 3))
     assert len(every) > MOST_LISTED
     least = min(max(error(*kept) for kept in combinations(layout, 2)) for layout in every)
     found = place_by_position_error(influence, rules, 3, 0, errors, spare=1)
     layout = np.searchsorted(rules.position_mm, found.positions_mm)
-    assert max(error(*kept) for kept in combinations(layout.tolist(), 2)) == least
+    assert max(error(*kept) for kept in combinations(layout.tolist(), 2)) <= 1.01 * least
 
 
 def test_one_failed_sensor_costs_less_with_a_spare() -> None:

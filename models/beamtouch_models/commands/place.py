@@ -6,20 +6,17 @@ import math
 import time
 from typing import Any
 
-import numpy as np
-
 from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.building.failing import placed_of
 from beamtouch_models.building.placed import Placed, placed
 from beamtouch_models.commands.aims import aim_of_place
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.placement import Aim, recommended_count
-from beamtouch_models.placement.least_error import mean_errors_percent
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import load_scene
 from beamtouch_models.workers import spread_over
 
-LIMIT_DRAWS, FAILED_DRAWS = 10_000, 2_000
-"""Simulated contacts with all sensors, and with each one failed."""
+LIMIT_DRAWS = 10_000
 
 
 def run(options: argparse.Namespace) -> None:
@@ -39,11 +36,10 @@ def run(options: argparse.Namespace) -> None:
 
 def _described(sensors: Placed, aim: Aim, seed: int) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
-    placement, influence, errors = sensors.placement, sensors.influence, sensors.errors
-    positions = np.array(placement.positions_mm)
+    placement = sensors.placement
     # Use fresh draws: a layout looks better on the draws that it was chosen by.
     limit = accuracy_limit(sensors.prior, LIMIT_DRAWS, seed + 1)
-    failed = mean_errors_percent(influence, positions, errors, FAILED_DRAWS, seed + 1, aim.spare)[1:]
+    failed = placed_of(sensors.prior, aim.criterion, aim.spare, seed + 1).limit_without_percent
     score = placement.log_eigenvalue_product
     return {
         "positions_mm": list(placement.positions_mm),
@@ -59,7 +55,7 @@ def _described(sensors: Placed, aim: Aim, seed: int) -> dict[str, Any]:
         "search": aim.search,
         "seed": seed,
         "components": aim.leading or len(placement.positions_mm),
-        "recommended_sensors": recommended_count(influence, errors.noise_mm),
+        "recommended_sensors": recommended_count(sensors.influence, sensors.errors.noise_mm),
     }
 
 
@@ -75,7 +71,7 @@ def _table(found: dict[str, Any], noise_mm: float) -> str:
         ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
         ("proof", _proof_line(found)),
         ("limit", _limit_line(found["accuracy_limit_percent"], found["standard_error"], noise_mm)),
-        *([("failed", _failed_line(found))] if found["spare"] else []),
+        *([("failed", _failed_line(found))] if found["limit_without_percent"] else []),
         ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
         ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
         ("advice", f"{found['recommended_sensors']} sensors: one per component that exceeds the noise, at least two"),
