@@ -5,7 +5,7 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.metadata import Metadata, Placed
 from beamtouch_models.placement.aims import Criterion
 
-DRAWS, FEWEST_DRAWS = 8_192, 256
+DRAWS, FEWEST_DRAWS = 4_096, 256
 """Simulated contacts, shared between the sensors, and the smallest number for each; bounds the time of a build."""
 TOO_MUCH = 2.0
 """Ratio of the error with one sensor failed to that with all from which a build warns."""
