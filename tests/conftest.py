@@ -95,9 +95,9 @@ BY_PRODUCT = Choices(aim=Aim("eigenvalue-product"))
 """The paper's layouts, which are known numbers and take less time to find."""
 
 
-def _build(name: str, folder: Path) -> None:
-    """Write the model of a shipped scene into a folder."""
-    scene, text = load_scene(SCENES / f"{name}.toml")
+def _build(path: Path, name: str, folder: Path) -> None:
+    """Write the model of a scene into a folder."""
+    scene, text = load_scene(path)
     built = build(scene, text, name, count=None, seed=0, progress=silent, choices=BY_PRODUCT)
     (folder / f"{name}.onnx").write_bytes(built.content)
 
@@ -107,7 +107,8 @@ def built_model(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Pat
     """A function from the name of a shipped scene to its model file; built once, whichever test process asks first."""
 
     def model(name: str) -> Path:
-        return made_once(tmp_path_factory, f"model-{name}", partial(_build, name)) / f"{name}.onnx"
+        made = partial(_build, SCENES / f"{name}.toml", name)
+        return made_once(tmp_path_factory, f"model-{name}", made) / f"{name}.onnx"
 
     return model
 
@@ -116,16 +117,14 @@ def _build_for_firmware(folder: Path) -> None:
     """Write the bench scene with the ADC of the firmware's chip, and its model."""
     text = (SCENES / "bench.toml").read_text().replace("rate_hz = 200", "rate_hz = 200\nadc_bits = 10")
     (folder / "scene.toml").write_text(text)
-    scene, text = load_scene(folder / "scene.toml")
-    built = build(scene, text, "bench", count=None, seed=0, progress=silent, choices=BY_PRODUCT)
-    (folder / "model.onnx").write_bytes(built.content)
+    _build(folder / "scene.toml", "bench", folder)
 
 
 @pytest.fixture(scope="session")
 def ten_bits(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The bench scene with a 10-bit ADC as in the firmware's chip, and its model; built once per run."""
     folder = made_once(tmp_path_factory, "ten-bits", _build_for_firmware)
-    return folder / "scene.toml", folder / "model.onnx"
+    return folder / "scene.toml", folder / "bench.onnx"
 
 
 def _build_paper_network(folder: Path) -> None:
