@@ -19,6 +19,7 @@ def add_build(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sensors", type=whole_number(1, 64), metavar="N", help="number of sensors, instead of the scene's"
     )
+    _add_criterion(parser, "position-error")
     parser.add_argument(
         "--estimator",
         choices=ESTIMATORS,
@@ -31,6 +32,22 @@ def add_build(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--report", type=Path, metavar="FILE", help="also write a report of the build (.html)")
     add_seed(parser)
     add_json(parser)
+
+
+def _add_criterion(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument(
+        "--criterion",
+        choices=("position-error", "eigenvalue-product"),
+        help="what the layout makes best: the mean position error (least), or the paper's product of eigenvalues "
+        f"(largest) (default: {default})",
+    )
+    parser.add_argument(
+        "--spare",
+        type=whole_number(0, 1),
+        metavar="N",
+        help="number of sensors that may fail, 0 or 1; with 1, the layout is the one with the least mean position "
+        "error when the worst single sensor has failed (default: 0)",
+    )
 
 
 def add_calibrate(parser: argparse.ArgumentParser) -> None:
@@ -123,10 +140,7 @@ def add_place(parser: argparse.ArgumentParser) -> None:
         metavar="K",
         help="number of leading eigenvalues in the product (default: all)",
     )
-    criteria = ("eigenvalue-product", "position-error")
-    parser.add_argument(
-        "--criterion", choices=criteria, default=criteria[0], help="what to optimise (default: eigenvalue-product)"
-    )
+    _add_criterion(parser, "position-error; with --components or --prove, eigenvalue-product")
     parser.add_argument("--search", choices=("exact", "paper"), default="exact", help="search method (default: exact)")
     parser.add_argument(
         "--prove",

@@ -34,6 +34,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
         ("noise", f"{noise.reading_mm:.3g} mm per reading, {noise.sample_mm:.3g} mm per sample"),
         ("error", f"{error} of the length, on average"),
         ("limit", f"{best}; error over limit {ratio}"),
+        *_placed(metadata),
         ("outputs", ", ".join(outputs)),
         *([("lacks", f"{lacks}: `design-sensors evaluate` can use it, the service cannot")] if lacks else []),
         ("golden", f"{len(metadata.golden.deflection_mm)} answers reproduced"),
@@ -76,6 +77,16 @@ def unseen(metadata: Metadata) -> str:
         f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {where}: "
         f"up to {max(seen.force_n):.2g} N is needed there"
     )
+
+
+def _placed(metadata: Metadata) -> list[tuple[str, str]]:
+    found = metadata.placed
+    if found is None or not found.limit_without_percent:
+        return []
+    worst = max(found.limit_without_percent)
+    name = metadata.layout[found.limit_without_percent.index(worst)].name
+    spare = ", with a spare" if found.spare else ""
+    return [("placed", f"by {found.criterion}{spare}; the limit grows to {worst:.3g} % if {name} fails")]
 
 
 def _calibration(metadata: Metadata) -> list[tuple[str, str]]:

@@ -21,7 +21,7 @@ from beamtouch_models.building.sensor_rules import sample_errors
 from beamtouch_models.metadata import Channel
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement import Placement, place, place_by_position_error
+from beamtouch_models.placement import Aim, Placement, place, place_by_position_error
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.scene import Scene, load_scene, parse_scene
@@ -35,7 +35,8 @@ pytestmark = pytest.mark.long
 
 def built_of(path: Path, model: ModelFile, scene: Scene) -> Built:
     physics = required(scene, model.metadata.filter)
-    return Built(path.read_bytes(), model.metadata, place(*problem_in(scene), len(model.metadata.layout), 0), physics)
+    placement = place(*problem_in(scene), len(model.metadata.layout), 0)
+    return Built(path.read_bytes(), model.metadata, placement, physics, Aim("eigenvalue-product"))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -145,11 +146,30 @@ def test_layouts_are_compared_on_the_same_contacts(facts: Facts) -> None:
     assert len(Tags(page(facts)).of("tr", "taken")) == 1
 
 
-def test_a_layout_that_no_search_finds_is_listed_too(facts: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_error_is_stated_with_each_sensor_failed_and_without_each_kind_of_error(facts: Facts) -> None:
+    words = " ".join(Tags(page(facts)).text)
+    placed, prices = facts.model.metadata.placed, {price.name: price for price in facts.prices}
+    assert placed is not None
+    assert len(placed.limit_without_percent) == 4
+    # The outer sensors are worth more than the inner ones.
+    assert min(placed.limit_without_percent[::3]) > 1.2 * max(placed.limit_without_percent[1:3])
+    assert min(placed.limit_without_percent) > placed.limit_percent
+    for percent in (placed.limit_percent, *placed.limit_without_percent):
+        assert f"{percent:.3f}" in words
+    for name in ("gain error", "zero drift"):
+        assert prices[name].with_percent > 1.01 * prices[name].without_percent
+        assert f"{prices[name].without_percent:.3f}" in words
+    assert prices["mounting tolerance"].with_percent == prices["mounting tolerance"].without_percent
+
+
+def test_a_layout_that_no_search_finds_is_listed_too(
+    facts: Facts, bench_model: Path, bench: ModelFile, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(facts_module, "LAYOUT_DRAWS", 100)
     scene = physics_of(facts.model.metadata).scene
     errors, problem = sample_errors(scene, facts.model.metadata.noise.sample_mm), problem_in(scene)
-    layouts = facts_module._layouts(*problem, np.array([50.0, 150.0, 250.0, 350.0]), errors, 0)
+    kept = Placement((50.0, 150.0, 250.0, 350.0), 0.0, 0, ())
+    layouts = facts_module._layouts(replace(built_of(bench_model, bench, scene), placement=kept), *problem, errors)
     assert [layout.taken for layout in layouts] == [False] * (len(layouts) - 1) + [True]
     assert layouts[-1].name == "the model's"
 

@@ -46,6 +46,9 @@ def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(tmp
     assert token.stat().st_mode & 0o777 == 0o600
     assert len(token.read_text().strip()) >= 32
     assert sorted(path.name for path in tmp_path.iterdir()) == ["beamtouch.token", "daemon.toml", "press.onnx"]
+    placed = described["placed"]
+    assert (placed["criterion"], placed["spare"]) == ("position-error", 0)
+    assert len(placed["limit_without_percent"]) == 3
     inspected = design_sensors("inspect", model, "--json")
     assert inspected.returncode == 0
     assert json.loads(inspected.stdout) == described
@@ -77,6 +80,57 @@ def test_an_old_model_is_refused_with_the_command_that_rebuilds_it(
     done = design_sensors(*command[1].split())
     assert done.returncode == 0, done.stderr
     assert path.read_bytes() == bench_model.read_bytes()
+
+
+@pytest.mark.usefixtures("short_measuring")
+def test_a_rebuilt_model_keeps_its_layout_because_its_sensors_are_mounted(
+    design_sensors_here: Command, bench_model: Path, tmp_path: Path
+) -> None:
+    old = onnx.load(bench_model)
+    for entry in old.metadata_props:
+        if entry.key == "beamtouch.layout":
+            moved = json.loads(entry.value)
+            moved[0]["position_mm"] = 70.5  # where the installer put it
+            entry.value = json.dumps(moved)
+    placed = next(entry for entry in old.metadata_props if entry.key == "beamtouch.placed")
+    old.metadata_props.remove(placed)  # earlier versions did not state it
+    path, fresh = tmp_path / "bench.onnx", tmp_path / "new.onnx"
+    onnx.save(old, path)
+    done = design_sensors_here("build", path, "-o", fresh, "--json")
+    assert done.returncode == 0, done.stderr
+    rebuilt = json.loads(done.stdout)
+    assert rebuilt["positions_mm"] == [70.5, 156, 244, 332]
+    assert rebuilt["placed"]["criterion"] == "eigenvalue-product"
+    asked = ("--criterion", "eigenvalue-product")
+    anew = json.loads(design_sensors_here("build", path, "-o", fresh, *asked, "--json").stdout)
+    assert anew["positions_mm"] == [68, 156, 244, 332]
+
+
+@pytest.mark.usefixtures("short_measuring")
+@pytest.mark.parametrize(
+    ("count", "options", "said"),
+    [
+        (2, (), "one failed sensor ends this surface: all 2 channels must work; add a sensor, or place them with"),
+        (2, ("--spare", 1), "one failed sensor ends this surface: all 2 channels must work; add a sensor\n"),
+        (4, ("--spare", 1), ""),
+    ],
+)
+def test_build_warns_where_one_failed_sensor_ends_the_surface(
+    design_sensors_here: Command, tmp_path: Path, count: int, options: tuple[object, ...], said: str
+) -> None:
+    scene = tmp_path / "scene.toml"
+    text = PAPER.replace("count = 2", f"count = {count}\ngrid_mm = 40").replace(
+        "force_n = 10.0", "force_n = [2.0, 20.0]"
+    )
+    scene.write_text(text.replace("noise_percent_of_max = 2", "noise_percent_of_max = 0.2"))
+    done = design_sensors_here("build", scene, "-o", tmp_path / "model.onnx", "--json", *options)
+    assert done.returncode == 0, done.stderr
+    warnings = [line + "\n" for line in done.stderr.splitlines() if line.startswith("warning:")]
+    assert len(warnings) == (1 if said else 0)
+    assert said in "".join(warnings)
+    described = json.loads(done.stdout)
+    assert described["placed"]["spare"] == (1 if options else 0)
+    assert (described["min_channels"] == count) == bool(said)
 
 
 def test_a_file_without_a_scene_cannot_be_rebuilt(design_sensors_here: Command, tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ from stated_problems import fewest_mm
 
 KEYS = {
     "positions_mm", "log_eigenvalue_product", "accuracy_limit_percent", "standard_error", "proven", "gap",
-    "evaluations", "wall_s", "criterion", "search", "seed", "components", "recommended_sensors",
+    "evaluations", "wall_s", "criterion", "spare", "limit_without_percent", "search", "seed", "components",
+    "recommended_sensors",
 }  # fmt: skip
 
 
@@ -37,13 +38,43 @@ def test_five_sensors_are_proven() -> None:
     assert found["wall_s"] > 0
 
 
-def test_the_defaults_are_the_scenes_number_of_sensors_the_product_and_the_exact_search(
+def test_the_defaults_are_the_scenes_number_of_sensors_the_position_error_and_the_exact_search(
     design_sensors_here: Command,
 ) -> None:
     found = json.loads(design_sensors_here("place", SCENES / "paper.toml", "--json").stdout)
-    assert (found["criterion"], found["search"], found["seed"]) == ("eigenvalue-product", "exact", 0)
-    assert found["components"] == len(found["positions_mm"])
+    assert (found["criterion"], found["search"], found["seed"]) == ("position-error", "exact", 0)
+    assert found["spare"] == 0
+    # One sensor does not tell the two halves of the beam apart.
+    assert min(found["limit_without_percent"]) > 2 * found["accuracy_limit_percent"]
+    assert found["components"] == len(found["positions_mm"]) == 2
+    # From independent code: 3.78 % at the least error, 4.12 % at the largest eigenvalue product.
+    assert found["accuracy_limit_percent"] == pytest.approx(3.78, abs=0.08)
+
+
+@pytest.mark.parametrize("option", [("--criterion", "eigenvalue-product"), ("--components", 2), ("--prove",)])
+def test_components_and_proofs_are_those_of_the_eigenvalue_product(
+    design_sensors_here: Command, option: tuple[object, ...]
+) -> None:
+    found = json.loads(design_sensors_here("place", SCENES / "paper.toml", *option, "--json").stdout)
+    assert (found["criterion"], found["positions_mm"]) == ("eigenvalue-product", [122, 278])
     assert 0 <= found["gap"] < 1e-3
+    refused = design_sensors_here("place", SCENES / "paper.toml", *option, "--spare", 1)
+    assert (refused.returncode, refused.stdout, refused.stderr.count("\n")) == (2, "", 1)
+    assert "--spare 1 places by position error" in refused.stderr
+
+
+def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_here: Command, tmp_path: Path) -> None:
+    path = tmp_path / "coarse.toml"
+    path.write_text(PAPER.replace("count = 2", "count = 3\ngrid_mm = 40").replace("10.0", "[2.0, 20.0]"))
+    found = json.loads(design_sensors_here("place", path, "--spare", 1, "--json").stdout)
+    assert found["spare"] == 1
+    assert len(found["limit_without_percent"]) == 3
+    assert min(found["limit_without_percent"]) > found["accuracy_limit_percent"]
+    lines = dict(
+        line.split(maxsplit=1) for line in design_sensors_here("place", path, "--spare", 1).stdout.splitlines()
+    )
+    worst = max(found["limit_without_percent"])
+    assert f"{worst:.3g} % without" in lines["failed"]
 
 
 def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: Command) -> None:
@@ -81,14 +112,15 @@ def test_an_open_number_is_that_of_a_build_and_the_option_overrides_it(
     design_sensors_here: Command, tmp_path: Path
 ) -> None:
     path = tmp_path / "open.toml"
-    path.write_text(PAPER.replace("count = 2", "count = [2, 5]") + "\n[requirements]\nposition_error_mm = 15\n")
+    text = PAPER.replace("count = 2", "count = [2, 5]\ngrid_mm = 40")
+    path.write_text(text + "\n[requirements]\nposition_error_mm = 14\n")
     scene, _ = load_scene(path)
     built = fewest_mm(scene, noise_of(scene, choose_filter(scene)).sample_mm)
     assert len(built) == 3
     found = json.loads(design_sensors_here("place", path, "--json").stdout)
     assert found["positions_mm"] == built.tolist()
     found = json.loads(design_sensors_here("place", path, "--sensors", 2, "--json").stdout)
-    assert found["positions_mm"] == [122, 278]
+    assert len(found["positions_mm"]) == 2
 
 
 def test_an_open_number_makes_room_for_the_fixed_sensors(design_sensors_here: Command, tmp_path: Path) -> None:
@@ -112,9 +144,9 @@ def test_place_states_the_noise_that_effects_are_priced_in(design_sensors_here: 
     [
         ("count = 2", 'count = "auto"', (), "give requirements.position_error_mm, or --sensors N"),
         ("count = 2", "count = 2\nmin_distance_mm = 399", (), "no layout of 2 sensors keeps the rules"),
-        ("count = 2", "count = 2", ("--components", 3), "no more than 2 components"),
+        ("count = 2", "count = 2", ("--components", 3), "2 sensors have 2 components, not 3"),
         ("noise_percent_of_max = 2", "noise_mm = 0", ("--criterion", "position-error"), "state the noise"),
-        ("[1, 399]", "[200, 200.001]", ("--sensors", 3), "widen contact.position_mm"),
+        ("[1, 399]", "[200, 200.001]", ("--sensors", 3, "--prove"), "widen contact.position_mm"),
     ],
 )
 def test_a_scene_that_cannot_be_placed_gives_one_line_and_exit_2(

@@ -1,13 +1,15 @@
 import numpy as np
 import pytest
+from scipy import stats
 
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, place_by_position_error
-from beamtouch_models.placement.placing import SearchName
-from beamtouch_models.placement.position_error import surrogate_of
+from beamtouch_models.placement.position_error import Surrogate, mean_distances, surrogate_of
+from beamtouch_models.placement.problem import equal_layout
+from beamtouch_models.placement.search_paper import SearchName
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from plain_error import mean_error
@@ -57,15 +59,52 @@ def test_at_little_noise_the_layout_is_no_worse_than_equal_pitch_or_the_product(
     assert limit_of(paper_scene(), found.positions_mm, noise_mm).percent <= min(equal.percent, product.percent)
 
 
-def test_the_cramer_rao_surrogate_agrees_with_a_plain_gaussian_error() -> None:
+def surrogate(scene: Scene, count: int, errors: SampleErrors) -> Surrogate:
+    influence, rules = problem_in(scene)
+    return surrogate_of(influence, rules, equal_layout(rules, influence.length_mm, count), errors, 0)
+
+
+def test_the_cramer_rao_bound_of_a_surrogate_agrees_with_a_plain_gaussian_error() -> None:
     noise_mm = 1e-3
-    surrogate = surrogate_of(*problem_in(paper_scene()), 2, SampleErrors(noise_mm), 0)
-    slopes = np.gradient(surrogate.shapes[:, [121, 277]] * noise_mm, surrogate.position_mm, axis=0)
-    sd = noise_mm / (10.0 * np.linalg.norm(slopes, axis=1))
-    terms = np.stack([(slopes**2).sum(axis=1), np.zeros(len(sd)), np.ones(len(sd))]) / np.array(
-        [[noise_mm**2], [1], [1]]
-    )
-    assert surrogate.cramer_rao_mm(terms) == pytest.approx(sd.mean(), rel=1e-2)
+    one = surrogate(paper_scene(), 2, SampleErrors(noise_mm))
+    middles, width = (one.edges_mm[1:] + one.edges_mm[:-1]) / 2, np.diff(one.edges_mm)
+    sd = noise_mm / (10.0 * np.linalg.norm(np.gradient(one.shapes[:, [121, 277]], middles, axis=0), axis=1))
+    found = one.cramer_rao_mm(one.information[:, :, [121, 277]].sum(axis=2))
+    assert found == pytest.approx((sd * width).sum() / width.sum(), rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("force_n", "errors"),
+    [
+        (10.0, SampleErrors(0.03)),
+        ((2.0, 20.0), SampleErrors(0.01)),
+        ((2.0, 20.0), SampleErrors(0.004, 0.02, 0.005)),
+        ((2.0, 20.0), SampleErrors(0.004, 0.003, 0.001, 3.0)),
+    ],
+    ids=["force known", "noise", "gain and zero", "mounting"],
+)
+def test_the_surrogate_orders_layouts_as_the_limit_does(force_n: object, errors: SampleErrors) -> None:
+    base = paper_scene().model_dump()
+    scene = Scene.model_validate({**base, "contact": {"force_n": force_n, "position_mm": (1, 399)}})
+    one, influence = surrogate(scene, 3, errors), influence_of(scene)
+    layouts = np.array([[49, 199, 349], [87, 199, 311], [99, 149, 299], [59, 219, 339], [119, 199, 279]])
+    ratios = [
+        -float(one.scores(layout[None])[0])
+        / (4 * limit.accuracy_limit(Prior.real(influence, one.rules.position_mm[layout], errors), 2_000, 3).percent)
+        for layout in layouts
+    ]
+    # The width of posteriors of samples without errors is a little less than that of samples with them.
+    assert min(ratios) > 0.85
+    assert max(ratios) < 1.1
+    assert max(ratios) < 1.06 * min(ratios)
+
+
+@pytest.mark.parametrize("sigma_mm", [0.6, 3.0, 30.0])
+def test_the_mean_distance_of_a_density_on_cells_is_that_of_scipy(sigma_mm: float) -> None:
+    edges = np.unique(np.concatenate([np.linspace(0, 400, 200), np.linspace(90, 110, 57)]))
+    middles = (edges[1:] + edges[:-1]) / 2
+    found = mean_distances(edges, stats.norm(101.0, sigma_mm).logpdf(middles)[None])
+    assert found[0] == pytest.approx(stats.norm(0, sigma_mm).expect(np.abs), rel=0.02)
 
 
 @pytest.mark.parametrize("search", ["exact", "paper"])

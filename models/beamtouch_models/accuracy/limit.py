@@ -85,13 +85,16 @@ def draw_evenly(prior: Prior, count: int, seed: int) -> Draws:
     contacts = [spread_contacts(prior, each, rng) for rng in rngs]
     position, force = (np.concatenate([contact[part] for contact in contacts]) for part in (0, 1))
     noise = np.concatenate([contact[2] for contact in contacts])
-    position, weight = _where_it_errs(prior, position)
+    position, weight = where_it_errs(prior, position)
     clean, deviation = prior.sampled(position, force)
     return Draws(position, force, clean + deviation * noise, weight / weight.mean())
 
 
-def _where_it_errs(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:
-    """Concentrate evenly spread positions where errors are large; returns positions and weights, both (draws,)."""
+def where_it_errs(prior: Prior, position_mm: Floats) -> tuple[Floats, Floats]:
+    """Concentrate evenly spread positions where errors are large.
+
+    Returns positions in mm and weights, both (draws,).
+    """
     if prior.noise_mm == 0:
         return position_mm, np.ones(len(position_mm))
     error_mm = cramer_rao.mean_errors_mm(prior)

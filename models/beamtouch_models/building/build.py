@@ -3,21 +3,20 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
 import onnx
 
-from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.drawing import drawn_of
+from beamtouch_models.building.failing import placed_of
 from beamtouch_models.building.held_limit import check_held
-from beamtouch_models.building.measured import Measured, check_seen, measured
-from beamtouch_models.building.sensor_rules import check_spacing, sample_errors, sensor_of, sensor_rules
+from beamtouch_models.building.measured import Measured, measured
+from beamtouch_models.building.placed import Placed, placed
+from beamtouch_models.building.sensor_rules import sensor_of
 from beamtouch_models.estimators.estimator import NAMES, Estimator, Name, estimator_of
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges
-from beamtouch_models.physics.beam import influence_of, max_deflection_mm
-from beamtouch_models.placement import Placement, fewest_sensors
-from beamtouch_models.pricing.effects import Physics, required
+from beamtouch_models.physics.beam import max_deflection_mm
+from beamtouch_models.placement import LEAST_ERROR, Aim, Placement
+from beamtouch_models.pricing.effects import Physics
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
@@ -32,6 +31,10 @@ class Choices:
     """None: the filter that uses all of the latency."""
     finish: Callable[[onnx.ModelProto], onnx.ModelProto] = lambda graph: graph
     """Applied to the estimator's graph before it is measured."""
+    aim: Aim = LEAST_ERROR
+    """Criterion of the layout."""
+    kept_mm: tuple[float, ...] = ()
+    """Positions of sensors that are mounted already, placed with this aim; none: the sensors are placed."""
 
 
 DEFAULTS = Choices()
@@ -46,6 +49,7 @@ class Built:
     placement: Placement
     physics: Physics
     """The physics that the model was built with, and the price of each effect."""
+    aim: Aim = LEAST_ERROR
 
 
 def build(
@@ -76,36 +80,40 @@ def build(
         The model misses the accuracy limit, or its intervals hold too few of the true positions.
     """
     chosen = choices.filter or choose_filter(scene)
-    check_scene(scene, chosen, count)
-    physics = required(scene, chosen)
-    progress("placing the sensors", 0.0)
-    placement, prior = _placed(physics, count, seed)
+    sensors = placed(
+        scene,
+        chosen,
+        count=count,
+        seed=seed,
+        aim=choices.aim,
+        kept_mm=choices.kept_mm,
+        progress=lambda _, done: progress("placing the sensors", 0.3 * done),
+    )
+    physics, prior = sensors.physics, sensors.prior
     made = estimator_of(
         choices.estimator,
         prior,
         least_noise_mm=physics.filter.least_noise_mm(physics.noise),
         with_force=scene.wants_force,
         seed=seed,
-        progress=lambda done: progress("making the estimator", 0.05 + 0.75 * done),
+        progress=lambda done: progress("making the estimator", 0.3 + 0.5 * done),
     )
     made = replace(made, graph=choices.finish(made.graph))
     progress("measuring the accuracy against the limit", 0.8)
     check_held(made, prior, seed + 4)
     found = measured(made, prior, scene, physics.filter, seed)
-    metadata = _metadata(name, text, physics, placement, made, found, seed)
-    return Built(to_bytes(made.graph, metadata), metadata, placement, physics)
+    metadata = _metadata(name, text, sensors, choices.aim, made, found, seed)
+    return Built(to_bytes(made.graph, metadata), metadata, sensors.placement, physics, choices.aim)
 
 
-def _metadata(
-    name: str, text: str, physics: Physics, placement: Placement, made: Estimator, found: Measured, seed: int
-) -> Metadata:
+def _metadata(name: str, text: str, sensors: Placed, aim: Aim, made: Estimator, found: Measured, seed: int) -> Metadata:
     """Return the metadata of an estimator of a surface, with the scene's TOML text."""
-    scene = physics.scene
+    physics, scene = sensors.physics, sensors.physics.scene
     return Metadata(
         name=name,
         estimator=made.name,
         length_mm=scene.beam.length_mm,
-        layout=[Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(placement.positions_mm, start=1)],
+        layout=[Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(sensors.placement.positions_mm, start=1)],
         min_channels=made.min_channels,
         ranges=Ranges(position_mm=scene.contact.position_mm, force_n=scene.contact.force_range_n),
         max_deflection_mm=max_deflection_mm(scene),
@@ -117,26 +125,9 @@ def _metadata(
         smallest_force=found.smallest_force,
         drawn=drawn_of(scene),
         influence=found.influence,
+        placed=placed_of(sensors.prior, aim.criterion, aim.spare, seed),
         seed=seed,
         accuracy=found.accuracy,
         golden=found.golden,
         scene=text,
     )
-
-
-def _placed(physics: Physics, count: int | None, seed: int) -> tuple[Placement, Prior]:
-    """Place the sensors. Physics ends here: estimator and accuracy know only the influence matrix in the prior."""
-    scene = physics.scene
-    influence, errors = influence_of(scene), sample_errors(scene, physics.noise.sample_mm)
-    placement = fewest_sensors(
-        influence,
-        sensor_rules(scene),
-        (count, count) if count else scene.sensors.count_range,
-        wanted_mm=scene.requirements.position_error_mm,
-        errors=errors,
-        seed=seed,
-    )
-    check_spacing(scene, placement.positions_mm)
-    prior = Prior.real(influence, np.array(placement.positions_mm), errors)
-    check_seen(prior, scene, physics.filter, seed)
-    return placement, prior

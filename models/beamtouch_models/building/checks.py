@@ -1,8 +1,17 @@
-"""The check of a scene before its effects are priced, its sensors placed or its model built, the same for all commands.
+"""The checks of a scene before and after its sensors are placed; `placed` makes them for all commands."""
 
-The same scene is refused for the same reason by each of them.
-"""
+import numpy as np
 
+from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.accuracy.touch_thresholds import (
+    directions,
+    noise_at_rest,
+    rate_per_sample,
+    shapes_at_rest,
+    smallest_force_n,
+    touch_threshold,
+)
+from beamtouch_models.arrays import Floats
 from beamtouch_models.building.sensor_rules import sensor_of, sensor_rules
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
@@ -10,6 +19,9 @@ from beamtouch_models.physics.beam import check_small_angles
 from beamtouch_models.placement.problem import equal_layout
 from beamtouch_models.pricing.noise import check_errors, noise_of
 from beamtouch_models.scene import Scene
+
+SEEN_PLACES = 25
+"""Number of positions for which the smallest force is stated."""
 
 
 def check_scene(scene: Scene, chosen: FilterChoice, count: int | None = None) -> None:
@@ -35,3 +47,22 @@ def check_scene(scene: Scene, chosen: FilterChoice, count: int | None = None) ->
     sensor_of(scene)
     fewest = min(scene.sensors.fewest, scene.sensors.count_range[1])
     equal_layout(sensor_rules(scene), scene.beam.length_mm, count or fewest)
+
+
+def check_seen(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> None:
+    """Raise SceneError if no contact of a scene is seen by a model with this prior, filter and seed."""
+    rate = rate_per_sample(scene.requirements.false_contacts_per_day, scene.sensors.rate_hz, chosen.window)
+    threshold = touch_threshold(directions(shapes_at_rest(prior)), noise_at_rest(prior), rate, seed + 1)
+    least = float(smallest_force_n(prior, threshold, seen_places(prior)).min())
+    if least > prior.force_n[1]:
+        message = (
+            f"sensors: no contact of the scene is seen, as at least {least:.3g} N is needed and contact.force_n ends "
+            f"at {prior.force_n[1]:g} N; state less noise or zero_drift_mm, or allow more false_contacts_per_day"
+        )
+        raise SceneError(message)
+
+
+def seen_places(prior: Prior) -> Floats:
+    """Return positions without the very ends of the range, where no force is seen if they are supports."""
+    inside: Floats = np.linspace(*prior.position_mm, SEEN_PLACES + 2)[1:-1]
+    return inside

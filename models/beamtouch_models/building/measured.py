@@ -8,19 +8,10 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import mean_of, ratio_of
-from beamtouch_models.accuracy.touch_thresholds import (
-    directions,
-    noise_at_rest,
-    rate_per_sample,
-    shapes_at_rest,
-    smallest_force_n,
-    touch_threshold,
-    touch_thresholds,
-)
+from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, smallest_force_n, touch_thresholds
 from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds
-from beamtouch_models.arrays import Floats
+from beamtouch_models.building.checks import seen_places
 from beamtouch_models.detection import UNSEEN_N
-from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Accuracy, FilterChoice, Floor, Golden, Influence, SmallestForce, Thresholds
@@ -33,8 +24,6 @@ GOLDEN_DRAWS = 6
 MAX_ALIKE = 24
 """Readings in a growing mean that make false stretches about as frequent as they become: successive samples share most
 of their readings, and stretches still begin often."""
-SEEN_PLACES = 25
-"""Number of positions for which the smallest force is stated."""
 INFLUENCE_PLACES = 129
 """Positions of the table of the influence. Cubic interpolation is off by at most 6e-4 of the largest influence of any
 shipped scene, at the kink that shear makes, and by 3e-5 elsewhere."""
@@ -58,7 +47,7 @@ def measured(estimator: Estimator, prior: Prior, scene: Scene, chosen: FilterCho
     """Measure an estimator on simulated samples of its prior, using the three seeds after `seed`."""
     run = runner(to_bytes(estimator.graph))
     thresholds = thresholds_of(prior, scene, chosen, seed + 1)
-    inside = _inside(prior)
+    inside = seen_places(prior)
     seen = np.minimum(smallest_force_n(prior, thresholds.touch[-1], inside), UNSEEN_N)
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
     return Measured(
@@ -69,25 +58,6 @@ def measured(estimator: Estimator, prior: Prior, scene: Scene, chosen: FilterCho
         _accuracy(prior, run, seed + 2),
         _golden(prior, run, seed + 3),
     )
-
-
-def check_seen(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> None:
-    """Raise SceneError if no contact of a scene is seen by a model with this prior, filter and seed."""
-    rate = rate_per_sample(scene.requirements.false_contacts_per_day, scene.sensors.rate_hz, chosen.window)
-    threshold = touch_threshold(directions(shapes_at_rest(prior)), noise_at_rest(prior), rate, seed + 1)
-    least = float(smallest_force_n(prior, threshold, _inside(prior)).min())
-    if least > prior.force_n[1]:
-        message = (
-            f"sensors: no contact of the scene is seen, as at least {least:.3g} N is needed and contact.force_n ends "
-            f"at {prior.force_n[1]:g} N; state less noise or zero_drift_mm, or allow more false_contacts_per_day"
-        )
-        raise SceneError(message)
-
-
-def _inside(prior: Prior) -> Floats:
-    """Return positions without the very ends of the range, where no force is seen if they are supports."""
-    inside: Floats = np.linspace(*prior.position_mm, SEEN_PLACES + 2)[1:-1]
-    return inside
 
 
 def _influence(prior: Prior) -> Influence:

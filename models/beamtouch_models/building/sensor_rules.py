@@ -13,14 +13,18 @@ from beamtouch_models.pricing.noise import floor_of, step_mm
 from beamtouch_models.scene import Scene
 
 DEFAULT_ADC_BITS = 16
+BEYOND = 1.001
+"""Smallest distance of neighbours over the mounting tolerance: just more than `check_spacing` refuses."""
 
 
 def sensor_rules(scene: Scene) -> Candidates:
-    """Return the allowed sensor positions of a scene; raises SceneError if its rules leave fewer than two."""
+    """Return the allowed sensor positions of a scene; raises SceneError if its rules leave fewer than two.
+
+    Neighbours are farther apart than their mounting tolerance, so that they do not change places.
+    """
     position = sensor_positions_mm(scene)
-    return Candidates(
-        position, np.searchsorted(position, np.unique(scene.sensors.fixed_mm)), scene.sensors.min_distance_mm
-    )
+    distance_mm = max(scene.sensors.min_distance_mm, BEYOND * scene.sensors.mounting_tolerance_mm)
+    return Candidates(position, np.searchsorted(position, np.unique(scene.sensors.fixed_mm)), distance_mm)
 
 
 def sample_errors(scene: Scene, noise_mm: float) -> SampleErrors:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
+from beamtouch_models.building.failing import placed_of
 from beamtouch_models.building.measured import measured
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.estimators.estimator import NAMES, Estimator, estimator_of
@@ -27,6 +28,7 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
     progress("measuring the accuracy against the limit", 0.85)
     scene = parse_scene(metadata.scene, metadata.name)
     fields = measured(made, prior, scene, metadata.filter, metadata.seed)
+    before = metadata.placed
     fresh = metadata.model_copy(
         update={
             "min_channels": made.min_channels,
@@ -35,6 +37,7 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
             "floor": fields.floor,
             "influence": fields.influence,
             "accuracy": fields.accuracy,
+            "placed": before and placed_of(prior, before.criterion, before.spare, metadata.seed),
             "golden": fields.golden,
             "calibration": calibration,
         }

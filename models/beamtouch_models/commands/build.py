@@ -4,29 +4,36 @@ import argparse
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import onnx
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models import loading
-from beamtouch_models.building.build import Choices, build
+from beamtouch_models.building.build import Built, Choices, build
 from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
+from beamtouch_models.building.failing import weak_spot
 from beamtouch_models.building.remarks import missed_requirement, remarks
 from beamtouch_models.building.report.facts import gather
 from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import inspect
+from beamtouch_models.commands.aims import aim_of
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.description import unseen
 from beamtouch_models.errors import ModelFileError, SceneError
-from beamtouch_models.metadata import METADATA_PREFIX
+from beamtouch_models.metadata import METADATA_PREFIX, Placed
+from beamtouch_models.placement import Aim
 from beamtouch_models.pricing.noise import floor_of, zero_drift_mm
 from beamtouch_models.scene import Scene, load_scene, parse_scene
+
+EARLIER = Aim("eigenvalue-product")
+"""Placement of model files that do not state it."""
 
 
 def run(options: argparse.Namespace) -> None:
     """Build, write the requested files, and print the metadata of the model."""
-    scene, text, name = _scene_of(options.scene)
+    scene, text, name, choices = _scene_of(options)
     for path in (options.output, options.daemon_config, options.report):
         if path is not None and not path.parent.is_dir():
             message = f"{path.parent}: no such folder; create it first"
@@ -41,7 +48,7 @@ def run(options: argparse.Namespace) -> None:
             count=options.sensors,
             seed=options.seed,
             progress=progress,
-            choices=Choices(estimator=options.estimator),
+            choices=choices,
         )
         report = None if options.report is None else page(gather(scene, built, progress))
     write_atomically(options.output, built.content)
@@ -57,16 +64,7 @@ def run(options: argparse.Namespace) -> None:
             file=sys.stderr,
         )
     _say_floor(scene)
-    if remark := missed_requirement(built.metadata, scene):
-        print(f"note:    {remark}", file=sys.stderr)
-    if missed := unseen(built.metadata):
-        print(f"note:    {missed}", file=sys.stderr)
-    for effect in built.physics.effects:
-        if effect.verdict == "not modelled" and effect.having is not None:
-            print(
-                f"note:    {effect.name} is {effect.price:.2g} times the noise but not modelled: {effect.reason}",
-                file=sys.stderr,
-            )
+    _say_what_is_missed(scene, built)
     inspect.show(loading.load_bytes(built.content, str(options.output)), as_json=options.json)
 
 
@@ -80,19 +78,44 @@ def _say_floor(scene: Scene) -> None:
         print(f"note:    the scene does not state {' and '.join(taken)}, which the model assumes", file=sys.stderr)
 
 
-def _scene_of(path: Path) -> tuple[Scene, str, str]:
-    """Return the scene of a scene file, or of a model file of any version, with its text and the surface's name."""
+def _say_what_is_missed(scene: Scene, built: Built) -> None:
+    """Say what the scene asks for and the model does not give, and what one failed sensor costs."""
+    for note in (missed_requirement(built.metadata, scene), unseen(built.metadata)):
+        if note:
+            print(f"note:    {note}", file=sys.stderr)
+    if weak := weak_spot(built.metadata):
+        print(f"warning: {weak}", file=sys.stderr)
+    for effect in built.physics.effects:
+        if effect.verdict == "not modelled" and effect.having is not None:
+            print(
+                f"note:    {effect.name} is {effect.price:.2g} times the noise but not modelled: {effect.reason}",
+                file=sys.stderr,
+            )
+
+
+def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
+    """Return the scene of a scene file, or of a model file of any version, with its text, name and choices.
+
+    The sensors of a model file are mounted already: it keeps its layout, unless the options ask for another.
+    """
+    path: Path = options.scene
+    choices = Choices(estimator=options.estimator, aim=aim_of(options))
     if path.suffix != ".onnx":
-        return *load_scene(path), surface_name(path)
+        return *load_scene(path), surface_name(path), choices
     try:
         entries = {entry.key: entry.value for entry in onnx.load_from_string(loading.read(path)).metadata_props}
-        text, name = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name"))
+        text, name, layout = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name", "layout"))
+        stated = json.loads(entries.get(METADATA_PREFIX + "placed", "null"))
+        before = Placed.model_validate(stated) if stated else EARLIER
+        if options.sensors is None and options.criterion is None and options.spare is None:
+            kept_mm = tuple(float(channel["position_mm"]) for channel in layout)
+            choices = replace(choices, aim=Aim(before.criterion, before.spare), kept_mm=kept_mm)
     except ModelFileError:
         raise
     except Exception:  # noqa: BLE001  # protobuf's errors have no common base but Exception
         message = f"{path}: it is not a model file that holds its scene; give a scene (TOML)"
         raise SceneError(message) from None
-    return parse_scene(text, f"the scene in {path}"), text, str(name)
+    return parse_scene(text, f"the scene in {path}"), text, str(name), choices
 
 
 def surface_name(scene: Path) -> str:

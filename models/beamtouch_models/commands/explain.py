@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from beamtouch_models.building.checks import check_scene
+from beamtouch_models.building.placed import placed
 from beamtouch_models.building.remarks import remarks
 from beamtouch_models.physics.beam import load_positions_mm, max_deflection_mm, scene_influence
 from beamtouch_models.physics.mesh import mesh_of
@@ -32,7 +32,7 @@ def run(options: argparse.Namespace) -> None:
     for remark in remarks(scene):
         print(f"note:    {remark}", file=sys.stderr)
     chosen = choose_filter(scene)
-    check_scene(scene, chosen)
+    placed(scene, chosen)  # refuses what `build` refuses
     noise = noise_of(scene, chosen)
     effects = [(effect, _cost_us(effect)) for effect in effects_of(scene, chosen)]
     ringing = ringing_of(scene, chosen)

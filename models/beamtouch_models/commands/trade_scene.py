@@ -18,6 +18,7 @@ from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.commands.reproduce import folder_of
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.estimators.estimator import Name
+from beamtouch_models.placement import Aim
 from beamtouch_models.pricing.noise import growing
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
@@ -30,6 +31,8 @@ from beamtouch_models.trade.results import HEADINGS, json_of, markdown, row, sai
 from beamtouch_models.trade.sweep import Results, Sweep
 
 WIDTH_WITHOUT_TERMINAL = 180
+LAYOUTS = Aim("eigenvalue-product")
+"""The layouts of the points, so that the model is the one that was measured."""
 
 
 class TradedScene:
@@ -139,7 +142,7 @@ class TradedScene:
     def _built(self, point: Point) -> bytes:
         scene, seed = self._scene, self._options.seed
         precision = quantised if point.quantised else lambda graph: graph
-        choices = Choices(point.estimator, growing(scene, point.filter), precision)
+        choices = Choices(point.estimator, growing(scene, point.filter), precision, LAYOUTS)
         with shown_progress() as progress:
             return build(
                 scene, self._text, self.name, count=point.sensors, seed=seed, progress=progress, choices=choices

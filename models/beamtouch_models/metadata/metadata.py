@@ -11,6 +11,7 @@ from beamtouch_models.metadata.accuracy import Accuracy, Golden
 from beamtouch_models.metadata.calibration import Calibration
 from beamtouch_models.metadata.drawn import Drawn
 from beamtouch_models.metadata.fields import NAME, MetadataPart
+from beamtouch_models.metadata.placed import Placed
 from beamtouch_models.metadata.surface import Channel, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
 from beamtouch_models.metadata.thresholds import SmallestForce, Thresholds, max_false_per_day
 
@@ -47,6 +48,8 @@ class Metadata(MetadataPart):
     drawn: Drawn
     influence: Influence | None = None
     """None in older files: without it, nothing is known of how the sensors change."""
+    placed: Placed | None = None
+    """None in older files, which were placed by the eigenvalue product."""
     seed: int
     accuracy: Accuracy
     calibration: Calibration | None = None
@@ -68,6 +71,9 @@ class Metadata(MetadataPart):
         rows: list[list[float]] = [*golden.deflection_mm, *(row for one in golden.whitening_per_mm for row in one)]
         if any(len(row) != len(names) for row in rows) or len(rows) != len(golden.deflection_mm) * (len(names) + 1):
             message = f"golden: every row of inputs must have {len(names)} channels"
+            raise ValueError(message)
+        if self.placed and len(self.placed.limit_without_percent) not in (0, len(names)):
+            message = f"placed: limit_without_percent must have {len(names)} entries"
             raise ValueError(message)
         limits = self.thresholds
         each: list[list[Any]] = [limits.touch, limits.rest, limits.misfit, self.floor.gain, self.floor.zero_mm]

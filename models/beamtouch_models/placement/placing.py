@@ -11,18 +11,15 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.components import log_eigenvalue_product
 from beamtouch_models.placement.layout import Candidates
-from beamtouch_models.placement.position_error import Surrogate, decided, surrogate_of
-from beamtouch_models.placement.problem import Problem, equal_layout, problem_of
+from beamtouch_models.placement.least_error import searched
+from beamtouch_models.placement.problem import Problem, problem_of
 from beamtouch_models.placement.proof import bound_gap, prove
-from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best, pattern_search
-from beamtouch_models.placement.search_paper import paper_runs, paper_search
+from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best
+from beamtouch_models.placement.search_paper import SearchName, paper_runs
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.sweeps import Spread, in_turn, one_thread
 
-SearchName = Literal["exact", "paper"]
 Certify = Literal["nothing", "bound", "proof"] | Spread
-
-SURROGATE_STARTS = 2
 
 
 @dataclass(frozen=True)
@@ -105,34 +102,39 @@ def place_by_position_error(
     seed: int,
     errors: SampleErrors,
     *,
-    leading: int | None = None,
+    spare: int = 0,
     search: SearchName = "exact",
     progress: Progress = silent,
 ) -> Placement:
-    """Place sensors so that the accuracy limit is smallest; arguments and errors as `place`.
+    """Place sensors so that the mean position error is least; arguments and errors as `place`.
+
+    The mean position error is the accuracy limit with all errors of a sample: the mean, over contacts drawn uniformly
+    from the ranges of position and force, of the distance between the contact and the posterior median.
+
+    With `spare` = 0 the error with all sensors is minimised. With `spare` = 1 it is the largest, over each one sensor
+    failed, of the error of the others; among layouts that are equal in this, the error with all sensors decides.
 
     `errors` are those of a sample; its noise must not be 0. This criterion has no bound, so the gap is None.
     """
     if not 0 < errors.noise_mm < np.inf:
         message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
         raise SceneError(message)
+    if count <= spare:
+        message = f"--spare {spare} needs at least {spare + 1} sensors, not {count}; use --sensors, or sensors.count"
+        raise SceneError(message)
     with one_thread():
-        equal = equal_layout(rules, influence.length_mm, count)
-        surrogate = surrogate_of(influence, rules, count, errors, seed)
-        starts = _surrogate_starts(influence, surrogate, equal, seed)
-        rng = np.random.default_rng(seed)
-        runs = []
-        for number, start in enumerate(starts[:SURROGATE_STARTS]):
-            progress("searching", 0.7 * number / SURROGATE_STARTS)
-            if search == "paper":
-                runs.append(paper_search(surrogate.scores, rules, start, rng))
-            else:
-                runs.append(pattern_search(surrogate.scores, rules, start))
-        runs.sort(key=lambda run: -run.score)
-        finalists = [*(run.layout for run in runs), *starts]
-        layout = decided(influence, rules, finalists, errors, seed, lambda part: progress("deciding", 0.7 + 0.3 * part))
+        layout, runs = searched(
+            influence,
+            rules,
+            count,
+            seed,
+            errors,
+            spare=spare,
+            search=search,
+            progress=lambda part: progress("placing by position error", part),
+        )
     positions = np.sort(rules.position_mm[layout])
-    return _placement(rules, layout, score_positions(influence, positions, leading), runs[0], _total(runs), None)
+    return _placement(rules, layout, score_positions(influence, positions), runs[0], _total(runs), None)
 
 
 def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading: int | None = None) -> float:
@@ -143,19 +145,6 @@ def score_positions(influence: InfluenceFunction, positions_mm: Floats, leading:
 
 def _searched(problem: Problem, search: SearchName, seed: int) -> list[SearchRun]:
     return exact_search(problem, seed) if search == "exact" else paper_runs(problem, seed)
-
-
-def _surrogate_starts(influence: InfluenceFunction, surrogate: Surrogate, equal: Indices, seed: int) -> list[Indices]:
-    """Return the layouts to start from, ordered by the surrogate with the best first."""
-    starts = [equal, surrogate.cramer_rao_layout(equal)]
-    try:
-        problem = problem_of(influence, surrogate.rules, len(equal))
-    except SceneError:
-        pass  # With fewer components than sensors, there is no eigenvalue product to maximise.
-    else:
-        starts.append(first_best(exact_search(problem, seed)).layout)
-    values = surrogate.scores(np.array(starts))
-    return [starts[index] for index in np.argsort(-values, kind="stable")]
 
 
 def _total(runs: list[SearchRun]) -> int:

@@ -9,6 +9,7 @@ from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.components import log_eigenvalue_product
+from beamtouch_models.placement.impossible import no_layout, too_few_components
 from beamtouch_models.placement.layout import Candidates, equal_pitch_mm
 
 TAIL = 1e-8
@@ -62,14 +63,6 @@ class Problem:
         return layout
 
 
-def no_layout(count: int) -> SceneError:
-    """Return the error for rules that allow no layout."""
-    return SceneError(
-        f"no layout of {count} sensors keeps the rules of sensors (min_distance_mm, keep_out_mm, fixed_mm, grid_mm); "
-        "loosen one or use fewer sensors"
-    )
-
-
 def equal_layout(rules: Candidates, length_mm: float, count: int) -> Indices:
     """Return the allowed layout nearest to equal pitch on a beam of this length; SceneError if no layout exists."""
     if count < len(rules.fixed):
@@ -97,8 +90,7 @@ def problem_of(influence: InfluenceFunction, rules: Candidates, count: int, lead
     """
     leading = leading or count
     if leading > count:
-        message = f"{count} sensors have {count} components, not {leading}; use fewer components or more sensors"
-        raise SceneError(message)
+        raise too_few_components(count, leading)
     equal = equal_layout(rules, influence.length_mm, count)
     return problem_from(influence.matrix(rules.position_mm), rules, equal, leading, influence.unit_mm_per_n)
 

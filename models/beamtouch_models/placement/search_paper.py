@@ -5,6 +5,7 @@ from every seed: it restarts from other layouts, and some clones move one or two
 """
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.problem import Problem
 from beamtouch_models.placement.search_exact import GAIN, SearchRun
+
+SearchName = Literal["exact", "paper"]
+"""The search of this file, and that of `search_exact`."""
 
 RANDOM_STARTS = 2
 LEADING_RANDOM_STARTS = 5

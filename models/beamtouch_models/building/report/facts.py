@@ -11,11 +11,12 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
+from beamtouch_models.building.report.robustness import ErrorPrice, error_prices
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.loading import ModelFile, load_bytes
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement import Placement, place, place_by_position_error, score_positions
+from beamtouch_models.placement import Aim, Placement, place, place_by_position_error, score_positions
 from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.placement.layout import Candidates, equal_pitch_mm
 from beamtouch_models.pricing.effect import Effect
@@ -66,12 +67,15 @@ class Facts:
     scene: Scene
     model: ModelFile
     placement: Placement
+    aim: Aim
     load_mm: Floats
     """(loads,)"""
     components: Components
     """Principal components of the influence matrix of the layout, in mm/N."""
     profile: Profile
     layouts: tuple[OtherLayout, ...]
+    prices: tuple[ErrorPrice, ...]
+    """The accuracy limit with and without each kind of error of the sensors."""
     effects: tuple[Effect, ...]
     """Physical effects with their prices."""
 
@@ -95,10 +99,12 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
         scene,
         model,
         built.placement,
+        built.aim,
         influence.load_mm,
         principal_components(influence.matrix(positions)),
         _profile(influence, errors, model, positions, seed),
-        _layouts(influence, rules, positions, errors, seed),
+        _layouts(built, influence, rules, errors),
+        error_prices(influence, positions, errors, LAYOUT_DRAWS, seed + SEED_SHIFT + 1),
         built.physics.effects,
     )
 
@@ -131,13 +137,23 @@ def _profile(
 
 
 def _layouts(
-    influence: InfluenceFunction, rules: Candidates, taken: Floats, errors: SampleErrors, seed: int
+    built: Built, influence: InfluenceFunction, rules: Candidates, errors: SampleErrors
 ) -> tuple[OtherLayout, ...]:
     """Compare the model's layout with others, all on the same contacts."""
+    taken, seed, found_by = np.array(built.placement.positions_mm), built.metadata.seed, built.aim.criterion
     named = {"equal pitch": equal_pitch_mm(influence.length_mm, len(taken))}
-    named["eigenvalue product"] = np.array(place(influence, rules, len(taken), seed).positions_mm)
-    by_error = place_by_position_error(influence, rules, len(taken), seed, errors)
-    named["position error"] = np.array(by_error.positions_mm)
+    # A layout that was kept, not searched, may be another one than its criterion finds now.
+    searched = built.placement.evaluations > 0 and not built.aim.spare
+    named["eigenvalue product"] = (
+        taken
+        if searched and found_by == "eigenvalue-product"
+        else np.array(place(influence, rules, len(taken), seed).positions_mm)
+    )
+    named["position error"] = (
+        taken
+        if searched and found_by == "position-error"
+        else np.array(place_by_position_error(influence, rules, len(taken), seed, errors).positions_mm)
+    )
     if not any(np.allclose(taken, positions) for positions in named.values()):
         named["the model's"] = taken
     found = []

@@ -4,8 +4,10 @@ from importlib.resources import files
 
 from jinja2 import Environment, StrictUndefined
 
+from beamtouch_models.building.failing import weak_spot
 from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
+from beamtouch_models.building.report.robustness import failed_rows, price_rows
 from beamtouch_models.charts import Chart, Series, draw
 from beamtouch_models.description import per_day, unseen
 from beamtouch_models.detection import detection_of
@@ -46,6 +48,8 @@ def page(facts: Facts) -> str:
             "effects": _effects(facts),
             "noise": _noise(facts),
             "floor": _floor(facts),
+            "prices": price_rows(facts.prices),
+            "failed": failed_rows(facts.model.metadata),
         },
         marked=next(index for index, layout in enumerate(facts.layouts) if layout.taken),
         widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
@@ -53,6 +57,7 @@ def page(facts: Facts) -> str:
         detection=detection_of(facts.model.metadata),
         rings=[] if ringing is None else told(ringing),
         missed=unseen(facts.model.metadata),
+        weak=weak_spot(facts.model.metadata),
         touch=per_day(facts.model.metadata.thresholds.false_contacts_per_day),
     )
 
@@ -94,9 +99,11 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
     charts.append(("components", Chart(says, at, "over the noise", curves), ""))
     course = [value for value in facts.placement.convergence if value > float("-inf")]
     if len(course) > 1:
-        says = "The best score over the generations of the search"
-        curves = [Series("", list(range(len(course))), course)]
-        charts.append(("search", Chart(says, "generation", "ln of eigenvalue product", curves, whole_x=True), ""))
+        by_error = facts.aim.criterion == "position-error"
+        says = "The best score over the steps of the search"
+        curves = [Series("", list(range(len(course))), [-value for value in course] if by_error else course)]
+        name = "mean position error, mm" if by_error else "ln of eigenvalue product"
+        charts.append(("search", Chart(says, "step", name, curves, whole_x=True), ""))
     return charts
 
 

@@ -1,0 +1,72 @@
+"""The price of the sensors' errors, and of a failed sensor, in the error of position: data and rows of the report."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.arrays import Floats
+from beamtouch_models.metadata import Metadata
+from beamtouch_models.physics.influence import InfluenceFunction
+
+Rows = list[tuple[str, ...]]
+
+
+@dataclass(frozen=True)
+class ErrorPrice:
+    """The accuracy limit of a layout with and without one kind of error, in percent of the length."""
+
+    name: str
+    size: str
+    """Its standard deviation, with its unit."""
+    with_percent: float
+    without_percent: float
+
+
+def error_prices(
+    influence: InfluenceFunction, positions_mm: Floats, errors: SampleErrors, draws: int, seed: int
+) -> tuple[ErrorPrice, ...]:
+    """Price each kind of error of the sensors but the noise, on the same contacts."""
+
+    def limit_percent(some: SampleErrors) -> float:
+        return accuracy_limit(Prior.real(influence, positions_mm, some), draws, seed).percent
+
+    whole = limit_percent(errors)
+    kinds = (
+        ("gain error", f"{100 * errors.gain:.3g} %", replace(errors, gain=0.0)),
+        ("zero drift", f"{1000 * errors.zero_mm:.3g} µm", replace(errors, zero_mm=0.0)),
+        ("mounting tolerance", f"{errors.mounting_mm:.3g} mm", replace(errors, mounting_mm=0.0)),
+    )
+    return tuple(
+        ErrorPrice(name, size, whole, whole if without == errors else limit_percent(without))
+        for name, size, without in kinds
+    )
+
+
+def price_rows(prices: tuple[ErrorPrice, ...]) -> Rows:
+    """Return a row per kind of error."""
+    return [
+        (
+            price.name,
+            price.size,
+            f"{price.with_percent:.3f}",
+            f"{price.without_percent:.3f}",
+            f"{100 * (price.with_percent / price.without_percent - 1):.1f}",
+        )
+        for price in prices
+    ]
+
+
+def failed_rows(metadata: Metadata) -> Rows:
+    """Return a row for all sensors and for each one failed; none for older files."""
+    found, mm = metadata.placed, metadata.length_mm / 100
+    if found is None:
+        return []
+    errors = np.array([found.limit_percent, *found.limit_without_percent])
+    names = ["none", *(channel.name for channel in metadata.layout)]
+    # A single sensor has no row without it.
+    return [
+        (name, f"{percent:.3f}", f"{percent * mm:.3g}", f"{percent / errors[0]:.2f}")
+        for name, percent in zip(names, errors, strict=False)
+    ]

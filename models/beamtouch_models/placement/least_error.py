@@ -1,0 +1,150 @@
+"""Placement by the mean position error: a quick surrogate searches, and the accuracy limit decides among the best."""
+
+import math
+from itertools import combinations
+
+import numpy as np
+
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.placement.layout import Candidates
+from beamtouch_models.placement.position_error import TIE, Surrogate, surrogate_of
+from beamtouch_models.placement.problem import equal_layout, problem_of
+from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best, pattern_search
+from beamtouch_models.placement.search_paper import SearchName, paper_search
+from beamtouch_models.progress import Fraction
+
+STARTS = 2
+FINALISTS = 6
+FINAL_DRAWS = 2_000
+"""Simulated contacts by which the finalists are compared; fewer where many failures are."""
+MAX_SCORED = 2_000
+"""Layouts that a run scores, or fewer with a spare; searches of up to eight sensors seldom score as many."""
+FEWER = 5
+"""Number of sensors failed in turn above which the two are lowered, so that the time is bounded."""
+MAX_LISTED = 512
+"""Up to this many layouts are all scored, which takes no longer than a search."""
+MAX_EXCHANGES = 200
+
+
+def searched(
+    influence: InfluenceFunction,
+    rules: Candidates,
+    count: int,
+    seed: int,
+    errors: SampleErrors,
+    *,
+    spare: int,
+    search: SearchName,
+    progress: Fraction,
+) -> tuple[Indices, list[SearchRun]]:
+    """Return the layout with the least mean error, and the runs that found it, the best first.
+
+    Arguments and errors as `placing.place_by_position_error`.
+    """
+    equal = equal_layout(rules, influence.length_mm, count)
+    surrogate = surrogate_of(influence, rules, equal, errors, seed, spare)
+    every = _every(rules, count)
+    if every is not None:
+        values = surrogate.scores(every)
+        order = np.argsort(-values, kind="stable")[:FINALISTS]
+        finalists = [every[index] for index in order if np.isfinite(values[index])]
+        runs = [SearchRun(finalists[0], (float(values.max()),), len(every))]
+    else:
+        starts = _starts(influence, surrogate, equal, seed)
+        rng, runs = np.random.default_rng(seed), []
+        for number, start in enumerate(starts[:STARTS]):
+            progress(0.7 * number / STARTS)
+            if search == "paper":
+                runs.append(paper_search(surrogate.scores, rules, start, rng))
+            else:
+                most = MAX_SCORED * shared(count, spare)
+                runs.append(pattern_search(surrogate.scores, rules, start, most=most))
+        runs.sort(key=lambda run: -run.score)
+        finalists = [*(run.layout for run in runs), starts[0]]
+    distinct = list({tuple(layout): layout for layout in finalists}.values())[:FINALISTS]
+    return _decided(influence, rules, distinct, errors, seed, spare, lambda part: progress(0.7 + 0.3 * part)), runs
+
+
+def mean_errors_percent(
+    influence: InfluenceFunction,
+    positions_mm: Floats,
+    errors: SampleErrors,
+    draws: int,
+    seed: int,
+    spare: int = 0,
+) -> list[float]:
+    """Return the accuracy limit of a layout in percent: with all sensors, and with a spare, with each one failed."""
+    prior = Prior.real(influence, positions_mm, errors)
+    priors = [prior, *(prior.without(index) for index in range(prior.channels if spare else 0))]
+    return [accuracy_limit(one, draws, seed).percent for one in priors]
+
+
+def objective(all_percent: float, failed_percent: list[float]) -> float:
+    """Return what a placement minimises: the largest error with one failed; among equals, that with all sensors."""
+    return max(failed_percent) + TIE * all_percent if failed_percent else all_percent
+
+
+def shared(count: int, spare: int) -> float:
+    """Return the factor by which a placement lowers its numbers of draws and layouts, at most 1."""
+    return min(1.0, FEWER / (1 + spare * count))
+
+
+def _every(rules: Candidates, count: int) -> Indices | None:
+    """Return all layouts (population, sensors) with or without regard to the rules; None if there are many."""
+    if math.comb(len(rules.position_mm), count) > MAX_LISTED:
+        return None
+    return np.array(list(combinations(range(len(rules.position_mm)), count)), dtype=np.intp)
+
+
+def _starts(influence: InfluenceFunction, surrogate: Surrogate, equal: Indices, seed: int) -> list[Indices]:
+    """Return the layouts to start from, ordered by the surrogate with the best first."""
+    starts = [equal, cramer_rao_layout(surrogate, equal)]
+    try:
+        problem = problem_of(influence, surrogate.rules, len(equal))
+    except SceneError:
+        pass  # With fewer components than sensors, there is no eigenvalue product to maximise.
+    else:
+        starts.append(first_best(exact_search(problem, seed)).layout)
+    values = surrogate.scores(np.array(starts))
+    return [starts[index] for index in np.argsort(-values, kind="stable")]
+
+
+def cramer_rao_layout(surrogate: Surrogate, start: Indices) -> Indices:
+    """Return the layout that single exchanges by the Cramer-Rao bound reach from `start`."""
+    rules, terms = surrogate.rules, surrogate.information
+    layout, value = start, float(surrogate.cramer_rao_mm(terms[:, :, start].sum(axis=2)))
+    for _ in range(MAX_EXCHANGES):
+        near, fixed = rules.conflicts(layout), rules.is_fixed(layout)
+        trials = []
+        for k in np.flatnonzero(~fixed):
+            others = np.delete(layout, k)
+            values = surrogate.cramer_rao_mm(terms[:, :, others].sum(axis=2)[:, :, None] + terms)
+            values[np.delete(near, k, axis=0).any(axis=0)] = np.inf
+            trials.append((float(values.min()), int(k), int(values.argmin())))
+        best = min(trials, default=(np.inf, 0, 0))
+        if not best[0] < value * (1 - 1e-9):
+            break
+        value, layout = best[0], np.sort(np.append(np.delete(layout, best[1]), best[2]))
+    return layout
+
+
+def _decided(
+    influence: InfluenceFunction,
+    rules: Candidates,
+    layouts: list[Indices],
+    errors: SampleErrors,
+    seed: int,
+    spare: int,
+    progress: Fraction,
+) -> Indices:
+    """Return the layout with the smallest objective by the accuracy limit itself."""
+    found, draws = [], round(FINAL_DRAWS * shared(len(layouts[0]), spare))
+    for number, layout in enumerate(layouts):
+        progress(number / len(layouts))
+        whole, *failed = mean_errors_percent(influence, rules.position_mm[layout], errors, draws, seed, spare)
+        found.append(objective(whole, failed))
+    return layouts[int(np.argmin(found))]

@@ -1,0 +1,121 @@
+"""Sensors that stand beside their positions: intervals on truly displaced ones, and the limit by plain integration."""
+
+import numpy as np
+import pytest
+
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.arrays import Floats
+from beamtouch_models.building.placed import placed
+from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.beam import influence_of
+from beamtouch_models.placement import Aim, place_by_position_error
+from beamtouch_models.pricing.noise import choose_filter
+from beamtouch_models.pricing.removal import changed
+from beamtouch_models.scene import load_scene
+from example_scenes import SCENES, paper_scene
+from posterior_cases import answers_of, graph_of
+from stated_problems import problem_in
+
+SURFACES, CONTACTS = 80, 50
+TOLERANCE_MM = 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "aim"),
+    [
+        ("bench", Aim()),
+        ("cantilever", Aim("eigenvalue-product")),
+        ("stepped", Aim("eigenvalue-product")),
+        ("wide-contact", Aim("eigenvalue-product")),
+    ],
+)
+def test_intervals_hold_the_truth_on_displaced_sensors(name: str, aim: Aim) -> None:
+    stated, _ = load_scene(SCENES / f"{name}.toml")
+    scene = changed(stated, "sensors", mounting_tolerance_mm=TOLERANCE_MM)
+    sensors = placed(scene, choose_filter(scene), aim=aim)
+    prior, errors, influence = sensors.prior, sensors.errors, sensors.influence
+    assert errors.mounting_mm == TOLERANCE_MM
+    rng = np.random.default_rng(5)
+    position, reading = [], []
+    for _ in range(SURFACES):
+        # As a surface is mounted: its sensors stay where they are, and so do gains and zeros.
+        offset, gain, zero = (rng.normal(size=prior.channels) for _ in range(3))
+        at_mm = np.clip(np.array(sensors.placement.positions_mm) + TOLERANCE_MM * offset, 0.0, prior.length_mm)
+        load = rng.uniform(*prior.position_mm, size=CONTACTS)
+        deflection = rng.uniform(*prior.force_n, size=CONTACTS)[:, None] * influence.at(at_mm, load)
+        noise = errors.noise_mm * rng.normal(size=deflection.shape)
+        position.append(load)
+        reading.append((1 + errors.gain * gain) * deflection + errors.zero_mm * zero + noise)
+    truth = np.concatenate(position)
+    answers = answers_of(graph_of(prior), prior, np.concatenate(reading))
+    held = (answers["position_low_mm"] <= truth) & (truth <= answers["position_high_mm"])
+    print(f"{name}: {held.mean():.4f} held, {sensors.placement.positions_mm}")
+    assert held.mean() >= 0.93
+
+
+def deflection_per_newton(sensor_mm: Floats, load_mm: Floats) -> Floats:
+    """A beam of 400 mm on two supports, EI = 210e3 x 25 x 3^3 / 12; Roark, table 8.1, case 1e."""
+    length, rigidity = 400.0, 210e3 * 25 * 27 / 12
+    left, right = np.minimum(sensor_mm, load_mm), np.maximum(sensor_mm, load_mm)
+    found: Floats = left * (length - right) * (length**2 - (length - right) ** 2 - left**2) / (6 * length * rigidity)
+    return found
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("gain", "tolerance_mm"), [(0.0, 8.0), (0.05, 0.0), (0.03, 5.0)])
+def test_the_limit_with_gains_and_mounting_is_that_of_a_plain_bayes_integral(gain: float, tolerance_mm: float) -> None:
+    """Gains and places of the sensors are integrated out by Gauss-Hermite quadrature, with the true beam."""
+    # On one half of the beam, where a known force has one place.
+    sensor_mm, noise_mm, force_n, draws = np.array([80.0, 160.0]), 0.0113, 10.0, 1_500
+    rng, grid = np.random.default_rng(2), np.linspace(20, 190, 341)
+    node, weight = np.polynomial.hermite_e.hermegauss(11)
+    weight = np.outer(weight, weight).ravel() / weight.sum() ** 2
+    beside, off = (values.ravel() for values in np.meshgrid(tolerance_mm * node, gain * node))
+    truth = rng.uniform(20, 190, draws)
+    log_posterior = np.zeros((draws, len(grid)))
+    for at_mm in sensor_mm:
+        true_mm = at_mm + tolerance_mm * rng.normal(size=draws)
+        clean = (1 + gain * rng.normal(size=draws)) * force_n * deflection_per_newton(true_mm, truth)
+        reading = clean + noise_mm * rng.normal(size=draws)
+        means = (1 + off) * force_n * deflection_per_newton(at_mm + beside, grid[:, None])
+        for row, value in enumerate(reading):
+            likelihood = np.exp(-(((value - means) / noise_mm) ** 2) / 2) @ weight
+            log_posterior[row] += np.log(np.maximum(likelihood, 1e-300))
+    posterior = np.exp(log_posterior - log_posterior.max(axis=1, keepdims=True))
+    posterior /= posterior.sum(axis=1, keepdims=True)
+    median = grid[(np.cumsum(posterior, axis=1) >= 0.5).argmax(axis=1)]
+    error = (posterior * np.abs(grid - median[:, None])).sum(axis=1) / 4
+    influence = influence_of(changed(paper_scene(), "contact", position_mm=(20, 190)))
+    found, ideal = (
+        accuracy_limit(Prior.real(influence, sensor_mm, some), 8_000, 3).percent
+        for some in (SampleErrors(noise_mm, gain, 0.0, tolerance_mm), SampleErrors(noise_mm))
+    )
+    standard_error = error.std() / np.sqrt(draws)
+    print(f"{error.mean():.4f} +- {standard_error:.4f}, limit {found:.4f}, without errors {ideal:.4f}")
+    assert found == pytest.approx(error.mean(), abs=4 * standard_error)
+    assert ideal < error.mean() - 8 * standard_error
+
+
+def test_a_gain_error_and_a_tolerance_change_the_layout() -> None:
+    problem = problem_in(paper_scene(grid_mm=20))
+    exact, real = (
+        place_by_position_error(*problem, 3, 0, errors).positions_mm
+        for errors in (SampleErrors(0.001), SampleErrors(0.001, 0.05, 0.0, 5.0))
+    )
+    assert exact != real
+
+    def limit_of(positions_mm: tuple[float, ...]) -> float:
+        prior = Prior.real(problem[0], np.array(positions_mm), SampleErrors(0.001, 0.05, 0.0, 5.0))
+        return accuracy_limit(prior, 4_000, 9).percent
+
+    assert limit_of(real) < limit_of(exact)
+
+
+def test_neighbours_stand_farther_apart_than_their_tolerance() -> None:
+    stated, _ = load_scene(SCENES / "cantilever.toml")
+    scene = changed(stated, "sensors", mounting_tolerance_mm=2.0, min_distance_mm=0.0)
+    positions = placed(scene, choose_filter(scene)).placement.positions_mm
+    assert min(np.diff(positions)) > 2
+    with pytest.raises(SceneError, match="mounting_tolerance_mm"):
+        placed(changed(scene, "sensors", fixed_mm=[100.0, 101.0]), choose_filter(scene))
