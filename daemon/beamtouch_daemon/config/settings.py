@@ -90,11 +90,15 @@ class Surface(Strict):
     Default: only the readings in the mean are compared.
     """
     source: Source
+    """Device that the readings come from."""
     filter: Filter = NoFilter()
+    """Filter from readings to samples."""
     zero_tracking: ZeroTracking | None = None
+    """Follows a slow drift of the rest gaps; default: no tracking."""
     loads: Loads | None = None
     """Default: `record` checks neither positions nor forces."""
     channels: Annotated[tuple[Channel, ...], Field(strict=False, min_length=1, max_length=MAX_CHANNELS)]
+    """Sensors, in the order of the model's channels."""
 
     @model_validator(mode="after")
     def _names_are_distinct(self) -> Self:
@@ -154,8 +158,11 @@ class Config(Strict):
     """The whole file. Relative paths in it start from the `directory` in the validation context."""
 
     publish: Publish
+    """The service that receives the samples."""
     metrics: Metrics = Metrics()
+    """Metrics for Prometheus."""
     surfaces: Annotated[dict[SurfaceName, Surface], Field(min_length=1)]
+    """Surfaces by name. The service knows them by the same names."""
     _directory: Path = PrivateAttr(default=Path())
 
     @model_validator(mode="after")
