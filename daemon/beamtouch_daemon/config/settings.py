@@ -4,13 +4,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import (
-    Field,
-    FiniteFloat,
-    PrivateAttr,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import Field, FiniteFloat, PrivateAttr, ValidationInfo, model_validator
 
 from beamtouch_daemon.config.modules import Encoding, module_of
 from beamtouch_daemon.config.publish import Publish, read_certificates, read_token
@@ -90,7 +84,6 @@ class Surface(Strict):
     Default: only the readings in the mean are compared.
     """
     source: Source
-    """Device that the readings come from."""
     filter: Filter = NoFilter()
     """Filter from readings to samples."""
     zero_tracking: ZeroTracking | None = None

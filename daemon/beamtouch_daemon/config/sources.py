@@ -114,4 +114,5 @@ class SerialLine(Strict):
 
 
 RelativePath = Annotated[Path, Field(strict=False)]
-Source = Annotated[ModbusTcp | ModbusRtu | SerialLine, Field(discriminator="kind")]
+_FROM = "Device that the readings come from."
+Source = Annotated[ModbusTcp | ModbusRtu | SerialLine, Field(discriminator="kind", description=_FROM)]
