@@ -77,7 +77,7 @@ class ModbusServerSection(BaseModel):
     word_order: WordOrder = "big"
     """Order of the two registers of a 32-bit value: `big` (ABCD) or `little` (CDAB)."""
     max_clients: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] = limits.MAX_MODBUS_CLIENTS
-    """Open connections. For one more, an idle one is closed; docs/registers.md says which."""
+    """Open connections. For one more, an idle one is closed; docs/reference/registers.md says which."""
     idle_s: Annotated[FiniteFloat, Field(ge=0.1, le=86_400)] = limits.MODBUS_IDLE_S
     """A connection without a request for this long is closed."""
 
