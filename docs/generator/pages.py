@@ -16,6 +16,7 @@ from beamtouch_service.problems import ProblemBody
 from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.contact import Contact
 from helps import helps_as_markdown
+from project import ROOT
 from schemas import Schema, editor_schema, keys_as_markdown
 
 FILES: dict[str, tuple[type[BaseModel], str]] = {
@@ -41,6 +42,7 @@ SHOWN = {
 """Pages that show a file from outside `docs/`, by their path."""
 PAGES = {file: page for page, file in SHOWN.items()}
 _MARK = re.compile(r"<!-- generate: ([a-z-]+) -->")
+_SCRIPT = re.compile(r"<!-- script: (\S+) -->")
 
 
 def schema(name: str, site: str) -> Schema:
@@ -72,5 +74,6 @@ _PARTS: Mapping[str, Callable[[], str]] = (
 
 
 def filled(text: str) -> str:
-    """Return the Markdown of a page with its generated parts."""
-    return _MARK.sub(lambda match: generated(match[1]), text)
+    """Return the Markdown of a page with its generated parts, and with the scripts that it shows."""
+    shown = _SCRIPT.sub(lambda match: f"```python\n{(ROOT / match[1]).read_text().strip()}\n```", text)
+    return _MARK.sub(lambda match: generated(match[1]), shown)

@@ -33,7 +33,8 @@ def _without_null(part: Any) -> Any:  # noqa: ANN401  # any JSON value
         if name in ("properties", "$defs")
         else _without_null(value)
         for name, value in part.items()
-        if not (name == "title" and isinstance(value, str)) and not (name == "default" and value is None)
+        if not (name == "title" and isinstance(value, str))
+        and not (name == "default" and (value is None or isinstance(value, dict)))
     }
     choices = [one for one in kept.get("anyOf", []) if one != {"type": "null"}]
     if len(choices) == 1 and "anyOf" in kept:

@@ -3,13 +3,13 @@
 import json
 import re
 import shutil
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
+from pasted import COMMANDS, ROOT, blocks_of, paste
 from toolchain import made_once, need
-
-from .pasted import COMMANDS, ROOT, blocks_of, paste
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
@@ -18,16 +18,16 @@ GUIDES = {
     "docs/how-to/design.md": ["zero drift", "the best layout on the grid, proven", "golden   9 answers reproduced"],
     "docs/how-to/several-surfaces.md": ['"surface":"left"', '"surface":"right"'],
     "docs/how-to/two-hosts.md": ['"surface":"strip"', "urn:beamtouch:problem:unauthorized"],
-    "docs/how-to/plc.md": ["| `identity` ", "state contact\nposition_mm 1"],
-    "docs/how-to/python.md": [" N at 1"],
+    "docs/how-to/plc.md": [r"\| `identity` ", "\nstate c(lear|ontact\nposition_mm 1)"],
+    "docs/how-to/python.md": ["( N at 1|nothing touches)"],
     "docs/how-to/upgrade.md": ["golden   9 answers reproduced", "posterior"],
 }
-"""What the guides print, among other things."""
+"""What the guides print, among other things; patterns."""
 RUN_ELSEWHERE = {"docs/how-to/calibrate-without-loads.md": "tests/system/test_self_calibration.py"}
 CONSOLE = {
     "README.md": 3,  # installation, and the commands of make
     "docs/how-to/calibrate.md": 2,  # a person puts weights on the beam
-    "docs/how-to/debian.md": 6,  # packages, systemd and root
+    "docs/how-to/debian.md": 5,  # packages, systemd and root
     "docs/how-to/design.md": 3,  # minutes on all cores, and a cluster
     "docs/how-to/mqtt.md": 2,  # a broker
     "docs/how-to/two-hosts.md": 3,  # systemd and root
@@ -77,7 +77,7 @@ def test_a_guide_runs_after_the_tutorial(page: str, strip: Path) -> None:
 
     printed = paste(page, strip)
 
-    assert all(words in printed for words in GUIDES[page]), printed
+    assert all(re.search(words, printed) for words in GUIDES[page]), printed
     assert_samples_are_like(printed, page)
 
 
@@ -104,15 +104,18 @@ def test_the_flow_of_node_red_is_whole() -> None:
 
 
 def answers_in(printed: str) -> list[dict[str, object]]:
-    """Return the JSON objects that commands have printed."""
-    return [json.loads(found) for found in re.findall(r"^\{.*?\}(?=\{|$)", printed.replace("}{", "}\n{"), re.MULTILINE)]
+    """Return the JSON objects that commands have printed, which may follow each other in one line."""
+    found, decoder, start = [], json.JSONDecoder(), printed.find('{"')
+    while start >= 0:
+        answer, end = decoder.raw_decode(printed, start)
+        found.append(answer)
+        start = printed.find('{"', end)
+    return found
 
 
 def assert_samples_are_like(printed: str, page: str) -> None:
     """Check that each sample of JSON after commands has the members of something that they printed."""
     blocks = blocks_of(page)
-    samples = [
-        block for before, block in zip(blocks, blocks[1:], strict=False) if (before.word, block.word) == (COMMANDS, "json")
-    ]
+    samples = [block for before, block in pairwise(blocks) if (before.word, block.word) == (COMMANDS, "json")]
     shown = [list(answer) for answer in answers_in(printed)]
     assert all(list(json.loads(sample.text)) in shown for sample in samples), printed

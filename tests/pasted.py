@@ -14,10 +14,11 @@ from typing import NamedTuple
 
 from filelock import FileLock
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 COMMANDS = "sh"
 """The word of the fences of commands that run anywhere. Those of `console` need a device, a host or a person."""
-PATIENCE_S = 150
+PATIENCE_S = 150.0
+"""Time to wait for a page."""
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _ALONE = ("unshare", "--user", "--map-root-user", "--net", "sh", "-c", 'ip link set lo up && exec "$@"', "sh")
 """Runs a command in a network of its own, so that fixed ports are free."""
@@ -35,7 +36,7 @@ def blocks_of(page: str) -> list[Block]:
     return [Block(*found) for found in _FENCE.findall((ROOT / page).read_text())]
 
 
-def paste(page: str, folder: Path) -> str:
+def paste(page: str, folder: Path, patience_s: float = PATIENCE_S) -> str:
     """Paste all blocks of commands of a page into a clean shell, in order and whole; return all that it printed."""
     script = folder / ".pasted.sh"
     script.write_text("\n".join(block.text for block in blocks_of(page) if block.word == COMMANDS))
@@ -51,7 +52,7 @@ def paste(page: str, folder: Path) -> str:
             start_new_session=True,
         )
         try:
-            code = shell.wait(PATIENCE_S)
+            code = shell.wait(patience_s)
         finally:
             with contextlib.suppress(ProcessLookupError):  # programs outlive a shell that a failed step has ended
                 os.killpg(shell.pid, signal.SIGKILL)
