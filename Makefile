@@ -51,5 +51,8 @@ format: $(INSTALLED)  ## format the code and sort the imports
 deb:  ## build the Debian packages in build/deb
 	packaging/debian/build
 
+release: $(INSTALLED)  ## source distribution and wheel in build/release, checked and tried in a fresh environment
+	packaging/release
+
 clean:  ## remove everything that was made
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage*

@@ -45,3 +45,22 @@ def rewritten(
     parts = _FENCES.split(text)
     parts[::2] = [_LINK.sub(link, part) for part in parts[::2]]
     return "".join(parts)
+
+
+def absolute(text: str, addresses: Addresses) -> str:
+    """Return the text of a file in the project's folder with links that hold anywhere: to the site and repository."""
+
+    def link(match: re.Match[str]) -> str:
+        before, target, after = match.groups()
+        path, mark, anchor = target.partition("#")
+        if ":" in target or not path:
+            return match[0]
+        page = path.removeprefix("docs/")
+        if page == path:
+            return f"{before}{addresses.of_file(path)}{mark}{anchor}{after}"
+        shown = page.removesuffix(".md").removesuffix("index") + "/" if page.endswith(".md") else page
+        return f"{before}{addresses.site}{shown.replace('//', '/')}{mark}{anchor}{after}"
+
+    parts = _FENCES.split(text)
+    parts[::2] = [_LINK.sub(link, part) for part in parts[::2]]
+    return "".join(parts)

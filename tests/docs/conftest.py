@@ -13,7 +13,14 @@ from toolchain import made_once
 
 def _build(folder: Path) -> None:
     """Build the site; a warning is an error."""
-    command = [Path(sys.prefix) / "bin" / "mkdocs", "build", "--quiet", "--strict", "--site-dir", folder / "site"]
+    command: list[str | Path] = [
+        Path(sys.prefix) / "bin" / "mkdocs",
+        "build",
+        "--quiet",
+        "--strict",
+        "--site-dir",
+        folder / "site",
+    ]
     environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=250, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-import nbformat
 import pytest
 from nbclient import NotebookClient
+from nbformat import NotebookNode, reads
 
 from pasted import ROOT
 
@@ -20,7 +20,7 @@ SCRIPTS = sorted(path.name for path in GALLERY.glob("*.py"))
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_a_script_makes_the_plot_of_its_page(name: str, tmp_path: Path) -> None:
     environment = os.environ | {"MPLBACKEND": "svg", "MPLCONFIGDIR": str(tmp_path)}
-    command = [sys.executable, "-W", "error", GALLERY / name, tmp_path / "plot.svg"]
+    command: list[str | Path] = [sys.executable, "-W", "error", GALLERY / name, tmp_path / "plot.svg"]
 
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200, check=False)
 
@@ -39,7 +39,8 @@ def test_there_are_scripts_enough() -> None:
 def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("MPLCONFIGDIR", "IPYTHONDIR", "JUPYTER_RUNTIME_DIR", "JUPYTER_CONFIG_DIR"):
         monkeypatch.setenv(name, str(tmp_path))
-    notebook = nbformat.read(GALLERY / "how_many_sensors.ipynb", as_version=4)
+    content = (GALLERY / "how_many_sensors.ipynb").read_text()
+    notebook: NotebookNode = reads(content, as_version=4)  # type: ignore[no-untyped-call]  # nbformat's
     assert not any(cell.get("outputs") for cell in notebook.cells)
 
     NotebookClient(notebook, timeout=200, resources={"metadata": {"path": str(tmp_path)}}).execute()

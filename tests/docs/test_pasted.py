@@ -5,6 +5,7 @@ import re
 import shutil
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -103,7 +104,7 @@ def test_the_flow_of_node_red_is_whole() -> None:
     assert len(nodes["beamtouch-decide"]["wires"]) == nodes["beamtouch-decide"]["outputs"] == 2
 
 
-def answers_in(printed: str) -> list[dict[str, object]]:
+def answers_in(printed: str) -> list[dict[str, Any]]:
     """Return the JSON objects that commands have printed, which may follow each other in one line."""
     found, decoder, start = [], json.JSONDecoder(), printed.find('{"')
     while start >= 0:
