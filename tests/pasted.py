@@ -17,7 +17,7 @@ from filelock import FileLock
 ROOT = Path(__file__).parents[1]
 COMMANDS = "sh"
 """The word of the fences of commands that run anywhere. Those of `console` need a device, a host or a person."""
-PATIENCE_S = 150.0
+PATIENCE_S = 400.0
 """Time to wait for a page."""
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _ALONE = ("unshare", "--user", "--map-root-user", "--net", "sh", "-c", 'ip link set lo up && exec "$@"', "sh")

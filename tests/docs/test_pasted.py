@@ -12,7 +12,7 @@ import pytest
 from pasted import COMMANDS, ROOT, blocks_of, paste
 from toolchain import made_once, need
 
-pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 TUTORIAL = "docs/tutorial/index.md"
 GUIDES = {
