@@ -9,7 +9,7 @@ PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/
 # of processes.
 WORKERS ?= $(shell expr 3 \* $$(nproc))
 
-.PHONY: help install demo test bench check format deb clean
+.PHONY: help install demo test bench check docs release format deb clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -38,8 +38,11 @@ $(PEERS): $(INSTALLED)
 check: $(INSTALLED)  ## lint, format, types, imports
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy $(PACKAGES) demo tests
+	$(BIN)/mypy $(PACKAGES) demo tests docs/generator docs/gallery
 	$(BIN)/lint-imports
+
+docs: $(INSTALLED)  ## build the site in build/site; a warning is an error
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 format: $(INSTALLED)  ## format the code and sort the imports
 	$(BIN)/ruff check --fix .
@@ -47,6 +50,9 @@ format: $(INSTALLED)  ## format the code and sort the imports
 
 deb:  ## build the Debian packages in build/deb
 	packaging/debian/build
+
+release: $(INSTALLED)  ## source distribution and wheel in build/release, checked and tried in a fresh environment
+	packaging/release
 
 clean:  ## remove everything that was made
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis .coverage*

@@ -15,7 +15,7 @@ PositivePair = Annotated[tuple[PositiveFinite, PositiveFinite], Field(strict=Fal
 class Strict(BaseModel):
     """Base class of the parts of a scene: immutable, refuses unknown keys, converts no types."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
 
 class Support(Strict):
@@ -24,6 +24,7 @@ class Support(Strict):
     at_mm: Finite
     """Position from the left end."""
     kind: Literal["simple", "fixed"] = "simple"
+    """"simple" holds the deflection at zero, "fixed" the slope as well."""
     fixity: Fixity = 0.0
     """Resistance of a simple support to rotation: 1 / (1 + 3 E I / (k L)), with its rotational stiffness k, E I of the
     stiffest section and the beam's length L. 0 is a hinge; values near 1 approach a fixed end. Monforton & Wu, Matrix
@@ -57,8 +58,11 @@ class Segment(Strict):
     to_mm: PositiveFinite
     """Its end, from the left end of the beam; it begins where the previous segment ends."""
     width_mm: PositiveFinite | None = None
+    """Width of its section."""
     thickness_mm: PositiveFinite | None = None
+    """Thickness of its section."""
     flexural_rigidity_n_mm2: PositiveFinite | None = None
+    """Its E I; give either this or width and thickness."""
 
 
 class Section(NamedTuple):

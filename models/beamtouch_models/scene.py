@@ -21,6 +21,7 @@ class Contact(Strict):
     force_n: PositiveFinite | PositivePair
     """One number if the force is known, else its range."""
     position_mm: Pair
+    """Range of positions, from the left end of the beam."""
     width_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     """Length over which a contact presses evenly, centred at its position; 0 is a point."""
 
@@ -60,6 +61,7 @@ class Sensors(Strict):
     mounting_tolerance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     """Standard deviation of each sensor's position along the beam."""
     rate_hz: PositiveFinite = 100.0
+    """Readings per second."""
     range_mm: PositivePair = (1.0, 4.0)
     """Smallest and largest gap between which the sensor is linear."""
     standoff_mm: PositiveFinite | None = None
@@ -69,11 +71,13 @@ class Sensors(Strict):
     drift_um_per_k: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Largest drift of a sensor's zero with the temperature. It adds to `zero_drift_mm`."""
     min_distance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Smallest distance between two sensors, from centre to centre."""
     keep_out_mm: list[Pair] = Field(default_factory=list)
     """Stretches of the beam without sensors; a sensor may stand at their ends."""
     fixed_mm: list[Finite] = Field(default_factory=list)
     """Positions of sensors that are already decided."""
     grid_mm: PositiveFinite = 1.0
+    """Sensors are placed at multiples of this, from the left end of the beam."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -123,16 +127,22 @@ class Requirements(Strict):
     false_contacts_per_day: PositiveFinite = 1 / 30
     """Contacts per day that may be stated although nothing touches; by default one a month."""
     descriptors: Annotated[tuple[Descriptor, ...], Field(strict=False)] = ("position",)
+    """Figures that the model states; the position is always one of them."""
 
 
 class Scene(Strict):
     """Statements of the user about a surface before it is built."""
 
     beam: Beam
+    """The beam, with its supports and its foundation."""
     contact: Contact
+    """The contacts that the surface is designed for."""
     sensors: Sensors
+    """The proximity sensors under the beam."""
     requirements: Requirements = Field(default_factory=Requirements)
+    """Requirements of the surface; all have defaults."""
     environment: Environment = Field(default_factory=Environment)
+    """Temperatures around the surface."""
 
     @model_validator(mode="after")
     def _on_the_beam(self) -> Self:

@@ -30,18 +30,23 @@ class Beam(Strict):
     """The beam, its supports and its foundation."""
 
     length_mm: PositiveFinite
+    """Length of the beam. Positions count from its left end."""
     supports: Supports = "simply-supported"
     """A name, or a list of supports: [{at_mm = 0, kind = "simple"}, ...]."""
     material: MaterialName | None = None
     """Name of a material whose modulus, density and expansion hold where the scene does not state them."""
     youngs_modulus_gpa: PositiveFinite | None = None
+    """Modulus of elasticity: steel 210, stainless steel 193 to 200, aluminium 70."""
     shear_modulus_gpa: PositiveFinite | None = None
     """If stated, shear deflection is included (Timoshenko)."""
     width_mm: PositiveFinite | None = None
+    """Width of the section."""
     thickness_mm: PositiveFinite | None = None
+    """Thickness of the section, in the direction of the load."""
     flexural_rigidity_n_mm2: PositiveFinite | None = None
     """E I; give either this or modulus, width and thickness."""
     density_kg_m3: PositiveFinite | None = None
+    """Density; with it, sag and ringing are computed. Without it, neither is known."""
     expansion_um_per_m_k: PositiveFinite | None = None
     """Coefficient of linear thermal expansion."""
     damping_ratio: DampingRatio | None = None

@@ -8,7 +8,7 @@ from beamtouch_service import limits
 from beamtouch_service.samples import SurfaceName
 from beamtouch_service.settings import WordOrder
 
-_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
 Port = Annotated[int, Field(ge=0, le=65535)]
 StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
@@ -77,7 +77,7 @@ class ModbusServerSection(BaseModel):
     word_order: WordOrder = "big"
     """Order of the two registers of a 32-bit value: `big` (ABCD) or `little` (CDAB)."""
     max_clients: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] = limits.MAX_MODBUS_CLIENTS
-    """Open connections. For one more, an idle one is closed; docs/registers.md says which."""
+    """Open connections. For one more, an idle one is closed; docs/reference/registers.md says which."""
     idle_s: Annotated[FiniteFloat, Field(ge=0.1, le=86_400)] = limits.MODBUS_IDLE_S
     """A connection without a request for this long is closed."""
 
@@ -98,6 +98,7 @@ class MqttSection(BaseModel):
     max_rate_hz: Annotated[FiniteFloat, Field(ge=1, le=200)] = limits.MQTT_RATE_HZ
     """Contacts per second and surface while the state does not change."""
     username: _Text | None = None
+    """User at the broker. Default: no user."""
     password_file: _Text | None = None
     """File with the password of `username`."""
     tls: bool = False
@@ -133,9 +134,13 @@ class ConfigFile(BaseModel):
     model_config = _STRICT
 
     server: ServerSection = ServerSection()
+    """Address, tokens, certificate, and limits."""
     events: EventsSection = EventsSection()
+    """The record of contacts."""
     modbus_server: ModbusServerSection | None = None
+    """Contacts as Modbus input registers. Default: no Modbus server."""
     mqtt: MqttSection | None = None
+    """Contacts and events to an MQTT 5 broker. Default: no broker."""
     surfaces: dict[SurfaceName, SurfaceSection] = Field(default_factory=dict)
     """In their order in the file, which is that of their blocks of Modbus registers."""
 

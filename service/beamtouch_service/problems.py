@@ -62,12 +62,14 @@ class Kind(Enum):
 class ProblemBody(BaseModel):
     """Problem details (RFC 9457); kinds of problems add members of their own."""
 
-    model_config = ConfigDict(extra="allow", title="Problem")
+    model_config = ConfigDict(extra="allow", title="Problem", use_attribute_docstrings=True)
 
     type: str = Field(examples=[Kind.STALE.type_uri])
     """The kind of problem. Programs decide by this member alone."""
     title: str
+    """The kind in words, the same for every problem of this kind."""
     status: int
+    """The status of the HTTP answer."""
     detail: str
     """The cause, and what to do about it."""
     surface: str | None = None

@@ -21,7 +21,7 @@ ROUNDING = 1e-9
 """Largest negative eigenvalue of a covariance, as a part of its largest variance: senders round entries."""
 MAX_NOISE_MM = 1e4
 """Largest standard deviation of a channel. Beyond it, figures overflow."""
-_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+_STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
 ChannelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
 Noise = Annotated[FiniteFloat, Field(gt=0, le=MAX_NOISE_MM)]
@@ -148,6 +148,7 @@ class Batch(BaseModel):
     """When `newest_age_ms` was true, by a clock of the sender that never jumps, with any origin. From two batches the
     service sees which one waited on the way, and counts that to the age. Older senders state none."""
     samples: list[Sample] = Field(min_length=1, max_length=MAX_SAMPLES)
+    """The samples, in the order in which they were taken."""
     notes: list[Annotated[Note, Field(strict=False)]] = Field(default=[], max_length=len(Note))
     """Notes of the sender while it took these samples. Older senders state none."""
     noise_mm: list[Noise] | None = Field(default=None, max_length=MAX_CHANNELS)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from service.conftest import Bench
 
 
-MQTT = Path(__file__).parents[2] / "docs" / "mqtt.md"
+MQTT = Path(__file__).parents[2] / "docs" / "how-to" / "mqtt.md"
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from beamtouch_service.surfaces.contact import Doubt
 if TYPE_CHECKING:
     import pytest
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "registers.md"
+DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "registers.md"
 CONFIG = """
 [modbus_server]
 word_order = "little"

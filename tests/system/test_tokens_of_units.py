@@ -1,4 +1,4 @@
-"""The tokens that units load: the commands of docs/debian.md, and the programs with the credentials of the units."""
+"""The tokens that units load: the commands of docs/how-to/debian.md, and the programs with the credentials of the units."""
 
 import os
 import re
@@ -15,7 +15,7 @@ from plain_http import TIMEOUT_S
 from service.small_model import write_model
 
 ROOT = Path(__file__).parents[2]
-GUIDE = (ROOT / "docs" / "debian.md").read_text()
+GUIDE = (ROOT / "docs" / "how-to" / "debian.md").read_text()
 UNITS = {name: ROOT / name / f"beamtouch-{name}.service" for name in ("daemon", "service")}
 CREDENTIALS = "/run/credentials/beamtouch-service.service"
 TOKENS = {"token": "token-that-writes-of-the-tests", "read-token": "token-that-reads-of-the-tests"}

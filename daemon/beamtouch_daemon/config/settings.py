@@ -57,10 +57,13 @@ class Surface(Strict):
     """
     source: Source
     filter: Filter = NoFilter()
+    """Filter from readings to samples."""
     zero_tracking: ZeroTracking | None = None
+    """Follows a slow drift of the rest gaps; default: no tracking."""
     loads: Loads | None = None
     """Default: `record` checks neither positions nor forces."""
     channels: Annotated[tuple[Channel, ...], Field(strict=False, min_length=1, max_length=MAX_CHANNELS)]
+    """Sensors, in the order of the model's channels."""
 
     @model_validator(mode="after")
     def _names_are_distinct(self) -> Self:
@@ -125,8 +128,11 @@ class Config(Strict):
     include: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Files with further `[surfaces.NAME]` tables, as patterns such as "surfaces/*.toml", relative to this file."""
     publish: Publish
+    """The service that receives the samples."""
     metrics: Metrics = Metrics()
+    """Metrics for Prometheus."""
     surfaces: Annotated[dict[SurfaceName, Surface], Field(min_length=1)]
+    """Surfaces by name. The service knows them by the same names."""
     _directory: Path = PrivateAttr(default=Path())
     _files: Mapping[str, Path] = PrivateAttr(default_factory=dict)
 

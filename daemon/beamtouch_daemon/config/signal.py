@@ -33,12 +33,14 @@ class NoFilter(_Spike):
     """Every reading is a sample."""
 
     kind: Literal["none"] = "none"
+    """No filter, the default."""
 
 
 class MovingAverage(_Spike):
     """Mean of the last `window` readings."""
 
     kind: Literal["moving-average"]
+    """Mean of the last readings."""
     window: Annotated[int, Field(ge=1, le=10_000)] = 4
     """Number of readings in the mean."""
 
@@ -47,6 +49,7 @@ class LowPass(_Spike):
     """Low-pass with a single pole."""
 
     kind: Literal["low-pass"]
+    """Low-pass with a single pole."""
     cutoff_hz: Positive
     """Frequency of the -3 dB point."""
 
@@ -55,6 +58,7 @@ class Adaptive(_Spike):
     """Mean of the readings since the last step."""
 
     kind: Literal["adaptive"]
+    """Mean of the readings since the last step."""
     window: Annotated[int, Field(ge=2, le=10_000)]
     """Largest number of readings in the mean."""
     step_mm: Positive
@@ -65,6 +69,7 @@ class GrowingMean(_Spike):
     """Mean of all readings since the load last changed: an answer at once, which sharpens while the load rests."""
 
     kind: Literal["growing-mean"]
+    """Mean of all readings since the load last changed. `design-sensors build` writes this one."""
     max_mean_ms: Annotated[FiniteFloat, Field(gt=0, le=60_000)] = 1000.0
     """Longest time that a mean spans. It bounds `readings` of the samples."""
 
@@ -94,6 +99,7 @@ class Channel(Strict):
     """One sensor: the address of its counts, and their meaning."""
 
     name: ChannelName
+    """Name of the channel, as in the model."""
     register_: Annotated[int | None, Field(alias="register", ge=0, le=65_535)] = None
     """Modbus: address of the first register, from 0. Serial: index in the frame, from 0."""
     input: Annotated[int, Field(ge=0, le=63)] | None = None
@@ -107,6 +113,7 @@ class Channel(Strict):
     gain_mm_per_count: Annotated[FiniteFloat, AfterValidator(_nonzero)] | None = None
     """gap = offset + gain x counts."""
     offset_mm: FiniteFloat | None = None
+    """Gap at 0 counts."""
     table: Annotated[tuple[Pair, ...], Field(strict=False)] | None = None
     """[counts, gap] points instead of gain and offset, joined by straight lines; out-of-range beyond the ends."""
     rest_gap_mm: FiniteFloat

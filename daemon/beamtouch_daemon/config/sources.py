@@ -11,7 +11,6 @@ Milliseconds = Annotated[FiniteFloat, Field(ge=1, le=60_000)]
 NetworkPort = Annotated[int, Field(ge=1, le=65_535)]
 Baud = Annotated[int, Field(ge=300, le=12_000_000)]
 ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
-"""Order of the four bytes of a 32-bit value, A the most significant; BADC and DCBA also swap 16-bit values."""
 
 
 def _known(name: str) -> str:
@@ -22,7 +21,7 @@ def _known(name: str) -> str:
 class Strict(BaseModel):
     """Settings that refuse unknown keys, convert no types and cannot be changed."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
 
 class Modbus(Strict):
@@ -37,6 +36,7 @@ class Modbus(Strict):
     bridge_registers: Annotated[int, Field(ge=0, le=124)] = 0
     """Up to this many unused registers are read along to save a request; the unit must have them."""
     byte_order: ByteOrder = "ABCD"
+    """Order of the four bytes of a 32-bit value, A the most significant; BADC and DCBA also swap 16-bit values."""
 
     @model_validator(mode="after")
     def _module_is_of_this_kind(self) -> Self:
@@ -63,9 +63,13 @@ class ModbusTcp(Modbus):
     """A device with Modbus TCP."""
 
     kind: Literal["modbus-tcp"]
+    """A device with Modbus TCP."""
     host: Annotated[str, Field(min_length=1)]
+    """Name or address of the device; a channel may state another."""
     port: NetworkPort = 502
+    """TCP port of the device."""
     unit: Annotated[int, Field(ge=0, le=255)] = 1
+    """Unit identifier; a channel may state another."""
     timeout_ms: Milliseconds = 200.0
     """Timeout of the connection, and of each reply."""
 
@@ -74,12 +78,17 @@ class ModbusRtu(Modbus):
     """Units on a serial bus with 8 data bits. Surfaces may share a bus if they state the same line settings."""
 
     kind: Literal["modbus-rtu"]
+    """Units on a serial bus."""
     port: Annotated[str, Field(min_length=1)]
     """Path of the serial device."""
     baud: Baud = 115_200
+    """Bits per second, as set on the units."""
     parity: Literal["none", "even", "odd"] = "none"
+    """Parity bit, as set on the units."""
     stop_bits: Annotated[int, Field(ge=1, le=2)] = 1
+    """Number of stop bits, as set on the units."""
     unit: Annotated[int, Field(ge=1, le=247)] = 1
+    """Address of the unit on the bus; a channel may state another."""
     timeout_ms: Milliseconds = 100.0
     """Timeout of each reply. A unit that does not answer is asked again after 13 timeouts."""
     silence_ms: Annotated[FiniteFloat, Field(ge=0, le=1000)] | None = None
@@ -95,12 +104,15 @@ class SerialLine(Strict):
     """A device that speaks the protocol of `PROTOCOL.md`."""
 
     kind: Literal["serial"]
+    """A device that speaks the protocol of `PROTOCOL.md`."""
     port: Annotated[str, Field(min_length=1)]
     """Path of the serial device."""
     baud: Baud = 1_000_000
+    """Bits per second, as set on the device."""
     oversampling: Annotated[int, Field(ge=1, le=255)] = 1
     """Number of conversions that the device averages in one reading."""
 
 
 RelativePath = Annotated[Path, Field(strict=False)]
-Source = Annotated[ModbusTcp | ModbusRtu | SerialLine, Field(discriminator="kind")]
+_FROM = "Device that the readings come from."
+Source = Annotated[ModbusTcp | ModbusRtu | SerialLine, Field(discriminator="kind", description=_FROM)]

@@ -24,8 +24,11 @@ class Step(Strict):
     """One step of a script: no load without a position, a resting load with one position, a moving load with two."""
 
     seconds: PositiveFinite
+    """Length of the step."""
     position_mm: Finite | Pair | None = None
+    """Place of the load, or places at the start and the end of the step. Without it, nothing touches."""
     force_n: NotNegative | Annotated[tuple[NotNegative, NotNegative], Field(strict=False)] | None = None
+    """Force of the load, or forces at the start and the end of the step."""
 
     @model_validator(mode="after")
     def _both_or_neither(self) -> Self:
@@ -45,7 +48,9 @@ class Script(Strict):
     """A sequence of steps. After the last it starts again if `repeat`, else the load is gone for good."""
 
     repeat: bool = True
+    """Whether the script starts again after its last step."""
     step: Annotated[list[Step], Field(min_length=1)]
+    """Steps, in their order."""
 
     def at(self, seconds: float) -> Load:
         """Return the load at a time [s] since the start."""

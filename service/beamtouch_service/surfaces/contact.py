@@ -6,7 +6,7 @@ from enum import StrEnum
 from math import isfinite
 from typing import NamedTuple
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 
 from beamtouch_models.modelfile import LOG_ODDS, MISFIT, Evidence, State
 
@@ -39,18 +39,25 @@ NO_FIGURES = Figures()
 class Contact(BaseModel):
     """State of the surface; position and force of a contact with their intervals; age and origin of the answer."""
 
+    model_config = ConfigDict(use_attribute_docstrings=True)
+
     surface: str
+    """Name of the surface."""
     state: State
-    """`unexplained`: neither rest nor a single contact explains the sample."""
+    """`contact`: one contact explains the sample. `clear`: the beam rests. `unexplained`: neither rest nor a single
+    contact explains the sample."""
     position_mm: float | None
     """Distance from the left end of the beam; null unless the state is `contact`."""
     position_low_mm: float | None
     """Lower end of the 95 % interval."""
     position_high_mm: float | None
+    """Upper end of the 95 % interval."""
     force_n: float | None
     """Null without a contact, or if the model does not estimate force."""
     force_low_n: float | None
+    """Lower end of the 95 % interval."""
     force_high_n: float | None
+    """Upper end of the 95 % interval."""
     age_ms: float
     """Age of the sample at the time of answering, on the monotonic clocks of sender and service."""
     sampled_at: str
@@ -62,6 +69,7 @@ class Contact(BaseModel):
     misfit: float
     """Misfit of rest or of the best single contact, whichever is smaller."""
     quality: ContactQuality
+    """`good`: all channels took part. `degraded`: some did not."""
     degraded_channels: list[str]
     """Channels that took no part; empty if the quality is good."""
     notes: list[str]

@@ -1,4 +1,4 @@
-"""The register map as text and JSON, as `beamtouch-service registers` prints it and `docs/registers.md` contains it."""
+"""The register map as text and JSON, as `beamtouch-service registers` prints it; a page of the site repeats it."""
 
 import json
 from collections.abc import Mapping, Sequence

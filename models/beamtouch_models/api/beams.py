@@ -1,0 +1,88 @@
+"""Scenes, influence lines and ringing, for scripts."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from beamtouch_models.arrays import Floats
+from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.beam import scene_influence
+from beamtouch_models.physics.dynamics import DAMPING_RATIO, first_frequency_hz
+from beamtouch_models.rig.ringing import Mode
+from beamtouch_models.scene import Scene, load_scene, parse_scene
+
+
+def read_scene(scene: Path | str) -> Scene:
+    """Read a scene.
+
+    Parameters
+    ----------
+    scene : path of a TOML file, or TOML text
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or it is not a scene; the message names the key.
+    """
+    return load_scene(scene)[0] if isinstance(scene, Path) else parse_scene(scene, "the scene")
+
+
+def influence_matrix(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> Floats:
+    """Return the deflection at each sensor per newton, for each place of the load.
+
+    Parameters
+    ----------
+    scene : the scene
+    sensor_mm : (sensors,) positions in mm from the left end
+    load_mm : (loads,) positions in mm from the left end
+
+    Returns
+    -------
+    (loads, sensors) in mm/N, positive in the direction of the load.
+
+    Raises
+    ------
+    ValueError
+        A position is not on the beam.
+    SceneError
+        The beam cannot be computed.
+    """
+    return scene_influence(scene, sensor_mm, load_mm)
+
+
+def frequency_hz(scene: Scene) -> float:
+    """Return the first natural frequency of a beam, in Hz.
+
+    Raises
+    ------
+    SceneError
+        The scene does not state density, width and thickness.
+    """
+    found = first_frequency_hz(scene.beam)
+    if found is None:
+        message = "beam: state density_kg_m3, width_mm and thickness_mm; they set its frequency"
+        raise SceneError(message)
+    return found
+
+
+def ringing_mm(
+    scene: Scene, static_mm: ArrayLike, time_s: ArrayLike, *, damping_ratio: float = DAMPING_RATIO
+) -> Floats:
+    """Return the deflections after a sudden load, which rings in the first mode of the beam.
+
+    Parameters
+    ----------
+    scene : the scene
+    static_mm : (sensors,) deflections once the beam has come to rest
+    time_s : (times,) since the load acts, 0 or more
+    damping_ratio : of the first mode, between 0 and 1; a bare metal beam has about 0.01
+
+    Returns
+    -------
+    (times, sensors) in mm. Errors as `frequency_hz`.
+    """
+    mode, static = Mode(frequency_hz(scene), damping_ratio), np.atleast_1d(np.asarray(static_mm, dtype=np.float64))
+    rest = np.zeros_like(static)
+    times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+    return np.array([mode.after(float(time), static, rest, rest)[0] for time in times])

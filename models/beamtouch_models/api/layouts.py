@@ -1,0 +1,123 @@
+"""Layouts and their accuracy limits, for scripts."""
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from beamtouch_models.accuracy import limit
+from beamtouch_models.accuracy.posterior import posterior_quantiles
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.arrays import Floats
+from beamtouch_models.building.checks import check_scene
+from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
+from beamtouch_models.physics.beam import influence_of
+from beamtouch_models.placement import place as place_by_product
+from beamtouch_models.placement import place_by_position_error
+from beamtouch_models.pricing.effects import required
+from beamtouch_models.pricing.noise import choose_filter
+from beamtouch_models.scene import Scene
+
+Criterion: TypeAlias = Literal["eigenvalue-product", "position-error"]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The accuracy limit of a layout: the mean position error that no estimator can beat."""
+
+    mean_mm: float
+    """Mean error in mm."""
+    standard_error_mm: float
+    """Standard error of that mean, as contacts are drawn at random."""
+    percent: float
+    """Mean error in percent of the beam's length."""
+
+
+def place(scene: Scene, sensors: int, *, criterion: Criterion = "position-error", seed: int = 0) -> Floats:
+    """Place sensors under a beam.
+
+    Parameters
+    ----------
+    scene : the scene; its rules for the sensors hold
+    sensors : number of sensors
+    criterion : "position-error" makes the accuracy limit least, "eigenvalue-product" is the paper's
+    seed : seed of the search; the same seed gives the same layout
+
+    Returns
+    -------
+    (sensors,) positions in mm from the left end, ascending.
+
+    Raises
+    ------
+    SceneError
+        No surface can be built of the scene, or its rules allow no layout of so many sensors.
+    """
+    built, errors = _checked(scene, sensors)
+    influence, rules = influence_of(built), sensor_rules(built)
+    if criterion == "position-error":
+        found = place_by_position_error(influence, rules, sensors, seed, errors)
+    else:
+        found = place_by_product(influence, rules, sensors, seed)
+    return np.array(found.positions_mm)
+
+
+def accuracy_limit(
+    scene: Scene, sensor_mm: ArrayLike, *, noise_mm: float | None = None, draws: int = 10_000, seed: int = 0
+) -> Limit:
+    """Return the accuracy limit of a layout, over all contacts of the scene.
+
+    Parameters
+    ----------
+    scene, sensor_mm : the scene, and (sensors,) positions in mm from the left end
+    noise_mm : standard deviation of a sample; default: that of the scene behind its filter
+    draws : number of simulated contacts
+    seed : seed of the contacts
+
+    Raises
+    ------
+    SceneError
+        No surface can be built of the scene, or the noise is 0.
+    """
+    prior = _prior(scene, sensor_mm, noise_mm)
+    found = limit.accuracy_limit(prior, draws, seed)
+    mm = prior.length_mm / 100
+    return Limit(found.percent * mm, found.standard_error * mm, found.percent)
+
+
+def error_along_mm(
+    scene: Scene, sensor_mm: ArrayLike, position_mm: ArrayLike, *, draws: int = 64, seed: int = 0
+) -> Floats:
+    """Return the accuracy limit along the beam: the mean error of contacts at each position.
+
+    Parameters
+    ----------
+    scene, sensor_mm : the scene, and (sensors,) positions in mm from the left end
+    position_mm : (positions,) places of contacts, in the range of the scene
+    draws, seed : number of contacts at each position, of all forces of the scene, and their seed
+
+    Returns
+    -------
+    (positions,) in mm. Errors as `accuracy_limit`.
+    """
+    prior, rng = _prior(scene, sensor_mm, None), np.random.default_rng(seed)
+    places = np.repeat(np.atleast_1d(np.asarray(position_mm, dtype=np.float64)), draws)
+    clean, deviation = prior.sampled(places, rng.uniform(*prior.force_n, size=len(places)))
+    distance = posterior_quantiles(prior, clean + rng.normal(size=clean.shape) * deviation)[1]
+    mean: Floats = distance.reshape(-1, draws).mean(axis=1)
+    return mean
+
+
+def _checked(scene: Scene, sensors: int) -> tuple[Scene, SampleErrors]:
+    """Return the scene with the physics that it requires, and the errors of its samples."""
+    chosen = choose_filter(scene)
+    check_scene(scene, chosen, sensors)
+    physics = required(scene, chosen)
+    return physics.scene, sample_errors(physics.scene, physics.noise.sample_mm)
+
+
+def _prior(scene: Scene, sensor_mm: ArrayLike, noise_mm: float | None) -> Prior:
+    sensors = np.atleast_1d(np.asarray(sensor_mm, dtype=np.float64))
+    built, errors = _checked(scene, len(sensors))
+    used = sample_errors(built, noise_mm) if noise_mm is not None else errors
+    return Prior.real(influence_of(built), sensors, used)

@@ -1,0 +1,122 @@
+"""The blocks of README, tutorial and guides run as they stand there, pasted whole and in order."""
+
+import json
+import re
+import shutil
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pasted import COMMANDS, ROOT, blocks_of, paste
+from toolchain import made_once, need
+
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
+
+TUTORIAL = "docs/tutorial/index.md"
+GUIDES = {
+    "docs/how-to/design.md": ["zero drift", "the best layout on the grid, proven", "golden   9 answers reproduced"],
+    "docs/how-to/several-surfaces.md": ['"surface":"left"', '"surface":"right"'],
+    "docs/how-to/two-hosts.md": ['"surface":"strip"', "urn:beamtouch:problem:unauthorized"],
+    "docs/how-to/plc.md": [r"\| `identity` ", "\nstate c(lear|ontact\nposition_mm 1)"],
+    "docs/how-to/python.md": ["( N at 1|nothing touches)"],
+    "docs/how-to/upgrade.md": ["golden   9 answers reproduced", "posterior"],
+}
+"""What the guides print, among other things; patterns."""
+RUN_ELSEWHERE = {"docs/how-to/calibrate-without-loads.md": "tests/system/test_self_calibration.py"}
+CONSOLE = {
+    "README.md": 3,  # installation, and the commands of make
+    "docs/how-to/calibrate.md": 2,  # a person puts weights on the beam
+    "docs/how-to/debian.md": 5,  # packages, systemd and root
+    "docs/how-to/design.md": 3,  # minutes on all cores, and a cluster
+    "docs/how-to/mqtt.md": 2,  # a broker
+    "docs/how-to/two-hosts.md": 3,  # systemd and root
+    "docs/how-to/upgrade.md": 1,  # an index and systemd
+}
+"""Numbers of blocks that cannot run in a test."""
+
+
+@pytest.fixture
+def followed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder in which somebody has followed the tutorial, and the file `printed`."""
+    need("curl")
+    return made_once(tmp_path_factory, "tutorial", _follow_tutorial)
+
+
+@pytest.fixture
+def strip(followed: Path, tmp_path: Path) -> Path:
+    """A copy of the folder that the tutorial has left."""
+    return Path(shutil.copytree(followed / "strip", tmp_path / "strip", ignore=shutil.ignore_patterns("*.spool*")))
+
+
+def _follow_tutorial(folder: Path) -> None:
+    (folder / "printed").write_text(paste(TUTORIAL, folder))
+
+
+def test_the_readme_ends_in_a_contact(tmp_path: Path) -> None:
+    need("curl")
+
+    printed = paste("README.md", tmp_path)
+
+    assert_samples_are_like(printed, "README.md")
+
+
+def test_the_tutorial_ends_in_the_contact_that_it_shows(followed: Path) -> None:
+    printed = (followed / "printed").read_text()
+
+    assert_samples_are_like(printed, TUTORIAL)
+    (contact,) = [one for one in answers_in(printed) if "position_mm" in one][-1:]
+    assert contact["state"] == "contact"
+    assert contact["position_low_mm"] <= contact["position_mm"] <= contact["position_high_mm"]
+    assert abs(contact["position_mm"] - 150) < 20
+
+
+@pytest.mark.parametrize("page", GUIDES)
+def test_a_guide_runs_after_the_tutorial(page: str, strip: Path) -> None:
+    need("openssl")
+
+    printed = paste(page, strip)
+
+    assert all(re.search(words, printed) for words in GUIDES[page]), printed
+    assert_samples_are_like(printed, page)
+
+
+def test_every_page_with_commands_is_run_by_a_test() -> None:
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    names = [str(page.relative_to(ROOT)) for page in pages]
+    with_commands = {name for name in names if any(block.word == COMMANDS for block in blocks_of(name))}
+    console = {name: sum(block.word == "console" for block in blocks_of(name)) for name in names}
+
+    assert with_commands == {"README.md", TUTORIAL, *GUIDES, *RUN_ELSEWHERE}
+    assert {name: number for name, number in console.items() if number} == CONSOLE
+    for name in (name for name in names if name.startswith(("README", "docs/tutorial", "docs/how-to"))):
+        assert all(block.word for block in blocks_of(name)), f"{name}: a block without a word"
+
+
+def test_the_flow_of_node_red_is_whole() -> None:
+    (flow,) = [block.text for block in blocks_of("docs/how-to/node-red.md") if block.word == "json"]
+    nodes = {node["id"]: node for node in json.loads(flow)}
+    wires = {target for node in nodes.values() for port in node.get("wires", []) for target in port}
+
+    assert wires <= set(nodes)
+    assert {node["type"] for node in nodes.values()} >= {"inject", "http request", "function"}
+    assert len(nodes["beamtouch-decide"]["wires"]) == nodes["beamtouch-decide"]["outputs"] == 2
+
+
+def answers_in(printed: str) -> list[dict[str, Any]]:
+    """Return the JSON objects that commands have printed, which may follow each other in one line."""
+    found, decoder, start = [], json.JSONDecoder(), printed.find('{"')
+    while start >= 0:
+        answer, end = decoder.raw_decode(printed, start)
+        found.append(answer)
+        start = printed.find('{"', end)
+    return found
+
+
+def assert_samples_are_like(printed: str, page: str) -> None:
+    """Check that each sample of JSON after commands has the members of something that they printed."""
+    blocks = blocks_of(page)
+    samples = [block for before, block in pairwise(blocks) if (before.word, block.word) == (COMMANDS, "json")]
+    shown = [list(answer) for answer in answers_in(printed)]
+    assert all(list(json.loads(sample.text)) in shown for sample in samples), printed

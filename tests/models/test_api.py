@@ -1,0 +1,105 @@
+"""The interface for scripts gives what the commands give, and refuses with one line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beamtouch_common.errors import InputError
+from beamtouch_models import api
+from beamtouch_models.errors import SceneError
+from beamtouch_models.physics.dynamics import FIRST_ROOT
+from example_scenes import SCENES
+
+SCENE = (SCENES / "bench.toml").read_text()
+
+
+@pytest.fixture
+def scene() -> api.Scene:
+    return api.read_scene(SCENES / "bench.toml")
+
+
+def test_everything_public_has_a_docstring() -> None:
+    assert all(getattr(api, name).__doc__ for name in api.__all__)
+
+
+def test_a_scene_is_read_from_a_file_and_from_text(scene: api.Scene) -> None:
+    assert api.read_scene(SCENE) == scene
+    with pytest.raises(InputError, match="beem"):
+        api.read_scene("[beem]\nlength_mm = 400")
+
+
+def test_the_influence_of_a_load_in_the_middle_is_that_of_the_handbook(scene: api.Scene) -> None:
+    rigidity_n_mm2 = 210e3 * 25 * 3**3 / 12  # E I; F l^3 / (48 E I)
+
+    (found,) = api.influence_matrix(scene, [200], [200])
+
+    assert found == pytest.approx([400**3 / (48 * rigidity_n_mm2)])
+
+
+def test_the_layout_of_least_error_is_no_worse_than_that_of_the_paper(scene: api.Scene) -> None:
+    layouts = [api.place(scene, 2, criterion=name) for name in ("position-error", "eigenvalue-product")]
+    best, papers = (api.accuracy_limit(scene, layout, draws=2000) for layout in layouts)
+
+    assert best.mean_mm < papers.mean_mm
+    assert best.percent == pytest.approx(best.mean_mm / 4)
+    assert 0 < best.standard_error_mm < 0.1 * best.mean_mm
+
+
+def test_the_error_along_the_beam_has_the_mean_of_the_limit(scene: api.Scene) -> None:
+    layout, place = [68, 156, 244, 332], 1 + 398 * (np.arange(80) + 0.5) / 80
+    limit = api.accuracy_limit(scene, layout)
+
+    along = api.error_along_mm(scene, layout, place, draws=100)
+
+    assert along.shape == (80,)
+    assert along.mean() == pytest.approx(limit.mean_mm, rel=0.1)
+    assert along[0] > along[40]
+
+
+def test_more_noise_means_more_error(scene: api.Scene) -> None:
+    low, high = (api.accuracy_limit(scene, [68, 332], noise_mm=noise, draws=500).mean_mm for noise in (1e-3, 1e-2))
+
+    assert low < high
+
+
+def test_a_model_locates_the_load_that_bent_the_beam(scene: api.Scene, bench_model: Path) -> None:
+    model = api.load_model(bench_model)
+    sensors = [channel.position_mm for channel in model.metadata.layout]
+
+    found = api.estimate(model, 10 * api.influence_matrix(scene, sensors, [100, 250]))
+
+    assert found["position_mm"] == pytest.approx([100, 250], abs=2)
+    assert found["force_n"] == pytest.approx([10, 10], rel=0.02)
+    assert np.all(found["position_low_mm"] < found["position_high_mm"])
+    assert api.load_model(bench_model.read_bytes()).identity == model.identity
+
+
+@pytest.mark.usefixtures("short_measuring")
+def test_a_model_is_built_from_text(tmp_path: Path) -> None:
+    (tmp_path / "bench.toml").write_text(SCENE)
+
+    content = api.build(tmp_path / "bench.toml", "bench", sensors=2)
+
+    assert len(api.load_model(content).metadata.layout) == 2
+
+
+def test_a_touched_beam_rings_around_its_deflection(scene: api.Scene) -> None:
+    mass_per_mm = 7850e-9 * 25 * 3
+    rigidity = 210e3 * 25 * 3**3 / 12 * 1e3  # kg mm^3 / s^2
+    expected = FIRST_ROOT["simply-supported"] ** 2 / (2 * np.pi * 400**2) * np.sqrt(rigidity / mass_per_mm)
+
+    moving = api.ringing_mm(scene, [1.0, 2.0], [0, 0.5 / expected, 20])
+
+    assert api.frequency_hz(scene) == pytest.approx(expected)
+    assert moving.shape == (3, 2)
+    assert moving[0] == pytest.approx([0, 0])
+    assert moving[1] == pytest.approx((1 + np.exp(-0.01 * np.pi)) * np.array([1, 2]), rel=1e-3)
+    assert moving[2] == pytest.approx([1, 2], abs=1e-6)
+
+
+def test_a_beam_of_unknown_mass_has_no_frequency() -> None:
+    massless = api.read_scene(SCENE.replace("density_kg_m3 = 7850", ""))
+
+    with pytest.raises(SceneError, match="density_kg_m3"):
+        api.frequency_hz(massless)
