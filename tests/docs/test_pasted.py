@@ -28,7 +28,7 @@ RUN_ELSEWHERE = {"docs/how-to/calibrate-without-loads.md": "tests/system/test_se
 CONSOLE = {
     "README.md": 3,  # installation, and the commands of make
     "docs/how-to/calibrate.md": 2,  # a person puts weights on the beam
-    "docs/how-to/debian.md": 5,  # packages, systemd and root
+    "docs/how-to/debian.md": 8,  # packages, systemd and root
     "docs/how-to/design.md": 3,  # minutes on all cores, and a cluster
     "docs/how-to/mqtt.md": 2,  # a broker
     "docs/how-to/two-hosts.md": 3,  # systemd and root

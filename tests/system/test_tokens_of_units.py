@@ -23,7 +23,7 @@ TOKENS = {"token": "token-that-writes-of-the-tests", "read-token": "token-that-r
 
 def drop_ins() -> dict[str, str]:
     """Return the text of each file that the guide writes under /etc/systemd/system, by its path there."""
-    found = re.findall(r"^sudo tee /etc/systemd/system/(\S+) <<END\n(.*?)^END$", GUIDE, re.MULTILINE | re.DOTALL)
+    found = re.findall(r"^\$ sudo tee /etc/systemd/system/(\S+) <<END\n(.*?)^END$", GUIDE, re.MULTILINE | re.DOTALL)
     return {path: text for path, text in found if ".d/" in path}
 
 
