@@ -1,4 +1,4 @@
-"""The tokens that units load: the commands of the guide for Debian, and the programs with the credentials of the units."""
+"""The tokens that units load: what the guide for Debian does, and the programs with the credentials of the units."""
 
 import os
 import re
