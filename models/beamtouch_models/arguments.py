@@ -19,7 +19,7 @@ def add_build(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sensors", type=whole_number(1, 64), metavar="N", help="number of sensors, instead of the scene's"
     )
-    _add_criterion(parser, "position-error")
+    _add_criterion(parser)
     parser.add_argument(
         "--estimator",
         choices=ESTIMATORS,
@@ -34,12 +34,13 @@ def add_build(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def _add_criterion(parser: argparse.ArgumentParser, default: str) -> None:
+def _add_criterion(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--criterion",
         choices=("position-error", "eigenvalue-product"),
         help="what the layout makes best: the mean position error (least), or the paper's product of eigenvalues "
-        f"(largest) (default: {default})",
+        "(largest), which notices two contacts and faulty sensors more often (default: eigenvalue-product; with "
+        "--spare, position-error)",
     )
     parser.add_argument(
         "--spare",
@@ -140,7 +141,7 @@ def add_place(parser: argparse.ArgumentParser) -> None:
         metavar="K",
         help="number of leading eigenvalues in the product (default: all)",
     )
-    _add_criterion(parser, "position-error; with --components or --prove, eigenvalue-product")
+    _add_criterion(parser)
     parser.add_argument("--search", choices=("exact", "paper"), default="exact", help="search method (default: exact)")
     parser.add_argument(
         "--prove",

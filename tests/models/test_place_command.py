@@ -38,11 +38,18 @@ def test_five_sensors_are_proven() -> None:
     assert found["wall_s"] > 0
 
 
-def test_the_defaults_are_the_scenes_number_of_sensors_the_position_error_and_the_exact_search(
+def test_the_defaults_are_the_scenes_number_of_sensors_the_eigenvalue_product_and_the_exact_search(
     design_sensors_here: Command,
 ) -> None:
     found = json.loads(design_sensors_here("place", SCENES / "paper.toml", "--json").stdout)
-    assert (found["criterion"], found["search"], found["seed"]) == ("position-error", "exact", 0)
+    assert (found["criterion"], found["search"], found["seed"]) == ("eigenvalue-product", "exact", 0)
+    assert (found["positions_mm"], found["spare"]) == ([122, 278], 0)
+
+
+def test_the_position_error_is_a_criterion_too(design_sensors_here: Command) -> None:
+    asked = ("place", SCENES / "paper.toml", "--criterion", "position-error", "--json")
+    found = json.loads(design_sensors_here(*asked).stdout)
+    assert found["criterion"] == "position-error"
     assert found["spare"] == 0
     # One sensor does not tell the two halves of the beam apart.
     assert min(found["limit_without_percent"]) > 2 * found["accuracy_limit_percent"]

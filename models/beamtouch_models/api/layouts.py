@@ -34,7 +34,7 @@ class Limit:
     """Mean error in percent of the beam's length."""
 
 
-def place(scene: Scene, sensors: int, *, criterion: Criterion = "position-error", seed: int = 0) -> Floats:
+def place(scene: Scene, sensors: int, *, criterion: Criterion = "eigenvalue-product", seed: int = 0) -> Floats:
     """Place sensors under a beam.
 
     Parameters

@@ -15,7 +15,7 @@ from beamtouch_models.estimators.estimator import NAMES, Estimator, Name, estima
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Channel, FilterChoice, Metadata, Ranges
 from beamtouch_models.physics.beam import max_deflection_mm
-from beamtouch_models.placement import LEAST_ERROR, Aim, Placement
+from beamtouch_models.placement import DEFAULT_AIM, Aim, Placement
 from beamtouch_models.pricing.effects import Physics
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.progress import Progress
@@ -31,7 +31,7 @@ class Choices:
     """None: the filter that uses all of the latency."""
     finish: Callable[[onnx.ModelProto], onnx.ModelProto] = lambda graph: graph
     """Applied to the estimator's graph before it is measured."""
-    aim: Aim = LEAST_ERROR
+    aim: Aim = DEFAULT_AIM
     """Criterion of the layout."""
     kept_mm: tuple[float, ...] = ()
     """Positions of sensors that are mounted already, placed with this aim; none: the sensors are placed."""
@@ -49,7 +49,7 @@ class Built:
     placement: Placement
     physics: Physics
     """The physics that the model was built with, and the price of each effect."""
-    aim: Aim = LEAST_ERROR
+    aim: Aim = DEFAULT_AIM
 
 
 def build(

@@ -13,7 +13,7 @@ from beamtouch_models.building.sensor_rules import check_spacing, sample_errors,
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement import LEAST_ERROR, Aim, Placement, fewest_sensors, score_positions
+from beamtouch_models.placement import DEFAULT_AIM, Aim, Placement, fewest_sensors, score_positions
 from beamtouch_models.pricing.effects import Physics, required
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.scene import Scene
@@ -40,7 +40,7 @@ def placed(
     *,
     count: int | None = None,
     seed: int = 0,
-    aim: Aim = LEAST_ERROR,
+    aim: Aim = DEFAULT_AIM,
     kept_mm: tuple[float, ...] = (),
     progress: Progress = silent,
 ) -> Placed:

@@ -8,7 +8,7 @@ import numpy as np
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.aims import LEAST_ERROR, Aim, place_as
+from beamtouch_models.placement.aims import DEFAULT_AIM, Aim, place_as
 from beamtouch_models.placement.components import discernible, principal_components
 from beamtouch_models.placement.layout import Candidates, equal_pitch_mm
 from beamtouch_models.placement.least_error import mean_errors_percent
@@ -43,7 +43,7 @@ def fewest_sensors(
     wanted_mm: float | None,
     errors: SampleErrors,
     seed: int,
-    aim: Aim = LEAST_ERROR,
+    aim: Aim = DEFAULT_AIM,
     progress: Progress = silent,
 ) -> Placement:
     """Place the fewest sensors whose accuracy limit meets a requirement; with a spare, whichever one has failed.
