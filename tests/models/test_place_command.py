@@ -119,15 +119,14 @@ def test_an_open_number_is_that_of_a_build_and_the_option_overrides_it(
     design_sensors_here: Command, tmp_path: Path
 ) -> None:
     path = tmp_path / "open.toml"
-    text = PAPER.replace("count = 2", "count = [2, 5]\ngrid_mm = 40")
-    path.write_text(text + "\n[requirements]\nposition_error_mm = 14\n")
+    path.write_text(PAPER.replace("count = 2", "count = [2, 5]") + "\n[requirements]\nposition_error_mm = 15\n")
     scene, _ = load_scene(path)
     built = fewest_mm(scene, noise_of(scene, choose_filter(scene)).sample_mm)
     assert len(built) == 3
     found = json.loads(design_sensors_here("place", path, "--json").stdout)
     assert found["positions_mm"] == built.tolist()
     found = json.loads(design_sensors_here("place", path, "--sensors", 2, "--json").stdout)
-    assert len(found["positions_mm"]) == 2
+    assert found["positions_mm"] == [122, 278]
 
 
 def test_an_open_number_makes_room_for_the_fixed_sensors(design_sensors_here: Command, tmp_path: Path) -> None:
