@@ -1,7 +1,6 @@
 """The aim of a placement that the options of a command ask for."""
 
 import argparse
-from typing import cast
 
 from beamtouch_models.placement import DEFAULT_AIM, Aim
 from beamtouch_models.placement.aims import Criterion
@@ -10,7 +9,8 @@ from beamtouch_models.placement.placing import Certify
 
 def aim_of(options: argparse.Namespace) -> Aim:
     """Return the aim of `build`; raises SceneError if the options contradict each other."""
-    return Aim(_criterion(options), spare=options.spare or 0)
+    spare = options.spare or 0
+    return Aim(options.criterion or _default(spare), spare)
 
 
 def aim_of_place(options: argparse.Namespace, certify: Certify) -> Aim:
@@ -18,10 +18,11 @@ def aim_of_place(options: argparse.Namespace, certify: Certify) -> Aim:
 
     Leading components and proofs are those of the eigenvalue product.
     """
-    return Aim(_criterion(options), options.spare or 0, options.components, options.search, certify)
+    spare = options.spare or 0
+    by_product = options.components is not None or options.prove
+    criterion = options.criterion or ("eigenvalue-product" if by_product else _default(spare))
+    return Aim(criterion, spare, options.components, options.search, certify)
 
 
-def _criterion(options: argparse.Namespace) -> Criterion:
-    if options.criterion:
-        return cast("Criterion", options.criterion)
-    return "position-error" if options.spare else DEFAULT_AIM.criterion
+def _default(spare: int) -> Criterion:
+    return "position-error" if spare else DEFAULT_AIM.criterion
