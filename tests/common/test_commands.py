@@ -42,6 +42,7 @@ COMMANDS: list[tuple[str, ...]] = [
 """Each command, and each of its subcommands."""
 READING: dict[tuple[str, ...], list[str]] = {
     ("beamtouch-daemon", "check"): ["PIPE"],
+    ("beamtouch-daemon", "init"): ["out", "--model-config", "PIPE", "--source", "tcp://HOST"],
     ("beamtouch-daemon", "noise"): ["PIPE"],
     ("beamtouch-daemon", "tare"): ["PIPE"],
     ("beamtouch-daemon", "record"): ["PIPE", "-o", "out"],
@@ -91,6 +92,7 @@ def test_every_command_that_takes_a_pipe_is_interrupted_below() -> None:
             "beamtouch-daemon",
             "run",
         ),  # reads its configuration in a loop that is not interrupted in the middle of a turn
+        ("beamtouch-daemon", "scan"),  # reads no file
         ("beamtouch-service", "registers"),  # reads its configuration at once, and prints
         ("beamtouch-service", "check"),  # these read a model file, which must be a regular file
         ("design-sensors", "challenge"),

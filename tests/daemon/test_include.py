@@ -65,7 +65,10 @@ def test_paths_start_from_the_file_that_states_them(tmp_path: Path, monkeypatch:
     ("text", "said"),
     [
         ("[surfaces", "{file}: not valid TOML: "),
-        (configs.surface("one").replace("window", "windw"), "{file}: unknown key surfaces.one.filter.windw; remove it"),
+        (
+            configs.surface("one").replace("window", "windw"),
+            "{file}: unknown key surfaces.one.filter.windw; did you mean window?",
+        ),
         (configs.PUBLISH, "{file}: publish belongs in {path}; a file that is included has only [surfaces.NAME] tables"),
         ("", "{file}: surfaces is missing; add it"),
         ("surfaces = 3", "{file}: surfaces: must be"),

@@ -16,13 +16,18 @@ from stated_problems import problem_in
 
 
 def scaled_scene(length_mm: float, rigidity: float, position: tuple[float, float] = (0.0025, 0.9975)) -> Scene:
-    return Scene.model_validate(
+    stated = Scene.model_validate(
         {
-            "beam": {"length_mm": length_mm, "flexural_rigidity_n_mm2": rigidity},
-            "contact": {"force_n": 1.0, "position_mm": (position[0] * length_mm, position[1] * length_mm)},
-            "sensors": {"count": 2, "noise_percent_of_max": 2, "grid_mm": length_mm / 400},
+            "beam": {"length_mm": 1.0, "flexural_rigidity_n_mm2": rigidity},
+            "contact": {"force_n": 1.0, "position_mm": position},
+            "sensors": {"count": 2, "noise_percent_of_max": 2, "grid_mm": 1 / 400},
         }
     )
+    # Scaled after the checks: a scene may not state beams of less than a millimetre.
+    beam = stated.beam.model_copy(update={"length_mm": length_mm})
+    contact = stated.contact.model_copy(update={"position_mm": (position[0] * length_mm, position[1] * length_mm)})
+    sensors = stated.sensors.model_copy(update={"grid_mm": length_mm / 400})
+    return stated.model_copy(update={"beam": beam, "contact": contact, "sensors": sensors})
 
 
 @settings(deadline=None, max_examples=25)
