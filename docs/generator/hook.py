@@ -3,7 +3,6 @@
 import json
 import os
 from pathlib import Path
-from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
@@ -24,17 +23,17 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Take the addresses from `pyproject.toml`, and list the files that patterns in the navigation stand for."""
     config.site_url = ADDRESSES.site
     config.repo_url = ADDRESSES.repository
-    config.nav = with_files(config.nav, Path(config.docs_dir))
+    config.update(nav=with_files(config.nav, Path(config.docs_dir)))
     return config
 
 
-def with_files(nav: Any, docs: Path) -> Any:  # noqa: ANN401  # a nested list, as YAML gives it
+def with_files(nav: object, docs: Path) -> object:
     """Return a navigation with the files below `docs` in place of patterns such as `decisions/*`."""
     if isinstance(nav, dict):
         return {title: with_files(part, docs) for title, part in nav.items()}
     if not isinstance(nav, list):
         return nav
-    parts: list[Any] = []
+    parts: list[object] = []
     for part in nav:
         is_pattern = isinstance(part, str) and "*" in part
         parts += (
@@ -50,14 +49,14 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     return files
 
 
-def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001  # mkdocs passes all
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Fill in the generated parts of a page, and let its links hold on the site."""
     path = f"docs/{page.file.src_uri}"
     source = SHOWN.get(path, path)
     return rewritten(filled(markdown), source, path, PAGES, ADDRESSES, lambda file: (ROOT / file).exists())
 
 
-def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:  # noqa: ARG001  # mkdocs passes all
+def on_page_content(html: str, page: Page, **_: object) -> str:
     """Resolve addresses of files that the build writes beside the pages: `site:schemas/scene.json`."""
     return html.replace('href="site:', f'href="{get_relative_url("", page.url)}/')
 

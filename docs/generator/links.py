@@ -42,9 +42,7 @@ def rewritten(
             shown = addresses.of_file(file)
         return f"{before}{shown}{mark}{anchor}{after}"
 
-    parts = _FENCES.split(text)
-    parts[::2] = [_LINK.sub(link, part) for part in parts[::2]]
-    return "".join(parts)
+    return _outside_fences(link, text)
 
 
 def absolute(text: str, addresses: Addresses) -> str:
@@ -61,6 +59,11 @@ def absolute(text: str, addresses: Addresses) -> str:
         shown = page.removesuffix(".md").removesuffix("index") + "/" if page.endswith(".md") else page
         return f"{before}{addresses.site}{shown.replace('//', '/')}{mark}{anchor}{after}"
 
+    return _outside_fences(link, text)
+
+
+def _outside_fences(link: Callable[[re.Match[str]], str], text: str) -> str:
+    """Return a text with each of its links replaced; a fenced block stays as it is."""
     parts = _FENCES.split(text)
     parts[::2] = [_LINK.sub(link, part) for part in parts[::2]]
     return "".join(parts)

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import ValidationError
 
@@ -19,6 +19,7 @@ from beamtouch_models.materials import MATERIALS
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import parse_scene
 
+_T = TypeVar("_T")
 NEEDED = ("length_mm", "width_mm", "thickness_mm")
 TRIES = 3
 """Answers to one question before the command gives up."""
@@ -94,7 +95,7 @@ def _one_of(names: tuple[str, ...]) -> Callable[[str], str]:
     return choose
 
 
-def _ask(question: str, kind: Callable[[str], Any], default: object = None) -> Any:  # noqa: ANN401  # of the kind
+def _ask(question: str, kind: Callable[[str], _T], default: _T | None = None) -> _T:
     """Return the answer to a question; SceneError if there is none."""
     for _ in range(TRIES):
         print(f"{question}{'' if default is None else f' [{default}]'}: ", end="", file=sys.stderr, flush=True)
