@@ -24,7 +24,7 @@ TOLERANCE_MM = 1.0
 @pytest.mark.parametrize(
     ("name", "aim"),
     [
-        ("bench", Aim()),
+        ("bench", Aim("position-error")),
         ("cantilever", Aim("eigenvalue-product")),
         ("stepped", Aim("eigenvalue-product")),
         ("wide-contact", Aim("eigenvalue-product")),

@@ -27,7 +27,7 @@ class Aim:
         The eigenvalue product is to be placed with a spare.
     """
 
-    criterion: Criterion = "position-error"
+    criterion: Criterion
     spare: int = 0
     """Sensors that may fail, 0 or 1; see `place_by_position_error`."""
     leading: int | None = None
