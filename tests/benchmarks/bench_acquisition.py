@@ -1,4 +1,4 @@
-"""Acquisition: polls against a bare pymodbus loop, jitter, the daemon's processor time, memory, and its delay."""
+"""Acquisition: polls against a bare pymodbus loop, jitter, and the delay from a device to the service."""
 
 import asyncio
 import subprocess
@@ -15,18 +15,16 @@ import numpy as np
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 
 from daemon import configs
-from daemon.devices import SerialDevice, pymodbus_server
-from daemon.lines import joined_terminals, terminal
+from daemon.devices import pymodbus_server
+from daemon.lines import joined_terminals
 from daemon.process import free_port, started
 from daemon.service import Service, serving
 from daemon.sessions import polled
-from processes import processor_s, resident_mb
 
 POLLS, TURNS = 1500, 3
 NEVER_IN_TIME_HZ = 1e6
 """Far beyond what a configuration may ask for: every poll begins at once."""
 JITTER_HZ, JITTER_POLLS = 200.0, 2000
-SECONDS = 10.0
 STEPS = 100
 SERVER = Path(__file__).parent.parent / "daemon" / "libmodbus_server.c"
 
@@ -37,8 +35,6 @@ def run() -> list[dict[str, object]]:
         server = compiled_server(Path(folder))
         rows = asyncio.run(tcp_polls(server)) + asyncio.run(rtu_polls(server))
         rows += asyncio.run(jitter(server))
-        for rate_hz in (200, 1000):
-            rows += asyncio.run(cost_of_daemon(Path(folder), rate_hz))
         return rows + asyncio.run(delay(Path(folder)))
 
 
@@ -137,49 +133,6 @@ async def jitter(server: Path) -> list[dict[str, object]]:
     return [
         {"name": f"jitter of polls at {JITTER_HZ:g} Hz, p{q}", "value": float(np.percentile(off_ms, q)), "unit": "ms"}
         for q in (50, 99)
-    ]
-
-
-READ_LOOP = """
-import os, sys, tty
-line = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
-tty.setraw(line)
-while True:
-    os.read(line, 4096)
-"""
-
-
-async def cost_of_daemon(folder: Path, rate_hz: int) -> list[dict[str, object]]:
-    """Processor time and memory at a rate, and the processor time of a loop that only reads the same line."""
-    with terminal() as line:
-        sender = SerialDevice(line, channels=4)
-        async with serving(Service()) as service:
-            text = configs.surface(source=configs.serial(line.path), rate_hz=float(rate_hz), registers=(0, 1, 2, 3))
-            config = configs.write(folder, text, url=service.url)
-            async with started("run", config) as daemon:
-                await service.until(rate_hz, within_s=60)
-                before_s, count = processor_s(daemon.pid), len(service.samples())
-                await asyncio.sleep(SECONDS)
-                used, taken = (processor_s(daemon.pid) - before_s) / SECONDS, len(service.samples()) - count
-                rss_mb = resident_mb(daemon.pid)
-                await daemon.stop()
-        process = await asyncio.create_subprocess_exec(sys.executable, "-c", READ_LOOP, line.path)
-        sender.restart(rate_hz)
-        await asyncio.sleep(1)
-        before_s = processor_s(process.pid)
-        await asyncio.sleep(SECONDS)
-        loop = (processor_s(process.pid) - before_s) / SECONDS
-        process.kill()
-        await process.wait()
-    return [
-        {
-            "name": f"daemon at {rate_hz} Hz, 4 channels, serial: processor",
-            "value": used * 100,
-            "unit": "% of a core",
-            "a bare read loop, %": loop * 100,
-            "samples/s": taken / SECONDS,
-        },
-        {"name": f"daemon at {rate_hz} Hz: resident memory", "value": rss_mb, "unit": "MB"},
     ]
 
 
