@@ -100,6 +100,26 @@ def test_above_twice_the_limit_late_samples_are_lost(
     gate.set()
 
 
+def test_writes_beyond_what_a_slow_disk_may_owe_are_lost_and_leave_no_event_open(
+    bench: Bench, make_batch: MakeBatch, recorder: Recorder, gate: Event, caplog: pytest.LogCaptureFixture
+) -> None:
+    contacts = 600  # each is written at its touch and at its lift
+    for number in range(contacts):
+        for row in (TOUCHING, RESTING):
+            bench.post(make_batch(row, sequence=2 * number + (row is RESTING)))
+    assert "events are lost: the disk is too slow" in caplog.text
+    assert recorder.lost > 0
+    gate.set()
+
+    after = 2 * contacts
+    bench.post(make_batch(TOUCHING, sequence=after))
+    bench.post(make_batch(RESTING, sequence=after + 1))
+    events = bench.get("/events?limit=1000").json()["events"]
+    assert (events[0]["begin"], events[0]["end"]) == ("touch", "lift")
+    assert 400 < len(events) <= contacts
+    assert all(event["end"] != "open" for event in events)
+
+
 def test_a_stop_does_not_wait_for_late_samples_and_counts_them_as_lost(
     bench: Bench,
     make_batch: MakeBatch,
