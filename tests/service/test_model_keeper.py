@@ -227,3 +227,26 @@ def test_the_routes_of_a_model(
     assert bench.get("/contact?surface=press-7").json()["model"] == identity(kept)
     assert reload("bare")[0] == 409
     assert reload("nobody")[0] == 404
+
+
+async def test_a_file_that_is_written_for_long_is_tried_again_when_it_is_complete(
+    kept: ModelKeeper, build_model: BuildModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(model_watch, "STILL_S", 0.05)
+    old, good = identity(kept), build_model(outputs=NO_FORCE).read_bytes()
+
+    async def write() -> None:
+        for length in range(1, len(good)):  # more than there is time for
+            kept.path.write_bytes(good[:length])
+            await asyncio.sleep(0.01)
+
+    copy = asyncio.create_task(write())
+    await asyncio.sleep(0.02)
+    assert await kept.reload() is False
+    copy.cancel()
+    assert identity(kept) == old
+    assert "it is still being written; try again when it is complete" in (kept.surface.model_error or "")
+
+    put(kept.path, good)
+    assert await kept.reload() is True
+    assert identity(kept) != old

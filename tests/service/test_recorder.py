@@ -9,6 +9,7 @@ import pytest
 
 from beamtouch_service.events.late_queue import MAX_LATE
 from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.events.segments import MAX_POINTS
 from service.event_story import RESTING, TOUCHING, Row, settle
 
 if TYPE_CHECKING:
@@ -98,6 +99,16 @@ def test_above_twice_the_limit_late_samples_are_lost(
     assert 2 * MAX_LATE < recorder.late_waiting <= 2 * MAX_LATE + 2000
     assert recorder.lost > 0
     gate.set()
+
+
+def test_a_long_contact_keeps_a_path_of_bounded_length(bench: Bench, make_batch: MakeBatch) -> None:
+    for number in range(3):
+        bench.post(make_batch(*[TOUCHING] * 900, sequence=1 + 900 * number))
+    bench.post(make_batch(RESTING, sequence=2701))
+    (event,) = bench.get("/events?path=true").json()["events"]
+    assert (event["samples"], event["end"]) == (2700, "lift")
+    assert 2 < len(event["path"]) <= MAX_POINTS
+    assert len({point["at"] for point in event["path"]}) == len(event["path"])
 
 
 def test_writes_beyond_what_a_slow_disk_may_owe_are_lost_and_leave_no_event_open(

@@ -1,0 +1,72 @@
+"""Refusals that few users meet: each says what to do, and costs nothing else."""
+
+from __future__ import annotations
+
+import logging
+import socket
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from beamtouch_service.config import ConfigError
+from beamtouch_service.events.file import EventStoreError
+from beamtouch_service.events.store import EventStore
+from beamtouch_service.host.arrivals import Arrivals
+from beamtouch_service.host.modbus import ModbusServer
+from beamtouch_service.host.uvicorn_host import Loop
+from beamtouch_service.outputs.modbus.registers import MAX_SURFACES
+from beamtouch_service.settings import ModbusSettings
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+DAY_S = 86_400.0
+
+
+@pytest.fixture
+def loop() -> Iterator[Loop]:
+    loop = Loop(Arrivals(time.monotonic))
+    yield loop
+    loop.close()
+
+
+@pytest.mark.parametrize("url", ["postgresql://beamtouch:secret@127.0.0.1:port/beamtouch", "nothing"])
+def test_an_address_that_cannot_be_read_is_not_quoted(url: str) -> None:
+    with pytest.raises(EventStoreError, match=r"events\.url cannot be read; it looks like postgresql://") as refusal:
+        EventStore(url, DAY_S, 1_000_000)
+    assert "secret" not in str(refusal.value)
+
+
+def test_a_database_without_its_library_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "psycopg", None)  # as if it were not installed
+    with pytest.raises(EventStoreError, match=r"needs psycopg; run: pip install 'beamtouch\[postgresql\]'"):
+        EventStore("postgresql://beamtouch@127.0.0.1/beamtouch", DAY_S, 1_000_000)
+
+
+def test_more_surfaces_than_modbus_has_addresses_are_refused_before_it_listens() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        settings = ModbusSettings("127.0.0.1", taken.getsockname()[1], "big", 8, 60.0)
+        with pytest.raises(ConfigError, match=f"hold {MAX_SURFACES} surfaces, but there are {MAX_SURFACES + 1}"):
+            ModbusServer(settings, MAX_SURFACES + 1)
+        with pytest.raises(ConfigError, match=r"modbus_server\.port"):
+            ModbusServer(settings, MAX_SURFACES)
+
+
+def test_connections_that_cannot_be_accepted_are_logged_once_a_minute(
+    loop: Loop, caplog: pytest.LogCaptureFixture
+) -> None:
+    # As asyncio reports them, a hundred a second, while the process has no file descriptor left.
+    out_of_files = {
+        "message": "socket.accept() out of system resource",
+        "exception": OSError(24, "Too many open files"),
+    }
+    for _ in range(3):
+        loop.call_exception_handler(out_of_files)
+    assert [record.getMessage() for record in caplog.records] == [
+        "no connection can be accepted: [Errno 24] Too many open files"
+    ]
+    loop.call_exception_handler({"message": "another error", "exception": ValueError("of a callback")})
+    assert (caplog.records[-1].name, caplog.records[-1].levelno) == ("asyncio", logging.ERROR)
+    assert "another error" in caplog.text
