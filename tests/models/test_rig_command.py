@@ -1,6 +1,7 @@
 """The command `beamtouch-rig`, run as a user runs it: version, wrong arguments, and the two ways to stop it."""
 
 import signal
+import socket
 import subprocess
 import sys
 from importlib.metadata import version
@@ -58,3 +59,11 @@ def test_ctrl_c_is_130_and_sigterm_is_0_and_both_remove_the_line(
         finally:
             process.kill()
     assert not line.is_symlink()
+
+
+def test_a_port_that_is_taken_is_named(bench_model: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        where = f"127.0.0.1:{taken.getsockname()[1]}"
+        done = rig(SCENE, "--model", str(bench_model), "--modbus-tcp", where)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"beamtouch-rig: cannot listen on {where}; it may be in use\n"

@@ -1,5 +1,7 @@
 """Inputs that `beamtouch-rig --firmware` refuses; tests/system/test_firmware_line.py shows that it works."""
 
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -7,6 +9,7 @@ from pathlib import Path
 
 from example_scenes import SCENES
 from in_process import Command
+from simulated_board import Board
 
 RIG = str(Path(sys.executable).parent / "beamtouch-rig")
 
@@ -44,3 +47,20 @@ def test_a_board_that_does_not_start_is_named_in_the_message(ten_bits: tuple[Pat
     scene, model = ten_bits
     said = refused(scene, "--model", model, "--serial", tmp_path / "line", "--firmware", "/bin/false", "firmware.elf")
     assert said == "beamtouch-rig: the simulated board /bin/false did not start\n"
+
+
+def test_a_board_that_ends_is_reported_and_ends_the_rig(
+    board: Board, ten_bits: tuple[Path, Path], tmp_path: Path
+) -> None:
+    (scene, model), line = ten_bits, tmp_path / "line"
+    command = [RIG, scene, "--model", model, "--serial", line, "--firmware", *board.command]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as rig:
+        try:
+            assert rig.stdout
+            assert rig.stdout.readline() == f"listening on serial {line}\n"
+            (child,) = Path(f"/proc/{rig.pid}/task/{rig.pid}/children").read_text().split()
+            os.kill(int(child), signal.SIGKILL)
+            _, said = rig.communicate(timeout=60)
+        finally:
+            rig.kill()
+    assert (rig.returncode, said) == (2, "beamtouch-rig: the simulated board ended unexpectedly\n")
