@@ -42,7 +42,8 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
         readings = math.floor(1 / variance[0, 0] + 1e-6)
         if PLAIN[0] <= variance[0, 0] * readings <= PLAIN[1]:
             return [Uncertainty(readings, None)] * samples
-    number = np.floor(filtered.readings + 1e-6)
+    # The median that replaces a spike may be noisier than a reading. Then the covariance says so.
+    number = np.maximum(np.floor(filtered.readings + 1e-6), 1.0)  # NaN stays NaN
     relative = variance * number[:, np.newaxis]
     differs = (relative < PLAIN[0]) | (relative > PLAIN[1])  # False for NaN
     found = [UNKNOWN if math.isnan(readings) else Uncertainty(int(readings), None) for readings in number.tolist()]
