@@ -63,12 +63,14 @@ def test_a_batch_that_was_held_during_an_outage_is_as_old_as_that(outage_s: floa
     assert waited_s(transit, received_s - 4000 + outage_s, received_s + outage_s) == 0.0
 
 
-def test_slow_batches_before_a_rest_hide_nothing() -> None:
-    transit = Transit()
-    for received_s in (100.0, 120.0, 140.0):
-        assert waited_s(transit, received_s, received_s) == 0.0
-    assert waited_s(transit, 169.5, 171.5) == pytest.approx(2.0, abs=0.01)  # the only one of its window
-    assert waited_s(transit, 280.0, 282.0) == pytest.approx(2.0, abs=0.02)
+def test_a_clock_that_lost_time_counts_as_a_wait_for_a_minute_only() -> None:
+    transit, lost_s = Transit(), 7.0
+    waited_s(transit, 1000.0, 1000.0)
+    lasted = [at_s for at_s in range(100) if waited_s(transit, 1001.0 + at_s - lost_s, 1001.0 + at_s) > 0]
+    assert lasted == list(range(len(lasted)))
+    assert len(lasted) <= 2 * WINDOW_S + 2
+    seldom = [waited_s(transit, at_s - 2 * lost_s, at_s) for at_s in (5000.0, 6000.0)]  # as of a slow sender
+    assert seldom == [pytest.approx(lost_s, abs=1.0), 0.0]
 
 
 def test_senders_that_take_turns_are_known_both() -> None:

@@ -7,7 +7,7 @@ from beamtouch_service.samples import Batch
 from beamtouch_service.surfaces.sequence_log import MAX_SENDERS
 
 WINDOW_S = 30.0
-"""The quickest batch is that of the last one to two windows [s], in which two clocks drift apart by milliseconds."""
+"""The quickest batch is that of the last one to two windows [s] with batches."""
 MAX_DRIFT = 200e-6
 """Two clocks drift apart by at most this part of the time; each is right to 100 ppm."""
 
@@ -46,10 +46,8 @@ class _Way:
     def waited_s(self, apart_s: float, received_s: float) -> float:
         """Return how long a batch has waited [s], from the difference between its receipt and its sending [s]."""
         if received_s > self._ends_s:
-            rest_s = received_s - self._ends_s
-            # After a rest, the first batch may have been held during all of it. So the quickest before it still counts.
-            known_s = self._least_s if rest_s <= WINDOW_S else min(self._least_s, self._former_s)
-            self._former_s = known_s + MAX_DRIFT * rest_s
+            # After an outage, the first batch may have been held during all of it. So the quickest before still counts.
+            self._former_s = self._least_s + MAX_DRIFT * (received_s - self._ends_s)
             self._least_s, self._ends_s = math.inf, received_s + WINDOW_S
         self._least_s = min(self._least_s, apart_s)
         return apart_s - min(self._least_s, self._former_s)
