@@ -83,7 +83,7 @@ class Surface:
         self._require_room(batch, arrival_s)
         taken = self._intake.take(batch, arrival_s)
         if taken.late and self._served and self.witness:
-            self.witness.late(self, self._served, batch, taken.late)
+            self.witness.late(self, self._served.file, batch, taken.late)
         if taken.fresh:
             self._told_stale = False
             self.timings.arrival_age_s.observe(batch.newest_age_ms / 1e3)
