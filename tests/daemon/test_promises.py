@@ -53,6 +53,19 @@ async def test_a_promise_wakes_who_waits_and_counts_against_the_limit() -> None:
     assert outbox.dropped == 1
 
 
+async def test_samples_that_cannot_be_made_keep_no_one_from_stopping() -> None:
+    def fails() -> list[Taken]:
+        raise ZeroDivisionError
+
+    outbox = Outbox(10, "bench")
+    outbox.promise(Promise(fails, 3))
+    outbox.close()
+    assert await outbox.filled()
+    with pytest.raises(ZeroDivisionError):  # in the task that sends, which starts again
+        outbox.take(9)
+    assert not await outbox.filled()
+
+
 async def test_readings_of_a_serial_line_are_processed_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

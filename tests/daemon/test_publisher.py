@@ -4,11 +4,12 @@ import asyncio
 import contextlib
 import threading
 from pathlib import Path
-from time import monotonic
+from time import CLOCK_BOOTTIME, clock_gettime, monotonic, sleep
 
 import pytest
 
 from beamtouch_daemon.delivery.spool import Spool
+from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_service.samples import Batch
 
 from .publishing import SENDER, Bench, put, sequences, taken, until
@@ -27,6 +28,26 @@ async def test_samples_arrive_once_and_in_order_with_their_age_at_sending() -> N
     assert batch.samples[0].deflection_mm == [0.1, None]
     assert 400 <= batch.newest_age_ms < 1000
     assert bench.publisher.published == 5
+
+
+class Interrupting(Taken):
+    """A sample at which the sender is interrupted, as by other programs."""
+
+    @property
+    def monotonic_s(self) -> float:
+        sleep(0.2)
+        return self.reading.monotonic_s
+
+
+async def test_a_sender_that_is_interrupted_makes_no_sample_younger() -> None:
+    (one,) = taken(0, 1)
+    async with serving(Service()) as service, Bench(service) as bench:
+        bench.outbox.put([Interrupting(one.reading, one.sample)])
+        await bench.finish()
+    ((_, batch, _),) = service.batches
+    assert batch.sent_us is not None
+    acquired_s = one.reading.monotonic_s + clock_gettime(CLOCK_BOOTTIME) - monotonic()
+    assert batch.sent_us / 1e6 - batch.newest_age_ms / 1e3 <= acquired_s + 0.001
 
 
 async def test_samples_are_collected_for_batch_ms() -> None:

@@ -1,8 +1,9 @@
 """Batches that a real HTTP server refuses: split, kept for another time, or set aside; and nothing waits for them."""
 
 import asyncio
-from itertools import count
+from itertools import count, pairwise
 from pathlib import Path
+from time import monotonic
 
 import pytest
 
@@ -96,6 +97,7 @@ async def test_a_batch_refused_for_now_is_kept_in_memory_or_on_disk(tmp_path: Pa
 async def test_a_batch_that_is_too_large_is_split_live_and_from_the_disk(tmp_path: Path, kind: str) -> None:
     with Spool(tmp_path / "spool", 10**6) as spool:
         put(spool, 0, 100)
+        newest_s = monotonic() - 60  # of the samples on the disk, or a little later
         service = Service()
         service.problem_of = lambda _, length: (413, kind) if length > 1000 else None
         async with serving(service), Bench(service, spool=spool) as bench:
@@ -105,6 +107,11 @@ async def test_a_batch_that_is_too_large_is_split_live_and_from_the_disk(tmp_pat
             assert all(batch.newest_age_ms >= 500 for _, batch, _ in service.batches)
             assert bench.outbox.dropped == spool.set_aside["bench"] == 0
             await until(lambda: bench.publisher.spooled == 0 and bench.publisher.published == 150)
+    # Each part has its age when it is sent, which is after the answer to the part before.
+    parts = [(batch, arrival_s) for _, batch, arrival_s in service.batches if batch.boot_id == "boot-0000"]
+    assert len(parts) > 4
+    for (_, answered_s), (batch, _) in pairwise(parts):
+        assert batch.newest_age_ms / 1e3 >= answered_s - newest_s
 
 
 async def test_a_single_sample_that_is_too_large_is_kept_aside(tmp_path: Path) -> None:

@@ -130,14 +130,16 @@ def test_without_a_stated_noise_a_sample_says_nothing() -> None:
     assert (sample.readings, sample.covariance_mm2) == (None, None)
 
 
+@pytest.mark.parametrize("spike", [{}, {"spike_mm": 0.018}])
 @pytest.mark.parametrize(
     "kind",
     [{"kind": "none"}, {"kind": "low-pass", "cutoff_hz": 20.0}, {"kind": "adaptive", "window": 8, "step_mm": 0.018}],
 )
-def test_every_filter_states_it(kind: dict[str, object]) -> None:
-    at_rest, moving = (samples(surface_of(filter=kind), values)[-1] for values in (np.zeros((300, 4)), ringing(300)))
-    assert at_rest.readings is not None
-    assert np.trace(matrix_of(moving)) > 100 * NOISE_MM**2
+def test_every_filter_states_it_and_the_service_takes_it(kind: dict[str, object], spike: dict[str, object]) -> None:
+    of = surface_of(filter=kind | spike)
+    at_rest, moving = (samples(of, values) for values in (np.zeros((300, 4)), ringing(300)))
+    assert np.trace(matrix_of(moving[-1])) > 100 * NOISE_MM**2
+    assert all(one.readings and Sample.model_validate_json(one.model_dump_json()) == one for one in (*at_rest, *moving))
 
 
 def test_the_period_is_refused_where_it_holds_too_many_readings() -> None:

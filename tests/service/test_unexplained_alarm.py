@@ -43,6 +43,19 @@ def deliver(story: Story, first: int, last: int) -> None:
     story.deliver(first, last)
 
 
+def test_a_wall_clock_that_goes_back_within_a_batch_delays_no_alarm(soon: Bench, make_batch: MakeBatch) -> None:
+    turned_back = make_batch(*[[0.0] * 4] * 10)
+    for sample in turned_back["samples"][:5]:
+        sample["acquired_unix_us"] += 3_600_000_000
+    assert soon.post(turned_back).status_code == 200
+    for sequence in range(11, 311, 10):
+        soon.now_s += 0.05
+        assert soon.post(make_batch(*[WEDGED] * 10, sequence=sequence)).status_code == 200
+    found = values(soon)
+    assert found["beamtouch_unexplained"] == 1
+    assert found["beamtouch_unexplained_seconds_total"] == pytest.approx(1.5, abs=0.1)
+
+
 def test_a_stretch_that_lasts_raises_a_metric_and_writes_one_line(
     soon: Bench, make_batch: MakeBatch, caplog: pytest.LogCaptureFixture
 ) -> None:

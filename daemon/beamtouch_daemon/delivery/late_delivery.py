@@ -146,7 +146,7 @@ class LateDelivery:
 
     async def _send(self, oldest: Spooled) -> Verdict:
         batch, surface, spool = oldest.batch, self._surface, self._disk.spool
-        parcel = Parcel(batch.samples, lambda part: _part(batch, part))
+        parcel = Parcel(batch.samples, lambda part: _part(oldest, part))
         verdict = await parcel.send(self._client, surface, self._fault)
         if parcel.left:
             return verdict  # the parts that were taken are sent again, which changes nothing
@@ -188,8 +188,10 @@ class LateDelivery:
             self._disk_fault.recovered()
 
 
-def _part(batch: Batch, samples: Sequence[Sample]) -> Batch:
-    """Return a batch with some of its samples, and their age."""
-    earlier_us = batch.samples[-1].acquired_unix_us - samples[-1].acquired_unix_us
-    age_ms = batch.newest_age_ms + max(0.0, earlier_us / 1e3)
-    return batch.model_copy(update={"samples": list(samples), "newest_age_ms": age_ms})
+def _part(spooled: Spooled, samples: Sequence[Sample]) -> Batch:
+    """Return a batch with some of its samples, and their present age."""
+    batch = spooled.batch
+    earlier_s = max(0, batch.samples[-1].acquired_unix_us - samples[-1].acquired_unix_us) / 1e6
+    age_ms = (monotonic() - spooled.newest_s + earlier_s) * 1e3
+    # The clock that it was sent by may be that of another boot.
+    return batch.model_copy(update={"samples": list(samples), "newest_age_ms": age_ms, "sent_us": None})

@@ -82,7 +82,6 @@ class Outbox:
 
     def close(self) -> None:
         """Announce that no more samples will come, and end all pauses."""
-        self.settle()
         self._closed.set()
         self._changed.set()
 

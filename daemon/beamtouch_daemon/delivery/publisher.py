@@ -120,7 +120,7 @@ class Publisher:
         if not samples:
             self._is_refused = False  # no new sample can tell
             return True
-        parcel = Parcel(samples, lambda part: self._batch(part, monotonic()))
+        parcel = Parcel(samples, self._batch)
         verdict = Verdict.LATER
         try:
             verdict = await parcel.send(self._client, self._sender.surface, self._fault)
@@ -132,13 +132,15 @@ class Publisher:
         self._is_refused = verdict in {Verdict.LATER, Verdict.ODD}
         return not parcel.left
 
-    def _batch(self, samples: Sequence[Taken], now_s: float) -> Batch:
+    def _batch(self, samples: Sequence[Taken]) -> Batch:
+        # First: an interruption before the next look at a clock makes the samples older, never younger.
+        sent_us = clock_gettime_ns(CLOCK_BOOTTIME) // 1000
         # The service validates what it receives.
         return Batch.model_construct(
             boot_id=self._sender.boot_id,
             channels=self._sender.channels,
-            newest_age_ms=max(0.0, (now_s - samples[-1].monotonic_s) * 1e3),
-            sent_us=clock_gettime_ns(CLOCK_BOOTTIME) // 1000,
+            newest_age_ms=max(0.0, (monotonic() - samples[-1].monotonic_s) * 1e3),
+            sent_us=sent_us,
             samples=[taken.sample for taken in samples],
             notes=sorted({note for taken in samples for note in taken.notes}),
             noise_mm=self._sender.noise_mm,

@@ -27,7 +27,9 @@ class Spooled:
 
     number: int
     batch: Batch
-    """The batch, with the present age of its newest sample."""
+    """The batch as it was written. Its age was that of another moment."""
+    newest_s: float
+    """Time of its newest sample on the monotonic clock [s]."""
 
 
 def row_of(surface: str, batch: Batch, machine_boot: str, newest_monotonic_s: float) -> tuple[Any, ...]:
@@ -65,18 +67,15 @@ def batch_of(row: tuple[Any, ...], number: int, this_boot: str) -> Spooled:
     if len(batch.samples) != samples or not NAME.fullmatch(surface.decode(errors="replace")):
         message = "the columns do not match the content"
         raise BadRowError(message)
-    now_s = time.monotonic()
     if machine_boot.decode(errors="replace") != this_boot:
         # From before this boot. Only the wall clock knows how old, and it may have been set since.
         stated_s = time.time() - batch.samples[-1].acquired_unix_us / 1e6
-        age_s = max(stated_s, now_s + MARGIN_S)
-    elif math.isfinite(newest_monotonic_s) and newest_monotonic_s <= now_s:
-        age_s = now_s - newest_monotonic_s
-    else:
+        now_s = time.monotonic()
+        newest_monotonic_s = now_s - max(stated_s, now_s + MARGIN_S)
+    elif not math.isfinite(newest_monotonic_s) or newest_monotonic_s > time.monotonic():
         message = "its time is not within this boot"
         raise BadRowError(message)
-    # The clock that it was sent by may be that of another boot.
-    return Spooled(number, batch.model_copy(update={"newest_age_ms": age_s * 1e3, "sent_us": None}))
+    return Spooled(number, batch, newest_monotonic_s)
 
 
 def _checksum(surface: bytes, samples: int, machine_boot: bytes, newest_monotonic_s: float, content: str) -> int:

@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from time import monotonic
 from typing import TypeVar
 
 from beamtouch_daemon.delivery.outbox import Outbox
@@ -51,7 +50,7 @@ class Spooler:
     outbox
         The samples that wait in memory.
     batch_of
-        Returns a batch of samples, with its age at a time on the monotonic clock.
+        Returns a batch of samples, with its present age.
     max_samples
         Limit of samples in a batch.
     """
@@ -61,7 +60,7 @@ class Spooler:
         disk: Disk | None,
         surface: str,
         outbox: Outbox,
-        batch_of: Callable[[Sequence[Taken], float], Batch],
+        batch_of: Callable[[Sequence[Taken]], Batch],
         max_samples: int,
     ) -> None:
         self._disk = disk
@@ -125,7 +124,7 @@ class Spooler:
             limit, left = self._max_samples, len(self._outbox)
             while self._disk is not None and (samples := self._outbox.take(min(limit, left))):
                 left -= len(samples)
-                batch, newest_s = self._batch_of(samples, monotonic()), samples[-1].monotonic_s
+                batch, newest_s = self._batch_of(samples), samples[-1].monotonic_s
                 spool = self._disk.spool
                 try:
                     await self._disk.call(partial(spool.put, self._surface, batch, newest_s, is_last=is_last))

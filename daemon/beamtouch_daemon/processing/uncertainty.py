@@ -8,8 +8,8 @@ import numpy as np
 from beamtouch_models.filters import Filtered, FloatArray
 
 PLAIN = (0.9, 1.02)
-"""Variance, relative to that of so many readings, for which no covariance is stated. That of a low-pass lies between
-the variances of two numbers of readings."""
+"""No covariance is stated while the variance is within these factors of that of a mean of the stated readings. The
+variance of a low-pass lies between those of two such means."""
 DIGITS_BELOW_NOISE = 1e-4
 """Entries are rounded to this part of the variance of the noise, so that rounding never makes the matrix indefinite."""
 MAX_DIGITS = 300
@@ -24,7 +24,7 @@ class Uncertainty(NamedTuple):
     readings: int | None
     """Number of readings in it; None if no channel has a value, or if the noise of a reading is not known."""
     covariance_mm2: list[float] | None
-    """Lower triangle by rows; None if it is the variance of so many readings, on the diagonal."""
+    """Lower triangle by rows; None if it is no more than the noise of a mean of `readings`."""
 
 
 UNKNOWN = Uncertainty(None, None)
@@ -42,7 +42,8 @@ def uncertainties(filtered: Filtered) -> list[Uncertainty]:
         readings = math.floor(1 / variance[0, 0] + 1e-6)
         if PLAIN[0] <= variance[0, 0] * readings <= PLAIN[1]:
             return [Uncertainty(readings, None)] * samples
-    number = np.floor(filtered.readings + 1e-6)
+    # The median that replaces a spike may be noisier than a reading. Then the covariance says so.
+    number = np.maximum(np.floor(filtered.readings + 1e-6), 1.0)  # NaN stays NaN
     relative = variance * number[:, np.newaxis]
     differs = (relative < PLAIN[0]) | (relative > PLAIN[1])  # False for NaN
     found = [UNKNOWN if math.isnan(readings) else Uncertainty(int(readings), None) for readings in number.tolist()]

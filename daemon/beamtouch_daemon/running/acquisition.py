@@ -18,7 +18,7 @@ from beamtouch_service.samples import Note
 REOPEN_S = 0.5
 """Longest wait before a source is opened again; opening costs other users nothing."""
 MAX_UNPROCESSED = 64
-"""Readings that wait for the next batch at most. More take no less time for each."""
+"""At most this many readings wait for the next batch. More at once would not take less time for each."""
 _log = logging.getLogger(__name__)
 
 
@@ -45,7 +45,7 @@ class Acquisition:
         self._outbox = outbox
         self._pipeline = Pipeline(surface, rest_gap_mm)
         self._unprocessed: list[Reading] = []
-        """The newest readings. They become samples when a batch is sent: many together take as long as one."""
+        """The newest readings. They become samples when a batch is sent: a few together take about as long as one."""
         self._backoff = Backoff(max_s=REOPEN_S)
         self._fault = Fault(_log, name)
         self._tally = Tally(_log, f"{name}: readings lost: %d")

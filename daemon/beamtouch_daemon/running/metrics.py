@@ -49,13 +49,13 @@ class WorkerCollector(Collector):
             "beamtouch_rate_wrong", "1 while the measured rate is not the configured one.", labels=["surface"]
         )
         for worker in list(self._workers()):
-            surface, counts, in_memory = [worker.name], worker.summary(), len(worker.outbox)
+            surface, counts = [worker.name], worker.summary()
             readings.add_metric(surface, counts.readings)
             lost.add_metric(surface, counts.readings_lost)
             published.add_metric(surface, counts.samples_published)
-            dropped.add_metric(surface, max(0, counts.samples_dropped - in_memory))
+            dropped.add_metric(surface, counts.samples_dropped)
             aside.add_metric(surface, counts.samples_set_aside)
-            waiting.add_metric([worker.name, "memory"], in_memory)
+            waiting.add_metric([worker.name, "memory"], len(worker.outbox))
             waiting.add_metric([worker.name, "disk"], counts.samples_spooled)
             if (age_s := worker.age_s()) is not None:
                 age.add_metric(surface, age_s)

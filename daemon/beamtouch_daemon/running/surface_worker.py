@@ -86,8 +86,9 @@ class SurfaceWorker:
         await asyncio.wait({publisher}, timeout=DRAIN_S)
         await cancel({publisher, *helpers})
         self.publisher.give_up()
-        if dropped := len(self.outbox):
-            _log.warning("%s: %d samples dropped: neither the service nor the spool took them", self.name, dropped)
+        if left := self.outbox.take(len(self.outbox)):
+            self.outbox.dropped += len(left)
+            _log.warning("%s: %d samples dropped: neither the service nor the spool took them", self.name, len(left))
 
     def hangs(self, now_s: float) -> bool:
         """Return whether reading or publishing hangs at `now_s` on the monotonic clock."""
@@ -100,7 +101,7 @@ class SurfaceWorker:
         return None if self.acquisition.last_s is None else monotonic() - self.acquisition.last_s
 
     def summary(self) -> Summary:
-        """Return the counts so far; samples still in memory count as dropped."""
+        """Return the counts so far."""
         dropped, set_aside = (0, 0)
         if self._spool:
             dropped = self._spool.dropped[self.name] - self._before[0]
@@ -109,7 +110,7 @@ class SurfaceWorker:
             self.acquisition.readings,
             self.acquisition.lost,
             self.publisher.published,
-            self.outbox.dropped + len(self.outbox) + dropped,
+            self.outbox.dropped + dropped,
             set_aside,
             self.publisher.spooled,
         )

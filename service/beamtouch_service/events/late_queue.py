@@ -1,11 +1,11 @@
 """Late samples that wait for the worker thread, within bounds."""
 
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_service.events.late import LateSamples
 from beamtouch_service.events.losses import Losses
 from beamtouch_service.events.worker import Worker
 from beamtouch_service.events.writer import Writer
 from beamtouch_service.samples import Batch, Sample
-from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.surface import Surface
 
 MAX_LATE = 20_000
@@ -29,13 +29,13 @@ class LateQueue:
         """Return whether this many more may wait: none while a database is away, as senders keep them."""
         return not self._writer.is_away and self.waiting + samples <= MAX_LATE
 
-    def add(self, surface: Surface, served: ServedModel, batch: Batch, samples: list[Sample]) -> None:
+    def add(self, surface: Surface, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
         """Record late samples of a batch, in order."""
         # A batch with a new sample is accepted above the limit, but not without end.
         if self.waiting > 2 * MAX_LATE:
             self._losses.note("late samples come faster than they can be recorded")
             return
-        name, stale_ms, model = surface.name, surface.stale_ms, served.file
+        name, stale_ms = surface.name, surface.stale_ms
         self._added += len(samples)
 
         def run() -> None:

@@ -34,7 +34,6 @@ from beamtouch_service.events.writer import Writer
 from beamtouch_service.limits import KEEP_DAYS, MAX_MB
 from beamtouch_service.samples import Batch, Sample
 from beamtouch_service.surfaces.follower import Seen
-from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.surface import Surface
 
 STOP_S = 1.0
@@ -132,9 +131,9 @@ class Recorder:
         """Return whether this many more late samples may wait."""
         return self._late_queue.has_room(samples)
 
-    def late(self, surface: Surface, served: ServedModel, batch: Batch, samples: list[Sample]) -> None:
+    def late(self, surface: Surface, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
         """Record late samples of a batch, in order."""
-        self._late_queue.add(surface, served, batch, samples)
+        self._late_queue.add(surface, model, batch, samples)
 
     def ask(self, query: Callable[[EventStore], _T]) -> "Future[_T]":
         """Run a query in the worker thread, after everything that was observed of new samples so far.

@@ -1,5 +1,6 @@
 """The unexplained stretches of one surface: their number, their time, and an alarm for a long one. Pure."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from beamtouch_models.modelfile import State
@@ -37,8 +38,14 @@ class Stretches:
         """Whether the current stretch lasts too long."""
         return self._length_s > self.after_s
 
-    def add(self, seen: Seen, acquired_s: float) -> None:
-        """Add the next sample, which was taken at `acquired_s` [s, monotonic]."""
+    def add(self, seen: Sequence[Seen], acquired_s: float) -> None:
+        """Add the next samples, of which the last was taken at `acquired_s` [s, monotonic]."""
+        newest_us = seen[-1].estimated.acquired_unix_us
+        for one in seen:
+            # No sample is newer than the last one, whatever happened to the sender's wall clock.
+            self._add(one, acquired_s - max(0, newest_us - one.estimated.acquired_unix_us) / 1e6)
+
+    def _add(self, seen: Seen, acquired_s: float) -> None:
         # The ages of two batches differ by how long each travelled. No time counts twice.
         newest_s = max(self._last_s, acquired_s)
         passed_s, self._last_s = newest_s - self._last_s, newest_s

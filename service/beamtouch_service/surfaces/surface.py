@@ -3,10 +3,9 @@
 No I/O and no clock: the caller gives the time, in seconds of the service's monotonic clock.
 """
 
-from __future__ import annotations
+from collections.abc import Callable
 
-from typing import TYPE_CHECKING
-
+from beamtouch_models.modelfile import ModelFile, State
 from beamtouch_service.limits import STALE_MS, UNEXPLAINED_AFTER_S
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.samples import Batch, Receipt, Sample
@@ -20,12 +19,7 @@ from beamtouch_service.surfaces.stretches import Stretches
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
 from beamtouch_service.surfaces.transit import Transit
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from beamtouch_models.modelfile import ModelFile, State
-    from beamtouch_service.surfaces.witness import Witness
+from beamtouch_service.surfaces.witness import Witness
 
 
 class Surface:
@@ -53,7 +47,7 @@ class Surface:
         self._served = ServedModel(model) if model else None
         self._told_stale = False
         self.transit = Transit()
-        """Tells whoever receives a batch how long it waited on the way."""
+        """Tells how long a batch waited on its way."""
         self.timings = Timings()
         self.on_fresh: Callable[[Surface], None] = lambda _surface: None
         """Called after each batch that moved the answer."""
@@ -89,7 +83,7 @@ class Surface:
         self._require_room(batch, arrival_s)
         taken = self._intake.take(batch, arrival_s)
         if taken.late and self._served and self.witness:
-            self.witness.late(self, self._served, batch, taken.late)
+            self.witness.late(self, self._served.file, batch, taken.late)
         if taken.fresh:
             self._told_stale = False
             self.timings.arrival_age_s.observe(batch.newest_age_ms / 1e3)
@@ -198,9 +192,7 @@ class Surface:
             return
         model, boot_id, arrangement = served.file, batch.boot_id, served.arrangement(batch)
         seen = served.follow(self.name, self.stale_ms, batch, fresh, self.timings)
-        newest_us = fresh[-1].acquired_unix_us
-        for one in seen:
-            self.stretches.add(one, acquired_s - (newest_us - one.estimated.acquired_unix_us) / 1e6)
+        self.stretches.add(seen, acquired_s)
         notes: list[str] = [*batch.notes, *([Doubt.NOISE] if arrangement.contradicts else [])]
         self.newest = Newest(boot_id, batch.channels, fresh[-1], acquired_s, notes, seen[-1], model.identity)
         if self.witness:

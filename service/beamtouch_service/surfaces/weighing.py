@@ -49,7 +49,7 @@ class Arrangement:
         self._reading_mm2 = np.maximum(self._stated_mm2, said.reading_mm**2) if self.contradicts else self._stated_mm2
 
     def fits(self, batch: Batch) -> bool:
-        """Return whether this is the arrangement of another batch for the same model, too."""
+        """Return whether another batch for the same model has this arrangement, too."""
         return self._of == (batch.channels, batch.noise_mm)
 
     def weighed(self, samples: Sequence[Sample]) -> tuple[Weighed, list[dict[str, Quality]]]:

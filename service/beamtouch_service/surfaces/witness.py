@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from beamtouch_models.modelfile import ModelFile
     from beamtouch_service.samples import Batch, Sample
     from beamtouch_service.surfaces.follower import Seen
-    from beamtouch_service.surfaces.served_model import ServedModel
 
 S_contra = TypeVar("S_contra", contravariant=True)
 """The type of the surface."""
@@ -26,7 +25,7 @@ class Witness(Protocol[S_contra]):
     def stale(self, surface: S_contra) -> None:
         """Note that the newest sample of a surface has become too old."""
 
-    def late(self, surface: S_contra, served: ServedModel, batch: Batch, samples: list[Sample]) -> None:
+    def late(self, surface: S_contra, model: ModelFile, batch: Batch, samples: list[Sample]) -> None:
         """Note samples of a batch that came after newer ones, in order."""
 
     def has_room(self, samples: int) -> bool:
