@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from pydantic import BaseModel, ValidationError
 
-from beamtouch_daemon.delivery.client import INVALID_REQUEST, ServiceClient, UnreachableError
+from beamtouch_daemon.delivery.client import INVALID_REQUEST, ServiceClient
+from beamtouch_daemon.delivery.unreachable import UnreachableError
 
 
 class _Summary(BaseModel):
@@ -25,7 +26,10 @@ async def refusal_of(client: ServiceClient, surface: str, channels: Sequence[str
             return f"the service at {client.url} takes no samples: {answer.explanation}"
         summary = await client.get(f"/surfaces/{surface}")
     except UnreachableError as error:
-        return f"no answer from the service at {client.url} ({error}); does it run, and is publish.url right?"
+        advice = (
+            error.advice or "does it run, is publish.url right (http or https?), and does a firewall let it through?"
+        )
+        return f"no answer from the service at {client.url} ({error}); {advice}"
     if not summary.is_success:
         return f"the service at {client.url}: {summary.explanation}"
     try:
