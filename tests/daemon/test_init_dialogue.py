@@ -14,7 +14,7 @@ pytestmark = pytest.mark.anyio
 async def test_on_a_terminal_it_asks_and_asks_again_after_a_wrong_answer(tmp_path: Path) -> None:
     model, path = template(tmp_path), tmp_path / "daemon.toml"
     answers = {
-        "configuration that": [str(tmp_path / "absent.toml"), str(model)],
+        "configuration that": [str(tmp_path / "absent.toml"), str(tmp_path / "bench.onnx"), str(model)],
         "source": ["/dev/ttyUSB0", "rtu:/dev/ttyUSB0"],
         "baud": ["fast", "9600"],
         "parity": ["mark", "even"],
@@ -23,8 +23,10 @@ async def test_on_a_terminal_it_asks_and_asks_again_after_a_wrong_answer(tmp_pat
         "service [": ["nowhere", ""],
         "token": [""],
     }
+    (tmp_path / "bench.onnx").touch()
     code, said = await asyncio.to_thread(at_terminal, ["init", str(path)], answers)
     assert code == 0, said
+    assert f"{tmp_path / 'bench.onnx'}: the daemon reads no models" in said
     assert not any(answers.values())
     assert f"there is no file '{tmp_path / 'absent.toml'}'" in said
     assert "'300' is not a whole number from 1 to 247" in said
