@@ -88,8 +88,7 @@ async def test_https_without_tls_and_a_refused_connection_are_said(tmp_path: Pat
     certificate, key = make_certificate(tmp_path)
     async with serving(certificate, key) as url:
         plain = await refused(url.replace("https", "http"))
-        port = url.rpartition(":")[2]
-    gone = await refused(f"http://127.0.0.1:{port}")
+    gone = await refused(url.replace("https", "http"))
     async with unencrypted() as port:
         bare = await refused(f"https://127.0.0.1:{port}", certificate.read_text())
     assert str(plain) == "connection closed"

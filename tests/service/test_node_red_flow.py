@@ -33,7 +33,7 @@ def sorted_by_the_flow(*messages: dict[str, Any]) -> list[list[dict[str, Any] | 
 def test_the_flow_asks_a_route_of_the_service_and_sorts_its_answers(bench: Bench, make_batch: MakeBatch) -> None:
     asked = NODES["beamtouch-ask"]
     path = urlsplit(asked["url"]).path
-    messages = []
+    messages: list[dict[str, Any]] = []
     for rows in ([], [[0.0, 0.0, 0.0]] * 10, [[0.5, 0.25, 0.125]] * 10):
         if rows:
             assert bench.post(make_batch(*rows, sequence=1 + 10 * len(messages))).status_code == 200
