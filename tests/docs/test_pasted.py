@@ -16,6 +16,7 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 TUTORIAL = "docs/tutorial/index.md"
 GUIDES = {
+    "docs/how-to/calibrate.md": [r"gain +s1 \+[234]\..*, s2 -[234]\..*, s3 -[123]\..*, s4 \+[123]\."],
     "docs/how-to/design.md": ["zero drift", "the best layout on the grid, proven", "golden   9 answers reproduced"],
     "docs/how-to/several-surfaces.md": ['"surface":"left"', '"surface":"right"'],
     "docs/how-to/two-hosts.md": ['"surface":"strip"', "urn:beamtouch:problem:unauthorized"],
@@ -27,11 +28,11 @@ GUIDES = {
 RUN_ELSEWHERE = {"docs/how-to/calibrate-without-loads.md": "tests/system/test_self_calibration.py"}
 CONSOLE = {
     "README.md": 3,  # installation, and the commands of make
-    "docs/how-to/calibrate.md": 2,  # a person puts weights on the beam
+    "docs/how-to/calibrate.md": 1,  # a person puts weights on the beam
     "docs/how-to/debian.md": 8,  # packages, systemd and root
     "docs/how-to/design.md": 3,  # minutes on all cores, and a cluster
     "docs/how-to/mqtt.md": 2,  # a broker
-    "docs/how-to/two-hosts.md": 3,  # systemd and root
+    "docs/how-to/two-hosts.md": 4,  # systemd and root
     "docs/how-to/upgrade.md": 1,  # an index and systemd
 }
 """Numbers of blocks that cannot run in a test."""
