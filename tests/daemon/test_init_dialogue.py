@@ -20,8 +20,9 @@ async def test_on_a_terminal_it_asks_and_asks_again_after_a_wrong_answer(tmp_pat
         "parity": ["mark", "even"],
         "unit": ["300", "3"],
         "function": [""],
-        "service [": ["nowhere", ""],
-        "token": [""],
+        "service [": ["nowhere", "https://beams.example:8420"],
+        "token [": [""],
+        "certificate to trust": [""],
     }
     (tmp_path / "bench.onnx").touch()
     code, said = await asyncio.to_thread(at_terminal, ["init", str(path)], answers)
@@ -38,7 +39,9 @@ async def test_on_a_terminal_it_asks_and_asks_again_after_a_wrong_answer(tmp_pat
         "unit": 3,
         "function": 4,
     }
-    assert content(path)["publish"]["url"] == "http://127.0.0.1:8420"
+    publish = content(path)["publish"]
+    assert publish["url"] == "https://beams.example:8420"
+    assert (publish["token_file"], publish["certificate_file"]) == ("beamtouch.token", "certificate.pem")
 
 
 async def test_ctrl_c_at_a_question_ends_it_with_130_and_writes_nothing(tmp_path: Path) -> None:

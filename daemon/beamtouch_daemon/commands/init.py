@@ -26,7 +26,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; InputError for wrong or missing answers, FailedError if the file cannot be written."""
     path: Path = arguments.config
     _require_free(path, force=arguments.force)
-    stated = complete(Stated.of(arguments))
+    stated = complete(Stated.of(arguments), path.parent)
     content, config = configuration(stated, path)
     _require_free(path, force=arguments.force)
     try:

@@ -84,8 +84,11 @@ def url_of(text: str) -> str:
     return url
 
 
-def complete(stated: Stated) -> Stated:
-    """Return all answers. On a terminal, ask for what is missing if the model's configuration or the source is."""
+def complete(stated: Stated, folder: Path) -> Stated:
+    """Return all answers. On a terminal, ask for what is missing if the model's configuration or the source is.
+
+    The files that it proposes are in `folder`, that of the new configuration.
+    """
     if (stated.model_config_ is not None and stated.source) or not is_terminal():
         return stated
     if stated.model_config_ is None:
@@ -99,9 +102,11 @@ def complete(stated: Stated) -> Stated:
     if stated.url is None:
         stated = replace(stated, url=_ask("service", "http://127.0.0.1:8420", url_of))
     if stated.token_file is None:
-        stated = replace(stated, token_file=_ask("file with the service's token", "beamtouch.token", Path))
+        stated = replace(
+            stated, token_file=_ask("file with the service's token", str(folder / "beamtouch.token"), Path)
+        )
     if stated.certificate_file is None and (stated.url or "").startswith("https:"):
-        file = _ask("certificate to trust (PEM; - for those of the system)", "certificate.pem", Path)
+        file = _ask("certificate to trust (PEM; - for those of the system)", str(folder / "certificate.pem"), Path)
         stated = replace(stated, certificate_file=None if file == Path("-") else file)
     return stated
 
