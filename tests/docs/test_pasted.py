@@ -25,6 +25,8 @@ GUIDES = {
     "docs/how-to/upgrade.md": ["golden   9 answers reproduced", "posterior"],
 }
 """What the guides print, among other things; patterns."""
+SAMPLES = ("json", "text")
+"""Words of the fences of what commands print."""
 RUN_ELSEWHERE = {"docs/how-to/calibrate-without-loads.md": "tests/system/test_self_calibration.py"}
 CONSOLE = {
     "README.md": 3,  # installation, and the commands of make
@@ -116,8 +118,15 @@ def answers_in(printed: str) -> list[dict[str, Any]]:
 
 
 def assert_samples_are_like(printed: str, page: str) -> None:
-    """Check that each sample of JSON after commands has the members of something that they printed."""
-    blocks = blocks_of(page)
-    samples = [block for before, block in pairwise(blocks) if (before.word, block.word) == (COMMANDS, "json")]
+    """Check samples after commands: JSON has the members of something that they printed, lines its first words."""
+    pairs = list(pairwise(blocks_of(page)))
+    samples = {word: [one for before, one in pairs if (before.word, one.word) == (COMMANDS, word)] for word in SAMPLES}
     shown = [list(answer) for answer in answers_in(printed)]
-    assert all(list(json.loads(sample.text)) in shown for sample in samples), printed
+    assert all(list(json.loads(sample.text)) in shown for sample in samples["json"]), printed
+    begun = first_words(printed)
+    assert all(first_words(sample.text) <= begun for sample in samples["text"]), printed
+
+
+def first_words(text: str) -> set[str]:
+    """Return the words that lines begin with."""
+    return {line.split()[0] for line in text.splitlines() if line.strip()}
