@@ -1,6 +1,7 @@
 """Dialogues whose standard input is closed, or no text: an end or a wrong answer, never a hang."""
 
 import asyncio
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -19,7 +20,10 @@ CLOSED = ("sh", "-c", 'exec "$@" <&-', "sh")
 async def typed(*words: str | Path, prefix: tuple[str, ...] = (), answers: bytes = b"") -> tuple[int, str]:
     """Run the daemon; return its exit code and its last line on standard error."""
     program = [*prefix, sys.executable, "-m", "beamtouch_daemon", *map(str, words)]
-    done = await asyncio.to_thread(subprocess.run, program, input=answers, capture_output=True, timeout=120)
+    environment = os.environ | {"PYTHONIOENCODING": "utf-8:strict"}  # as with LANG=en_US.UTF-8
+    done = await asyncio.to_thread(
+        subprocess.run, program, input=answers, capture_output=True, timeout=120, env=environment
+    )
     return done.returncode, done.stderr.decode().splitlines()[-1].removeprefix("beamtouch-daemon: ")
 
 
@@ -31,8 +35,9 @@ async def test_init_without_answers_says_which_option_is_missing(tmp_path: Path)
 async def test_record_without_answers_records_nothing(tmp_path: Path) -> None:
     async with pymodbus_server([20_000, 21_000]) as port:
         config = configs.write(tmp_path, configs.surface(source=configs.patient_tcp(port)))
-        code, _ = await typed("record", config, "-o", tmp_path / "loads.csv", prefix=CLOSED)
+        code, said = await typed("record", config, "-o", tmp_path / "loads.csv", prefix=CLOSED)
     assert code == 1
+    assert said.startswith("load 1: put it on")
     assert len((tmp_path / "loads.csv").read_text().splitlines()) == 1
 
 

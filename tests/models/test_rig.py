@@ -334,6 +334,7 @@ def test_loads_are_put_on_by_hand(bench_model: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        env=os.environ | {"PYTHONIOENCODING": "utf-8:strict"},  # as with LANG=en_US.UTF-8
     ) as process:
         try:
             assert process.stdin is not None
