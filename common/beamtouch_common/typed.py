@@ -1,6 +1,6 @@
 """Standard input that a person or a script types answers into."""
 
-import os
+import io
 import sys
 
 
@@ -16,7 +16,9 @@ def typed_line() -> str:
     """
     if sys.stdin is None:
         return ""
+    if isinstance(sys.stdin, io.TextIOWrapper) and sys.stdin.errors != "surrogateescape":
+        sys.stdin.reconfigure(errors="surrogateescape")
     try:
-        return os.fsdecode(sys.stdin.buffer.readline())
+        return sys.stdin.readline()
     except OSError:  # the terminal is gone
         return ""
