@@ -6,12 +6,12 @@ from pathlib import Path
 from parts import require
 
 
-def make_certificate(folder: Path) -> tuple[Path, Path]:
-    """Write a certificate for 127.0.0.1 that it signs itself, and its key; returns both."""
+def make_certificate(folder: Path, name: str = "IP:127.0.0.1") -> tuple[Path, Path]:
+    """Write a certificate for a name that signs itself, and its key; returns both."""
     openssl = require("openssl", "openssl")
     certificate, key = folder / "certificate.pem", folder / "key.pem"
     kind = ("-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2")
-    subject = ("-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1")
+    subject = ("-subj", "/CN=localhost", "-addext", f"subjectAltName={name}")
     files = ("-keyout", str(key), "-out", str(certificate))
     subprocess.run([openssl, "req", *kind, *subject, *files], check=True, capture_output=True)
     return certificate, key

@@ -10,11 +10,10 @@ from pathlib import Path
 
 from beamtouch_common.commands import Parser, exit_code, whole_number
 from beamtouch_daemon import logs
-from beamtouch_daemon.commands.argument_types import BAUDS, bauds, between, numbers, parities
+from beamtouch_daemon.commands.argument_types import BAUDS, MAX_TIMEOUT_MS, bauds, between, numbers, parities
 from beamtouch_daemon.exits import PROGRAM
 
 MAX_WAIT_S = 86_400.0
-MAX_TIMEOUT_MS = 60_000.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -151,4 +150,6 @@ def _add_init(command: argparse.ArgumentParser) -> None:
     command.add_argument("--url", metavar="URL", help=words)
     words = "file with the service's token (default: as in the model's configuration, beside CONFIG)"
     command.add_argument("--token-file", metavar="FILE", type=Path, help=words)
+    words = "certificate to trust with https (PEM; default: those of the system)"
+    command.add_argument("--certificate-file", metavar="FILE", type=Path, help=words)
     command.add_argument("--force", action="store_true", help="replace an existing CONFIG")

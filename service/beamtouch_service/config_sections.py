@@ -2,8 +2,9 @@
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
 
+from beamtouch_common.hosts import host_name
 from beamtouch_service import limits
 from beamtouch_service.samples import SurfaceName
 from beamtouch_service.settings import WordOrder
@@ -87,7 +88,7 @@ class MqttSection(BaseModel):
 
     model_config = _STRICT
 
-    host: _Text
+    host: Annotated[_Text, AfterValidator(host_name)]
     """Name or address of the broker."""
     port: Annotated[int, Field(ge=1, le=65535)] | None = None
     """Default: 1883, with TLS 8883."""

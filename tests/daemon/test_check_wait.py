@@ -147,6 +147,17 @@ async def test_it_needs_the_token_that_writes_and_changes_no_answer(tmp_path: Pa
     assert samples["accepted"] == 0
 
 
+@pytest.mark.parametrize(("max_n", "is_doubted"), [(20.0, False), (50.0, True)])
+async def test_a_model_of_other_ranges_is_doubted(tmp_path: Path, model: Path, max_n: float, is_doubted: bool) -> None:
+    async with service(tmp_path, model) as url, pymodbus_server([20_000] * 4) as port:
+        config = written(tmp_path, url, configs.patient_tcp(port))
+        loads = f"[surfaces.bench.loads]\nposition_mm = [1.0, 399.0]\nmax_force_n = {max_n}\n"
+        config.write_text(config.read_text() + loads)
+        told = await waited(config, 300)
+    assert told.code == 0, told.err
+    assert ("surfaces.bench.loads 1 to 399 mm and 50 N: is it the model of this surface?" in told.out) is is_doubted
+
+
 async def test_without_wait_the_service_is_not_asked(tmp_path: Path) -> None:
     async with pymodbus_server([20_000] * 4) as port:
         outcome = await command(

@@ -4,11 +4,13 @@ import asyncio
 import json
 import signal
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
 from beamtouch_common.errors import InputError
 from beamtouch_daemon.config.file import load_config
+from unprivileged import without_root
 
 from . import configs
 from .devices import pymodbus_server
@@ -88,6 +90,9 @@ def test_what_is_wrong_is_said_with_the_file_and_the_key(tmp_path: Path, text: s
         ('["surfacs/*.toml"]', "include: no file matches 'surfacs/*.toml'; correct it"),
         ('["/etc/*.toml"]', "include: '/etc/*.toml' is not a pattern relative to this file"),
         ('[""]', "include: '' is not a pattern relative to this file"),
+        ('["."]', "include: '.' is not a pattern relative to this file"),
+        ('[".."]', "include: no file matches '..'; correct it, for example to ../*.toml, or write"),
+        ('["surfaces/"]', "include: no file matches 'surfaces/'; correct it, for example to surfaces/*.toml, or write"),
         ('"surfaces/*.toml"', "include: must be "),
         ("[3]", "include[0]: must be "),
     ],
@@ -96,6 +101,31 @@ def test_a_wrong_pattern_is_said(tmp_path: Path, include: str, said: str) -> Non
     path = including(tmp_path, configs.surface("bench"), a=configs.surface("other"))
     path.write_text(path.read_text().replace('["surfaces/*.toml"]', include))
     assert complaint(path).startswith(f"{path}: {said}")
+
+
+def test_folders_among_the_files_are_left_out(tmp_path: Path) -> None:
+    path = including(tmp_path, a=configs.surface("one"))
+    (tmp_path / "surfaces" / "old.toml").mkdir()
+    assert list(load_config(path).surfaces) == ["one"]
+
+
+def test_a_link_to_itself_and_a_link_to_nothing_are_said(tmp_path: Path) -> None:
+    path = including(tmp_path, a=configs.surface("one"))
+    link = tmp_path / "surfaces" / "b.toml"
+    link.symlink_to(link.name)
+    assert complaint(path).startswith(f"{link}: ")
+    link.unlink()
+    link.symlink_to("absent")
+    assert complaint(path) == f"{link}: No such file or directory"
+
+
+def test_a_folder_that_this_user_may_not_read_is_said() -> None:
+    with TemporaryDirectory() as name, without_root(Path(name)):
+        path = including(Path(name), a=configs.surface("one"))
+        surfaces = path.parent / "surfaces"
+        surfaces.chmod(0)
+        assert complaint(path) == f"{path}: include: {surfaces}: Permission denied"
+        surfaces.chmod(0o700)
 
 
 def test_a_file_that_two_patterns_match_is_read_once(tmp_path: Path) -> None:

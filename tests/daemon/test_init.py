@@ -4,9 +4,13 @@ import json
 import stat
 import tomllib
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
+
+from beamtouch_daemon.cli import main
+from unprivileged import without_root
 
 from . import configs
 from .devices import SerialDevice, StampingUnit, pymodbus_server, rtu_units
@@ -111,8 +115,34 @@ async def test_a_file_is_replaced_only_if_asked(tmp_path: Path) -> None:
 async def test_a_token_is_named_from_where_the_configuration_is_and_a_missing_one_is_said(tmp_path: Path) -> None:
     token = tmp_path / "secret" / "token"
     written = await init(tmp_path, "--source", "tcp://127.0.0.1", "--token-file", token)
-    assert f"next: copy the service's token to {token}\n" in written.out
+    assert f"next: copy the service's token to {token}, so that this user can read it\n" in written.out
     assert Path(content(tmp_path / "daemon.toml")["publish"]["token_file"]) == Path("secret/token")
+
+
+async def test_a_certificate_is_named_from_where_the_configuration_is(tmp_path: Path) -> None:
+    options = ("--url", "https://beams.example:8420", "--certificate-file", tmp_path / "tls" / "plant.pem")
+    written = await init(tmp_path, "--source", "tcp://127.0.0.1", *options)
+    assert written.code == 0
+    assert content(tmp_path / "daemon.toml")["publish"]["certificate_file"] == "tls/plant.pem"
+
+
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+async def test_comments_and_keys_in_any_spelling_stay_toml(tmp_path: Path, line_end: str) -> None:
+    model = template(tmp_path)
+    text = TEMPLATE.replace("# kept", "# kept\u2028and = this").replace("token_file =", '"token_file" =')
+    model.write_bytes(text.replace("\n", line_end).encode())
+    path = tmp_path / "daemon.toml"
+    written = await command("init", path, "--model-config", model, "--source", "tcp://127.0.0.1", "--url", "http://b")
+    assert written.code == 0, written.err
+    assert content(path)["publish"] == {"url": "http://b", "token_file": "beamtouch.token", "batch_ms": 20}
+
+
+def test_a_folder_that_is_closed_to_this_user_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    with TemporaryDirectory() as name, without_root(Path(name)):
+        path = Path(name) / "closed" / "deep" / "daemon.toml"
+        path.parent.parent.mkdir(mode=0)
+        code = main(["init", str(path)])
+    assert (code, capsys.readouterr().err) == (2, f"beamtouch-daemon: {path}: Permission denied\n")
 
 
 @pytest.mark.parametrize(

@@ -14,17 +14,20 @@ pytestmark = pytest.mark.anyio
 async def test_on_a_terminal_it_asks_and_asks_again_after_a_wrong_answer(tmp_path: Path) -> None:
     model, path = template(tmp_path), tmp_path / "daemon.toml"
     answers = {
-        "configuration that": [str(tmp_path / "absent.toml"), str(model)],
+        "configuration that": [str(tmp_path / "absent.toml"), str(tmp_path / "bench.onnx"), str(model)],
         "source": ["/dev/ttyUSB0", "rtu:/dev/ttyUSB0"],
         "baud": ["fast", "9600"],
         "parity": ["mark", "even"],
         "unit": ["300", "3"],
         "function": [""],
-        "service [": ["nowhere", ""],
-        "token": [""],
+        "service [": ["nowhere", "https://beams.example:8420"],
+        "token [": [""],
+        "certificate to trust": [""],
     }
+    (tmp_path / "bench.onnx").touch()
     code, said = await asyncio.to_thread(at_terminal, ["init", str(path)], answers)
     assert code == 0, said
+    assert f"{tmp_path / 'bench.onnx'}: the daemon reads no models" in said
     assert not any(answers.values())
     assert f"there is no file '{tmp_path / 'absent.toml'}'" in said
     assert "'300' is not a whole number from 1 to 247" in said
@@ -36,7 +39,9 @@ async def test_on_a_terminal_it_asks_and_asks_again_after_a_wrong_answer(tmp_pat
         "unit": 3,
         "function": 4,
     }
-    assert content(path)["publish"]["url"] == "http://127.0.0.1:8420"
+    publish = content(path)["publish"]
+    assert publish["url"] == "https://beams.example:8420"
+    assert (publish["token_file"], publish["certificate_file"]) == ("beamtouch.token", "certificate.pem")
 
 
 async def test_ctrl_c_at_a_question_ends_it_with_130_and_writes_nothing(tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ async def test_the_units_on_a_bus_are_found_with_their_registers_and_the_source_
             told = await command("scan", bus.path, "--units", "2,5", "--baud", "9600", "--parity", "none", *PATIENT)
             checked = await command("check", written(tmp_path, blocks(told)[1]), "--json")
     assert told.code == 0, told.err
-    assert "at most 124 s, and 541 s more for each unit that answers" in told.err.splitlines()[0]
+    assert "at most 124 s, and 1021 s more for each unit that answers" in told.err.splitlines()[0]
     assert [line.split() for line in told.out.splitlines()[:3]] == [
         ["unit", "baud", "parity", "input", "registers", "holding", "registers"],
         ["2", "9600", "none", "0-7", "none", "from", "0"],
@@ -71,7 +71,7 @@ async def test_json_is_one_object_with_every_unit() -> None:
                     "baud": 19200,
                     "parity": "none",
                     "unit": 3,
-                    "function": 3,
+                    "function": 4,
                     "timeout_ms": 30000,
                 },
             }
@@ -156,6 +156,10 @@ async def test_an_address_without_a_device_and_a_port_in_use_fail_with_one_line(
         (("tcp://127.0.0.1", "--baud", "9600"), "--baud and --parity are for a serial line"),
         (("udp://127.0.0.1",), "'udp://127.0.0.1' is not an address; give tcp://HOST[:PORT]"),
         (("tcp://127.0.0.1:99999",), "'tcp://127.0.0.1:99999' is not an address; give tcp://HOST[:PORT]"),
+        (("tcp://plc..plant",), "'tcp://plc..plant' is not an address; give tcp://HOST[:PORT]"),
+        ((f"tcp://{'plc' * 30}",), "is not an address; give tcp://HOST[:PORT]"),
+        (("192.168.0.20",), "'192.168.0.20' is neither a serial port nor an address; give /dev/ttyUSB0,"),
+        (("rtu:/dev/ttyUSB0",), "'rtu:/dev/ttyUSB0' is neither a serial port nor an address"),
     ],
 )
 async def test_wrong_arguments_are_one_line(words: tuple[str, ...], said: str) -> None:

@@ -227,5 +227,8 @@ async def test_a_port_in_use_is_an_error() -> None:
         SerialDevice(line)
         async with aclosing(make_source(line.path).readings()) as stream:
             await anext(stream)
-            with pytest.raises(SourceError, match=r"cannot be opened .* is no other program using it"):
+            with pytest.raises(
+                SourceError,
+                match=r"cannot be opened \(Resource temporarily unavailable\); another program uses it: stop that one",
+            ):
                 await first_readings(make_source(line.path), 1)

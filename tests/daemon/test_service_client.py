@@ -10,7 +10,8 @@ import pytest
 
 from beamtouch_common.errors import InputError
 from beamtouch_daemon.config.file import load_config
-from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError
+from beamtouch_daemon.delivery.client import Answer, ServiceClient
+from beamtouch_daemon.delivery.unreachable import UnreachableError
 from certificates import make_certificate
 
 from . import configs
@@ -51,8 +52,49 @@ async def test_a_certificate_is_trusted_where_it_is_named_and_nowhere_else(tmp_p
         assert (await post(url, certificate.read_text())).status == 200
         assert (await post(url, other.read_text() + certificate.read_text())).status == 200
         for stranger in (None, other.read_text()):
-            with pytest.raises(UnreachableError, match="Certificate"):
+            with pytest.raises(UnreachableError, match=r"^certificate refused: self-signed certificate$") as caught:
                 await post(url, stranger)
+            assert "publish.certificate_file" in caught.value.advice
+
+
+@asynccontextmanager
+async def unencrypted() -> AsyncIterator[int]:
+    """Run a server that answers everything without TLS; gives its port."""
+
+    async def answer(_reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(ANSWER)
+        writer.close()
+
+    async with await asyncio.start_server(answer, "127.0.0.1", 0) as server:
+        yield server.sockets[0].getsockname()[1]
+
+
+async def refused(url: str, certificates: str | None = None) -> UnreachableError:
+    async with ServiceClient(url, "token", certificates) as client:
+        with pytest.raises(UnreachableError) as caught:
+            await client.post_samples("bench", b"{}")
+    return caught.value
+
+
+async def test_a_certificate_for_another_name_is_said_with_the_name(tmp_path: Path) -> None:
+    certificate, key = make_certificate(tmp_path, "DNS:beams.example")
+    async with serving(certificate, key) as url:
+        error = await refused(url, certificate.read_text())
+    assert str(error) == "certificate refused: IP address mismatch, certificate is not valid for '127.0.0.1'"
+    assert error.advice == "publish.url must have a name or address that the certificate states"
+
+
+async def test_https_without_tls_and_a_refused_connection_are_said(tmp_path: Path) -> None:
+    certificate, key = make_certificate(tmp_path)
+    async with serving(certificate, key) as url:
+        plain = await refused(url.replace("https", "http"))
+    gone = await refused(url.replace("https", "http"))
+    async with unencrypted() as port:
+        bare = await refused(f"https://127.0.0.1:{port}", certificate.read_text())
+    assert str(plain) == "connection closed"
+    assert str(gone) == "Connection refused"
+    assert str(bare) == "TLS failed"
+    assert "publish.url must begin with http://" in bare.advice
 
 
 @pytest.mark.parametrize(

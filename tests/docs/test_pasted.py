@@ -16,6 +16,7 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 TUTORIAL = "docs/tutorial/index.md"
 GUIDES = {
+    "docs/how-to/calibrate.md": [r"gain +s1 \+[234]\..*, s2 -[234]\..*, s3 -[123]\..*, s4 \+[123]\."],
     "docs/how-to/design.md": ["zero drift", "the best layout on the grid, proven", "golden   9 answers reproduced"],
     "docs/how-to/several-surfaces.md": ['"surface":"left"', '"surface":"right"'],
     "docs/how-to/two-hosts.md": ['"surface":"strip"', "urn:beamtouch:problem:unauthorized"],
@@ -24,14 +25,16 @@ GUIDES = {
     "docs/how-to/upgrade.md": ["golden   9 answers reproduced", "posterior"],
 }
 """What the guides print, among other things; patterns."""
+SAMPLES = ("json", "text")
+"""Words of the fences of what commands print."""
 RUN_ELSEWHERE = {"docs/how-to/calibrate-without-loads.md": "tests/system/test_self_calibration.py"}
 CONSOLE = {
     "README.md": 3,  # installation, and the commands of make
-    "docs/how-to/calibrate.md": 2,  # a person puts weights on the beam
+    "docs/how-to/calibrate.md": 1,  # a person puts weights on the beam
     "docs/how-to/debian.md": 8,  # packages, systemd and root
     "docs/how-to/design.md": 3,  # minutes on all cores, and a cluster
     "docs/how-to/mqtt.md": 2,  # a broker
-    "docs/how-to/two-hosts.md": 3,  # systemd and root
+    "docs/how-to/two-hosts.md": 4,  # systemd and root
     "docs/how-to/upgrade.md": 1,  # an index and systemd
 }
 """Numbers of blocks that cannot run in a test."""
@@ -115,8 +118,15 @@ def answers_in(printed: str) -> list[dict[str, Any]]:
 
 
 def assert_samples_are_like(printed: str, page: str) -> None:
-    """Check that each sample of JSON after commands has the members of something that they printed."""
-    blocks = blocks_of(page)
-    samples = [block for before, block in pairwise(blocks) if (before.word, block.word) == (COMMANDS, "json")]
+    """Check samples after commands: JSON has the members of something that they printed, lines its first words."""
+    pairs = list(pairwise(blocks_of(page)))
+    samples = {word: [one for before, one in pairs if (before.word, one.word) == (COMMANDS, word)] for word in SAMPLES}
     shown = [list(answer) for answer in answers_in(printed)]
-    assert all(list(json.loads(sample.text)) in shown for sample in samples), printed
+    assert all(list(json.loads(sample.text)) in shown for sample in samples["json"]), printed
+    begun = first_words(printed)
+    assert all(first_words(sample.text) <= begun for sample in samples["text"]), printed
+
+
+def first_words(text: str) -> set[str]:
+    """Return the words that lines begin with."""
+    return {line.split()[0] for line in text.splitlines() if line.strip()}

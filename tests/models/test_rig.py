@@ -3,6 +3,8 @@
 import asyncio
 import contextlib
 import os
+import socket
+import struct
 import subprocess
 import sys
 from collections.abc import Callable
@@ -332,6 +334,7 @@ def test_loads_are_put_on_by_hand(bench_model: Path) -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        env=os.environ | {"PYTHONIOENCODING": "utf-8:strict"},  # as with LANG=en_US.UTF-8
     ) as process:
         try:
             assert process.stdin is not None
@@ -344,5 +347,27 @@ def test_loads_are_put_on_by_hand(bench_model: Path) -> None:
             assert process.stderr.readline().startswith("beamtouch-rig: give a position in mm and a force in N")
             assert process.stderr.readline() == "beamtouch-rig: 10 N at 9999 mm is no load on a beam of 400 mm\n"
             assert process.stdout.readline() == "nothing is on\n"
+            os.write(process.stdin.fileno(), b"150\xa0mm 10\n150 12\n")
+            assert process.stdout.readline() == "12 N at 150 mm is on\n"
         finally:
             process.terminate()
+
+
+def test_a_client_that_goes_before_its_answer_leaves_no_word(bench_model: Path) -> None:
+    program = Path(sys.executable).parent / "beamtouch-rig"
+    command: list[str | Path] = [program, SCENES / "bench.toml", "--model", bench_model, "--modbus-tcp", "127.0.0.1:0"]
+    ask = struct.pack(">HHHBBHH", 1, 0, 6, 1, 4, 0, 4)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            port = int(process.stdout.readline().rpartition(":")[2])
+            for _ in range(50):
+                with socket.create_connection(("127.0.0.1", port), 60) as client:
+                    client.sendall(ask)
+            with socket.create_connection(("127.0.0.1", port), 60) as client:
+                client.sendall(ask)
+                assert client.recv(100)
+        finally:
+            process.terminate()
+            said = process.communicate(timeout=60)[1]
+    assert said == ""

@@ -30,6 +30,7 @@ def test_it_prints_its_version() -> None:
         ((), "the following arguments are required: SCENE, --model"),
         ((SCENE, "--model", "m.onnx"), "one of the arguments --modbus-tcp --modbus-rtu --serial is required"),
         ((SCENE, "--model", "m.onnx", "--modbus-tcp", "5020"), "'5020' is not HOST:PORT"),
+        ((SCENE, "--model", "m.onnx", "--modbus-tcp", "rig..plant:0"), "'rig..plant:0' is not HOST:PORT"),
         (
             (SCENE, "--model", "m.onnx", "--serial", "line", "--seed", "-1"),
             "'-1' is not a whole number from 0 to 4294967295",

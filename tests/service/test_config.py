@@ -247,3 +247,8 @@ def test_a_wrong_address_of_events_is_refused_without_its_password(tmp_path: Pat
     with pytest.raises(InputError, match=words) as caught:
         load(tmp_path, f"[events]\n{text}\n")
     assert "not-for-the-log" not in str(caught.value)
+
+
+def test_a_broker_that_no_host_can_be_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r": mqtt\.host: must be the name or address of a host"):
+        load(tmp_path, '[mqtt]\nhost = "broker..plant"\n')

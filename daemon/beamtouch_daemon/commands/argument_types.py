@@ -6,11 +6,13 @@ from collections.abc import Callable, Sequence
 from urllib.parse import urlsplit
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.hosts import host_name
 
 RTU_UNITS = range(1, 248)
 TCP_UNITS = range(256)
 MODBUS_PORT = 502
 BAUDS = range(300, 12_000_001)
+MAX_TIMEOUT_MS = 60_000.0
 
 
 def address_of(text: str) -> tuple[str, int]:
@@ -18,6 +20,7 @@ def address_of(text: str) -> tuple[str, int]:
     try:
         parts = urlsplit(text)
         port = parts.port
+        host_name(parts.hostname or "")
     except ValueError:
         parts, port = urlsplit(""), None
     if parts.scheme != "tcp" or not parts.hostname or parts.path.strip("/") or parts.query or port == 0:

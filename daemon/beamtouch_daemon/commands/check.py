@@ -14,7 +14,7 @@ from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.file import load_config, require_ports
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.delivery.client import ServiceClient
-from beamtouch_daemon.delivery.readiness import refusal_of
+from beamtouch_daemon.delivery.readiness import doubt_of, refusal_of
 from beamtouch_daemon.exits import complain
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import counts_of
@@ -69,7 +69,8 @@ async def wait(config: Config, wait_s: float) -> list[SurfaceState]:
 
 async def _ask(client: ServiceClient, state: SurfaceState, surface: Surface) -> SurfaceState:
     refusal = await refusal_of(client, state.surface, surface.channel_names)
-    return dataclasses.replace(state, refusal=refusal)
+    doubt = None if refusal else await doubt_of(client, state.surface, surface.loads)
+    return dataclasses.replace(state, refusal=refusal, doubt=doubt)
 
 
 def _awaited(state: SurfaceState) -> str:

@@ -40,6 +40,9 @@ class SurfaceState:
     refusal: str | None = None
     """Reason why the service does not take the samples of this surface; None: it takes them, or was not asked."""
 
+    doubt: str | None = None
+    """Reason why the service's model seems to be that of another surface."""
+
     @property
     def has_arrived(self) -> bool:
         """Whether there is a reading with all channels."""
@@ -76,6 +79,7 @@ def as_json(state: SurfaceState, *, asked: bool) -> dict[str, object]:
     }
     if asked:
         said["service"] = state.refusal or "takes samples"
+        said["doubt"] = state.doubt
     return said
 
 
@@ -88,7 +92,7 @@ def lines(states: Sequence[SurfaceState], *, with_files: bool) -> Iterator[str]:
         cells = (c.rjust(w) if i in _NUMBERS else c.ljust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True)))
         yield "  ".join(cells).rstrip()
     for state in states:
-        yield from (f"{state.surface}: {limit}" for limit in state.limits)
+        yield from (f"{state.surface}: {text}" for text in (*state.limits, state.doubt) if text)
 
 
 def _cells(state: SurfaceState, one: ChannelState) -> tuple[str, ...]:

@@ -6,14 +6,16 @@ to know of one: channels, characteristics, rate, noise and filter. The service d
 
 import argparse
 import os
+import shlex
 from pathlib import Path
 
 from beamtouch_common.commands import DONE
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import parse_toml, read_text, write_atomically
 from beamtouch_daemon.commands.init_dialogue import Stated, complete
+from beamtouch_daemon.commands.init_template import load_template
 from beamtouch_daemon.commands.init_text import NoTableError, with_publish, with_source
-from beamtouch_daemon.config.file import RENAMED, load_config
+from beamtouch_daemon.config.file import RENAMED
 from beamtouch_daemon.config.settings import Config
 
 MODE = 0o644
@@ -24,11 +26,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the command; InputError for wrong or missing answers, FailedError if the file cannot be written."""
     path: Path = arguments.config
     _require_free(path, force=arguments.force)
-    stated = complete(Stated.of(arguments))
-    text, config = configuration(stated, path)
+    stated = complete(Stated.of(arguments), path.parent)
+    content, config = configuration(stated, path)
     _require_free(path, force=arguments.force)
     try:
-        write_atomically(path, text.encode(), mode=MODE)
+        write_atomically(path, content, mode=MODE)
     except OSError as error:
         message = f"{path}: not written: {error.strerror}"
         raise FailedError(message) from None
@@ -36,14 +38,15 @@ def run(arguments: argparse.Namespace) -> int:
     channels = ", ".join(surface.channel_names)
     print(f"{path}: {name}, channels {channels}, {surface.rate_hz:g} readings per second from {stated.source}")
     token = path.resolve().parent / config.publish.token_file
-    if not token.exists():
-        print(f"next: copy the service's token to {token}")
-    print(f"next: beamtouch-daemon check {path} --wait 30\n      beamtouch-daemon tare {path}")
+    if not os.access(token, os.R_OK):
+        print(f"next: copy the service's token to {token}, so that this user can read it")
+    typed = shlex.quote(str(path))
+    print(f"next: beamtouch-daemon check {typed} --wait 30\n      beamtouch-daemon tare {typed}")
     return DONE
 
 
-def configuration(stated: Stated, path: Path) -> tuple[str, Config]:
-    """Return the text of the configuration, and the configuration; InputError if the answers do not give one.
+def configuration(stated: Stated, path: Path) -> tuple[bytes, Config]:
+    """Return the content of the file, and the configuration; InputError if the answers do not give one.
 
     Parameters
     ----------
@@ -53,32 +56,42 @@ def configuration(stated: Stated, path: Path) -> tuple[str, Config]:
         Where it will be written. Relative paths in it start there.
     """
     template = stated.model_config
-    if template.suffix == ".onnx":
-        message = f"{template}: the daemon reads no models; give what design-sensors build --daemon-config FILE wrote"
-        raise InputError(message)
-    known = load_config(template)
-    if len(known.surfaces) > 1 or known.include:
-        message = f"{template}: has several surfaces; give a configuration with the surface of one model"
-        raise InputError(message)
+    known = load_template(template)
     (name,) = known.surfaces
-    given = stated.token_file or path.parent / known.publish.token_file
-    token = os.path.relpath(given.absolute(), path.absolute().parent)
-    token = str(given.absolute()) if token.startswith("..") else token
+    token = stated.token_file or path.parent / known.publish.token_file
+    service = {"url": stated.url or known.publish.url, "token_file": _seen_from(path, token)}
+    if stated.certificate_file is not None:
+        service["certificate_file"] = _seen_from(path, stated.certificate_file)
     try:
-        text = with_source(read_text(template), name, stated.settings())
-        text = with_publish(text, stated.url or known.publish.url, token)
+        text = with_publish(with_source(read_text(template), name, stated.settings()), service)
     except NoTableError as error:
         message = f"{template}: {error}; give what design-sensors build --daemon-config wrote"
         raise InputError(message) from None
+    try:
+        content = text.encode()
+    except UnicodeEncodeError:  # names of files may be any bytes
+        message = "the source and the files must have names in UTF-8"
+        raise InputError(message) from None
     context = {"directory": path.absolute().parent}
-    return text, parse_toml(Config, text, str(path), renamed=RENAMED, context=context)
+    return content, parse_toml(Config, text, str(path), renamed=RENAMED, context=context)
+
+
+def _seen_from(path: Path, file: Path) -> str:
+    """Return a file as a configuration names it: relative to its folder if the file is in it or below."""
+    relative = os.path.relpath(file.absolute(), path.absolute().parent)
+    return str(file.absolute()) if relative.startswith("..") else relative
 
 
 def _require_free(path: Path, *, force: bool) -> None:
     """Raise InputError if the file cannot be written, or exists and may not be replaced."""
-    if not path.parent.is_dir():
+    try:
+        is_folder, is_there = path.parent.is_dir(), path.exists()
+    except OSError as error:  # a folder above it is closed to this user
+        message = f"{path}: {error.strerror}"
+        raise InputError(message) from None
+    if not is_folder:
         message = f"{path.parent} is not a directory"
         raise InputError(message)
-    if path.exists() and not force:
+    if is_there and not force:
         message = f"{path}: already exists; add --force to replace it, or name another file"
         raise InputError(message)

@@ -10,7 +10,9 @@ from typing import TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_daemon.commands.argument_types import BAUDS, RTU_UNITS, TCP_UNITS, address_of
+from beamtouch_daemon.commands.init_template import load_template
 from beamtouch_daemon.config.publish import HttpUrl
 from beamtouch_daemon.config.sources import ModbusRtu, SerialLine
 
@@ -35,6 +37,7 @@ class Stated:
     options: Mapping[str, str | float] = field(default_factory=dict)
     url: str | None = None
     token_file: Path | None = None
+    certificate_file: Path | None = None
 
     @classmethod
     def of(cls, arguments: argparse.Namespace) -> "Stated":
@@ -47,7 +50,7 @@ class Stated:
                 message = f"--{key.replace('_', '-')}: a source such as {source} has none; leave it out"
                 raise InputError(message)
         url = None if arguments.url is None else url_of(arguments.url)
-        return cls(arguments.model_config, source, options, url, arguments.token_file)
+        return cls(arguments.model_config, source, options, url, arguments.token_file, arguments.certificate_file)
 
     @property
     def model_config(self) -> Path:
@@ -81,13 +84,16 @@ def url_of(text: str) -> str:
     return url
 
 
-def complete(stated: Stated) -> Stated:
-    """Return all answers. On a terminal, ask for what is missing if the model's configuration or the source is."""
-    if (stated.model_config_ is not None and stated.source) or not sys.stdin.isatty():
+def complete(stated: Stated, folder: Path) -> Stated:
+    """Return all answers. On a terminal, ask for what is missing if the model's configuration or the source is.
+
+    The files that it proposes are in `folder`, that of the new configuration.
+    """
+    if (stated.model_config_ is not None and stated.source) or not is_terminal():
         return stated
     if stated.model_config_ is None:
         question = "configuration that design-sensors build --daemon-config wrote for the model"
-        stated = replace(stated, model_config_=_ask(question, None, _file))
+        stated = replace(stated, model_config_=_ask(question, None, _template))
     if not stated.source:
         stated = replace(stated, source=_ask(f"source: {SOURCES}", None, _source))
     kind = _kind_of(stated.source)
@@ -96,7 +102,12 @@ def complete(stated: Stated) -> Stated:
     if stated.url is None:
         stated = replace(stated, url=_ask("service", "http://127.0.0.1:8420", url_of))
     if stated.token_file is None:
-        stated = replace(stated, token_file=_ask("file with the service's token", "beamtouch.token", Path))
+        stated = replace(
+            stated, token_file=_ask("file with the service's token", str(folder / "beamtouch.token"), Path)
+        )
+    if stated.certificate_file is None and (stated.url or "").startswith("https:"):
+        file = _ask("certificate to trust (PEM; - for those of the system)", str(folder / "certificate.pem"), Path)
+        stated = replace(stated, certificate_file=None if file == Path("-") else file)
     return stated
 
 
@@ -118,7 +129,7 @@ def _ask(question: str, default: str | None, meaning: Callable[[str], Answer]) -
     """Return the meaning of the answer; ask again after a wrong one. InputError at the end of the input."""
     while True:
         print(f"{question}{'' if default is None else f' [{default}]'}: ", end="", file=sys.stderr, flush=True)
-        line = sys.stdin.readline()
+        line = typed_line()
         if not line:
             message = "the answers ended; nothing was written"
             raise InputError(message)
@@ -128,10 +139,11 @@ def _ask(question: str, default: str | None, meaning: Callable[[str], Answer]) -
             print(error, file=sys.stderr)
 
 
-def _file(text: str) -> Path:
+def _template(text: str) -> Path:
     if not text or not Path(text).is_file():
         message = f"there is no file {text!r}"
         raise InputError(message)
+    load_template(Path(text))
     return Path(text)
 
 

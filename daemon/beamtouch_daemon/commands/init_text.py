@@ -20,13 +20,13 @@ def with_source(text: str, surface: str, settings: Mapping[str, str | float]) ->
     return _with_table(text, ("surfaces", surface, "source"), settings, keeps_others=False)
 
 
-def with_publish(text: str, url: str, token_file: str) -> str:
+def with_publish(text: str, settings: Mapping[str, str]) -> str:
     """Return a configuration with another service; NoTableError if it has no table [publish]."""
-    return _with_table(text, ("publish",), {"url": url, "token_file": token_file}, keeps_others=True)
+    return _with_table(text, ("publish",), settings, keeps_others=True)
 
 
 def _with_table(text: str, names: Sequence[str], settings: Mapping[str, str | float], *, keeps_others: bool) -> str:
-    lines = text.splitlines()
+    lines = text.replace("\r\n", "\n").split("\n")  # not splitlines: other line ends may stand in a comment
     begin = next((place for place, line in enumerate(lines) if _names_in(line) == list(names)), None)
     if begin is None:
         message = f"has no table [{'.'.join(names)}]"
@@ -34,7 +34,7 @@ def _with_table(text: str, names: Sequence[str], settings: Mapping[str, str | fl
     rest = enumerate(lines[begin + 1 :], begin + 1)
     end = next((place for place, line in rest if line.lstrip().startswith("[")), len(lines))
     others = [line for line in lines[begin + 1 : end] if keeps_others and line.strip() and not _states(line, settings)]
-    return "\n".join([*lines[: begin + 1], *toml_of(settings), *others, "", *lines[end:]]) + "\n"
+    return "\n".join([*lines[: begin + 1], *toml_of(settings), *others, "", *lines[end:]]).rstrip("\n") + "\n"
 
 
 def _names_in(line: str) -> list[str]:
@@ -51,4 +51,4 @@ def _names_in(line: str) -> list[str]:
 
 
 def _states(line: str, settings: Mapping[str, str | float]) -> bool:
-    return line.partition("=")[0].strip() in settings
+    return line.partition("=")[0].strip().strip("'\"") in settings

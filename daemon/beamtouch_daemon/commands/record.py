@@ -6,6 +6,7 @@ import sys
 
 from beamtouch_common.commands import DONE, FAILED
 from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.typed import is_terminal
 from beamtouch_daemon.commands.load_recorder import LoadRecorder, LoadRefusedError, require_stated
 from beamtouch_daemon.commands.record_dialogue import ACCEPT, HELP, Dialogue, Undo, load_of
 from beamtouch_daemon.commands.record_table import Load, Table, table
@@ -63,7 +64,7 @@ def _record_to_file(settings: Config, name: str, given: list[Load] | None, argum
     with table(path, surface.channel_names, append=arguments.append) as to:
         if surface.loads is None:
             print(f"without [surfaces.{name}.loads], positions and forces are not checked", file=sys.stderr)
-        if sys.stdin.isatty():
+        if is_terminal():
             print(HELP, file=sys.stderr)
         try:
             not_recorded = asyncio.run(recorded(to))

@@ -11,6 +11,7 @@ import threading
 from dataclasses import replace
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_daemon.commands.load_recorder import LoadRefusedError, require_stated
 from beamtouch_daemon.commands.record_table import Load
 from beamtouch_daemon.config.settings import Loads
@@ -42,7 +43,7 @@ class Dialogue:
         self._not_recorded: set[int | Load] = set()
         """The loads of `not_recorded`: given loads by index, others by value."""
         self._known = known
-        self._is_terminal = sys.stdin.isatty()
+        self._is_terminal = is_terminal()
         self._lines: asyncio.Queue[str] = asyncio.Queue()
         self._loop = asyncio.get_running_loop()
         # Standard input may be a terminal, a pipe or a file. Only a blocking read, in a thread, works for all three.
@@ -127,7 +128,7 @@ class Dialogue:
     def _read(self) -> None:
         line = "begin"
         while line:
-            line = sys.stdin.readline()
+            line = typed_line()
             try:
                 self._loop.call_soon_threadsafe(self._lines.put_nowait, line)
             except RuntimeError:  # the loop has ended

@@ -1,7 +1,7 @@
 """Surfaces in files of their own, which a configuration includes: `include = ["surfaces/*.toml"]`."""
 
 from collections.abc import Iterator, Mapping
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, RootModel
@@ -62,19 +62,47 @@ def _matching(patterns: tuple[str, ...], path: Path) -> Iterator[Path]:
     """Return the files that the patterns match, each once, in alphabetical order for each pattern."""
     seen: set[Path] = {path.resolve()}
     for pattern in patterns:
-        try:
-            matching = sorted(path.parent.glob(pattern))
-        except (ValueError, NotImplementedError):  # absolute, empty, or ** within a name
-            message = f"{path}: include: {pattern!r} is not a pattern relative to this file, such as surfaces/*.toml"
-            raise InputError(message) from None
-        found = [file for file in matching if not file.name.startswith(".")]  # editors hide their unfinished files
-        if not found:
-            message = f"{path}: include: no file matches {pattern!r}; correct it, or write a file with [surfaces.NAME]"
-            raise InputError(message)
-        for file in found:
-            if file.resolve() not in seen:
-                seen.add(file.resolve())
+        for file in _found(pattern, path):
+            try:
+                whole = file.resolve(strict=True)
+            except (OSError, RuntimeError) as error:  # before Python 3.13, a link to itself is a RuntimeError
+                message = f"{file}: {error.strerror if isinstance(error, OSError) else 'a link to itself'}"
+                raise InputError(message) from None
+            if whole not in seen:
+                seen.add(whole)
                 yield file
+
+
+def _found(pattern: str, path: Path) -> list[Path]:
+    """Return the files that a pattern matches; InputError if there are none."""
+    try:
+        matching = sorted(path.parent.glob(pattern))
+    except (ValueError, IndexError, NotImplementedError):  # absolute, empty, a dot, or ** within a name
+        message = f"{path}: include: {pattern!r} is not a pattern relative to this file, such as surfaces/*.toml"
+        raise InputError(message) from None
+    _require_readable(pattern, path)
+    folders = [one for one in matching if one.is_dir()]
+    # Editors hide their unfinished files.
+    found = [one for one in matching if one not in folders and not one.name.startswith(".")]
+    if not found:
+        advice = f"correct it, for example to {pattern.rstrip('/')}/*.toml" if folders else "correct it"
+        message = f"{path}: include: no file matches {pattern!r}; {advice}, or write a file with [surfaces.NAME]"
+        raise InputError(message)
+    return found
+
+
+def _require_readable(pattern: str, path: Path) -> None:
+    """Raise InputError if this user may not read a folder that a pattern names: nothing in it would match."""
+    folder = path.parent
+    try:
+        for part in PurePath(pattern).parts[:-1]:
+            folder /= part
+            if not folder.is_dir():
+                return
+            next(folder.iterdir(), None)
+    except PermissionError as error:
+        message = f"{path}: include: {folder}: {error.strerror}"
+        raise InputError(message) from None
 
 
 def _surfaces_in(file: Path, path: Path, renamed: Mapping[str, str]) -> dict[str, dict[str, Any]]:

@@ -8,6 +8,7 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field, FiniteFloat
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.hosts import host_name
 from beamtouch_daemon.config.sources import RelativePath, Strict
 
 
@@ -16,6 +17,10 @@ def _http_url(value: str) -> str:
     if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment:
         message = "must look like http://127.0.0.1:8420"
         raise ValueError(message)
+    if parts.username is not None:
+        message = "must name no user; the service knows the daemon by its token"
+        raise ValueError(message)
+    host_name(parts.hostname)
     _ = parts.port  # raises ValueError when it is not a port number
     return value.rstrip("/")
 

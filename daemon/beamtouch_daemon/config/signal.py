@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from beamtouch_daemon.config.modules import Encoding
-from beamtouch_daemon.config.sources import Strict
+from beamtouch_daemon.config.sources import Host, Strict
 from beamtouch_models.filters import readings_within
 from beamtouch_service.samples import ChannelName
 
@@ -106,7 +106,7 @@ class Channel(Strict):
     """Number of the input, from 0, instead of `register`; only if the source names its module."""
     unit: Annotated[int, Field(ge=0, le=255)] | None = None
     """Modbus: unit of this channel; default: the source's."""
-    host: Annotated[str, Field(min_length=1)] | None = None
+    host: Host | None = None
     """Modbus TCP: device of this channel; default: the source's."""
     type: Encoding | None = None
     """Modbus: data type of the counts; default: the module's, or u16."""

@@ -5,9 +5,11 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from beamtouch_common.hosts import host_name
 from beamtouch_daemon.config.modules import module_of
 
 Milliseconds = Annotated[FiniteFloat, Field(ge=1, le=60_000)]
+Host = Annotated[str, Field(min_length=1), AfterValidator(host_name)]
 NetworkPort = Annotated[int, Field(ge=1, le=65_535)]
 Baud = Annotated[int, Field(ge=300, le=12_000_000)]
 ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
@@ -64,7 +66,7 @@ class ModbusTcp(Modbus):
 
     kind: Literal["modbus-tcp"]
     """A device with Modbus TCP."""
-    host: Annotated[str, Field(min_length=1)]
+    host: Host
     """Name or address of the device; a channel may state another."""
     port: NetworkPort = 502
     """TCP port of the device."""

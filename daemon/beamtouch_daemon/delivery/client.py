@@ -10,6 +10,8 @@ from typing import Self
 import aiohttp
 from yarl import URL
 
+from beamtouch_daemon.delivery.unreachable import unreachable
+
 REQUEST_TIMEOUT_S = 2.0
 MAX_DETAIL = 200
 """Longest explanation of the service in the log, in characters."""
@@ -50,10 +52,6 @@ _TAKES_NOTHING = {
     HTTPStatus.SERVICE_UNAVAILABLE,
     HTTPStatus.GATEWAY_TIMEOUT,
 }
-
-
-class UnreachableError(Exception):
-    """There was no answer; the service may or may not have seen the request."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +145,7 @@ class ServiceClient:
             async with self._session.request(method, url, data=content, allow_redirects=False) as response:
                 return Answer(response.status, await response.read())
         except (aiohttp.ClientError, TimeoutError) as error:
-            raise UnreachableError(type(error).__name__) from error
+            raise unreachable(error) from error
 
     async def close(self) -> None:
         """Close the connection."""

@@ -4,7 +4,8 @@ import logging
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
-from beamtouch_daemon.delivery.client import TOO_LARGE, Answer, ServiceClient, UnreachableError, Verdict
+from beamtouch_daemon.delivery.client import TOO_LARGE, Answer, ServiceClient, Verdict
+from beamtouch_daemon.delivery.unreachable import UnreachableError
 from beamtouch_daemon.faults import Fault
 from beamtouch_service.samples import Batch
 
@@ -51,7 +52,8 @@ class Parcel(Generic[_T]):
             try:
                 answer = await client.post_samples(surface, batch.model_dump_json(exclude_defaults=True).encode())
             except UnreachableError as error:
-                fault.failed(f"no answer from {client.url} ({error}); trying again")
+                advice = f"{error.advice}; " if error.advice else ""
+                fault.failed(f"no answer from {client.url} ({error}); {advice}trying again")
                 return Verdict.LATER
             verdict = _verdict(answer, len(part))
             if verdict is Verdict.TOO_LARGE:

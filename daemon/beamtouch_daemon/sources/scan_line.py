@@ -6,9 +6,9 @@ from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.reading import SourceError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_exchange import Query, RtuExchange, silence_s
-from beamtouch_daemon.sources.rtu_frame import Answer
+from beamtouch_daemon.sources.rtu_frame import Answer, find_frame
 from beamtouch_daemon.sources.rtu_unit import Unit
-from beamtouch_daemon.sources.scanned_unit import FoundUnit, Function, registers_of
+from beamtouch_daemon.sources.scanned_unit import FUNCTIONS, Asked, FoundUnit, Function, registers_of
 from beamtouch_daemon.sources.serial_line import introduce
 from beamtouch_daemon.sources.serial_port import SerialPort
 from beamtouch_protocol.messages import Hello
@@ -19,8 +19,8 @@ def request_s(settings: ModbusRtu) -> float:
     return settings.timeout_ms / 1e3 + silence_s(settings)
 
 
-async def scan_units(settings: ModbusRtu, units: Sequence[int]) -> AsyncGenerator[tuple[int, FoundUnit | None], None]:
-    """Ask units one after the other; yield each number with what was found, None without an answer.
+async def scan_units(settings: ModbusRtu, units: Sequence[int]) -> AsyncGenerator[Asked, None]:
+    """Ask units one after the other; yield each with what was found.
 
     Raises
     ------
@@ -30,18 +30,32 @@ async def scan_units(settings: ModbusRtu, units: Sequence[int]) -> AsyncGenerato
     exchange = RtuExchange(settings)
     exchange.port.open()
     try:
+        silent: list[int] = []
         for number in units:
-            unit = Unit(number)
+            unit, unused = Unit(number), bytearray()
 
-            async def ask(function: Function, block: Block, unit: Unit = unit) -> Answer | None:
+            async def ask(
+                function: Function, block: Block, unit: Unit = unit, unused: bytearray = unused
+            ) -> Answer | None:
                 await exchange.pause()
-                exchange.discard()  # answers that came too late, to earlier requests
-                return await exchange.ask(Query(unit, function, block, settings.timeout_ms / 1e3), None)
+                unused.extend(exchange.received)  # perhaps answers to earlier requests
+                exchange.discard()
+                answer = await exchange.ask(Query(unit, function, block, settings.timeout_ms / 1e3), None)
+                unused.extend(exchange.received)
+                exchange.discard()
+                return answer
 
             registers = await registers_of(ask)
-            yield number, None if registers is None else FoundUnit(number, registers, settings.baud, settings.parity)
+            found = None if registers is None else FoundUnit(number, registers, settings.baud, settings.parity)
+            silent = [*silent[-1:], *([] if found else [number])]
+            yield Asked(number, found, len(unused), _answered(silent, bytes(unused)))
     finally:
         exchange.port.close()
+
+
+def _answered(units: Sequence[int], received: bytes) -> frozenset[int]:
+    """Return which units have sent an answer, in time or not."""
+    return frozenset(unit for unit in units if any(find_frame(received, unit, function) for function in FUNCTIONS))
 
 
 async def scan_board(path: str, baud: int) -> Hello | None:

@@ -8,7 +8,7 @@ from beamtouch_daemon.sources.links import TcpLink
 from beamtouch_daemon.sources.reading import NoAnswerError, SourceError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_frame import Answer
-from beamtouch_daemon.sources.scanned_unit import FUNCTIONS, FoundUnit, Function, registers_of
+from beamtouch_daemon.sources.scanned_unit import FUNCTIONS, Asked, FoundUnit, Function, registers_of
 
 CONNECT_S = 2.0
 """Shortest time limit of the first connection."""
@@ -19,10 +19,8 @@ def tcp_request_s(timeout_ms: float) -> float:
     return 2 * timeout_ms / 1e3
 
 
-async def scan_tcp(
-    host: str, port: int, units: Sequence[int], timeout_ms: float
-) -> AsyncGenerator[tuple[int, FoundUnit | None], None]:
-    """Ask units one after the other; yield each number with what was found, None without an answer.
+async def scan_tcp(host: str, port: int, units: Sequence[int], timeout_ms: float) -> AsyncGenerator[Asked, None]:
+    """Ask units one after the other; yield each with what was found.
 
     Raises
     ------
@@ -55,4 +53,4 @@ async def scan_tcp(
                 return answer
 
         registers = await registers_of(ask)
-        yield number, None if registers is None else FoundUnit(number, registers)
+        yield Asked(number, None if registers is None else FoundUnit(number, registers))

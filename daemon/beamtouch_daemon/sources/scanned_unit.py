@@ -16,8 +16,8 @@ FUNCTIONS: tuple[Function, ...] = (4, 3)
 """Input registers and holding registers. They only read, so no scan changes a device."""
 ABSENT = (4, 10, 11)
 """Exceptions for a unit that is not there: of gateways (10, 11), and of servers with a fixed set of units (4)."""
-MAX_REQUESTS = 18
-"""Limit of the requests to one unit that answers: one or two to find it, then eight for each function."""
+MAX_REQUESTS = 34
+"""Limit of the requests to one unit that answers: two to find it, then eight for each function, each perhaps twice."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +33,23 @@ class FoundUnit:
 
     @property
     def function(self) -> Function:
-        """The function that reads most registers; of equal ones input registers."""
-        return max(FUNCTIONS, key=lambda function: self.registers[function])
+        """The function for the source: input registers hold what a unit measures, holding registers its settings too.
+
+        Many units have their values in holding registers only.
+        """
+        return 3 if self.registers[3] and not self.registers[4] else 4
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """A unit that was asked."""
+
+    unit: int
+    found: FoundUnit | None
+    heard: int = 0
+    """Received bytes that were no answer in time."""
+    late: frozenset[int] = frozenset()
+    """Units whose answers came, but too late."""
 
 
 async def registers_of(ask: Ask) -> dict[Function, int] | None:
@@ -53,7 +68,8 @@ async def _count(ask: Ask, function: Function) -> int:
     """
 
     async def gives(count: int) -> bool:
-        answer = await ask(function, Block(0, count))
+        # An answer may be lost once. Some units refuse by silence.
+        answer = await ask(function, Block(0, count)) or await ask(function, Block(0, count))
         return answer is not None and not answer.exception
 
     if not await gives(2):

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from beamtouch_common.files import write_atomically
 from beamtouch_common.reasons import reason_of
+from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.new_scene import Answers, End, scene_text
 from beamtouch_models.commands.build import surface_name
@@ -34,7 +35,7 @@ def run(options: argparse.Namespace) -> None:
     refuse_existing(target, force=options.force)
     names = [field.name for field in fields(Answers)]
     stated = {name: value for name in names if (value := getattr(options, name)) is not None}
-    if not stated and sys.stdin is not None and sys.stdin.isatty():
+    if not stated and is_terminal():
         stated = _asked()
     missing = [f"--{name.replace('_', '-')}" for name in NEEDED if name not in stated]
     if missing:
@@ -99,7 +100,7 @@ def _ask(question: str, kind: Callable[[str], _T], default: _T | None = None) ->
     """Return the answer to a question; SceneError if there is none."""
     for _ in range(TRIES):
         print(f"{question}{'' if default is None else f' [{default}]'}: ", end="", file=sys.stderr, flush=True)
-        text = sys.stdin.readline()
+        text = typed_line()
         if not text:
             break
         if not text.strip() and default is not None:

@@ -4,6 +4,7 @@ import math
 import sys
 import threading
 
+from beamtouch_common.typed import typed_line
 from beamtouch_models.rig.script import Load
 
 NOTHING = Load(None, 0.0)
@@ -26,7 +27,7 @@ class ByHand:
         return self._load
 
     def _read(self) -> None:
-        for line in sys.stdin:
+        while line := typed_line():
             try:
                 self._load = load_of(line, self._length_mm)
             except ValueError as error:

@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from beamtouch_common.commands import Parser, exit_code, whole_number
+from beamtouch_common.hosts import host_name
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
 
 PROGRAM = "beamtouch-rig"
@@ -73,6 +74,10 @@ def _parser() -> Parser:
 
 def _address(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
+    try:
+        host_name(host)
+    except ValueError:
+        host = ""
     if not host or not port.isdecimal() or int(port) > 65535:
         message = f"{text!r} is not HOST:PORT, such as 127.0.0.1:5020"
         raise argparse.ArgumentTypeError(message)

@@ -1,6 +1,7 @@
 """Runs the rig: a script loads the virtual surface, a device serves its readings, and a file records the true loads."""
 
 import asyncio
+import logging
 import signal
 import time
 from collections.abc import Awaitable, Callable
@@ -119,6 +120,7 @@ async def _device(
 
 
 async def _listen(server: ModbusTcpServer | ModbusSerialServer, where: str) -> None:
+    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it prints its last frames when a client goes
     try:
         await server.serve_forever(background=True)
     except RuntimeError:  # pymodbus raises it when it cannot listen
