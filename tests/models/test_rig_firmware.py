@@ -53,7 +53,7 @@ def test_a_board_that_ends_is_reported_and_ends_the_rig(
     board: Board, ten_bits: tuple[Path, Path], tmp_path: Path
 ) -> None:
     (scene, model), line = ten_bits, tmp_path / "line"
-    command = [RIG, scene, "--model", model, "--serial", line, "--firmware", *board.command]
+    command = [RIG, *map(str, (scene, "--model", model, "--serial", line, "--firmware", *board.command))]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as rig:
         try:
             assert rig.stdout
