@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -143,7 +144,8 @@ def test_an_evaluation_takes_little_memory_for_each_contact(bench_model: Path) -
 def test_a_force_of_the_scene_that_is_missed_is_noted(
     design_sensors_here: Command, bench_model: Path, bench: ModelFile, tmp_path: Path
 ) -> None:
-    assert not unseen(bench.metadata)
+    # A contact 1 mm from a support is missed, whatever the layout.
+    assert re.search(r"2 N, is missed .* at 1\.\.[\d.]+ mm and [\d.]+\.\.399 mm: up to", unseen(bench.metadata))
     model = onnx.load(bench_model)
     weakest, seen = bench.metadata.ranges.force_n[0], bench.metadata.smallest_force
     force = [2.4 * weakest if position > 350 else weakest for position in seen.position_mm]
