@@ -12,7 +12,7 @@ from beamtouch_models.svg import fill, stroke
 
 CHARACTER = 6.4
 """Width of a character, in px; an estimate that only spaces the legend."""
-ROW, KEY, GAP = 34, 40, 20
+ROW, KEY, GAP = 30, 40, 24
 """Height of a row, width of a symbol, and space between two entries, in px."""
 BENT = stroke("s1", "bent", width=1.4) + ' stroke-dasharray="5 3"'
 SPRING = stroke("ink", "support", width=1.4)
@@ -64,9 +64,10 @@ def _spring_key(x: float, y: float) -> str:
 
 def _support_key(support: Support) -> Callable[[float, float], str]:
     def draw(x: float, y: float) -> str:
-        beam = rect(fill("muted", "key"), x - 16, y - 11, 32, 3)
-        at = x - 16 if support.kind == "fixed" else x
-        return beam + support_symbol(support, at, y - 8, y - 11, at_start=True, name="key")
+        beam = rect(fill("muted", "key"), -16, -11, 32, 3)
+        at = -16 if support.kind == "fixed" else 0
+        symbol = support_symbol(support, at, -8, -11, at_start=True, name="key")
+        return f'<g transform="translate({x:.1f} {y + 3:.1f}) scale(0.75)">{beam}{symbol}</g>'
 
     return draw
 
