@@ -70,25 +70,36 @@ def _touch(metadata: Metadata) -> str:
 
 
 def unseen(metadata: Metadata) -> str:
-    """Say where the smallest force of the scene is not seen, and where none is; empty if it is seen everywhere."""
+    """Say where the smallest force of the scene is not seen, and where none is; empty if it is seen everywhere.
+
+    The very ends of the range are not told, because supports often stand there, beside which every force is missed.
+    """
     weakest, most_n = metadata.ranges.force_n[0], BLIND * metadata.ranges.force_n[1]
     pairs = list(zip(metadata.smallest_force.position_mm, metadata.smallest_force.force_n, strict=True))
-    where, blind = _stretches(pairs, weakest), _stretches(pairs, most_n)
-    if not where:
+    missed, blind = _stretches(pairs, weakest), _stretches(pairs, most_n)
+    if not missed:
         return ""
-    needed = max((force for _, force in pairs if force <= most_n), default=weakest)
+    needed = max((force for run in missed for _, force in run if force <= most_n), default=weakest)
     words = [f"up to {needed:.2g} N is needed there"] if needed > weakest else []
-    words += [f"at {blind} the beam hardly moves, and no force is seen"] if blind else []
+    words += [f"at {_in_words(blind)} the beam hardly moves, and no force is seen"] if blind else []
     return (
-        f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {where}: "
+        f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {_in_words(missed)}: "
         f"{'; '.join(words)}"
     )
 
 
-def _stretches(needed: Sequence[tuple[float, float]], force_n: float) -> str:
-    """Return where more than a force is needed to be seen; empty if nowhere."""
+Stretch = list[tuple[float, float]]
+"""Neighbouring positions, with the force that is needed at each."""
+
+
+def _stretches(needed: Stretch, force_n: float) -> list[Stretch]:
+    """Return the stretches where more than a force is needed to be seen, without single places at either end."""
     runs = [list(run) for is_missed, run in groupby(needed, lambda pair: pair[1] > force_n) if is_missed]
-    ends = [(run[0][0], run[-1][0]) for run in runs]
+    return [run for run in runs if len(run) > 1 or run[0] not in (needed[0], needed[-1])]
+
+
+def _in_words(stretches: list[Stretch]) -> str:
+    ends = [(run[0][0], run[-1][0]) for run in stretches]
     return " and ".join(f"{low:.4g} mm" if low == high else f"{low:.4g}..{high:.4g} mm" for low, high in ends)
 
 
