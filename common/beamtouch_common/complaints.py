@@ -72,7 +72,8 @@ def _without_alternatives(errors: list[ErrorDetails], content: Content) -> list[
             kept = closer[0]["loc"][len(root)]
             found += [error for error in closer if error["loc"][len(root)] == kept]
         else:
-            reasons = dict.fromkeys(reason_of(error).removeprefix("must be ") for error in group)
+            numeric = any(error["type"] in ("float_type", "int_type") for error in group)
+            reasons = dict.fromkeys(reason_of(error, numeric=numeric).removeprefix("must be ") for error in group)
             *before, last = reasons
             text = f"must be {' or '.join([', '.join(before), last] if before else [last])}"
             found.append({**group[0], "type": "alternatives", "msg": text})

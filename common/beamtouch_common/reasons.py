@@ -28,10 +28,15 @@ _KINDS = {
 """Types of errors that mean a value of another kind -> the kind that it must have."""
 _LISTS = ("tuple_type", "list_type")
 _TABLES = ("dict_type", "model_type")
+_NUMBER = re.compile(r"(?<!\w)(?<!\d\.)-?\d+(?:\.\d+)?")
+"""A number in a text, such as both of 2..20 and none of the later ones in 10.0.0.1."""
 
 
-def reason_of(error: ErrorDetails, key: str = "") -> str:
-    """Return what is wrong with a value, without the key and the value; `key` names the table that it should be."""
+def reason_of(error: ErrorDetails, key: str = "", *, numeric: bool = False) -> str:
+    """Return what is wrong with a value, without the key and the value.
+
+    `key` names the table that it should be; `numeric`: whether a list in its place holds numbers.
+    """
     kind, context = error["type"], error.get("ctx", _NOTHING)
     if kind == "literal_error":
         return f"must be {one_of(context['expected'], error['input'])}"
@@ -39,12 +44,20 @@ def reason_of(error: ErrorDetails, key: str = "") -> str:
         several = f", not several, [[{key}]]" if isinstance(error["input"], list) else ""
         return f"must be one table, [{key}]{several}"
     if kind in _LISTS and isinstance(error["input"], str):
-        return f"must be a list, as {toml_of([error['input']])}"
+        return f"must be a list, as {_as_list(error['input'], numeric=numeric)}"
     if kind in _KINDS:
         return f"must be {_KINDS[kind]}"
     if kind in _WORDS:
         return _WORDS[kind](context)
     return re.sub(r"^\w+ should ", "must ", error["msg"].removeprefix(_OWN))
+
+
+def _as_list(text: str, *, numeric: bool) -> str:
+    """Return a list that a text may mean: of the numbers in it, or else of itself, unless it must hold numbers."""
+    numbers = _NUMBER.findall(text)
+    if len(numbers) > 1:
+        return f"[{', '.join(numbers)}]"
+    return "[1, 2]" if numeric else toml_of([text])
 
 
 def is_of_another_kind(error: ErrorDetails) -> bool:

@@ -1,4 +1,7 @@
-"""Generated parts of pages: a line `<!-- generate: NAME -->` in a page stands for one of them."""
+"""Generated parts of pages: a line `<!-- generate: NAME -->` in a page stands for one of them.
+
+Text from there to a line `<!-- generated -->` is for those who read the file and not the site.
+"""
 
 import re
 from collections.abc import Callable, Mapping
@@ -41,7 +44,7 @@ SHOWN = {
 }
 """Pages that show a file from outside `docs/`, by their path."""
 PAGES = {file: page for page, file in SHOWN.items()}
-_MARK = re.compile(r"<!-- generate: ([a-z-]+) -->")
+_MARK = re.compile(r"<!-- generate: ([a-z-]+) -->(?:(?:(?!<!--).)*<!-- generated -->)?", re.DOTALL)
 _SCRIPT = re.compile(r"<!-- script: (\S+) -->")
 
 

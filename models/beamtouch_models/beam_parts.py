@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -10,6 +10,13 @@ DampingRatio = Annotated[float, Field(gt=0, lt=1)]
 Fixity = Annotated[float, Field(ge=0, lt=1)]
 Pair = Annotated[tuple[Finite, Finite], Field(strict=False)]
 PositivePair = Annotated[tuple[PositiveFinite, PositiveFinite], Field(strict=False)]
+
+
+PINNED, CLAMPED = 'kind = "simple", slides = false', 'kind = "fixed"'
+MEANT = {"roller": 'kind = "simple"', "clamped": CLAMPED, "clamp": CLAMPED, "wall": CLAMPED} | dict.fromkeys(
+    ("pinned", "pin", "hinge", "hinged"), PINNED
+)
+"""Other names of supports, and how a scene states them."""
 
 
 class Strict(BaseModel):
@@ -33,6 +40,15 @@ class Support(Strict):
     slides: bool | None = None
     """Whether the beam can move lengthwise on it, as on a roller; by default on a simple support, not on a fixed one.
     It matters only if the temperature changes."""
+
+    @field_validator("kind", mode="before")
+    @classmethod
+    def _in_words_of_a_scene(cls, value: object) -> object:
+        meant = MEANT.get(value.lower()) if isinstance(value, str) else None
+        if meant is not None:
+            message = f'must be "simple" or "fixed"; for {value}, write {meant}'
+            raise ValueError(message)
+        return value
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

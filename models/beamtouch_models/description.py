@@ -5,6 +5,9 @@ from itertools import groupby
 
 from beamtouch_models.metadata import POSITION_OUTPUTS, Metadata
 
+BLIND = 10.0
+"""Where more than this many times the largest force of a scene is needed, no force is seen: near a support."""
+
 
 def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     """Return the metadata as text, each number with its unit and reference."""
@@ -61,22 +64,43 @@ def per_day(rate: float) -> str:
 
 def _touch(metadata: Metadata) -> str:
     seen, often = metadata.smallest_force.force_n, per_day(metadata.thresholds.false_contacts_per_day)
-    ends = f"{seen[0]:.2g} and {seen[-1]:.2g} N at the ends"
-    return f"at least {min(seen):.2g} N is seen, {ends} of the range; false contacts at rest: {often}"
+    most_n = BLIND * metadata.ranges.force_n[1]
+    ends = " and ".join(f"{force:.2g} N" if force <= most_n else "no force" for force in (seen[0], seen[-1]))
+    return f"at least {min(seen):.2g} N is seen, {ends} at the ends of the range; false contacts at rest: {often}"
 
 
 def unseen(metadata: Metadata) -> str:
-    """Say where the smallest force of the scene is not seen; empty if it is seen all along the range."""
-    weakest, seen = metadata.ranges.force_n[0], metadata.smallest_force
-    pairs = list(zip(seen.position_mm, seen.force_n, strict=True))
-    runs = [list(run) for is_missed, run in groupby(pairs, lambda pair: pair[1] > weakest) if is_missed]
-    if not runs:
+    """Say where the smallest force of the scene is not seen, and where none is; empty if it is seen everywhere.
+
+    The very ends of the range are not told, because supports often stand there, beside which every force is missed.
+    """
+    weakest, most_n = metadata.ranges.force_n[0], BLIND * metadata.ranges.force_n[1]
+    pairs = list(zip(metadata.smallest_force.position_mm, metadata.smallest_force.force_n, strict=True))
+    missed, blind = _stretches(pairs, weakest), _stretches(pairs, most_n)
+    if not missed:
         return ""
-    where = " and ".join(f"{run[0][0]:.4g}..{run[-1][0]:.4g} mm" for run in runs)
+    needed = max((force for run in missed for _, force in run if force <= most_n), default=weakest)
+    words = [f"up to {needed:.2g} N is needed there"] if needed > weakest else []
+    words += [f"at {_in_words(blind)} the beam hardly moves, and no force is seen"] if blind else []
     return (
-        f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {where}: "
-        f"up to {max(seen.force_n):.2g} N is needed there"
+        f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {_in_words(missed)}: "
+        f"{'; '.join(words)}"
     )
+
+
+Stretch = list[tuple[float, float]]
+"""Neighbouring positions, with the force that is needed at each."""
+
+
+def _stretches(needed: Stretch, force_n: float) -> list[Stretch]:
+    """Return the stretches where more than a force is needed to be seen, without single places at either end."""
+    runs = [list(run) for is_missed, run in groupby(needed, lambda pair: pair[1] > force_n) if is_missed]
+    return [run for run in runs if len(run) > 1 or run[0] not in (needed[0], needed[-1])]
+
+
+def _in_words(stretches: list[Stretch]) -> str:
+    ends = [(run[0][0], run[-1][0]) for run in stretches]
+    return " and ".join(f"{low:.4g} mm" if low == high else f"{low:.4g}..{high:.4g} mm" for low, high in ends)
 
 
 def _placed(metadata: Metadata) -> list[tuple[str, str]]:

@@ -6,6 +6,9 @@ from pydantic import model_validator
 
 from beamtouch_models.beam_parts import Pair, Strict
 
+FARTHEST_K = 150.0
+"""A beam that is always more than this above its mounting temperature was stated in absolute kelvin."""
+
 
 class Environment(Strict):
     """The surroundings of the surface."""
@@ -18,5 +21,11 @@ class Environment(Strict):
         low, high = self.temperature_range_k or (0.0, 0.0)
         if low > high:
             message = f"temperature_range_k = {[low, high]}: the first must not exceed the second"
+            raise ValueError(message)
+        if low > FARTHEST_K:
+            message = (
+                f"temperature_range_k = {[low, high]}: state it relative to the temperature of mounting, not absolute; "
+                f"mounted at 293 K, this is {[low - 293, high - 293]}"
+            )
             raise ValueError(message)
         return self

@@ -1,35 +1,57 @@
 """Numbers of a beam that are only plausible in another unit than that of their key."""
 
 from collections.abc import Iterator
+from itertools import chain
 
 from beamtouch_models.structure import Beam
 
 SHORTEST_MM, NARROWEST_MM, THINNEST_MM = 1.0, 0.1, 0.01
 """Smallest length, width and thickness; a smaller beam is no place for a proximity sensor."""
+WIDEST, DEEPEST = 4.0, 1.0
+"""Largest width and thickness over the length; a beam beyond them is none, or its length is in another unit."""
 STIFFEST_GPA = 1500.0
 """Diamond has 1200 GPa."""
+MOST_MPA = 1e6
+"""More GPa than this are no MPa either, but Pa."""
 LIGHTEST_KG_M3 = 20.0
 """Foams have this; a smaller number is a density in g/cm3."""
+LEAST_EXPANSION = 1e-3
+"""Smallest expansion in um/(m K); glass ceramics of telescopes have 0.01. A smaller number is in 1/K."""
 
 
 def in_other_units(beam: Beam) -> str:
     """Return what to change in the first such number; empty if there is none."""
-    return next(_found(beam), "")
+    return next(chain(_sizes(beam), _properties(beam)), "")
 
 
-def _found(beam: Beam) -> Iterator[str]:
-    sizes: list[tuple[str, float | None, float]] = [("beam.length_mm", beam.length_mm, SHORTEST_MM)]
+def _sizes(beam: Beam) -> Iterator[str]:
     sections = [("beam", beam.width_mm, beam.thickness_mm)]
     sections += [(f"beam.segments[{i}]", one.width_mm, one.thickness_mm) for i, one in enumerate(beam.segments)]
+    sizes: list[tuple[str, float | None, float, float]] = [("beam.length_mm", beam.length_mm, SHORTEST_MM, 1.0)]
     for name, width_mm, thickness_mm in sections:
-        sizes += [(f"{name}.width_mm", width_mm, NARROWEST_MM), (f"{name}.thickness_mm", thickness_mm, THINNEST_MM)]
-    for key, value, least in sizes:
+        sizes.append((f"{name}.width_mm", width_mm, NARROWEST_MM, WIDEST))
+        sizes.append((f"{name}.thickness_mm", thickness_mm, THINNEST_MM, DEEPEST))
+    for key, value, least, most in sizes:
         if value is not None and value < least:
             yield f"{key} = {value:g} is too small for a beam; if it is in metres, write {1000 * value:g}"
-    modulus, density = beam.youngs_modulus_gpa, beam.density_kg_m3
-    if modulus is not None and modulus > STIFFEST_GPA:
-        right = modulus / 1000
-        yield f"beam.youngs_modulus_gpa = {modulus:g} is more than any material has; if it is in MPa, write {right:g}"
+        if value is not None and value > most * beam.length_mm:
+            yield (
+                f"{key} = {value:g} is too much for beam.length_mm = {beam.length_mm:g}; state all of them in mm, and "
+                "the length along the beam"
+            )
+
+
+def _properties(beam: Beam) -> Iterator[str]:
+    moduli = ("youngs_modulus_gpa", beam.youngs_modulus_gpa), ("shear_modulus_gpa", beam.shear_modulus_gpa)
+    for key, modulus in moduli:
+        if modulus is not None and modulus > STIFFEST_GPA:
+            unit, times = ("MPa", 1e3) if modulus <= MOST_MPA else ("Pa", 1e9)
+            right = modulus / times
+            yield f"beam.{key} = {modulus:g} is more than any material has; if it is in {unit}, write {right:g}"
+    density, expansion = beam.density_kg_m3, beam.expansion_um_per_m_k
     if density is not None and density < LIGHTEST_KG_M3:
         right = 1000 * density
         yield f"beam.density_kg_m3 = {density:g} is less than any material has; if it is in g/cm3, write {right:g}"
+    if expansion is not None and expansion < LEAST_EXPANSION:
+        key, right = "beam.expansion_um_per_m_k", 1e6 * expansion
+        yield f"{key} = {expansion:g} is less than any material has; if it is in 1/K, write {right:g}"

@@ -146,6 +146,8 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _on_the_beam(self) -> Self:
+        if message := in_other_units(self.beam):  # before other checks stumble over such a number
+            raise ValueError(message)
         low, high = self.contact.position_mm
         if low < 0 or high > self.beam.length_mm:
             message = f"contact.position_mm = {[low, high]} reaches beyond the beam, 0..{self.beam.length_mm:g} mm"
@@ -160,10 +162,8 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _within_reason(self) -> Self:
-        message = in_other_units(self.beam)
         if self.sensors.drift_um_per_k is not None and self.environment.temperature_range_k is None:
             message = "sensors.drift_um_per_k needs environment.temperature_range_k, as [-10, 15]"
-        if message:
             raise ValueError(message)
         tolerance, fewest = self.sensors.mounting_tolerance_mm, self.sensors.count_range[0]
         if tolerance >= (spacing := self.beam.length_mm / fewest):

@@ -47,6 +47,7 @@ def test_the_command_prints_both_groups_and_one_json_object(
     assert "one contact, honestly measured" in table.stdout
     assert "faults and other worlds" in table.stdout
     assert "Rows that miss the goals" in table.stdout
+    assert "…" not in table.stdout  # neither a heading nor a number is cut
 
 
 def test_a_model_that_states_no_log_odds_is_refused(

@@ -84,8 +84,9 @@ def test_a_modulus_that_does_not_fit_its_material_is_remarked(
     assert remarks(scene(instead)) == ([] if said is None else [said])
     path = tmp_path / "scene.toml"
     path.write_text(PAPER.replace(MODULUS, instead).replace("force_n = 10.0", "force_n = 1.0"))
-    done = design_sensors_here("explain", path, "--json")
-    assert (done.returncode, done.stderr) == (0, "" if said is None else f"note:    {said}\n")
+    for command in ("explain", "place"):
+        done = design_sensors_here(command, path, "--json")
+        assert (done.returncode, done.stderr) == (0, "" if said is None else f"note:    {said}\n")
 
 
 def test_a_material_that_is_not_in_the_table_is_refused() -> None:

@@ -3,16 +3,20 @@
 import numpy as np
 import pytest
 
+from beamtouch_models.accuracy.evaluation import at_noise
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
+from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.building.placed import placed
+from beamtouch_models.building.sensor_rules import sample_errors
 from beamtouch_models.errors import SceneError
+from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import Aim, place_by_position_error
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.pricing.removal import changed
-from beamtouch_models.scene import load_scene
+from beamtouch_models.scene import load_scene, parse_scene
 from example_scenes import SCENES, paper_scene
 from posterior_cases import answers_of, graph_of
 from stated_problems import problem_in
@@ -119,3 +123,17 @@ def test_neighbours_stand_farther_apart_than_their_tolerance() -> None:
     assert min(np.diff(positions)) > 2
     with pytest.raises(SceneError, match="mounting_tolerance_mm"):
         placed(changed(scene, "sensors", fixed_mm=[100.0, 101.0]), choose_filter(scene))
+
+
+def test_the_prior_of_a_model_knows_the_mounting_of_its_sensors(bench: ModelFile) -> None:
+    """So `evaluate` and `build` state the same error."""
+    text = bench.metadata.scene.replace("count = 4", "count = 4\nmounting_tolerance_mm = 2")
+    stated = parse_scene(text, "scene.toml")
+    prior = prior_of_model(bench.metadata.model_copy(update={"scene": text}))
+    layout = np.array([channel.position_mm for channel in bench.metadata.layout])
+    expected = Prior.real(influence_of(stated), layout, sample_errors(stated, bench.metadata.noise.sample_mm))
+    at, force = np.array([50.0, 200.0, 390.0]), np.array([5.0, 20.0, 2.0])
+    assert prior.sampled(at, force)[1] == pytest.approx(expected.sampled(at, force)[1], rel=1e-12)
+    exact = prior_of_model(bench.metadata)
+    assert np.all(prior.sampled(at, force)[1] > exact.sampled(at, force)[1])
+    assert not at_noise(prior, 0.0).sampled(at, force)[1].any()

@@ -151,6 +151,7 @@ def test_on_a_terminal_it_asks(tmp_path: Path) -> None:
     code, told = asked(["650", "forty", "40", "2", "stainless", "clamped", "", "", ""], tmp_path)
     assert code == 0, told
     assert "that must be a number" in told
+    assert "its left end (clamped, pinned, roller, free) [pinned]: " in told
     scene, _ = load_scene(tmp_path / "asked.toml")
     assert (scene.beam.length_mm, scene.beam.width_mm, scene.beam.material) == (650, 40, "stainless")
     assert [one.kind for one in scene.beam.support_list] == ["fixed", "simple"]

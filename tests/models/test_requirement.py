@@ -21,3 +21,15 @@ def test_a_requirement_that_is_missed_is_remarked(design_sensors_here: Command, 
             done = design_sensors_here(*arguments, "--json")
             assert done.returncode == 0, done.stderr
             assert bool(re.search(MISSED, done.stderr)) == is_missed
+
+
+def test_place_says_that_the_best_possible_error_misses_it_too(design_sensors_here: Command, tmp_path: Path) -> None:
+    scene = tmp_path / "paper.toml"
+    for wanted_mm, is_missed in ((0.5, True), (50, False)):
+        scene.write_text(f"{PAPER}\n[requirements]\nposition_error_mm = {wanted_mm}\n")
+        done = design_sensors_here("place", scene)
+        said = r"note:    the accuracy limit is ([\d.]+) mm, more than requirements.position_error_mm = 0.5; use more"
+        found = re.search(said, done.stderr)
+        assert (done.returncode, bool(found)) == (0, is_missed), done.stderr
+        if found:
+            assert f"of the length, {found[1]} mm, at" in done.stdout

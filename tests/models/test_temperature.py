@@ -58,6 +58,15 @@ def test_the_force_of_a_stepped_beam_is_that_of_its_sections_in_a_row() -> None:
     assert found.force_n_per_k == pytest.approx(12e-6 * 400 / (100 / 31.5e6 + 300 / 15.75e6), rel=1e-12)
 
 
+def test_each_stretch_between_two_walls_has_its_own_force() -> None:
+    walls = [{"at_mm": at, "kind": "fixed"} for at in (0, 200, 400)]
+    found = held(beam(walls, segments=[{"to_mm": 200, "thickness_mm": 6}, {"to_mm": L_MM, "thickness_mm": 3}]))
+    # Left 378 N/K, right 189 N/K; the right half buckles first, alone, at 4 pi^2 EI / (200 mm)^2.
+    assert found is not None
+    assert found.force_n_per_k == pytest.approx(378, rel=1e-12)
+    assert found.buckles_k == pytest.approx(4 * math.pi**2 * EI / 200**2 / 189, rel=1e-3)
+
+
 @pytest.mark.parametrize("share", [-3.0, -0.3, 0.3, 0.9])
 def test_the_middle_of_a_pinned_beam_column_deflects_as_in_the_textbook(share: float) -> None:
     """Timoshenko & Gere, 1961, eq. 1-14: F l^3/(48 EI) times 3 (tan u - u)/u^3, with u = (pi/2) sqrt(N/N_cr)."""

@@ -27,7 +27,8 @@ def test_it_is_that_of_the_model_in_use(
     surface.adopt(modelfile.load(bench_model))
     second = served.get("/surfaces/press-7/beam").json()
     assert second["length_mm"] == 400.0
-    assert second["drawn"]["supports"] == [{"at_mm": 0.0, "kind": "simple"}, {"at_mm": 400.0, "kind": "simple"}]
+    roller = {"kind": "simple", "slides": True}
+    assert second["drawn"]["supports"] == [{"at_mm": 0.0, **roller}, {"at_mm": 400.0, **roller}]
     served.post(make_batch([0.0, 0.0, 0.0, 0.0]))
     assert served.get("/contact").json()["model"] == second["model"] != first.model
 

@@ -120,7 +120,9 @@ def evaluate(
 
 def at_noise(prior: Prior, noise_mm: float) -> Prior:
     """Return the prior of the same surface with another noise per sample; at 0, without any error."""
-    return replace(prior, noise_mm=noise_mm) if noise_mm else replace(prior, noise_mm=0.0, gain=0.0, zero_mm=0.0)
+    if noise_mm:
+        return replace(prior, noise_mm=noise_mm)
+    return replace(prior, noise_mm=0.0, gain=0.0, zero_mm=0.0, uncertain_at=None)
 
 
 def estimates(model: ModelFile, prior: Prior, deflection_mm: Floats) -> dict[str, Floats]:

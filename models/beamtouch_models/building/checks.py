@@ -20,8 +20,8 @@ from beamtouch_models.placement.problem import equal_layout
 from beamtouch_models.pricing.noise import check_errors, noise_of
 from beamtouch_models.scene import Scene
 
-SEEN_PLACES = 25
-"""Number of positions for which the smallest force is stated."""
+SEEN_PLACES = 65
+"""Number of positions for which the smallest force is stated, from end to end of the range of contacts."""
 
 
 def check_scene(scene: Scene, chosen: FilterChoice, count: int | None = None) -> None:
@@ -63,6 +63,6 @@ def check_seen(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> N
 
 
 def seen_places(prior: Prior) -> Floats:
-    """Return positions without the very ends of the range, where no force is seen if they are supports."""
-    inside: Floats = np.linspace(*prior.position_mm, SEEN_PLACES + 2)[1:-1]
-    return inside
+    """Return positions along the whole range of contacts."""
+    places: Floats = np.linspace(*prior.position_mm, SEEN_PLACES)
+    return places

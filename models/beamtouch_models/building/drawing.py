@@ -18,7 +18,10 @@ def drawn_of(scene: Scene) -> Drawn:
     load = np.linspace(*scene.contact.position_mm, LOADS)
     shape = influence(scene.beam, at, load, scene.contact.width_mm)
     return Drawn(
-        supports=[DrawnSupport(at_mm=one.at_mm, kind=one.kind) for one in scene.beam.support_list],
+        supports=[
+            DrawnSupport(at_mm=one.at_mm, kind=one.kind, slides=not one.holds_lengthwise)
+            for one in scene.beam.support_list
+        ],
         at_mm=at.tolist(),
         load_mm=load.tolist(),
         deflection_mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in shape],

@@ -47,12 +47,12 @@ def measured(estimator: Estimator, prior: Prior, scene: Scene, chosen: FilterCho
     """Measure an estimator on simulated samples of its prior, using the three seeds after `seed`."""
     run = runner(to_bytes(estimator.graph))
     thresholds = thresholds_of(prior, scene, chosen, seed + 1)
-    inside = seen_places(prior)
-    seen = np.minimum(smallest_force_n(prior, thresholds.touch[-1], inside), UNSEEN_N)
+    places = seen_places(prior)
+    seen = np.minimum(smallest_force_n(prior, thresholds.touch[-1], places), UNSEEN_N)
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
     return Measured(
         thresholds,
-        SmallestForce(position_mm=inside.tolist(), force_n=seen.tolist()),
+        SmallestForce(position_mm=places.tolist(), force_n=seen.tolist()),
         Floor(gain=gain, zero_mm=zero_mm),
         _influence(prior),
         _accuracy(prior, run, seed + 2),

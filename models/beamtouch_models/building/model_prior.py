@@ -7,6 +7,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
+from beamtouch_models.building.sensor_rules import sample_errors
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence, influence_of
 from beamtouch_models.pricing.effects import Physics, required
@@ -23,10 +24,13 @@ def prior_of_model(metadata: Metadata) -> Prior:
     """Rebuild the prior of a model; raises SceneError as `physics_of`."""
     scene = physics_of(metadata).scene
     sensor_mm = np.array([channel.position_mm for channel in metadata.layout])
-    bare = Prior.of(influence_of(scene), sensor_mm, metadata.noise.sample_mm)
-    prior = replace(bare, gain=np.array(metadata.floor.gain), zero_mm=np.array(metadata.floor.zero_mm))
+    errors = sample_errors(scene, metadata.noise.sample_mm)
+    stated = Prior.real(influence_of(scene), sensor_mm, errors)
+    prior = replace(stated, gain=np.array(metadata.floor.gain), zero_mm=np.array(metadata.floor.zero_mm))
     if metadata.calibration is None:
         return prior
+    # A calibration finds the positions of the sensors.
+    prior = replace(prior, uncertain_at=None)
     return departed(prior, scene.beam, scene.contact.width_mm, sensor_mm, metadata.calibration.departures)
 
 

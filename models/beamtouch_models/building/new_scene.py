@@ -25,7 +25,7 @@ SUPPORTS: dict[End, tuple[str, str]] = {
 
 TEMPLATE = """\
 # {name}: a strip of {material}, {length_mm:g} x {width_mm:g} x {thickness_mm:g} mm.
-# Lengths are in mm, from the left end. Keys behind a # are optional; the README describes them all.
+# Lengths are in mm, from the left end. Keys behind a # are optional; the reference of the scene describes them all.
 
 [beam]
 length_mm = {length_mm:.12g}

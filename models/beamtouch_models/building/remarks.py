@@ -41,11 +41,15 @@ def _assumed(beam: Beam) -> Iterator[str]:
 
 def missed_requirement(metadata: Metadata, scene: Scene) -> str:
     """Say by how much a model misses the position error that its scene requires; empty if it does not."""
-    wanted_mm = scene.requirements.position_error_mm
-    error_mm = metadata.accuracy.error_percent / 100 * metadata.length_mm
+    return missed_error("mean error", metadata.accuracy.error_percent, scene)
+
+
+def missed_error(name: str, percent: float, scene: Scene) -> str:
+    """Say by how much an error in percent of the length exceeds what a scene requires; empty if it does not."""
+    wanted_mm, error_mm = scene.requirements.position_error_mm, percent / 100 * scene.beam.length_mm
     if wanted_mm is None or error_mm <= wanted_mm:
         return ""
     return (
-        f"the mean error is {error_mm:.3g} mm, more than requirements.position_error_mm = {wanted_mm:g}; use more "
+        f"the {name} is {error_mm:.3g} mm, more than requirements.position_error_mm = {wanted_mm:g}; use more "
         "sensors or less noise, or allow more latency_ms"
     )

@@ -38,7 +38,8 @@ def _error(prior: Prior, departures: Departures | None, loads: Loads, index: int
     if departures is not None:
         reading = reading - np.array(departures.offset_mm)
         reading = reading + departures.curve_per_mm * reading**2
-    exact = replace(prior, noise_mm=float(loads.deviation_mm[index][valid].mean()), gain=0.0, zero_mm=0.0)
+    noise_mm = float(loads.deviation_mm[index][valid].mean())
+    exact = replace(prior, noise_mm=noise_mm, gain=0.0, zero_mm=0.0, uncertain_at=None)
     seen = exact.without(*np.flatnonzero(~valid).tolist())
     return float(abs(limit.posterior_median_mm(seen, reading[valid][None])[0] - loads.position_mm[index]))
 

@@ -17,7 +17,7 @@ from beamtouch_models.challenge.scoring import Row
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.workers import spread_over
 
-WIDTH_WITHOUT_TERMINAL = 150
+WIDTH_WITHOUT_TERMINAL = 180
 NEEDED = ("position_low_mm", "position_high_mm", "contact_log_odds")
 """Outputs without which a model cannot say what it does not know."""
 
@@ -64,7 +64,9 @@ def _table(title: str, rows: Sequence[Row], columns: Sequence[Column], *, honest
 
 
 def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100 * share:.3g}"
+    if share is None:
+        return "-"
+    return "<0.01" if 0 < share < 1e-4 else f"{100 * share:.3g}"
 
 
 def _number(value: float | None) -> str:

@@ -20,7 +20,7 @@ from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.building.remarks import missed_requirement, remarks
 from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.description import unseen
+from beamtouch_models.description import BLIND, unseen
 from beamtouch_models.pricing.noise import check_scale
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.workers import spread_over
@@ -124,7 +124,10 @@ def _lines(found: Evaluation, model: loading.ModelFile) -> list[tuple[str, str, 
     ]
     if found.smallest_force_n is not None:
         least, most = found.smallest_force_n
-        lines.append(("smallest force", f"{least:.3g}..{most:.3g}", "N, seen in 95 % of samples along the range"))
+        is_blind = most > BLIND * model.metadata.ranges.force_n[1]
+        forces = f"{least:.3g} and more" if is_blind else f"{least:.3g}..{most:.3g}"
+        where = "; none where the beam hardly moves" if is_blind else ""
+        lines.append(("smallest force", forces, f"N, seen in 95 % of samples along the range{where}"))
     if found.detection is not None:
         most = 100 * max(found.detection.missed)
         lines.append(

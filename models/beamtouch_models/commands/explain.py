@@ -22,6 +22,7 @@ from beamtouch_models.pricing.ringing import ringing_of, told
 from beamtouch_models.scene import Scene, load_scene
 
 REPEATS = 5
+WIDTH_WITHOUT_TERMINAL = 120
 SENSORS = 101
 """Sensors in the influence matrix whose computation is timed."""
 
@@ -88,12 +89,12 @@ def _print_table(effects: list[tuple[Effect, tuple[float, float] | None]], noise
     table.add_column("price", justify="right")
     table.add_column("")
     table.add_column("with/without", justify="right")
-    table.add_column("remark")
+    table.add_column("remark", overflow="fold")  # an ellipsis would hide the name of a key
     for effect, cost in effects:
         price = "-" if effect.price is None else f"{effect.price:.3g}"
         timed = "-" if cost is None else f"{cost[0]:.0f}/{cost[1]:.0f} us"
         table.add_row(effect.name, price, effect.verdict, timed, effect.reason)
-    console = Console(highlight=False)
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
     console.print(table)
     console.print(f"price: in units of a sample's noise, {noise_mm:.3g} mm; effects below {NEGLIGIBLE:g} are left out")
     console.print(f"with/without: measured time to compute an influence matrix of {SENSORS} sensors")

@@ -73,14 +73,14 @@ def _checked(answers: Answers, target: Path) -> str:
 
 def _asked() -> dict[str, Any]:
     """Return the answers to a few questions; an empty answer takes what stands in brackets."""
-    plain = Answers(0, 0, 0)
+    plain, ends = Answers(0, 0, 0), ", ".join(get_args(End))
     return {
         "length_mm": _ask("length of the beam, mm", float),
         "width_mm": _ask("its width, mm", float),
         "thickness_mm": _ask("its thickness, mm", float),
-        "material": _ask("its material", _one_of(tuple(MATERIALS)), plain.material),
-        "left": _ask("its left end", _one_of(get_args(End)), plain.left),
-        "right": _ask("its right end", _one_of(get_args(End)), plain.right),
+        "material": _ask(f"its material ({', '.join(MATERIALS)})", _one_of(tuple(MATERIALS)), plain.material),
+        "left": _ask(f"its left end ({ends})", _one_of(get_args(End)), plain.left),
+        "right": _ask(f"its right end ({ends})", _one_of(get_args(End)), plain.right),
         "sensors": _ask("number of sensors", int, plain.sensors),
         "noise_mm": _ask("noise of a reading, mm", float, plain.noise_mm),
     }

@@ -3,12 +3,14 @@
 import argparse
 import json
 import math
+import sys
 import time
 from typing import Any
 
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.building.failing import placed_of
 from beamtouch_models.building.placed import Placed, placed
+from beamtouch_models.building.remarks import missed_error, remarks
 from beamtouch_models.commands.aims import aim_of_place
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.placement import Aim, recommended_count
@@ -23,6 +25,8 @@ def run(options: argparse.Namespace) -> None:
     """Place the sensors of a scene and print the layout with its score, gap and accuracy limit."""
     started = time.perf_counter()
     scene, _ = load_scene(options.scene)
+    for remark in remarks(scene):
+        print(f"note:    {remark}", file=sys.stderr)
     with spread_over(options.workers, options.cluster) as spread, shown_progress() as progress:
         aim = aim_of_place(options, spread if options.prove else "bound")
         sensors = placed(
@@ -31,7 +35,9 @@ def run(options: argparse.Namespace) -> None:
         progress("measuring the accuracy limit", 0.95)
         found = _described(sensors, aim, options.seed)
     found["wall_s"] = time.perf_counter() - started
-    print(json.dumps(found, allow_nan=False) if options.json else _table(found, sensors.errors.noise_mm))
+    if missed := missed_error("accuracy limit", found["accuracy_limit_percent"], scene):
+        print(f"note:    {missed}", file=sys.stderr)
+    print(json.dumps(found, allow_nan=False) if options.json else _table(found, sensors))
 
 
 def _described(sensors: Placed, aim: Aim, seed: int) -> dict[str, Any]:
@@ -59,7 +65,7 @@ def _described(sensors: Placed, aim: Aim, seed: int) -> dict[str, Any]:
     }
 
 
-def _table(found: dict[str, Any], noise_mm: float) -> str:
+def _table(found: dict[str, Any], sensors: Placed) -> str:
     """Return the result as text, each number with its unit and reference."""
     score = found["log_eigenvalue_product"]
     leading = (
@@ -70,7 +76,7 @@ def _table(found: dict[str, Any], noise_mm: float) -> str:
         ("sensors", f"{', '.join(f'{position:g}' for position in found['positions_mm'])} mm from the left end"),
         ("product", f"ln {product} ({leading}; lengths in units of l, W/(EI) = 1)"),
         ("proof", _proof_line(found)),
-        ("limit", _limit_line(found["accuracy_limit_percent"], found["standard_error"], noise_mm)),
+        ("limit", _limit_line(found["accuracy_limit_percent"], found["standard_error"], sensors)),
         *([("failed", _failed_line(found))] if found["limit_without_percent"] else []),
         ("search", f"{found['search']}, by {found['criterion']}, seed {found['seed']}"),
         ("cost", f"{found['evaluations']} layouts scored, {found['wall_s']:.2f} s"),
@@ -79,8 +85,12 @@ def _table(found: dict[str, Any], noise_mm: float) -> str:
     return "\n".join(f"{label:<8} {text}" for label, text in rows)
 
 
-def _limit_line(percent: float, standard_error: float, noise_mm: float) -> str:
-    return f"mean error {percent:.3f} % +- {standard_error:.3f} of the length, at {noise_mm:.3g} mm noise per sample"
+def _limit_line(percent: float, standard_error: float, sensors: Placed) -> str:
+    error_mm, noise_mm = percent / 100 * sensors.influence.length_mm, sensors.errors.noise_mm
+    return (
+        f"mean error {percent:.3f} % +- {standard_error:.3f} of the length, {error_mm:.3g} mm, at {noise_mm:.3g} mm "
+        "noise per sample"
+    )
 
 
 def _failed_line(found: dict[str, Any]) -> str:

@@ -3,6 +3,7 @@
 import argparse
 import math
 import signal
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,6 +32,9 @@ def run(options: argparse.Namespace) -> None:
         TradedScene(path, *load_scene(path), folder, options)
         for path, folder in _folders(options.scene, options.output)
     ]
+    for one in scenes:
+        for remark in one.remarks:
+            print(f"note:    {one.path}: {remark}", file=sys.stderr)
     try:
         with _termination_interrupts():
             _run(scenes, options)

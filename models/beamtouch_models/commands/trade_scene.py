@@ -13,6 +13,7 @@ from rich.table import Table
 from beamtouch_common.files import write_atomically
 from beamtouch_models import loading
 from beamtouch_models.building.build import Choices, build
+from beamtouch_models.building.remarks import remarks
 from beamtouch_models.commands.build import surface_name
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.commands.reproduce import folder_of
@@ -46,6 +47,11 @@ class TradedScene:
         self._kept: Results | None = None
         self.is_gathered = False
         """Whether workers have measured all that they can."""
+
+    @property
+    def remarks(self) -> list[str]:
+        """What an engineer should look at again in the scene."""
+        return remarks(self._scene)
 
     @property
     def planned(self) -> int:

@@ -12,6 +12,8 @@ class DrawnSupport(MetadataPart):
 
     at_mm: FiniteFloat
     kind: Literal["simple", "fixed"]
+    slides: bool | None = None
+    """Whether the beam can move lengthwise on it; None in older files."""
 
 
 class Drawn(MetadataPart):

@@ -4,7 +4,8 @@ A beam held at two places cannot lengthen between them. A change of temperature 
 
     N = alpha T L / sum of h / (E A)
 
-over its sections of length h, compression positive (Gere & Goodno, Mechanics of Materials, sec. 2.5). For a rectangular
+over its sections of length h, compression positive (Gere & Goodno, Mechanics of Materials, sec. 2.5). If more supports
+hold it, each stretch between two of them has its own force. For a rectangular
 section of thickness t, E A = 12 E I / t^2. Compression softens the beam against bending, tension stiffens it: with the
 stiffness K of the beam and the stiffness G of a string under unit tension, nodal forces f deflect it by
 
@@ -42,9 +43,9 @@ class Held:
     start_mm: float
     end_mm: float
     force_n_per_k: float
-    """Compression per kelvin of warming."""
+    """Compression per kelvin of warming, where it is largest."""
     critical_n: float
-    """Compression at which it buckles."""
+    """That compression when the beam buckles."""
 
     @property
     def buckles_k(self) -> float:
@@ -66,33 +67,51 @@ def held(beam: Beam) -> Held | None:
     SceneError
         The beam is beyond what can be computed.
     """
-    stretch, expansion_per_k = held_stretch_mm(beam), beam.expansion_per_k
-    if stretch is None or expansion_per_k is None:
+    stretch, forces = held_stretch_mm(beam), _forces_n_per_k(beam)
+    if stretch is None or forces is None:
         return None
-    compliance = np.float64(0.0)
-    ends = [0.0, *(section.to_mm for section in beam.sections)]
-    for (start, end), section in zip(pairwise(ends), beam.sections, strict=True):
-        if section.thickness_mm is None:
-            return None
+    critical_n = 0.0
+    if all(0 < force < np.inf for _, _, force in forces):
         with np.errstate(all="ignore"):
-            per_mm = np.square(np.float64(section.thickness_mm)) / (12 * section.rigidity_n_mm2)
-            compliance += max(0.0, min(end, stretch[1]) - max(start, stretch[0])) * per_mm
-    with np.errstate(all="ignore"):
-        per_k = float(expansion_per_k * (stretch[1] - stretch[0]) / compliance)
-        critical_n = float(_critical(beam) * beam.rigidity_n_mm2 / np.square(np.float64(beam.length_mm)))
-    if not (0 < per_k < np.inf and 0 < critical_n < np.inf):
+            critical_n = float(_critical(beam) * beam.rigidity_n_mm2 / np.square(np.float64(beam.length_mm)))
+    if not 0 < critical_n < np.inf:
         message = "beam: its axial force cannot be computed; check length, thickness and expansion_um_per_m_k"
         raise SceneError(message)
-    return Held(*stretch, per_k, critical_n)
+    return Held(*stretch, max(force for _, _, force in forces), critical_n)
+
+
+def _forces_n_per_k(beam: Beam) -> list[tuple[float, float, float]] | None:
+    """Return start, end and compression per kelvin of each stretch between two supports that hold the beam.
+
+    None if expansion or thickness are not stated.
+    """
+    expansion_per_k, found = beam.expansion_per_k, []
+    if expansion_per_k is None:
+        return None
+    holding = [support.at_mm for support in beam.support_list if support.holds_lengthwise]
+    ends = [0.0, *(section.to_mm for section in beam.sections)]
+    for low, high in pairwise(holding):
+        compliance = np.float64(0.0)
+        for (start, end), section in zip(pairwise(ends), beam.sections, strict=True):
+            inside_mm = max(0.0, min(end, high) - max(start, low))
+            if inside_mm and section.thickness_mm is None:
+                return None
+            with np.errstate(all="ignore"):
+                per_mm = np.square(np.float64(section.thickness_mm or 0.0)) / (12 * section.rigidity_n_mm2)
+                compliance += inside_mm * per_mm
+        with np.errstate(all="ignore"):
+            found.append((low, high, float(expansion_per_k * (high - low) / compliance)))
+    return found
 
 
 def influence_change(beam: Beam, force_n: float, sensor_mm: Floats, low_mm: Floats, high_mm: Floats) -> Floats | None:
     """Return how an axial force changes the influence of contacts from `low_mm` to `high_mm`.
 
-    The result is (loads, sensors) in mm/N; None if the beam buckles. Compression is positive.
+    `force_n` is the force of the stretch where it is largest; compression is positive. The result is (loads, sensors)
+    in mm/N; None if the beam buckles.
     """
     mesh = mesh_of(beam, LONGEST)
-    factor = _factor(mesh, beam, force_n * beam.length_mm / beam.rigidity_n_mm2 * beam.length_mm)
+    factor = _factor(mesh, _share(mesh, beam), force_n * beam.length_mm / beam.rigidity_n_mm2 * beam.length_mm)
     if factor is None:
         return None
     loads, sensors = nodal_loads(mesh, low_mm, high_mm), nodal_loads(mesh, sensor_mm, sensor_mm)
@@ -106,23 +125,30 @@ def influence_change(beam: Beam, force_n: float, sensor_mm: Floats, low_mm: Floa
 def _critical(beam: Beam) -> float:
     """Return the critical compression in units of E I / l^2."""
     mesh = mesh_of(beam, LONGEST)
-    high = 1.0
-    while high < MOST and _factor(mesh, beam, high) is not None:
+    share, high = _share(mesh, beam), 1.0
+    while high < MOST and _factor(mesh, share, high) is not None:
         high *= 2
     low = high / 2 if high > 1 else 0.0
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        low, high = (middle, high) if _factor(mesh, beam, middle) is not None else (low, middle)
+        low, high = (middle, high) if _factor(mesh, share, middle) is not None else (low, middle)
     return low
 
 
-def _factor(mesh: Mesh, beam: Beam, axial: float) -> Floats | None:
-    """Return the banded factor of K - N G for an axial force in units of E I / l^2; None if the beam buckles."""
-    stretch = held_stretch_mm(beam)
-    if stretch is None or not np.isfinite(axial):
-        return None
+def _share(mesh: Mesh, beam: Beam) -> Floats:
+    """Return the force in each element (elements,) over that where it is largest; 0 beyond the supports that hold."""
     middle = (mesh.node_mm[:-1] + mesh.node_mm[1:]) / 2
-    tension = np.where((stretch[0] < middle) & (middle < stretch[1]), axial / mesh.elements.height, 0.0)
+    share, forces = np.zeros(len(middle)), _forces_n_per_k(beam) or []
+    for start, end, force in forces:
+        share[(start < middle) & (middle < end)] = force / max(one for _, _, one in forces)
+    return share
+
+
+def _factor(mesh: Mesh, share: Floats, axial: float) -> Floats | None:
+    """Return the banded factor of K - N G for an axial force in units of E I / l^2; None if the beam buckles."""
+    if not np.isfinite(axial):
+        return None
+    tension = share * axial / mesh.elements.height
     matrices = mesh.stiffness.copy()
     for row, column, sign in ((0, 0, -1), (2, 2, -1), (0, 2, 1), (2, 0, 1)):
         matrices[:, row, column] += sign * tension

@@ -1,19 +1,27 @@
 """How long a beam rings after a touch and after a lift, and when the first sharp answer comes.
 
 A load that comes or goes at once leaves the lowest mode swinging about the new deflection, with an amplitude of the
-load's whole deflection at first and of exp(-zeta omega t) of it after a time t (Blevins, Formulas for Natural Frequency
-and Mode Shape, 1979, ch. 2). It is gone when it is under the noise. Both are at their worst: the largest force, where
-the beam yields most. A weight that lies on the beam swings with it and makes it slower.
+load's whole deflection over sqrt(1 - zeta^2) at first and of exp(-zeta omega t) of that after a time t (Blevins,
+Formulas for Natural Frequency and Mode Shape, 1979, ch. 2). It is gone when it is under the noise. Both are at their
+worst: the largest force, where the beam yields most. A weight that lies on the beam swings with it and makes it slower.
+A hand that pushes does not. So a touch rings at any frequency between that of the beam with the largest force as a
+weight and that of the bare beam.
 """
 
 import math
 from dataclasses import dataclass
+
+import numpy as np
 
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.physics.dynamics import damping_of, first_frequency_hz, laden_period_s, ringing_after_filter
 from beamtouch_models.pricing.noise import noise_of
 from beamtouch_models.scene import Scene
+
+BETWEEN = 1000
+"""Frequencies between the laden and the bare beam that are tried; the mean passes them very differently."""
+ASSUMED = " (assumed; with a tenth of it, all times are ten times as long: measure it, and state beam.damping_ratio)"
 
 
 @dataclass(frozen=True)
@@ -30,8 +38,11 @@ class Ringing:
     after_lift_s: float
     """The same from its lift."""
     sharp_answer_s: float
-    """Time from that touch until the ringing left in a settled sample is under the noise of the sample: from then on
-    an answer has the accuracy that the model is made for. Before, its interval is as wide as the readings scatter."""
+    """Time from a touch, by hand or by weight, until the ringing left in a settled sample is under the noise of the
+    sample: from then on an answer has the accuracy that the model is made for. Before, its interval is as wide as the
+    readings scatter."""
+    damping_is_assumed: bool
+    """Whether the scene states no damping; all times are inversely proportional to it."""
 
 
 def ringing_of(scene: Scene, chosen: FilterChoice) -> Ringing | None:
@@ -47,30 +58,42 @@ def ringing_of(scene: Scene, chosen: FilterChoice) -> Ringing | None:
         return None
     noise, damping_ratio = noise_of(scene, chosen), damping_of(scene.beam)
     deflection_mm, laden_hz = max_deflection_mm(scene), 1 / laden_s
-    left = ringing_after_filter(laden_hz, damping_ratio, chosen, scene.sensors.rate_hz)
-    settled_s = chosen.settling_ms / 1000
+    ratio, settled_s = deflection_mm / noise.sample_mm, chosen.settling_ms / 1000
+
+    def left_s(swings_hz: float) -> float:
+        left = ringing_after_filter(swings_hz, damping_ratio, chosen, scene.sensors.rate_hz)
+        return decay_s(left * ratio, swings_hz, damping_ratio)
+
     return Ringing(
         frequency_hz=frequency_hz,
         laden_frequency_hz=laden_hz,
         damping_ratio=damping_ratio,
         after_touch_s=decay_s(deflection_mm / noise.reading_mm, laden_hz, damping_ratio),
         after_lift_s=decay_s(deflection_mm / noise.reading_mm, frequency_hz, damping_ratio),
-        sharp_answer_s=settled_s + decay_s(left * deflection_mm / noise.sample_mm, laden_hz, damping_ratio),
+        # The mean blots out some frequencies, and none of them is known well enough to count on. A mean also holds the
+        # larger swings at the beginning of its readings, as if it began to decay when they end.
+        sharp_answer_s=2 * settled_s + max(map(left_s, np.linspace(laden_hz, frequency_hz, BETWEEN).tolist())),
+        damping_is_assumed=scene.beam.damping_ratio is None,
     )
 
 
 def decay_s(ratio: float, frequency_hz: float, damping_ratio: float) -> float:
-    """Return the time in which an oscillation decays to the `ratio`-th part of its amplitude; 0 if it is below 1."""
-    return math.log(max(ratio, 1.0)) / (damping_ratio * 2 * math.pi * frequency_hz)
+    """Return the time in which a load that comes at once rings down to the `ratio`-th part of its deflection, at most.
+
+    0 if the ratio is below 1. Strong damping makes the sum of both parts of the motion larger than the deflection.
+    """
+    amplitude = max(ratio, 1.0) / math.sqrt(1 - damping_ratio**2) if ratio > 1 else 1.0
+    return math.log(amplitude) / (damping_ratio * 2 * math.pi * frequency_hz)
 
 
 def told(found: Ringing) -> list[str]:
     """Return the ringing in words, one line each."""
+    assumed = ASSUMED if found.damping_is_assumed else ""
     return [
         f"the beam rings at {found.frequency_hz:.3g} Hz, with the largest force lying on it as a weight at "
-        f"{found.laden_frequency_hz:.3g} Hz; damping {100 * found.damping_ratio:.2g} % of critical",
+        f"{found.laden_frequency_hz:.3g} Hz; damping {100 * found.damping_ratio:.2g} % of critical{assumed}",
         f"after a touch it rings for {found.after_touch_s:.2g} s, after a lift for {found.after_lift_s:.2g} s, until "
         "the ringing is under the noise of a reading",
-        f"the first sharp answer comes {found.sharp_answer_s:.2g} s after such a touch at the latest; before, the "
+        f"the first sharp answer comes {found.sharp_answer_s:.2g} s after a touch at the latest; before, the "
         "interval is as wide as the readings scatter",
     ]

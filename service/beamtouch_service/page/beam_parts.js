@@ -23,15 +23,22 @@ export function axis(scale) {
   return parts;
 }
 
-/** A simple support is a triangle under the beam; a fixed one is a wall, outside the beam if it stands at its end. */
+/** A simple support is a triangle under the beam, on wheels if the beam slides on it; a fixed one is a wall, outside the
+ * beam if it stands at its end. */
 export function supports(list, scale) {
   const y = scale.y(0);
-  return list.map(({ at_mm: at, kind }) => {
+  return list.map(({ at_mm: at, kind, slides }) => {
     const x = scale.x(at);
+    if (kind === "simple" && slides) return svg("path", { class: "support", d: roller(x, y + 3) });
     if (kind === "simple") return svg("path", { class: "support", d: `M${x} ${y + 3}l9 15h-18z` });
     const left = at <= 0 ? x - 11 : at >= scale.length ? x : x - 5.5;
     return svg("path", { class: "support fixed", d: `M${left} ${y - 20}h11v40h-11z` });
   });
+}
+
+function roller(x, y) {
+  const wheel = (at) => `M${at - 3} ${y + 14}a3 3 0 1 0 6 0a3 3 0 1 0-6 0`;
+  return `M${x} ${y}l9 11h-18z${wheel(x - 5)}${wheel(x + 5)}`;
 }
 
 /** Sensors that work are full squares; others are empty ones with a cross, and say why. */

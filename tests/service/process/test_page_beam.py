@@ -183,3 +183,21 @@ def test_without_a_force_the_shape_fits_what_was_measured(start_bench: StartBenc
     shape = page.evaluate(_SCALED, [{"position_mm": 250, "force_n": None}, drawing.model_dump(), seen])
     true_mm = 7 * bench_shape(drawing.at_mm, 250.0)
     assert shape == pytest.approx(true_mm, abs=0.003 * true_mm.max())
+
+
+_SUPPORTS = """async list => {
+  const {supports} = await import("/beam_parts.js");
+  const scale = {x: at => at, y: () => 50, length: 400};
+  return supports(list, scale).map(one => one.getAttribute("class") + " " + one.getAttribute("d"));
+}"""
+
+
+def test_a_roller_a_pin_and_a_wall_look_different(start_bench: StartBench, open_page: OpenPage) -> None:
+    page = open_page(start_bench().service.url).page
+    kinds = [("simple", True), ("simple", False), ("fixed", False)]
+    symbols = page.evaluate(_SUPPORTS, [{"at_mm": 200, "kind": kind, "slides": slides} for kind, slides in kinds])
+    assert len(set(symbols)) == 3
+    assert [symbol.count("a3 3") for symbol in symbols] == [4, 0, 0]  # the wheels of the roller
+    # Files of earlier versions do not say which supports slide.
+    older = page.evaluate(_SUPPORTS, [{"at_mm": 200, "kind": "simple", "slides": None}])
+    assert older == [symbols[1]]

@@ -1,30 +1,33 @@
 """The beam with its supports and sensors, drawn to scale as SVG.
 
-Lengths, thickness and gaps share one scale; supports and sensors are symbols.
+Lengths, thickness and gaps share one scale, but a thin beam is drawn thicker, and bent further, by a factor that the
+legend states. Supports and sensors are symbols.
 """
 
 from collections.abc import Iterable
-from html import escape
 
+import numpy as np
+
+from beamtouch_models.building.report.beam_legend import BENT, ROW, SPRING, Entry, bent_key, keys, legend
+from beamtouch_models.building.report.beam_scale import BEAM_Y, HEIGHT, MARGIN, WIDTH, Scale, rect, text_at
+from beamtouch_models.building.report.beam_symbols import support_in_words, support_symbol
 from beamtouch_models.charts import round_ticks
 from beamtouch_models.metadata import Channel, Metadata
 from beamtouch_models.scene import Scene
 from beamtouch_models.structure import Beam
 from beamtouch_models.svg import fill, opening, stroke
 
-WIDTH, HEIGHT, MARGIN = 900, 236, 48
-BEAM_Y = 92
-"""Underside of the beam."""
-THINNEST_PX = 3.0
 SENSOR_WIDTH, SENSOR_HEIGHT = 12.0, 24.0
 LABEL_WIDTH = 48.0
 """Labels closer than this stand in two rows."""
 KEEP_OUT_LABEL_WIDTH = 52.0
-"""A narrower stretch has no label; the caption explains its colour."""
+"""A narrower stretch has no label; the legend explains its colour."""
 SCALE_Y = 200
+BENT_PX = 24.0
+"""Largest deflection of the bent beam as drawn, unless it is larger to scale."""
+LEGEND_Y = 252
+"""Middle of the first row of the legend."""
 
-
-_SUPPORT = stroke("ink", "support", width=1.4)
 _LEAD = stroke("faint", "lead")
 _THIN = stroke("muted", "thin")
 _TOUCH, _TIP = stroke("s1", "touch", width=1.6), fill("s1", "tip")
@@ -32,64 +35,71 @@ _TOUCH, _TIP = stroke("s1", "touch", width=1.6), fill("s1", "tip")
 
 def beam_drawing(scene: Scene, metadata: Metadata) -> str:
     """Draw a scene with the layout of its model as an `<svg>` element, without a background."""
-    px = _Scale(scene.beam.length_mm)
+    px = Scale(scene.beam)
     places = ", ".join(f"{channel.name} at {channel.position_mm:g} mm" for channel in metadata.layout)
-    supports = ", ".join(f"{support.kind} at {support.at_mm:g} mm" for support in scene.beam.support_list)
+    supports = ", ".join(f"{support_in_words(one)} at {one.at_mm:g} mm" for one in scene.beam.support_list)
     says = f"The beam, {scene.beam.length_mm:g} mm long, to scale. Supports: {supports or 'none'}. Sensors: {places}."
+    bent, told = _bent(scene, metadata, px)
+    below, rows = legend([*keys(scene, metadata, px), *told], MARGIN, WIDTH - 4, LEGEND_Y)
     parts = [
-        opening("drawing", WIDTH, HEIGHT, says),
+        opening("drawing", WIDTH, HEIGHT + rows * ROW, says),
         *_keep_outs(scene, px),
         *_sensors(scene, metadata, px),
         *_foundation(scene.beam, px),
         *_beam(scene.beam, px),
         *_supports(scene.beam, px),
+        *bent,
         *_contact(scene, px),
         *_scale(px),
+        *below,
         "</svg>",
     ]
     return "\n".join(parts)
 
 
-class _Scale:
-    """From mm to px, the same along and across the beam."""
-
-    def __init__(self, length_mm: float) -> None:
-        self.length_mm = length_mm
-        self.factor = (WIDTH - 2 * MARGIN) / length_mm
-
-    def x(self, at_mm: float) -> float:
-        return MARGIN + at_mm * self.factor
-
-
-def _beam(beam: Beam, px: _Scale) -> Iterable[str]:
+def _beam(beam: Beam, px: Scale) -> Iterable[str]:
     start = 0.0
-    thicknesses = [segment.thickness_mm or beam.thickness_mm for segment in beam.segments] or [beam.thickness_mm]
-    for section, thickness in zip(beam.sections, thicknesses, strict=True):
-        height = max(THINNEST_PX, (thickness or 0.0) * px.factor)
-        yield _rect(fill("muted", "beam"), px.x(start), BEAM_Y - height, (section.to_mm - start) * px.factor, height)
+    for section, thickness in zip(beam.sections, px.thickness_mm, strict=True):
+        height = px.height(thickness)
+        yield rect(fill("muted", "beam"), px.x(start), BEAM_Y - height, (section.to_mm - start) * px.factor, height)
         start = section.to_mm
 
 
-def _supports(beam: Beam, px: _Scale) -> Iterable[str]:
+def _supports(beam: Beam, px: Scale) -> Iterable[str]:
     for support in beam.support_list:
-        x = px.x(support.at_mm)
-        if support.kind == "simple":
-            yield f'<path {_SUPPORT} d="M{x:.1f} {BEAM_Y} l-9 16 h18 z M{x - 13:.1f} {BEAM_Y + 20} h26"/>'
-        else:
-            # A wall at the left end stands left of the beam, any other wall right of its position.
-            side = -1 if support.at_mm == 0 else 1
-            hatches = "".join(f" M{x:.1f} {BEAM_Y - 28 + 8 * i} l{8 * side} 7" for i in range(6))
-            yield f'<path {_SUPPORT} d="M{x:.1f} {BEAM_Y - 28} v48{hatches}"/>'
+        top, at_start = px.top(support.at_mm, beam), support.at_mm == 0
+        yield support_symbol(support, px.x(support.at_mm), BEAM_Y, top, at_start=at_start, name="support")
 
 
-def _foundation(beam: Beam, px: _Scale) -> Iterable[str]:
+def _bent(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[Entry]]:
+    """Return the beam as the largest force bends it where it yields most, and the entry of the legend."""
+    drawn, force_n = metadata.drawn, scene.contact.force_range_n[1]
+    deflection_mm = np.array(drawn.deflection_mm_per_n) * force_n
+    load = int(np.abs(deflection_mm).max(axis=1).argmax())
+    largest_px = float(np.abs(deflection_mm[load]).max()) * px.factor
+    if not 0 < largest_px < np.inf:
+        return [], []
+    times = max(1.0, _round_down(BENT_PX / largest_px))
+    pairs = zip(drawn.at_mm, deflection_mm[load], strict=True)
+    points = " ".join(f"{px.x(at):.1f},{BEAM_Y + times * mm * px.factor:.1f}" for at, mm in pairs)
+    larger = "to scale" if times == 1 else f"{times:g} times larger"
+    words = f"bent by {force_n:g} N at {drawn.load_mm[load]:.4g} mm, {larger}"
+    return [f'<polyline {BENT} points="{points}"/>'], [(bent_key, words)]
+
+
+def _round_down(value: float) -> float:
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(step for step in (1, 2, 3, 4, 5, 6, 8) if step * power <= value * (1 + 1e-9)) * power)
+
+
+def _foundation(beam: Beam, px: Scale) -> Iterable[str]:
     if beam.foundation_n_mm2 is None:
         return
     springs = " ".join(f"M{px.x(beam.length_mm * i / 40):.1f} {BEAM_Y} l3 3 l-6 3 l6 3 l-3 3" for i in range(41))
-    yield f'<path {_SUPPORT} d="{springs}" opacity=".45"/>'
+    yield f'<path {SPRING} d="{springs}" opacity=".45"/>'
 
 
-def _sensors(scene: Scene, metadata: Metadata, px: _Scale) -> Iterable[str]:
+def _sensors(scene: Scene, metadata: Metadata, px: Scale) -> Iterable[str]:
     gap = max(2.0, metadata.sensor.standoff_mm * px.factor)
     fixed = set(scene.sensors.fixed_mm)
     for channel, row in _rows(metadata.layout, px):
@@ -98,12 +108,12 @@ def _sensors(scene: Scene, metadata: Metadata, px: _Scale) -> Iterable[str]:
         label_y = BEAM_Y + 56 + 30 * row
         yield f'<line {_LEAD} x1="{x:.1f}" x2="{x:.1f}" y1="{top + SENSOR_HEIGHT:.1f}" y2="{label_y - 11}"/>'
         paint = fill("s3", "sensor", "fixed") if held else fill("s0", "sensor")
-        yield _rect(paint, x - SENSOR_WIDTH / 2, top, SENSOR_WIDTH, SENSOR_HEIGHT)
-        yield _text(x, label_y, f"{channel.name}{' (fixed)' if held else ''}")
-        yield _text(x, label_y + 14, f"{channel.position_mm:g}")
+        yield rect(paint, x - SENSOR_WIDTH / 2, top, SENSOR_WIDTH, SENSOR_HEIGHT)
+        yield text_at(x, label_y, f"{channel.name}{' (fixed)' if held else ''}")
+        yield text_at(x, label_y + 14, f"{channel.position_mm:g}")
 
 
-def _rows(layout: list[Channel], px: _Scale) -> Iterable[tuple[Channel, int]]:
+def _rows(layout: list[Channel], px: Scale) -> Iterable[tuple[Channel, int]]:
     """Yield each channel with the row of its label; close neighbours alternate between two rows."""
     before, row = -float("inf"), 0
     for channel in layout:
@@ -113,36 +123,28 @@ def _rows(layout: list[Channel], px: _Scale) -> Iterable[tuple[Channel, int]]:
         yield channel, row
 
 
-def _keep_outs(scene: Scene, px: _Scale) -> Iterable[str]:
+def _keep_outs(scene: Scene, px: Scale) -> Iterable[str]:
     for start, end in scene.sensors.keep_out_mm:
-        yield _rect(f'{fill("s1", "keepout")} opacity=".16"', px.x(start), BEAM_Y, (end - start) * px.factor, 40)
+        yield rect(f'{fill("s1", "keepout")} opacity=".16"', px.x(start), BEAM_Y, (end - start) * px.factor, 40)
         if (end - start) * px.factor > KEEP_OUT_LABEL_WIDTH:
-            yield _text(px.x((start + end) / 2), BEAM_Y + 36, "keep out")
+            yield text_at(px.x((start + end) / 2), BEAM_Y + 36, "keep out")
 
 
-def _contact(scene: Scene, px: _Scale) -> Iterable[str]:
+def _contact(scene: Scene, px: Scale) -> Iterable[str]:
     (low, high), (weak, strong) = scene.contact.position_mm, scene.contact.force_range_n
     left, right, y = px.x(low), px.x(high), 32
     force = f"{weak:g} N" if weak == strong else f"{weak:g} to {strong:g} N"
-    yield _text((left + right) / 2, y - 12, f"contact anywhere from {low:g} to {high:g} mm, {force}")
+    yield text_at((left + right) / 2, y - 12, f"contact anywhere from {low:g} to {high:g} mm, {force}")
     yield f'<path {_TOUCH} d="M{left:.1f} {y + 6} v-6 H{right:.1f} v6"/>'
     for i in range(5):
         x = left + (right - left) * i / 4
         yield f'<path {_TOUCH} d="M{x:.1f} {y} v22"/><path {_TIP} d="M{x - 4:.1f} {y + 20} h8 l-4 8 z"/>'
 
 
-def _scale(px: _Scale) -> Iterable[str]:
+def _scale(px: Scale) -> Iterable[str]:
     yield f'<line {_THIN} x1="{px.x(0):.1f}" x2="{px.x(px.length_mm):.1f}" y1="{SCALE_Y}" y2="{SCALE_Y}"/>'
     for tick in round_ticks(0.0, px.length_mm):
         x = px.x(tick)
         yield f'<line {_THIN} x1="{x:.1f}" x2="{x:.1f}" y1="{SCALE_Y}" y2="{SCALE_Y + 5}"/>'
-        yield _text(x, SCALE_Y + 19, f"{tick:g}")
+        yield text_at(x, SCALE_Y + 19, f"{tick:g}")
     yield f'<text x="{WIDTH - 4}" y="{SCALE_Y + 19}" text-anchor="end">mm</text>'
-
-
-def _rect(paint: str, x: float, y: float, width: float, height: float) -> str:
-    return f'<rect {paint} x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}"/>'
-
-
-def _text(x: float, y: float, text: str) -> str:
-    return f'<text x="{x:.1f}" y="{y:g}" text-anchor="middle">{escape(text)}</text>'

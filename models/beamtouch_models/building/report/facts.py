@@ -20,6 +20,7 @@ from beamtouch_models.placement import Aim, Placement, place, place_by_position_
 from beamtouch_models.placement.components import Components, principal_components
 from beamtouch_models.placement.layout import Candidates, equal_pitch_mm
 from beamtouch_models.pricing.effect import Effect
+from beamtouch_models.pricing.noise import temperature_drift_mm
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import Scene
 
@@ -92,7 +93,7 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
     positions = np.array(built.placement.positions_mm)
     physics = built.physics.scene
     influence, rules = influence_of(physics), sensor_rules(physics)
-    errors = sample_errors(physics, built.metadata.noise.sample_mm)
+    errors, warmth_mm = sample_errors(physics, built.metadata.noise.sample_mm), temperature_drift_mm(physics)
     model = load_bytes(built.content, "the model just built")
     seed = built.metadata.seed
     return Facts(
@@ -104,7 +105,7 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
         principal_components(influence.matrix(positions)),
         _profile(influence, errors, model, positions, seed),
         _layouts(built, influence, rules, errors),
-        error_prices(influence, positions, errors, LAYOUT_DRAWS, seed + SEED_SHIFT + 1),
+        error_prices(influence, positions, errors, warmth_mm, LAYOUT_DRAWS, seed + SEED_SHIFT + 1),
         built.physics.effects,
     )
 

@@ -55,6 +55,7 @@ def page(facts: Facts) -> str:
         widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
         negligible=NEGLIGIBLE,
         detection=detection_of(facts.model.metadata),
+        ringing=ringing,
         rings=[] if ringing is None else told(ringing),
         missed=unseen(facts.model.metadata),
         weak=weak_spot(facts.model.metadata),
@@ -81,14 +82,18 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
         charts.append(("held", Chart(says, at, "held, %", curves), stretches))
     seen = facts.model.metadata.smallest_force
     says = "Smallest force that is seen over the position of the contact"
-    charts.append(
-        ("seen", Chart(says, at, "force, N", [Series("", seen.position_mm, seen.force_n)], y_from_zero=True), "")
-    )
+    # Where the beam does not move, no force is enough.
+    strongest = facts.model.metadata.ranges.force_n[1]
+    forces = [min(force, strongest) for force in seen.force_n]
+    remark = f"; even {strongest:g} N, the largest force of the scene, is not seen where the curve reaches it"
+    curve = Series("", seen.position_mm, forces)
+    chart = Chart(says, at, "force, N", [curve], y_from_zero=True)
+    charts.append(("seen", chart, remark if max(seen.force_n) > strongest else ""))
     along = detection_of(facts.model.metadata)
     if along is not None and max(along.missed) >= LEAST_MISSED:
         says = f"Contacts of {along.force_n:g} N, the smallest force of the scene, that are missed along the beam"
         curve = Series("", along.position_mm, [100 * share for share in along.missed])
-        remark = f"; at most {100 * max(along.missed):.2g} % of settled samples"
+        remark = f"; at most {100 * max(along.missed):.3g} % of settled samples"
         charts.append(("missed", Chart(says, at, "missed, %", [curve], y_from_zero=True), remark))
     scaled = facts.components.transformed * (facts.middle_force_n / facts.model.metadata.noise.sample_mm)
     says = "Components over the position of the contact, in units of the noise of a sample"

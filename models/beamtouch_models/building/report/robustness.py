@@ -1,5 +1,6 @@
 """The price of the sensors' errors, and of a failed sensor, in the error of position: data and rows of the report."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,19 +26,25 @@ class ErrorPrice:
 
 
 def error_prices(
-    influence: InfluenceFunction, positions_mm: Floats, errors: SampleErrors, draws: int, seed: int
+    influence: InfluenceFunction, positions_mm: Floats, errors: SampleErrors, warmth_mm: float, draws: int, seed: int
 ) -> tuple[ErrorPrice, ...]:
-    """Price each kind of error of the sensors but the noise, on the same contacts."""
+    """Price each kind of error of the sensors but the noise, on the same contacts.
+
+    `warmth_mm` is the part of the zeros' errors that comes with the temperature; it is priced by itself as well.
+    """
 
     def limit_percent(some: SampleErrors) -> float:
         return accuracy_limit(Prior.real(influence, positions_mm, some), draws, seed).percent
 
     whole = limit_percent(errors)
-    kinds = (
+    at_one_temperature = replace(errors, zero_mm=math.sqrt(max(0.0, errors.zero_mm**2 - warmth_mm**2)))
+    kinds = [
         ("gain error", f"{100 * errors.gain:.3g} %", replace(errors, gain=0.0)),
         ("zero drift", f"{1000 * errors.zero_mm:.3g} µm", replace(errors, zero_mm=0.0)),
         ("mounting tolerance", f"{errors.mounting_mm:.3g} mm", replace(errors, mounting_mm=0.0)),
-    )
+    ]
+    if warmth_mm:
+        kinds.insert(2, ("of this, with the temperature", f"{1000 * warmth_mm:.3g} µm", at_one_temperature))
     return tuple(
         ErrorPrice(name, size, whole, whole if without == errors else limit_percent(without))
         for name, size, without in kinds

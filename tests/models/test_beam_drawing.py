@@ -1,0 +1,88 @@
+"""The drawing of a beam in the report: supports as they are, thickness, the bent beam, and a legend of all of it."""
+
+import json
+
+import pytest
+
+from beamtouch_models.building.drawing import drawn_of
+from beamtouch_models.building.report.beam_drawing import BENT_PX, beam_drawing
+from beamtouch_models.building.report.beam_scale import MARGIN, WIDTH
+from beamtouch_models.metadata import Channel
+from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.scene import Scene, parse_scene
+from example_scenes import PAPER
+from tags import Tags
+
+SUPPORTS = {
+    'kind = "simple"': "roller: can turn and slide",
+    'kind = "simple", slides = false': "pinned: can turn, not slide",
+    'kind = "simple", fixity = 0.5': "roller: can turn against a spring and slide",
+    'kind = "fixed"': "clamped",
+    'kind = "fixed", slides = true': "clamped, can slide",
+}
+
+
+def scene_with(beam: str, rest: str = "") -> Scene:
+    return parse_scene(PAPER.replace("[beam]", f"[beam]\n{beam}").replace("count = 2", f"count = 2\n{rest}"), "x.toml")
+
+
+def drawn(bench: ModelFile, scene: Scene, *positions: float) -> Tags:
+    layout = [Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(positions or (100.0, 300.0), start=1)]
+    return Tags(beam_drawing(scene, bench.metadata.model_copy(update={"layout": layout, "drawn": drawn_of(scene)})))
+
+
+def test_each_kind_of_support_has_its_own_symbol_and_words(bench: ModelFile) -> None:
+    symbols = set()
+    for stated, words in SUPPORTS.items():
+        tags = drawn(bench, scene_with(f"supports = [{{ at_mm = 0, {stated} }}, {{ at_mm = 400 }}]"))
+        first, _ = tags.of("path", "support")
+        symbols.add(first["d"])
+        assert words in tags.text
+        assert f"{words} at 0 mm" in tags.of("svg")[0]["aria-label"]
+        assert len(tags.of("path", "key")) == len({words, SUPPORTS['kind = "simple"']})
+    assert len(symbols) == len(SUPPORTS)
+
+
+def test_a_thin_beam_is_drawn_thicker_by_the_stated_factor_and_keeps_its_steps(bench: ModelFile) -> None:
+    scale = (WIDTH - 2 * MARGIN) / 400
+    segments = "segments = [{ to_mm = 150, thickness_mm = 0.5 }, { to_mm = 400, thickness_mm = 1.5 }]"
+    tags = drawn(bench, scene_with(segments))
+    thin, thick = (float(one["height"]) for one in tags.of("rect", "beam"))
+    assert thick == pytest.approx(3 * thin, rel=0.05)
+    (words,) = (text for text in tags.text if "mm thick" in text)
+    times = float(words.split("drawn ")[1].split()[0])
+    assert words == f"0.5 and 1.5 mm thick, drawn {times:g} times thicker"
+    assert thin == pytest.approx(0.5 * scale * times, rel=0.05)
+    assert "3 mm thick" in drawn(bench, scene_with("")).text
+
+
+@pytest.mark.parametrize("ends", ["simply-supported", "cantilever", "propped"])
+def test_the_bent_beam_has_the_shape_of_the_model(bench: ModelFile, ends: str) -> None:
+    scene = parse_scene(PAPER.replace("[beam]", f'[beam]\nsupports = "{ends}"').replace("10.0", "1.0"), "x.toml")
+    tags, shape = drawn(bench, scene), drawn_of(scene)
+    (line,) = tags.of("polyline", "bent")
+    points = [tuple(map(float, pair.split(","))) for pair in line["points"].split()]
+    rest = points[0][1]
+    depth = [y - rest for _, y in points]
+    best = max(shape.deflection_mm_per_n, key=max)
+    assert depth == pytest.approx([max(depth) * mm / max(best) for mm in best], abs=0.15)
+    assert BENT_PX / 2 <= max(depth) <= BENT_PX + 0.1
+    (words,) = (text for text in tags.text if text.startswith("bent by 1 N at "))
+    times, scale = float(words.split(", ")[1].split()[0]), (WIDTH - 2 * MARGIN) / 400
+    assert max(depth) == pytest.approx(max(best) * scale * times, abs=0.1)
+
+
+def test_every_colour_has_its_words(bench: ModelFile) -> None:
+    plain = drawn(bench, scene_with("")).text
+    assert "sensor" in plain
+    assert not {"sensor, fixed by the scene", "no sensors here", "elastic foundation"} & set(plain)
+    rules = "fixed_mm = [100]\nkeep_out_mm = [[200, 220]]"
+    words = drawn(bench, scene_with("foundation_n_mm2 = 0.01", rules)).text
+    assert {"sensor", "sensor, fixed by the scene", "no sensors here", "elastic foundation"} <= set(words)
+
+
+def test_the_file_of_a_model_says_which_supports_slide(bench: ModelFile) -> None:
+    supports = json.loads(bench.metadata.drawn.model_dump_json())["supports"]
+    assert [one["slides"] for one in supports] == [True, True]
+    held = drawn_of(scene_with('supports = "fixed-fixed"')).supports
+    assert [one.slides for one in held] == [False, False]
