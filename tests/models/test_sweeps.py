@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from example_scenes import PAPER, SCENES
-from in_process import Command
+from in_process import Command, Outcome
 from sweeping import COMMAND, WITHIN_S, at_work, group, sweeping, swept
 from waiting import wait_until
 
@@ -31,41 +31,51 @@ def untimed(found: Any) -> Any:  # noqa: ANN401  # JSON
 def scenes_in(folder: Path) -> Path:
     """Make a folder with two small scenes, one of whose layouts cannot be placed."""
     folder.mkdir()
-    text = PAPER + "\n[requirements]\nlatency_ms = 10\n"
+    text = PAPER + "\n[requirements]\nlatency_ms = 5\n"
     (folder / "plain.toml").write_text(text.replace("count = 2", "count = [2, 2]"))
     narrow = "count = [3, 4]\nmin_distance_mm = 150"  # three sensors go on 400 mm, four do not
     (folder / "narrow.toml").write_text(text.replace("count = 2", narrow))
     return folder
 
 
-def test_evaluate_and_challenge_print_the_same_bytes_at_any_number_of_workers(bench_model: Path) -> None:
-    for arguments in (("evaluate", "--draws", 4000, "--noise", 0.01, "--noise", 0.02), ("challenge", "--draws", 10)):
-        one, three = (swept(*arguments, bench_model, "--json", "--workers", workers) for workers in (1, 3))
-        assert one == three
-        assert len(one) > 500
+@pytest.mark.untraced
+def test_evaluate_and_challenge_print_the_same_bytes_at_any_number_of_workers(
+    design_sensors_here: Command, quick_model: Path
+) -> None:
+    for arguments in (("evaluate", "--draws", 400, "--noise", 0.01, "--noise", 0.02), ("challenge", "--draws", 10)):
+        alone = design_sensors_here(*arguments, quick_model, "--json")
+        assert alone.stdout == swept(*arguments, quick_model, "--json", "--workers", 2)
+        assert len(alone.stdout) > 500
 
 
-def test_a_proof_is_the_same_at_any_number_of_workers() -> None:
-    proofs = []
-    for workers in (1, 2):
-        # Hundreds of regions, in rounds of which most are large enough for workers.
-        arguments = ("place", SCENES / "paper.toml", "--sensors", 8, "--components", 4, "--prove", "--json")
-        found = json.loads(swept(*arguments, "--workers", workers))
+@pytest.mark.untraced
+def test_a_proof_is_the_same_at_any_number_of_workers(design_sensors_here: Command, tmp_path: Path) -> None:
+    # Hundreds of regions, in rounds of which most are large enough for workers.
+    scene = tmp_path / "coarser.toml"
+    scene.write_text(PAPER.replace("count = 2", "count = 8\ngrid_mm = 2"))
+    arguments = ("place", scene, "--components", 4, "--prove", "--json")
+    proofs = [json.loads(said) for said in (design_sensors_here(*arguments).stdout, swept(*arguments, "--workers", 2))]
+    for found in proofs:
         assert found.pop("wall_s") > 0
         assert found["proven"]
-        proofs.append(found)
     assert proofs[0] == proofs[1]
 
 
 @pytest.mark.long
-def test_a_folder_of_scenes_is_traded_into_a_folder_each(tmp_path: Path) -> None:
+@pytest.mark.untraced
+@pytest.mark.usefixtures("short_timing")
+def test_a_folder_of_scenes_is_traded_into_a_folder_each(design_sensors_here: Command, tmp_path: Path) -> None:
     scenes = scenes_in(tmp_path / "scenes")
     common = ("trade", scenes, "--draws", 100, "--estimators", "posterior", "--json")
     found = []
     for workers in (1, 2):
         output = tmp_path / f"{workers}"
-        command = [COMMAND, *map(str, common), "-o", str(output), "--workers", str(workers)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
+        arguments = [*map(str, common), "-o", str(output)]
+        if workers == 1:  # in this process; times are no part of what is compared
+            done: Outcome | subprocess.CompletedProcess[str] = design_sensors_here(*arguments)
+        else:
+            command = [COMMAND, *arguments, "--workers", str(workers)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
         assert done.returncode == 0, done.stderr
         assert "min_distance_mm" in done.stderr
         objects = [json.loads(line) for line in done.stdout.splitlines()]
