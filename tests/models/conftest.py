@@ -50,6 +50,7 @@ def rig_here(capsys: pytest.CaptureFixture[str]) -> Command:
 def short_timing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few inferences are timed, for tests that do not ask how long one takes."""
     monkeypatch.setattr(timing, "CALLS", 5)
+    monkeypatch.setattr(timing, "BATCH", 10)
     for rounds in ("ROUNDS", "FIRST_ROUNDS"):
         monkeypatch.setattr(points, rounds, 2)
 

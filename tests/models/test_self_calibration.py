@@ -116,7 +116,7 @@ def test_a_known_force_is_used(built_model: Callable[[str], Path]) -> None:
 def test_what_seems_to_press_on_a_support_does_not_end_a_fit(built_model: Callable[[str], Path]) -> None:
     # Two contacts at once often look like one on the middle support, where the best force is 1e8 N.
     model = modelfile.load(built_model("two-spans"))
-    one, real = fitted(model, Kind(gain=0.02, two_at_once=0.1), 2, 150)
+    one, real = fitted(model, Kind(gain=0.02, two_at_once=0.1), 2, 100)
     gain = np.array(one.fit.theory.departures(one.fit.vector).gain)
     errors = GAIN * one.fit.spread[one.fit.theory.kinds["gain"]]
     assert np.all(np.abs(gain / gain.mean() - np.array(real.gain) / np.mean(real.gain)) < 4 * errors)
@@ -135,12 +135,12 @@ def test_it_goes_on_from_a_calibrated_model(bench: ModelFile, tmp_path: Path) ->
     assert again.fixity == pytest.approx(first.metadata.calibration.departures.fixity)
     # Since the loads, one gain has fallen by 3 %.
     aged = real.model_copy(update={"gain": (real.gain[0], real.gain[1] * 0.97, *real.gain[2:])})
-    contacts = drawn(model.metadata, aged, Kind(), np.random.default_rng(5), 200)
+    contacts = drawn(model.metadata, aged, Kind(), np.random.default_rng(5), 100)
     second = self_calibrate(model, contacts, silent)
     fit, calibration = second.found.fit, second.metadata.calibration
     assert missed_mm(theory, fit.vector, model.metadata, aged) < 0.4 * missed_mm(theory, start, model.metadata, aged)
     assert calibration is not None
-    assert (calibration.loads, calibration.contacts) == (10, 200)
+    assert (calibration.loads, calibration.contacts) == (10, 100)
     assert calibration.departures.fixity == pytest.approx(again.fixity)
 
 
