@@ -52,7 +52,7 @@ def test_evaluate_and_challenge_print_the_same_bytes_at_any_number_of_workers(
 def test_a_proof_is_the_same_at_any_number_of_workers(design_sensors_here: Command, tmp_path: Path) -> None:
     # Hundreds of regions, in rounds of which most are large enough for workers.
     scene = tmp_path / "coarser.toml"
-    scene.write_text(PAPER.replace("count = 2", "count = 8\ngrid_mm = 2"))
+    scene.write_text(PAPER.replace("count = 2", "count = 6\ngrid_mm = 10"))
     arguments = ("place", scene, "--components", 4, "--prove", "--json")
     proofs = [json.loads(said) for said in (design_sensors_here(*arguments).stdout, swept(*arguments, "--workers", 2))]
     for found in proofs:

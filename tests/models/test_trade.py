@@ -102,7 +102,7 @@ def test_numbers_of_sensors_and_windows_follow_the_scene() -> None:
 def test_a_point_states_the_error_and_latency_of_its_model() -> None:
     scene = parse_scene(PAPER, "paper")
     kept: list[Trade] = []
-    trade = points_of(scene, 1024, kept.append)
+    trade = points_of(scene, 512, kept.append)
     every = trade.points
     assert [len(one.points) for one in kept] == list(range(2, 17, 2))
     assert {one.planned for one in kept} == {trade.planned} == {16}
