@@ -129,7 +129,7 @@ def test_the_middle_has_figures_only_where_enough_contacts_lie_in_it(bench: Mode
 def test_an_evaluation_takes_little_memory_for_each_contact(bench_model: Path) -> None:
     """Peak memory of two processes, of which one draws many more contacts."""
     peaks_kb = []
-    for draws in (512, 4096):
+    for draws in (1024, 8192):
         with subprocess.Popen(
             [COMMAND, "evaluate", str(bench_model), "--draws", str(draws), "--json"], stdout=subprocess.DEVNULL
         ) as process:
@@ -137,7 +137,7 @@ def test_an_evaluation_takes_little_memory_for_each_contact(bench_model: Path) -
             process.returncode = os.waitstatus_to_exitcode(status)
         assert process.returncode == 0
         peaks_kb.append(used.ru_maxrss)
-    assert (peaks_kb[1] - peaks_kb[0]) / (4096 - 512) < 4  # kB; what is kept of a contact takes 2
+    assert (peaks_kb[1] - peaks_kb[0]) / (8192 - 1024) < 4  # kB; what is kept of a contact takes 2
 
 
 def test_a_force_of_the_scene_that_is_missed_is_noted(
