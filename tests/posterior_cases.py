@@ -1,7 +1,7 @@
 """Priors of the shipped scenes for tests of the posterior, and running graphs on contacts and at rest."""
 
 import dataclasses
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 import onnx
@@ -36,8 +36,14 @@ def prior_of(name: str, sensors: int, noise_percent: float, *, known: bool) -> P
     force = (high, high) if known else (min(low, high / 10), high)
     contact = scene.contact.model_copy(update={"force_n": force})
     scene = scene.model_copy(update={"contact": contact})
-    positions = np.array(place(*problem_in(scene), sensors, 1).positions_mm)
-    return Prior.of(influence_of(scene), positions, max_deflection_mm(scene) * noise_percent / 100)
+    return Prior.of(influence_of(scene), _positions_mm(name, sensors), max_deflection_mm(scene) * noise_percent / 100)
+
+
+@cache
+def _positions_mm(name: str, sensors: int) -> Floats:
+    """The layout of sensors on a shipped scene, whatever the force and the noise."""
+    scene, _ = load_scene(SCENES / f"{name}.toml")
+    return np.array(place(*problem_in(scene), sensors, 1).positions_mm)
 
 
 def with_floor(prior: Prior) -> Prior:

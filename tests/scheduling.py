@@ -3,6 +3,7 @@
 from xdist.scheduler import LoadScopeScheduling
 
 TOGETHER = (
+    "common/test_extras.py",
     "models/test_build_report.py",
     "models/test_calibration.py",
     "models/test_false_alarms.py",

@@ -10,9 +10,11 @@ from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.contacts import UnlabelledContacts
 from beamtouch_models.calibration.places import places
+from beamtouch_models.calibration.self_calibrate import SelfFit, self_fit
 from beamtouch_models.calibration.theory import Theory
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.modelfile import ModelFile
+from beamtouch_models.progress import silent
 from beamtouch_models.rig.imperfections import Imperfections
 from imperfect_surface import true_prior
 
@@ -32,6 +34,10 @@ class Kind:
     """Where the contacts are; anywhere by default."""
     readings: int | None = None
     """Readings in each; as many as the filter has by default."""
+
+
+OFF = Kind(position_mm=1.0)
+"""Gains 2 % and sensors 1 mm off."""
 
 
 def surface(metadata: Metadata, kind: Kind, rng: np.random.Generator) -> Imperfections:
@@ -60,6 +66,20 @@ def drawn(
     deviation = metadata.noise.reading_mm / np.sqrt(kind.readings or metadata.filter.window)
     measured = prior.measured(deflection) + deviation * rng.normal(size=deflection.shape)
     return UnlabelledContacts(measured, np.full(measured.shape, deviation))
+
+
+def random_contacts(
+    model: ModelFile, kind: Kind, seed: int, count: int = 200
+) -> tuple[UnlabelledContacts, Imperfections]:
+    """Draw contacts of a random surface."""
+    real = surface(model.metadata, kind, np.random.default_rng([seed, 7]))
+    return drawn(model.metadata, real, kind, np.random.default_rng([seed, 11]), count), real
+
+
+def fitted(model: ModelFile, kind: Kind, seed: int, count: int = 200) -> tuple[SelfFit, Imperfections]:
+    """Fit contacts of a random surface."""
+    contacts, real = random_contacts(model, kind, seed, count)
+    return self_fit(model, contacts, silent), real
 
 
 def _anywhere(prior: Prior, rng: np.random.Generator, count: int) -> Floats:

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import cache
 from importlib.metadata import packages_distributions, requires
 
 import pytest
@@ -34,6 +35,10 @@ MQTT = tuple(
 
 CLUSTER = "beamtouch_models.workers.cluster"
 """What needs Dask."""
+
+
+DISTRIBUTIONS = cache(packages_distributions)
+"""Those of each module that is installed; it takes a second to ask."""
 
 
 def needed(distribution: str, extras: frozenset[str]) -> set[str]:
@@ -69,7 +74,7 @@ def test_a_command_needs_its_own_extra_only(extra: str, package: str, without: t
     there = needed("beamtouch", frozenset(extra.split(",")))
     absent = {
         module
-        for module, distributions in packages_distributions().items()
+        for module, distributions in DISTRIBUTIONS().items()
         if not there & {canonicalize_name(name) for name in distributions}
     }
     assert {"pytest", "fastapi" if extra == "daemon" else "aiohttp"} <= absent

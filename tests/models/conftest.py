@@ -1,20 +1,32 @@
 """What tests of the models share: commands without processes of their own, and a simulated surface."""
 
+from pathlib import Path
+
 import pytest
 
 from beamtouch_models import cli
 from beamtouch_models.accuracy import evaluation
+from beamtouch_models.building import failing
 from beamtouch_models.challenge.surface import SimulatedSurface
+from beamtouch_models.commands import place
 from beamtouch_models.modelfile import ModelFile
 from beamtouch_models.rig import cli as rig_cli
 from beamtouch_models.trade import points, timing
 from in_process import Command, command_of
+from quick_model import write_quick_model
+from toolchain import made_once
 
 
 @pytest.fixture(scope="session")
 def surface(bench: ModelFile) -> SimulatedSurface:
     """The surface of the bench, as `challenge` simulates it."""
     return SimulatedSurface.of(bench.metadata)
+
+
+@pytest.fixture(scope="session")
+def quick_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model file whose challenge and evaluation take a second, for tests of how such work is spread."""
+    return made_once(tmp_path_factory, "quick-model", write_quick_model) / "quick.onnx"
 
 
 @pytest.fixture
@@ -38,6 +50,7 @@ def rig_here(capsys: pytest.CaptureFixture[str]) -> Command:
 def short_timing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few inferences are timed, for tests that do not ask how long one takes."""
     monkeypatch.setattr(timing, "CALLS", 5)
+    monkeypatch.setattr(timing, "BATCH", 10)
     for rounds in ("ROUNDS", "FIRST_ROUNDS"):
         monkeypatch.setattr(points, rounds, 2)
 
@@ -46,3 +59,10 @@ def short_timing(monkeypatch: pytest.MonkeyPatch) -> None:
 def few_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few samples at rest are drawn, for tests that do not ask how many exceed the threshold of contact."""
     monkeypatch.setattr(evaluation, "REST_DRAWS", 2**12)
+
+
+@pytest.fixture
+def short_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`place` measures its layout by few contacts, for tests that do not ask for its accuracy limit."""
+    monkeypatch.setattr(place, "LIMIT_DRAWS", failing.FEWEST_DRAWS)
+    monkeypatch.setattr(failing, "DRAWS", failing.FEWEST_DRAWS)

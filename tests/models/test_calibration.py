@@ -137,7 +137,7 @@ def test_leverages_leave_out_as_fitting_again_does(bench: ModelFile, tmp_path: P
 
 def test_a_surface_without_departures_is_accepted(built_model: Callable[[str], Path]) -> None:
     model, rng = modelfile.load(built_model("cantilever")), np.random.default_rng(6)
-    for _ in range(6):
+    for _ in range(3):
         loads = recorded(model.metadata, Imperfections(), rng)
         assert checked_fit(model, loads, silent).after_mm.mean() < 5
 

@@ -42,7 +42,7 @@ def figures_of(case: tuple[str, int, float, bool], count: int, seed: int) -> dic
 @pytest.mark.long
 @pytest.mark.parametrize("case", CASES)
 def test_the_stated_standard_errors_are_those_over_seeds(case: tuple[str, int, float, bool]) -> None:
-    every = [figures_of(case, 256, seed) for seed in range(SEEDS)]
+    every = [figures_of(case, 128, seed) for seed in range(SEEDS)]
     for name in every[0]:
         values = np.array([one[name].value for one in every])
         stated = np.array([one[name].standard_error for one in every])

@@ -326,7 +326,7 @@ def test_trade_prices_each_filter_in_its_own_noise(pricings: list[FilterChoice])
     windows = windows_of(with_latency)
     assert [required(scene, chosen).scene.beam.shear_modulus_gpa for chosen in (windows[0], windows[-1])] == [None, 80]
     pricings.clear()
-    trade = points_of(with_latency, 256)
+    trade = points_of(with_latency, 128)
     assert not trade.failures
     assert pricings == windows * len(counts_of(with_latency))  # each layout is a task of its own
     for chosen in (windows[0], windows[-1]):
@@ -336,10 +336,10 @@ def test_trade_prices_each_filter_in_its_own_noise(pricings: list[FilterChoice])
 
 
 def _limit_percent(physics: Physics) -> float:
-    """The limit of the layout of two sensors, as a trade with 256 draws measures it."""
+    """The limit of the layout of two sensors, as a trade with 128 draws measures it."""
     noise_mm = physics.noise.sample_mm
     layout = np.array(place(*problem_in(physics.scene), 2, 0).positions_mm)
-    contacts = simulated_enough(real_prior(physics.scene, layout, noise_mm), 256, 1)
+    contacts = simulated_enough(real_prior(physics.scene, layout, noise_mm), 128, 1)
     assert contacts.deviation_mm is not None
     return mean_of(contacts.deviation_mm, contacts.weight).value / physics.scene.beam.length_mm * 100
 

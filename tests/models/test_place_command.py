@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from beamtouch_models.placement import least_error
 from beamtouch_models.pricing.noise import choose_filter, noise_of
 from beamtouch_models.scene import load_scene
 from example_scenes import PAPER, SCENES
@@ -38,6 +39,7 @@ def test_five_sensors_are_proven() -> None:
     assert found["wall_s"] > 0
 
 
+@pytest.mark.usefixtures("short_limit")
 def test_the_defaults_are_the_scenes_number_of_sensors_the_eigenvalue_product_and_the_exact_search(
     design_sensors_here: Command,
 ) -> None:
@@ -58,6 +60,7 @@ def test_the_position_error_is_a_criterion_too(design_sensors_here: Command) -> 
     assert found["accuracy_limit_percent"] == pytest.approx(3.78, abs=0.08)
 
 
+@pytest.mark.usefixtures("short_limit")
 @pytest.mark.parametrize("option", [("--criterion", "eigenvalue-product"), ("--components", 2), ("--prove",)])
 def test_components_and_proofs_are_those_of_the_eigenvalue_product(
     design_sensors_here: Command, option: tuple[object, ...]
@@ -70,9 +73,13 @@ def test_components_and_proofs_are_those_of_the_eigenvalue_product(
     assert "--spare 1 places by position error" in refused.stderr
 
 
-def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_here: Command, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("short_limit")
+def test_a_spare_is_stated_with_the_error_without_each_sensor(
+    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(least_error, "FINAL_DRAWS", 256)
     path = tmp_path / "coarse.toml"
-    path.write_text(PAPER.replace("count = 2", "count = 3\ngrid_mm = 40").replace("10.0", "[2.0, 20.0]"))
+    path.write_text(PAPER.replace("count = 2", "count = 3\ngrid_mm = 80").replace("10.0", "[2.0, 20.0]"))
     found = json.loads(design_sensors_here("place", path, "--spare", 1, "--json").stdout)
     assert found["spare"] == 1
     assert len(found["limit_without_percent"]) == 3
@@ -84,6 +91,7 @@ def test_a_spare_is_stated_with_the_error_without_each_sensor(design_sensors_her
     assert f"{worst:.3g} % without" in lines["failed"]
 
 
+@pytest.mark.usefixtures("short_limit")
 def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: Command) -> None:
     done = design_sensors_here(
         "place", SCENES / "paper.toml", "--sensors", 8, "--components", 4, "--search", "paper", "--prove"
@@ -94,16 +102,17 @@ def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: 
     assert "the best layout on the grid, proven" in done.stdout
 
 
-def test_position_error_has_no_gap(design_sensors_here: Command) -> None:
-    found = json.loads(
-        design_sensors_here(
-            "place", SCENES / "paper.toml", "--sensors", 2, "--criterion", "position-error", "--prove", "--json"
-        ).stdout
-    )
-    assert found["accuracy_limit_percent"] == pytest.approx(3.78, abs=0.08)
-    assert (found["proven"], found["gap"]) == (False, None)
+@pytest.mark.usefixtures("short_limit")
+def test_position_error_has_no_gap(design_sensors_here: Command, tmp_path: Path) -> None:
+    path = tmp_path / "coarse.toml"
+    path.write_text(PAPER.replace("count = 2", "count = 3\ngrid_mm = 40"))
+    asked = ("place", path, "--sensors", 2, "--criterion", "position-error", "--prove", "--json")
+    found = json.loads(design_sensors_here(*asked).stdout)
+    assert len(found["positions_mm"]) == 2
+    assert (found["criterion"], found["proven"], found["gap"]) == ("position-error", False, None)
 
 
+@pytest.mark.usefixtures("short_limit")
 def test_the_paper_search_by_position_error_shows_a_table(design_sensors_here: Command, tmp_path: Path) -> None:
     path = tmp_path / "coarse.toml"
     path.write_text(PAPER.replace("count = 2", "count = 2\ngrid_mm = 20"))
@@ -115,6 +124,7 @@ def test_the_paper_search_by_position_error_shows_a_table(design_sensors_here: C
     assert lines["search"] == "paper, by position-error, seed 1"
 
 
+@pytest.mark.usefixtures("short_limit")
 def test_an_open_number_is_that_of_a_build_and_the_option_overrides_it(
     design_sensors_here: Command, tmp_path: Path
 ) -> None:
@@ -129,6 +139,7 @@ def test_an_open_number_is_that_of_a_build_and_the_option_overrides_it(
     assert found["positions_mm"] == [122, 278]
 
 
+@pytest.mark.usefixtures("short_limit")
 def test_an_open_number_makes_room_for_the_fixed_sensors(design_sensors_here: Command, tmp_path: Path) -> None:
     path = tmp_path / "fixed.toml"
     text = PAPER.replace("count = 2", 'count = "auto"\nfixed_mm = [50, 200, 333]')
@@ -138,6 +149,7 @@ def test_an_open_number_makes_room_for_the_fixed_sensors(design_sensors_here: Co
     assert {50, 200, 333} <= set(json.loads(done.stdout)["positions_mm"])
 
 
+@pytest.mark.usefixtures("short_limit")
 def test_place_states_the_noise_that_effects_are_priced_in(design_sensors_here: Command) -> None:
     # The ADC of the conveyor is left out of its model, and its steps of 0.9 um stay in its noise.
     placed = design_sensors_here("place", SCENES / "conveyor.toml", "--sensors", 2)

@@ -2,6 +2,7 @@
 
 from functools import cache
 from itertools import combinations
+from math import comb
 
 import numpy as np
 import pytest
@@ -9,8 +10,7 @@ import pytest
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
-from beamtouch_models.placement import Aim, place_by_position_error
-from beamtouch_models.placement.least_error import FINAL_DRAWS, MAX_LISTED
+from beamtouch_models.placement import Aim, least_error, place_by_position_error
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from stated_problems import problem_in
@@ -18,6 +18,9 @@ from stated_problems import problem_in
 pytestmark = [pytest.mark.long, pytest.mark.untraced]
 
 DRAWS = 500
+"""Draws by which a search here compares its finalists, and by which all layouts are compared."""
+FEW_DRAWS, FAR = 64, 1.4
+"""Draws by which layouts are left out, and how many times the least error they have: many standard errors more."""
 
 
 def scene_of(supports: str, force_n: object, position_mm: tuple[float, float], **sensors: object) -> Scene:
@@ -27,53 +30,66 @@ def scene_of(supports: str, force_n: object, position_mm: tuple[float, float], *
 
 
 SCENES = {
-    "propped, force open": (scene_of("propped", (2.0, 20.0), (1, 399), grid_mm=45), 3, SampleErrors(0.002)),
+    "propped, force open": (scene_of("propped", (2.0, 20.0), (1, 399), grid_mm=57), 3, SampleErrors(0.002)),
     "simple, off the middle": (scene_of("simply-supported", 10.0, (1, 330), grid_mm=60), 3, SampleErrors(0.02)),
-    "cantilever, gains": (scene_of("cantilever", (0.5, 2.0), (20, 400), grid_mm=50), 3, SampleErrors(0.01, 0.02)),
+    "cantilever, gains": (scene_of("cantilever", (0.5, 2.0), (20, 400), grid_mm=57), 3, SampleErrors(0.01, 0.02)),
     "propped, mounting": (
-        scene_of("propped", (2.0, 20.0), (1, 399), grid_mm=50),
-        4,
+        scene_of("propped", (2.0, 20.0), (1, 399), grid_mm=57),
+        3,
         SampleErrors(0.002, 0.003, 0.001, 2),
     ),
 }
 
 
-@pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize("spare", [0, 1])
-def test_the_layout_is_the_best_of_all_on_a_coarse_grid(name: str, spare: int) -> None:
-    scene, count, errors = SCENES[name]
-    influence, rules = problem_in(scene)
+@pytest.fixture(autouse=True)
+def few_draws_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(least_error, "FINAL_DRAWS", DRAWS)
 
-    @cache
-    def error(*kept: int) -> float:
-        prior = Prior.real(influence, rules.position_mm[list(kept)], errors)
-        return accuracy_limit(prior, FINAL_DRAWS, 0).percent
 
-    def objective(layout: tuple[int, ...]) -> tuple[float, float]:
+class EveryLayout:
+    """The mean errors of layouts of a scene; each set of sensors is measured once."""
+
+    def __init__(self, scene: Scene, errors: SampleErrors) -> None:
+        self.influence, self.rules = problem_in(scene)
+        self._errors = errors
+        self.percent = cache(self._percent)
+
+    def _percent(self, kept: tuple[int, ...], draws: int) -> float:
         # Without a sensor, the limit is that of the others: a prior of its own, not one with a channel less.
-        failed = combinations(layout, count - 1) if spare else [layout]
-        return max(error(*kept) for kept in failed), error(*layout) if spare else 0.0
+        prior = Prior.real(self.influence, self.rules.position_mm[list(kept)], self._errors)
+        return accuracy_limit(prior, draws, 0).percent
 
-    every = list(combinations(range(len(rules.position_mm)), count))
-    best = min(every, key=objective)
-    found = place_by_position_error(influence, rules, count, 0, errors, spare=spare)
-    assert found.positions_mm == tuple(rules.position_mm[list(best)])
+    def worst(self, layout: tuple[int, ...], draws: int, spare: int) -> float:
+        failed = combinations(layout, len(layout) - 1) if spare else [layout]
+        return max(self.percent(kept, draws) for kept in failed)
+
+    def best(self, count: int, spare: int) -> tuple[int, ...]:
+        """Return the layout with the least error; those that err much more by few draws are left out."""
+        every = list(combinations(range(len(self.rules.position_mm)), count))
+        roughly = [self.worst(layout, FEW_DRAWS, spare) for layout in every]
+        near = [layout for layout, one in zip(every, roughly, strict=True) if one < FAR * min(roughly)]
+        return min(near, key=lambda layout: (self.worst(layout, DRAWS, spare), self.percent(layout, DRAWS)))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_layout_is_the_best_of_all_on_a_coarse_grid(name: str) -> None:
+    scene, count, errors = SCENES[name]
+    every = EveryLayout(scene, errors)
+    for spare in (0, 1):
+        best = every.best(count, spare)
+        found = place_by_position_error(every.influence, every.rules, count, 0, errors, spare=spare)
+        assert found.positions_mm == tuple(every.rules.position_mm[list(best)]), spare
 
 
 def test_a_search_of_more_layouts_than_are_listed_is_within_a_hundredth_of_the_best() -> None:
     scene, errors = scene_of("propped", (2.0, 20.0), (1, 399), grid_mm=22), SampleErrors(0.002)
-    influence, rules = problem_in(scene)
-
-    @cache
-    def error(*kept: int) -> float:
-        return accuracy_limit(Prior.real(influence, rules.position_mm[list(kept)], errors), DRAWS, 0).percent
-
-    every = list(combinations(range(len(rules.position_mm)), 3))
-    assert len(every) > MAX_LISTED
-    least = min(max(error(*kept) for kept in combinations(layout, 2)) for layout in every)
-    found = place_by_position_error(influence, rules, 3, 0, errors, spare=1)
-    layout = np.searchsorted(rules.position_mm, found.positions_mm)
-    assert max(error(*kept) for kept in combinations(layout.tolist(), 2)) <= 1.01 * least
+    every = EveryLayout(scene, errors)
+    assert comb(len(every.rules.position_mm), 3) > least_error.MAX_LISTED
+    layouts = combinations(range(len(every.rules.position_mm)), 3)
+    least = min(every.worst(layout, DRAWS, 1) for layout in layouts)
+    found = place_by_position_error(every.influence, every.rules, 3, 0, errors, spare=1)
+    layout = np.searchsorted(every.rules.position_mm, found.positions_mm)
+    assert every.worst(tuple(layout.tolist()), DRAWS, 1) <= 1.01 * least
 
 
 def test_one_failed_sensor_costs_less_with_a_spare() -> None:

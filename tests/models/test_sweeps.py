@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from example_scenes import PAPER, SCENES
-from in_process import Command
-from sweeping import COMMAND, WITHIN_S, at_work, group, sweeping, swept
+from example_scenes import PAPER
+from in_process import Command, Outcome
+from sweeping import COMMAND, QUICKLY_TIMED, WITHIN_S, at_work, group, sweeping, swept
 from waiting import wait_until
 
 LONG = ("--draws", 2000)
@@ -38,34 +38,44 @@ def scenes_in(folder: Path) -> Path:
     return folder
 
 
-def test_evaluate_and_challenge_print_the_same_bytes_at_any_number_of_workers(bench_model: Path) -> None:
-    for arguments in (("evaluate", "--draws", 4000, "--noise", 0.01, "--noise", 0.02), ("challenge", "--draws", 10)):
-        one, three = (swept(*arguments, bench_model, "--json", "--workers", workers) for workers in (1, 3))
-        assert one == three
-        assert len(one) > 500
+@pytest.mark.untraced
+def test_evaluate_and_challenge_print_the_same_bytes_at_any_number_of_workers(
+    design_sensors_here: Command, quick_model: Path
+) -> None:
+    for arguments in (("evaluate", "--draws", 400, "--noise", 0.01, "--noise", 0.02), ("challenge", "--draws", 10)):
+        alone = design_sensors_here(*arguments, quick_model, "--json")
+        assert alone.stdout == swept(*arguments, quick_model, "--json", "--workers", 2)
+        assert len(alone.stdout) > 500
 
 
-def test_a_proof_is_the_same_at_any_number_of_workers() -> None:
-    proofs = []
-    for workers in (1, 2):
-        # Hundreds of regions, in rounds of which most are large enough for workers.
-        arguments = ("place", SCENES / "paper.toml", "--sensors", 8, "--components", 4, "--prove", "--json")
-        found = json.loads(swept(*arguments, "--workers", workers))
+@pytest.mark.untraced
+def test_a_proof_is_the_same_at_any_number_of_workers(design_sensors_here: Command, tmp_path: Path) -> None:
+    # Hundreds of regions, in rounds of which most are large enough for workers.
+    scene = tmp_path / "coarser.toml"
+    scene.write_text(PAPER.replace("count = 2", "count = 6\ngrid_mm = 10"))
+    arguments = ("place", scene, "--components", 4, "--prove", "--json")
+    proofs = [json.loads(said) for said in (design_sensors_here(*arguments).stdout, swept(*arguments, "--workers", 2))]
+    for found in proofs:
         assert found.pop("wall_s") > 0
         assert found["proven"]
-        proofs.append(found)
     assert proofs[0] == proofs[1]
 
 
 @pytest.mark.long
-def test_a_folder_of_scenes_is_traded_into_a_folder_each(tmp_path: Path) -> None:
+@pytest.mark.untraced
+@pytest.mark.usefixtures("short_timing")
+def test_a_folder_of_scenes_is_traded_into_a_folder_each(design_sensors_here: Command, tmp_path: Path) -> None:
     scenes = scenes_in(tmp_path / "scenes")
     common = ("trade", scenes, "--draws", 100, "--estimators", "posterior", "--json")
     found = []
     for workers in (1, 2):
         output = tmp_path / f"{workers}"
-        command = [COMMAND, *map(str, common), "-o", str(output), "--workers", str(workers)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
+        arguments = [*map(str, common), "-o", str(output)]
+        if workers == 1:  # in this process; times are no part of what is compared
+            done: Outcome | subprocess.CompletedProcess[str] = design_sensors_here(*arguments)
+        else:
+            command = [*QUICKLY_TIMED, *arguments, "--workers", str(workers)]
+            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=WITHIN_S)
         assert done.returncode == 0, done.stderr
         assert "min_distance_mm" in done.stderr
         objects = [json.loads(line) for line in done.stdout.splitlines()]

@@ -4,7 +4,6 @@ import json
 import re
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -33,9 +32,9 @@ from beamtouch_models.trade.timing import Times
 from example_scenes import PAPER, SCENES
 from in_process import Command
 from posterior_cases import answers_of, prior_of
+from sweeping import QUICKLY_TIMED
 from traded import points_of
 
-COMMAND = str(Path(sys.executable).parent / "design-sensors")
 NONE = Measurement(0.0, 0.0)
 
 
@@ -103,7 +102,7 @@ def test_numbers_of_sensors_and_windows_follow_the_scene() -> None:
 def test_a_point_states_the_error_and_latency_of_its_model() -> None:
     scene = parse_scene(PAPER, "paper")
     kept: list[Trade] = []
-    trade = points_of(scene, 1024, kept.append)
+    trade = points_of(scene, 512, kept.append)
     every = trade.points
     assert [len(one.points) for one in kept] == list(range(2, 17, 2))
     assert {one.planned for one in kept} == {trade.planned} == {16}
@@ -239,7 +238,7 @@ def interrupted(command: list[str], stop: signal.Signals, is_time: Callable[[], 
 @pytest.mark.long
 def test_a_terminated_trade_keeps_its_points(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    command = [COMMAND, "trade", str(SCENES / "bench.toml"), "-o", str(out), "--draws", "512", "--json"]
+    command = [*QUICKLY_TIMED, "trade", str(SCENES / "bench.toml"), "-o", str(out), "--draws", "512", "--json"]
     code, stdout, stderr = interrupted(command, signal.SIGTERM, (out / "trade.svg").exists)
     found = json.loads((out / "trade.json").read_text())
     done = len(found["points"])
@@ -257,7 +256,7 @@ def test_an_interrupted_build_of_the_choice_says_what_is_kept(tmp_path: Path) ->
     scene, out = tmp_path / "conveyor.toml", tmp_path / "out"
     text = (SCENES / "conveyor.toml").read_text().replace("count = 4", "count = [3, 3]")
     scene.write_text(text.replace("latency_ms = 50", "latency_ms = 10").replace("position_error_mm = 20", ""))
-    command = [COMMAND, "trade", str(scene), "-o", str(out), "--draws", "100", "--error-mm", "300"]
+    command = [*QUICKLY_TIMED, "trade", str(scene), "-o", str(out), "--draws", "100", "--error-mm", "300"]
 
     def has_physics() -> bool:
         """Say whether the last results before the choice is built are there; building it takes seconds."""

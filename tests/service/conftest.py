@@ -3,10 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import httpx2
 import pytest
+from anyio.from_thread import BlockingPortal, start_blocking_portal
 from fastapi.testclient import TestClient
 
 from beamtouch_models import modelfile
@@ -42,6 +43,9 @@ def kept(build_model: BuildModel) -> ModelKeeper:
 class Bench:
     """One surface `press-7` behind its routes, with a clock that stands still until it is told otherwise."""
 
+    event_loop: ClassVar[BlockingPortal | None] = None
+    """Of the requests of all tests: to start one for each takes longer than an answer."""
+
     def __init__(
         self,
         *surfaces: Surface,
@@ -60,6 +64,7 @@ class Bench:
             recorder=recorder,
         )
         self.client = TestClient(self.app, raise_server_exceptions=False)
+        self.client.portal = self.event_loop
 
     def get(self, path: str, token: str | None = None) -> httpx2.Response:
         return self.client.get(path, headers={"Authorization": f"Bearer {token}"} if token else {})
@@ -74,6 +79,13 @@ class Bench:
         if isinstance(body, dict):
             return self.client.post(path, json=body, headers=headers)
         return self.client.post(path, content=body, headers=headers)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _event_loop() -> Iterator[None]:
+    with start_blocking_portal() as Bench.event_loop:
+        yield
+    Bench.event_loop = None
 
 
 @pytest.fixture

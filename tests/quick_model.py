@@ -1,0 +1,22 @@
+"""A model whose surface is quickly simulated: single readings of three sensors, on a beam that does not ring."""
+
+from pathlib import Path
+
+from beamtouch_models.building.build import Choices, build
+from beamtouch_models.placement import Aim
+from beamtouch_models.progress import silent
+from beamtouch_models.scene import parse_scene
+from example_scenes import PAPER
+from few_draws import few_draws
+
+SCENE = PAPER.replace("count = 2", "count = 3").replace("10.0", "[2.0, 20.0]").replace("max = 2", "max = 0.2")
+CHOICES = Choices(aim=Aim("eigenvalue-product"))
+
+
+def write_quick_model(folder: Path) -> None:
+    """Write `quick.onnx` into a folder."""
+    with few_draws():
+        built = build(
+            parse_scene(SCENE, "quick.toml"), SCENE, "quick", count=None, seed=0, progress=silent, choices=CHOICES
+        )
+    (folder / "quick.onnx").write_bytes(built.content)
