@@ -138,6 +138,16 @@ def test_an_open_number_makes_room_for_the_fixed_sensors(design_sensors_here: Co
     assert {50, 200, 333} <= set(json.loads(done.stdout)["positions_mm"])
 
 
+def test_an_open_number_begins_with_the_components_that_are_asked_for(
+    design_sensors_here: Command, tmp_path: Path
+) -> None:
+    path = tmp_path / "open.toml"
+    path.write_text(PAPER.replace("count = 2", "count = [2, 5]") + "\n[requirements]\nposition_error_mm = 30\n")
+    done = design_sensors_here("place", path, "--components", 3, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(json.loads(done.stdout)["positions_mm"]) == 3
+
+
 def test_place_states_the_noise_that_effects_are_priced_in(design_sensors_here: Command) -> None:
     # The ADC of the conveyor is left out of its model, and its steps of 0.9 um stay in its noise.
     placed = design_sensors_here("place", SCENES / "conveyor.toml", "--sensors", 2)
