@@ -1,7 +1,7 @@
 """Placement by the mean position error: a quick surrogate searches, and the accuracy limit decides among the best.
 
-Only layouts count that notice loads other than one contact as well as the layout of the eigenvalue product: the least
-error alone leaves little with which to notice them.
+Without a spare, only layouts count that notice loads other than one contact as well as the layout of the eigenvalue
+product: the least error alone leaves little with which to notice them.
 """
 
 import math
@@ -55,7 +55,8 @@ def searched(
     reference = _by_product(influence, rules, equal, seed)
     surrogate = surrogate_of(influence, rules, equal, errors, seed, spare)
     others = other_loads(influence, rules, errors)
-    goal = Goal(surrogate, others, others.noticed(reference) - SLACK)
+    # Sensors that replace each other leave little with which to notice: a spare that had to would be worth nothing.
+    goal = Goal(surrogate, others, others.noticed(reference) - (1.0 if spare else SLACK))
     every = _every(rules, count)
     if every is not None:
         values = goal.scores(every)

@@ -106,13 +106,15 @@ def place_by_position_error(
     search: SearchName = "exact",
     progress: Progress = silent,
 ) -> Placement:
-    """Place sensors so that the mean position error is least; arguments and errors as `place`.
+    """Place sensors so that the mean position error is least of layouts that notice other loads; as `place`.
 
     The mean position error is the accuracy limit with all errors of a sample: the mean, over contacts drawn uniformly
     from the ranges of position and force, of the distance between the contact and the posterior median.
 
-    With `spare` = 0 the error with all sensors is minimised. With `spare` = 1 it is the largest, over each one sensor
-    failed, of the error of the others; among layouts that are equal in this, the error with all sensors decides.
+    With `spare` = 0 the error with all sensors is minimised among the layouts that notice two contacts and spread loads
+    as well as the layout of the eigenvalue product, within `goal.SLACK`. With `spare` = 1 it is the largest, over each
+    one sensor failed, of the error of the others, among all layouts; of layouts that are equal in this, the error with
+    all sensors decides.
 
     `errors` are those of a sample; its noise must not be 0. This criterion has no bound, so the gap is None.
     """
