@@ -19,6 +19,9 @@ from beamtouch_models.placement.search_paper import SearchName, paper_runs
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.sweeps import Spread, in_turn, one_thread
 
+AT_REST = 1e-12
+"""Largest deflection at a support, over that elsewhere: rounding."""
+
 Certify = Literal["nothing", "bound", "proof"] | Spread
 
 
@@ -116,7 +119,8 @@ def place_by_position_error(
     one sensor failed, of the error of the others, among all layouts; of layouts that are equal in this, the error with
     all sensors decides.
 
-    `errors` are those of a sample; its noise must not be 0. This criterion has no bound, so the gap is None.
+    `errors` are those of a sample; its noise must not be 0. This criterion has no bound, so the gap is None. SceneError
+    also if a sensor stands on a support.
     """
     if not 0 < errors.noise_mm < np.inf:
         message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
@@ -136,6 +140,10 @@ def place_by_position_error(
             progress=lambda part: progress("placing by position error", part),
         )
     positions = np.sort(rules.position_mm[layout])
+    size = np.abs(influence.matrix(positions)).max(axis=0)
+    if size.min() <= AT_REST * size.max():
+        message = f"sensors: nothing moves at {positions[size.argmin()]:g} mm; move that sensor, or use fewer sensors"
+        raise SceneError(message)
     return _placement(rules, layout, score_positions(influence, positions), runs[0], _total(runs), None)
 
 
