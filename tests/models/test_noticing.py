@@ -4,15 +4,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from beamtouch_models.accuracy.prior import SampleErrors
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
-from beamtouch_models.placement import place
+from beamtouch_models.placement import place, place_by_position_error
+from beamtouch_models.placement.goal import SLACK
 from beamtouch_models.placement.noticing import FORCES, MISTAKEN, PLACES, OtherLoads, other_loads
 from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from handbook import deflection_per_newton
 from stated_problems import problem_in
+
+pytestmark = [pytest.mark.long, pytest.mark.untraced]
 
 LOW_MM, HIGH_MM, FORCE_N = 20.0, 390.0, (2.0, 20.0)
 ERRORS = SampleErrors(0.0015, 0.003, 0.001)
@@ -117,3 +121,17 @@ def test_the_mounting_counts_as_displaced_sensors_scatter() -> None:
     deviation = np.sqrt(np.var(moved, axis=0) + errors.noise_mm**2)
     found = 1 / np.sqrt(other_loads(influence, rules, errors).precision[:, layout])
     assert found == pytest.approx(deviation, rel=0.12)
+
+
+def test_the_layout_of_the_least_error_notices_as_much_as_that_of_the_product_and_errs_less() -> None:
+    influence, rules = problem_in(scene_of(grid_mm=2, min_distance_mm=12))
+    others = other_loads(influence, rules, ERRORS)
+    product = place(influence, rules, 4, 0).positions_mm
+    found = place_by_position_error(influence, rules, 4, 0, ERRORS).positions_mm
+    shares = [others.noticed(np.searchsorted(rules.position_mm, layout)) for layout in (product, found)]
+    percent = [
+        accuracy_limit(Prior.real(influence, np.array(layout), ERRORS), 4_000, 9).percent for layout in (product, found)
+    ]
+    print(f"{product}, {found}: noticed {shares}, error {percent}")
+    assert np.all(shares[1] >= shares[0] - SLACK)
+    assert percent[1] < 0.98 * percent[0]
