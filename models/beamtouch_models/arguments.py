@@ -38,9 +38,9 @@ def _add_criterion(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--criterion",
         choices=("position-error", "eigenvalue-product"),
-        help="what the layout makes best: the mean position error (least), or the paper's product of eigenvalues "
-        "(largest), which notices two contacts and faulty sensors more often (default: eigenvalue-product; with "
-        "--spare, position-error)",
+        help="what the layout makes best: the mean position error (least, of the layouts that notice two contacts and "
+        "spread loads as often as the other one), or the paper's product of eigenvalues (largest) (default: "
+        "position-error)",
     )
     parser.add_argument(
         "--spare",

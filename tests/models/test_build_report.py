@@ -181,6 +181,24 @@ def test_physics_in_and_out_has_a_row_for_each_effect(facts: Facts) -> None:
     assert {effect.reason for effect in facts.effects} <= set(words)
 
 
+@pytest.mark.usefixtures("short_measuring")
+def test_a_report_leaves_out_the_eigenvalue_product_if_no_layout_has_one(
+    design_sensors_here: Command, tmp_path: Path
+) -> None:
+    scene, report = tmp_path / "scene.toml", tmp_path / "report.html"
+    # Contacts at one place have one component, and three sensors need three.
+    text = PAPER.replace("count = 2", "count = 3\ngrid_mm = 40").replace("[1, 399]", "[200, 200.001]")
+    scene.write_text(text.replace("noise_percent_of_max = 2", "noise_percent_of_max = 0.2"))
+    asked = ("--criterion", "position-error", "-o", tmp_path / "model.onnx", "--report", report)
+    done = design_sensors_here("build", scene, *asked)
+    assert done.returncode == 0, done.stderr
+    words = " ".join(Tags(report.read_text()).text)
+    assert "ln of the eigenvalue product -∞" in words
+    rows = words[words.index("Layouts compared") :]
+    assert "position error" in rows
+    assert not re.search(r"\b(nan|inf|None)\b|eigenvalue product \d", rows)
+
+
 def test_components_are_those_of_the_influence_matrix(facts: Facts) -> None:
     matrix = facts.components.transformed @ facts.components.vectors.T
     moment = matrix.T @ matrix / len(matrix)

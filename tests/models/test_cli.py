@@ -48,7 +48,7 @@ def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(tmp
     assert len(token.read_text().strip()) >= 32
     assert sorted(path.name for path in tmp_path.iterdir()) == ["beamtouch.token", "daemon.toml", "press.onnx"]
     placed = described["placed"]
-    assert (placed["criterion"], placed["spare"]) == ("eigenvalue-product", 0)
+    assert (placed["criterion"], placed["spare"]) == ("position-error", 0)
     assert len(placed["limit_without_percent"]) == 3
     inspected = design_sensors("inspect", model, "--json")
     assert inspected.returncode == 0

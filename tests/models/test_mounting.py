@@ -6,7 +6,6 @@ import pytest
 from beamtouch_models.accuracy.evaluation import at_noise
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
-from beamtouch_models.arrays import Floats
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.building.placed import placed
 from beamtouch_models.building.sensor_rules import sample_errors
@@ -18,6 +17,7 @@ from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import load_scene, parse_scene
 from example_scenes import SCENES, paper_scene
+from handbook import deflection_per_newton
 from posterior_cases import answers_of, graph_of
 from stated_problems import problem_in
 
@@ -56,14 +56,6 @@ def test_intervals_hold_the_truth_on_displaced_sensors(name: str, aim: Aim) -> N
     held = (answers["position_low_mm"] <= truth) & (truth <= answers["position_high_mm"])
     print(f"{name}: {held.mean():.4f} held, {sensors.placement.positions_mm}")
     assert held.mean() >= 0.93
-
-
-def deflection_per_newton(sensor_mm: Floats, load_mm: Floats) -> Floats:
-    """A beam of 400 mm on two supports, EI = 210e3 x 25 x 3^3 / 12; Roark, table 8.1, case 1e."""
-    length, rigidity = 400.0, 210e3 * 25 * 27 / 12
-    left, right = np.minimum(sensor_mm, load_mm), np.maximum(sensor_mm, load_mm)
-    found: Floats = left * (length - right) * (length**2 - (length - right) ** 2 - left**2) / (6 * length * rigidity)
-    return found
 
 
 @pytest.mark.long

@@ -74,6 +74,10 @@ def test_a_fixed_sensor_on_a_support_measures_nothing() -> None:
     for search in ("exact", "paper"):
         with pytest.raises(SceneError, match="leave no 2 positions with independent readings"):
             place(*problem_in(paper_scene(fixed_mm=[0])), 2, 0, search=search)
+        with pytest.raises(SceneError, match="leave no 1 positions with independent readings"):
+            place(*problem_in(paper_scene(fixed_mm=[0])), 1, 0, search=search)
+    with pytest.raises(SceneError, match="nothing moves at 0 mm"):
+        place_by_position_error(*problem_in(paper_scene(fixed_mm=[0], grid_mm=40)), 2, 0, SampleErrors(0.01))
     # It adds no component: the other two sensors stand where two sensors alone would.
     assert place(*problem_in(paper_scene(fixed_mm=[0])), 3, 0, leading=2).positions_mm == (0, 122, 278)
 

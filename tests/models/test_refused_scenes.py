@@ -29,6 +29,11 @@ CASES = {
         "count = [2, 3]\nnoise_percent_of_max = 2\n[requirements]\nposition_error_mm = 0.01\n",
         "not even 3 sensors reach requirements.position_error_mm",
     ),
+    "no room for more": (
+        "count = 2\nnoise_percent_of_max = 2\n",
+        "count = [2, 5]\nnoise_percent_of_max = 2\nmin_distance_mm = 250\n[requirements]\nposition_error_mm = 0.01\n",
+        "not even 2 sensors reach requirements.position_error_mm = 0.01: the accuracy limit is",
+    ),
     "nothing is seen": ("noise_percent_of_max = 2", "noise_percent_of_max = 90", "no contact of the scene is seen"),
     "neighbours": (
         "count = 2",

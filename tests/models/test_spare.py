@@ -10,7 +10,9 @@ import pytest
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
-from beamtouch_models.placement import Aim, least_error, place_by_position_error
+from beamtouch_models.placement import Aim, least_error, place, place_by_position_error
+from beamtouch_models.placement.goal import SLACK
+from beamtouch_models.placement.noticing import other_loads
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from stated_problems import problem_in
@@ -63,9 +65,19 @@ class EveryLayout:
         failed = combinations(layout, len(layout) - 1) if spare else [layout]
         return max(self.percent(kept, draws) for kept in failed)
 
+    def admitted(self, count: int, spare: int) -> list[tuple[int, ...]]:
+        """Return the layouts that notice other loads as well as the eigenvalue product's; all of them with a spare."""
+        every = list(combinations(range(len(self.rules.position_mm)), count))
+        if spare:
+            return every
+        others = other_loads(self.influence, self.rules, self._errors)
+        product = place(self.influence, self.rules, count, 0).positions_mm
+        least = others.noticed(np.searchsorted(self.rules.position_mm, product)) - SLACK
+        return [layout for layout in every if np.all(others.noticed(np.array(layout)) >= least)]
+
     def best(self, count: int, spare: int) -> tuple[int, ...]:
         """Return the layout with the least error; those that err much more by few draws are left out."""
-        every = list(combinations(range(len(self.rules.position_mm)), count))
+        every = self.admitted(count, spare)
         roughly = [self.worst(layout, FEW_DRAWS, spare) for layout in every]
         near = [layout for layout, one in zip(every, roughly, strict=True) if one < FAR * min(roughly)]
         return min(near, key=lambda layout: (self.worst(layout, DRAWS, spare), self.percent(layout, DRAWS)))

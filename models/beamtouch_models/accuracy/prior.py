@@ -30,6 +30,8 @@ class SampleErrors:
     zero_mm: float = 0.0
     mounting_mm: float = 0.0
     """Error of a sensor's position along the beam."""
+    least_noise_mm: float | None = None
+    """Noise of a sample of the most readings; None: `noise_mm`."""
 
 
 def _as_it_is(deflection_mm: Floats) -> Floats:

@@ -3,14 +3,13 @@
 import argparse
 
 from beamtouch_models.placement import DEFAULT_AIM, Aim
-from beamtouch_models.placement.aims import Criterion
 from beamtouch_models.placement.placing import Certify
 
 
 def aim_of(options: argparse.Namespace) -> Aim:
     """Return the aim of `build`; raises SceneError if the options contradict each other."""
     spare = options.spare or 0
-    return Aim(options.criterion or _default(spare), spare)
+    return Aim(options.criterion or DEFAULT_AIM.criterion, spare)
 
 
 def aim_of_place(options: argparse.Namespace, certify: Certify) -> Aim:
@@ -20,9 +19,5 @@ def aim_of_place(options: argparse.Namespace, certify: Certify) -> Aim:
     """
     spare = options.spare or 0
     by_product = options.components is not None or options.prove
-    criterion = options.criterion or ("eigenvalue-product" if by_product else _default(spare))
+    criterion = options.criterion or ("eigenvalue-product" if by_product else DEFAULT_AIM.criterion)
     return Aim(criterion, spare, options.components, options.search, certify)
-
-
-def _default(spare: int) -> Criterion:
-    return "position-error" if spare else DEFAULT_AIM.criterion

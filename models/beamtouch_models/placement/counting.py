@@ -72,16 +72,24 @@ def fewest_sensors(
     if wanted_mm is None or fewest == most:
         return place_as(aim, influence, rules, most, seed, errors, progress)
     reached_mm, uncertified = math.inf, replace(aim, certify="nothing")
-    for number in range(min(max(fewest, len(rules.fixed), aim.spare + 1), most), most + 1):
-        placement = place_as(uncertified, influence, rules, number, seed, errors, progress)
+    for number in range(min(max(fewest, len(rules.fixed), aim.spare + 1, aim.leading or 1), most), most + 1):
+        try:
+            placement = place_as(uncertified, influence, rules, number, seed, errors, progress)
+        except SceneError as refusal:
+            if reached_mm == math.inf:
+                raise
+            raise _out_of_reach(number - 1, wanted_mm, reached_mm, aim, f"and {refusal}") from None
         positions = np.array(placement.positions_mm)
         whole, *failed = mean_errors_percent(influence, positions, errors, COUNT_DRAWS, seed, aim.spare)
         reached_mm = max([whole, *failed]) / 100 * influence.length_mm
         if reached_mm <= wanted_mm:
             return placement if aim == uncertified else place_as(aim, influence, rules, number, seed, errors, progress)
-    failed_one = " with one failed" if aim.spare else ""
-    message = (
-        f"not even {most} sensors reach requirements.position_error_mm = {wanted_mm:g}: the accuracy limit{failed_one} "
-        f"is {reached_mm:.3g} mm; use sensors with less noise or allow more latency_ms"
-    )
-    raise SceneError(message)
+    remedy = "use sensors with less noise or allow more latency_ms"
+    raise _out_of_reach(most, wanted_mm, reached_mm, aim, remedy)
+
+
+def _out_of_reach(count: int, wanted_mm: float, reached_mm: float, aim: Aim, more: str) -> SceneError:
+    """Return the error for a requirement that the largest number of sensors misses; `more` ends its line."""
+    limit = "the accuracy limit with one failed" if aim.spare else "the accuracy limit"
+    wanted = f"requirements.position_error_mm = {wanted_mm:g}"
+    return SceneError(f"not even {count} sensors reach {wanted}: {limit} is {reached_mm:.3g} mm; {more}")

@@ -1,4 +1,8 @@
-"""Placement by the mean position error: a quick surrogate searches, and the accuracy limit decides among the best."""
+"""Placement by the mean position error: a quick surrogate searches, and the accuracy limit decides among the best.
+
+Without a spare, only layouts count that notice loads other than one contact as well as the layout of the eigenvalue
+product: the least error alone leaves little with which to notice them.
+"""
 
 import math
 from itertools import combinations
@@ -10,7 +14,9 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.placement.goal import SLACK, Goal
 from beamtouch_models.placement.layout import Candidates
+from beamtouch_models.placement.noticing import other_loads
 from beamtouch_models.placement.position_error import TIE, Surrogate, surrogate_of
 from beamtouch_models.placement.problem import equal_layout, problem_of
 from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best, pattern_search
@@ -46,26 +52,31 @@ def searched(
     Arguments and errors as `placing.place_by_position_error`.
     """
     equal = equal_layout(rules, influence.length_mm, count)
+    reference = _by_product(influence, rules, equal, seed)
     surrogate = surrogate_of(influence, rules, equal, errors, seed, spare)
+    others = other_loads(influence, rules, errors)
+    # Sensors that replace each other leave little with which to notice: a spare that had to would be worth nothing.
+    goal = Goal(surrogate, others, others.noticed(reference) - (1.0 if spare else SLACK))
     every = _every(rules, count)
     if every is not None:
-        values = surrogate.scores(every)
+        values = goal.scores(every)
         order = np.argsort(-values, kind="stable")[:FINALISTS]
         finalists = [every[index] for index in order if np.isfinite(values[index])]
         runs = [SearchRun(finalists[0], (float(values.max()),), len(every))]
     else:
-        starts = _starts(influence, surrogate, equal, seed)
+        starts = _starts(goal, reference, equal)
         rng, runs = np.random.default_rng(seed), []
         for number, start in enumerate(starts[:STARTS]):
             progress(0.7 * number / STARTS)
             if search == "paper":
-                runs.append(paper_search(surrogate.scores, rules, start, rng))
+                runs.append(paper_search(goal.scores, rules, start, rng))
             else:
                 most = MAX_SCORED * shared(count, spare)
-                runs.append(pattern_search(surrogate.scores, rules, start, most=most))
+                runs.append(pattern_search(goal.scores, rules, start, most=most))
         runs.sort(key=lambda run: -run.score)
-        finalists = [*(run.layout for run in runs), starts[0]]
-    distinct = list({tuple(layout): layout for layout in finalists}.values())[:FINALISTS]
+        finalists = [*(run.layout for run in runs), *starts]
+    # The reference is among them, so that the error is no larger than that of the eigenvalue product.
+    distinct = list({tuple(layout): layout for layout in [*finalists, reference]}.values())
     return _decided(influence, rules, distinct, errors, seed, spare, lambda part: progress(0.7 + 0.3 * part)), runs
 
 
@@ -100,16 +111,20 @@ def _every(rules: Candidates, count: int) -> Indices | None:
     return np.array(list(combinations(range(len(rules.position_mm)), count)), dtype=np.intp)
 
 
-def _starts(influence: InfluenceFunction, surrogate: Surrogate, equal: Indices, seed: int) -> list[Indices]:
-    """Return the layouts to start from, ordered by the surrogate with the best first."""
-    starts = [equal, cramer_rao_layout(surrogate, equal)]
+def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices, seed: int) -> Indices:
+    """Return the layout of the eigenvalue product, or equal pitch if there are fewer components than sensors."""
     try:
-        problem = problem_of(influence, surrogate.rules, len(equal))
+        problem = problem_of(influence, rules, len(equal))
     except SceneError:
-        pass  # With fewer components than sensors, there is no eigenvalue product to maximise.
-    else:
-        starts.append(first_best(exact_search(problem, seed)).layout)
-    values = surrogate.scores(np.array(starts))
+        return equal
+    return np.sort(first_best(exact_search(problem, seed)).layout)
+
+
+def _starts(goal: Goal, reference: Indices, equal: Indices) -> list[Indices]:
+    """Return the layouts to start from, ordered by their scores with the best first."""
+    others = [equal, cramer_rao_layout(goal.surrogate, equal)]
+    starts = [reference, *(goal.towards(reference, other) for other in others)]
+    values = goal.scores(np.array(starts))
     return [starts[index] for index in np.argsort(-values, kind="stable")]
 
 

@@ -19,6 +19,9 @@ from beamtouch_models.placement.search_paper import SearchName, paper_runs
 from beamtouch_models.progress import Progress, silent
 from beamtouch_models.sweeps import Spread, in_turn, one_thread
 
+AT_REST = 1e-12
+"""Largest deflection at a support, over that elsewhere: rounding."""
+
 Certify = Literal["nothing", "bound", "proof"] | Spread
 
 
@@ -106,15 +109,18 @@ def place_by_position_error(
     search: SearchName = "exact",
     progress: Progress = silent,
 ) -> Placement:
-    """Place sensors so that the mean position error is least; arguments and errors as `place`.
+    """Place sensors so that the mean position error is least of layouts that notice other loads; as `place`.
 
     The mean position error is the accuracy limit with all errors of a sample: the mean, over contacts drawn uniformly
     from the ranges of position and force, of the distance between the contact and the posterior median.
 
-    With `spare` = 0 the error with all sensors is minimised. With `spare` = 1 it is the largest, over each one sensor
-    failed, of the error of the others; among layouts that are equal in this, the error with all sensors decides.
+    With `spare` = 0 the error with all sensors is minimised among the layouts that notice two contacts and spread loads
+    as well as the layout of the eigenvalue product, within `goal.SLACK`. With `spare` = 1 it is the largest, over each
+    one sensor failed, of the error of the others, among all layouts; of layouts that are equal in this, the error with
+    all sensors decides.
 
-    `errors` are those of a sample; its noise must not be 0. This criterion has no bound, so the gap is None.
+    `errors` are those of a sample; its noise must not be 0. This criterion has no bound, so the gap is None. SceneError
+    also if a sensor stands on a support.
     """
     if not 0 < errors.noise_mm < np.inf:
         message = f"sensors: with a noise of {errors.noise_mm:g} mm all layouts are equal; state the noise of a reading"
@@ -134,6 +140,10 @@ def place_by_position_error(
             progress=lambda part: progress("placing by position error", part),
         )
     positions = np.sort(rules.position_mm[layout])
+    size = np.abs(influence.matrix(positions)).max(axis=0)
+    if size.min() <= AT_REST * size.max():
+        message = f"sensors: nothing moves at {positions[size.argmin()]:g} mm; move that sensor, or use fewer sensors"
+        raise SceneError(message)
     return _placement(rules, layout, score_positions(influence, positions), runs[0], _total(runs), None)
 
 

@@ -91,7 +91,7 @@ def _score_and_gains(problem: Problem, layout: Indices) -> tuple[float, Floats]:
     diagonal = np.abs(np.diag(triangle))
     score = 2 * float(np.log(np.maximum(diagonal, TINY)).sum()) + problem.count * problem.offset
     # Columns that coincide within rounding get a tiny remainder, so that the triangle stays invertible.
-    floor = diagonal.max() * 1e-14
+    floor = (diagonal.max() or 1.0) * 1e-14
     triangle[np.diag_indices_from(triangle)] += np.where(diagonal <= floor, floor, 0.0)
     along = basis.T @ features
     remainder = features - basis @ along

@@ -1,5 +1,6 @@
 """The data of a report beyond the metadata: error along the beam, components, other layouts."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.building.build import Built
 from beamtouch_models.building.report.robustness import ErrorPrice, error_prices
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
+from beamtouch_models.errors import SceneError
 from beamtouch_models.loading import ModelFile, load_bytes
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.physics.influence import InfluenceFunction
@@ -93,7 +95,11 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
     positions = np.array(built.placement.positions_mm)
     physics = built.physics.scene
     influence, rules = influence_of(physics), sensor_rules(physics)
-    errors, warmth_mm = sample_errors(physics, built.metadata.noise.sample_mm), temperature_drift_mm(physics)
+    noise, chosen = built.metadata.noise, built.metadata.filter
+    errors, warmth_mm = (
+        sample_errors(physics, noise.sample_mm, chosen.least_noise_mm(noise)),
+        temperature_drift_mm(physics),
+    )
     model = load_bytes(built.content, "the model just built")
     seed = built.metadata.seed
     return Facts(
@@ -145,11 +151,13 @@ def _layouts(
     named = {"equal pitch": equal_pitch_mm(influence.length_mm, len(taken))}
     # A layout that was kept, not searched, may be another one than its criterion finds now.
     searched = built.placement.evaluations > 0 and not built.aim.spare
-    named["eigenvalue product"] = (
-        taken
-        if searched and found_by == "eigenvalue-product"
-        else np.array(place(influence, rules, len(taken), seed).positions_mm)
-    )
+    # The rules may leave too few independent readings; only the product needs as many as there are sensors.
+    with suppress(SceneError):
+        named["eigenvalue product"] = (
+            taken
+            if searched and found_by == "eigenvalue-product"
+            else np.array(place(influence, rules, len(taken), seed).positions_mm)
+        )
     named["position error"] = (
         taken
         if searched and found_by == "position-error"

@@ -1,0 +1,113 @@
+"""The shares of loads other than one contact that a layout notices, of two kinds of such loads.
+
+The kinds are two equal contacts half of the range apart, and a load spread evenly over half of the range, each at
+several places and with several forces. A load moves the whitened sample by m. The best single contact leaves the
+distance
+
+    d^2 = min over x and F >= 0 of |m - F W G(x)|^2,
+
+by which the chi-square of the misfit becomes a noncentral one. The load is noticed if the misfit exceeds the threshold
+of a model. W holds the errors of a settled sample of the load: noise, gains, zeros and mounting.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.special import chdtri, chndtr
+
+from beamtouch_models.accuracy.prior import SampleErrors
+from beamtouch_models.accuracy.unexplained_thresholds import left_by_contact
+from beamtouch_models.arrays import Floats, Indices
+from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.placement.layout import Candidates
+
+MISTAKEN = 4e-6
+"""Share of samples of one contact above the threshold; models of the shipped scenes have 3.2e-6 to 4.1e-6 (paper, with
+a reading a second: 5e-4)."""
+KINDS, PLACES, FORCES = 2, 8, 4
+"""Kinds of loads; for each, places along the range and forces."""
+PARTS = 64
+"""Point loads that stand for a load spread over half of the range."""
+CONTACTS = 257
+"""Places of the contacts that may explain a load."""
+ALIKE = 1e-12
+"""Square of a sine up to which two deflections are the same within rounding."""
+CERTAIN = 1e3
+"""Largest d^2: such a load is always noticed. The noncentral chi-square takes longer for larger ones."""
+TINY = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True)
+class OtherLoads:
+    """Loads that are not one contact, and the contacts that may explain them, at all candidates."""
+
+    sample: Floats
+    """(loads, candidates), deflection in mm; for each force, the places of each kind."""
+    precision: Floats
+    """(loads, candidates), 1 over the variance of a sample of it, in 1/mm^2."""
+    shapes: Floats
+    """(contacts, candidates), deflection per newton under contacts, in mm/N."""
+
+    def noticed(self, layout: Indices) -> Floats:
+        """Return the share of each kind (kinds,) that a layout (sensors,) notices."""
+        channels = left_by_contact(len(layout))
+        square = np.minimum(self.unexplained(layout), CERTAIN)
+        missed = chndtr(chdtri(channels, MISTAKEN), channels, square)
+        share: Floats = 1 - missed.reshape(-1, KINDS, PLACES).mean(axis=(0, 2))
+        return share
+
+    def unexplained(self, layout: Indices) -> Floats:
+        """Return d^2 of each load (loads,) for a layout (sensors,)."""
+        sample, precision, shapes = (part[:, layout] for part in (self.sample, self.precision, self.shapes))
+        along = np.maximum((precision * sample) @ shapes.T, 0)
+        best = (along**2 / np.maximum(precision @ (shapes**2).T, TINY)).argmax(axis=1)
+        root = np.sqrt(precision)
+        moved, near = root * sample, root * shapes[best]
+        beside = (root * shapes[np.clip(best + step, 0, CONTACTS - 1)] for step in (-1, 1))
+        return np.minimum(*(_left(moved, near, other) for other in beside))
+
+
+def _left(moved: Floats, near: Floats, other: Floats) -> Floats:
+    """Return the squares (loads,) that the contacts from one place to the next leave of whitened samples.
+
+    Between the places, the deflection is a mixture of those under contacts at either; all are (loads, sensors).
+    """
+    rest, change = _without(moved, near), _without(other, near)
+    # Neither a change within rounding nor one that leads away explains anything.
+    apart = (change**2).sum(axis=1) > ALIKE * (other**2).sum(axis=1)
+    towards = apart & ((rest * change).sum(axis=1) > 0)
+    left = np.where(towards[:, None], _without(rest, change), rest)
+    square: Floats = (left**2).sum(axis=1)
+    return square
+
+
+def _without(vectors: Floats, along: Floats) -> Floats:
+    """Return vectors without their parts along others, row by row."""
+    size = np.maximum((along**2).sum(axis=1, keepdims=True), TINY)
+    rest: Floats = vectors - (vectors * along).sum(axis=1, keepdims=True) / size * along
+    return rest
+
+
+def other_loads(influence: InfluenceFunction, rules: Candidates, errors: SampleErrors) -> OtherLoads:
+    """Return the loads on a structure, for sensors at the candidates of these rules with these errors of a sample."""
+    low, high = influence.position_mm
+    half = (high - low) / 2
+    first = low + half * ((np.arange(PLACES) + 0.5) / PLACES)[:, None]
+    kinds = (first + np.array([0.0, half]), first + half * (np.arange(PARTS) + 0.5) / PARTS)
+    weak, strong = influence.force_n
+    forces = np.unique(weak + (strong - weak) * (np.arange(FORCES) + 0.5) / FORCES)
+
+    def under(at: Callable[[Floats], Floats]) -> Floats:
+        """Return what all loads do, from what 1 N at places (places,) does to the candidates."""
+        each = [at(kind.ravel()).reshape(*kind.shape, -1).mean(axis=1) for kind in kinds]
+        return np.concatenate([force * per_newton for force in forces for per_newton in each])
+
+    sample = under(partial(influence.at, rules.position_mm))
+    noise_mm = errors.noise_mm if errors.least_noise_mm is None else errors.least_noise_mm
+    variance = noise_mm**2 + errors.zero_mm**2 + (errors.gain * sample) ** 2
+    if errors.mounting_mm:
+        variance += under(partial(influence.deviation, rules.position_mm, tolerance_mm=errors.mounting_mm)) ** 2
+    shapes = influence.at(rules.position_mm, np.linspace(low, high, CONTACTS))
+    return OtherLoads(sample, 1 / variance, shapes)

@@ -1,0 +1,137 @@
+"""The shares of loads other than one contact that a layout notices, against plain sums, fits and simulations."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from beamtouch_models.accuracy.limit import accuracy_limit
+from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.arrays import Floats
+from beamtouch_models.placement import place, place_by_position_error
+from beamtouch_models.placement.goal import SLACK
+from beamtouch_models.placement.noticing import FORCES, MISTAKEN, PLACES, OtherLoads, other_loads
+from beamtouch_models.pricing.removal import changed
+from beamtouch_models.scene import Scene
+from example_scenes import paper_scene
+from handbook import deflection_per_newton
+from stated_problems import problem_in
+
+pytestmark = [pytest.mark.long, pytest.mark.untraced]
+
+LOW_MM, HIGH_MM, FORCE_N = 20.0, 390.0, (2.0, 20.0)
+ERRORS = SampleErrors(0.0015, 0.003, 0.001)
+LAYOUTS = [[68.0, 156.0, 244.0, 332.0], [53.0, 104.0, 312.0, 353.0], [90.0, 200.0, 310.0]]
+
+
+def scene_of(**sensors: object) -> Scene:
+    return changed(paper_scene(**sensors), "contact", position_mm=(LOW_MM, HIGH_MM), force_n=FORCE_N)
+
+
+def loads_of(errors: SampleErrors) -> tuple[OtherLoads, Floats]:
+    influence, rules = problem_in(scene_of())
+    return other_loads(influence, rules, errors), rules.position_mm
+
+
+def plain_loads(sensor_mm: Floats) -> Floats:
+    """Deflections (loads, sensors) under all loads, by the closed form of the beam: pairs and spread, by force."""
+    half = (HIGH_MM - LOW_MM) / 2
+    found = []
+    for force in np.linspace(*FORCE_N, 2 * FORCES + 1)[1::2]:
+        for parts in (np.array([0.0, half]), np.linspace(0, half, 401)[:-1] + half / 800):
+            for first in LOW_MM + half * (np.arange(PLACES) + 0.5) / PLACES:
+                each = deflection_per_newton(sensor_mm, (first + parts)[:, None])
+                found.append(force * each.mean(axis=0))
+    return np.array(found)
+
+
+def best_fit(whitened: Floats, shapes: Floats) -> Floats:
+    """Squares that the best contact leaves of whitened samples; `shapes` (contacts, sensors) likewise whitened."""
+    along = np.maximum(whitened @ shapes.T, 0.0)
+    left: Floats = (whitened**2).sum(axis=1) - (along**2 / (shapes**2).sum(axis=1)).max(axis=1)
+    return left
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_distance_from_the_best_contact_is_that_of_a_plain_search(layout: list[float]) -> None:
+    others, candidates = loads_of(ERRORS)
+    sensor_mm = np.array(layout)
+    sample, contacts = plain_loads(sensor_mm), np.linspace(LOW_MM, HIGH_MM, 40_001)[:, None]
+    deviation = np.sqrt(ERRORS.noise_mm**2 + ERRORS.zero_mm**2 + (ERRORS.gain * sample) ** 2)
+    shapes = deflection_per_newton(sensor_mm, contacts)
+    left = [best_fit((z / s)[None], shapes / s)[0] for z, s in zip(sample, deviation, strict=True)]
+    found = others.unexplained(np.searchsorted(candidates, sensor_mm))
+    assert found == pytest.approx(np.array(left), rel=5e-3, abs=5e-3)
+    assert found.max() > 20
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_share_is_that_of_simulated_samples_with_a_fit_each(layout: list[float]) -> None:
+    others, candidates = loads_of(ERRORS)
+    sensor_mm, rng = np.array(layout), np.random.default_rng(3)
+    shapes = deflection_per_newton(sensor_mm, np.linspace(LOW_MM, HIGH_MM, 801)[:, None])
+    threshold = stats.chi2.isf(MISTAKEN, len(layout) - 2)
+    shares = []
+    for z in plain_loads(sensor_mm):
+        s = np.sqrt(ERRORS.noise_mm**2 + ERRORS.zero_mm**2 + (ERRORS.gain * z) ** 2)
+        samples = z / s + rng.normal(size=(400, len(layout)))
+        shares.append((best_fit(samples, shapes / s) > threshold).mean())
+    found = others.noticed(np.searchsorted(candidates, sensor_mm))
+    pairs, spread = np.reshape(shares, (FORCES, 2, PLACES)).mean(axis=(0, 2))
+    print(f"{layout}: {found}, simulated {pairs:.4f} and {spread:.4f}")
+    assert found == pytest.approx([pairs, spread], abs=0.01)
+    assert pairs > 0.05
+
+
+def test_two_sensors_notice_nothing_however_precise_they_are() -> None:
+    # The loads between two places look like a contact between them.
+    others, candidates = loads_of(SampleErrors(1e-6))
+    for layout in ([122.0, 278.0], [60.0, 340.0], [150.0, 160.0]):
+        assert others.noticed(np.searchsorted(candidates, layout)) == pytest.approx([MISTAKEN] * 2, rel=0.1)
+
+
+def test_one_sensor_and_a_sensor_on_a_support_notice_nothing() -> None:
+    influence, rules = problem_in(scene_of(fixed_mm=[0]))
+    others = other_loads(influence, rules, ERRORS)
+    for layout in ([200.0], [0.0], [0.0, 200.0]):
+        assert others.noticed(np.searchsorted(rules.position_mm, layout)) == pytest.approx([MISTAKEN] * 2, rel=0.1)
+
+
+def test_errors_of_any_kind_hide_loads() -> None:
+    influence, rules = problem_in(scene_of())
+    layout = np.searchsorted(rules.position_mm, place(influence, rules, 4, 0).positions_mm)
+    noticed = [
+        other_loads(influence, rules, errors).noticed(layout)
+        for errors in (
+            SampleErrors(0.001),
+            SampleErrors(0.001, zero_mm=0.002),
+            SampleErrors(0.001, gain=0.01),
+            SampleErrors(0.001, mounting_mm=2.0),
+            SampleErrors(10.0, 0.01, 0.002, 2.0),
+        )
+    ]
+    assert np.all(noticed[0] > np.max(noticed[1:4], axis=0) + 0.02)
+    assert noticed[-1] == pytest.approx([MISTAKEN] * 2, rel=0.1)
+
+
+def test_the_mounting_counts_as_displaced_sensors_scatter() -> None:
+    influence, rules = problem_in(scene_of())
+    sensor_mm, errors, rng = np.array(LAYOUTS[0]), SampleErrors(0.001, mounting_mm=1.0), np.random.default_rng(1)
+    layout = np.searchsorted(rules.position_mm, sensor_mm)
+    moved = [plain_loads(sensor_mm + rng.normal(size=4)) for _ in range(600)]
+    deviation = np.sqrt(np.var(moved, axis=0) + errors.noise_mm**2)
+    found = 1 / np.sqrt(other_loads(influence, rules, errors).precision[:, layout])
+    assert found == pytest.approx(deviation, rel=0.12)
+
+
+def test_the_layout_of_the_least_error_notices_as_much_as_that_of_the_product_and_errs_less() -> None:
+    influence, rules = problem_in(scene_of(grid_mm=2, min_distance_mm=12))
+    others = other_loads(influence, rules, ERRORS)
+    product = place(influence, rules, 4, 0).positions_mm
+    found = place_by_position_error(influence, rules, 4, 0, ERRORS).positions_mm
+    shares = [others.noticed(np.searchsorted(rules.position_mm, layout)) for layout in (product, found)]
+    percent = [
+        accuracy_limit(Prior.real(influence, np.array(layout), ERRORS), 4_000, 9).percent for layout in (product, found)
+    ]
+    print(f"{product}, {found}: noticed {shares}, error {percent}")
+    assert np.all(shares[1] >= shares[0] - SLACK)
+    assert percent[1] < 0.98 * percent[0]
