@@ -15,7 +15,7 @@ MOST_MPA = 1e6
 """More GPa than this are no MPa either, but Pa."""
 LIGHTEST_KG_M3 = 20.0
 """Foams have this; a smaller number is a density in g/cm3."""
-LEAST_EXPANSION = 1e-3
+MIN_EXPANSION = 1e-3
 """Smallest expansion in um/(m K); glass ceramics of telescopes have 0.01. A smaller number is in 1/K."""
 
 
@@ -52,6 +52,6 @@ def _properties(beam: Beam) -> Iterator[str]:
     if density is not None and density < LIGHTEST_KG_M3:
         right = 1000 * density
         yield f"beam.density_kg_m3 = {density:g} is less than any material has; if it is in g/cm3, write {right:g}"
-    if expansion is not None and expansion < LEAST_EXPANSION:
+    if expansion is not None and expansion < MIN_EXPANSION:
         key, right = "beam.expansion_um_per_m_k", 1e6 * expansion
         yield f"{key} = {expansion:g} is less than any material has; if it is in 1/K, write {right:g}"

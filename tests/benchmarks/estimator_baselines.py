@@ -37,7 +37,7 @@ def baselines(case: Case) -> list[dict[str, object]]:
     rows = []
     for name in ("posterior", "small-network", "paper-network"):
         start = time.perf_counter()
-        made = estimator_of(name, prior, least_noise_mm=prior.noise_mm, with_force=False, seed=SEED, progress=silent)
+        made = estimator_of(name, prior, min_noise_mm=prior.noise_mm, with_force=False, seed=SEED, progress=silent)
         took = time.perf_counter() - start
         content, weights = to_bytes(made.graph), prior.whitening(reading)
         answers = runner(content)(reading, weights)["position_mm"]

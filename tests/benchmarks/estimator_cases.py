@@ -124,7 +124,7 @@ def latency_rows() -> list[dict[str, object]]:
             made = estimator_of(
                 estimator,
                 prior,
-                least_noise_mm=chosen.least_noise_mm(noise),
+                min_noise_mm=chosen.min_noise_mm(noise),
                 with_force=scene.wants_force,
                 seed=SEED,
                 progress=silent,

@@ -13,7 +13,7 @@ from beamtouch_models.whitening import whitening
 
 
 def whitened(surface: SimulatedSurface, fault_mm: np.ndarray) -> np.ndarray:
-    covariance = np.eye(surface.channels) * surface.least_noise_mm**2
+    covariance = np.eye(surface.channels) * surface.min_noise_mm**2
     floor = surface.metadata.floor
     return whitening(fault_mm, covariance, floor.gain, floor.zero_mm)
 
@@ -78,7 +78,7 @@ def test_the_power_for_a_noisy_channel_is_that_of_its_direction(surface: Simulat
     power = power_of_noise(surface, clean, noise, alpha)
     assert 0.2 < power < 0.9
     seen = []
-    least_mm, floor = surface.least_noise_mm, surface.metadata.floor
+    least_mm, floor = surface.min_noise_mm, surface.metadata.floor
     for at, row, loud, weight in zip(position, clean, noise, whitened(surface, clean), strict=True):
         deviation = np.sqrt((loud * least_mm) ** 2 + (np.array(floor.gain) * row) ** 2 + np.square(floor.zero_mm))
         error = random.normal(size=(1000, 4)) * deviation @ weight.T

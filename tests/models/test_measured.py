@@ -93,7 +93,7 @@ def test_fewer_false_contacts_cost_a_little_force() -> None:
 
 def test_the_same_seed_measures_the_same() -> None:
     prior = prior_of("bench", 2, 1.0, known=False)
-    made = estimator_of("posterior", prior, least_noise_mm=prior.noise_mm, with_force=True, seed=4, progress=silent)
+    made = estimator_of("posterior", prior, min_noise_mm=prior.noise_mm, with_force=True, seed=4, progress=silent)
     scene, _ = load_scene(SCENES / "bench.toml")
     first, second = (
         measured(made, prior, scene, choose_filter(scene), 4),

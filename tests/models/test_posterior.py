@@ -327,7 +327,7 @@ def test_the_same_prior_gives_the_same_bytes_for_the_oldest_runtime() -> None:
 def test_an_estimator_resolves_the_posterior_of_samples_of_the_most_readings(name: str, sensors: int) -> None:
     prior = with_floor(prior_of(name, sensors, 0.25, known=False))
     settled = dataclasses.replace(prior, noise_mm=prior.noise_mm / 20**0.5)
-    made = estimator_of("posterior", prior, least_noise_mm=settled.noise_mm, with_force=True, seed=0, progress=silent)
+    made = estimator_of("posterior", prior, min_noise_mm=settled.noise_mm, with_force=True, seed=0, progress=silent)
     drawn = limit.draw(settled, 1000, 9)
     answers = answers_of(made.graph, settled, drawn.deflection_mm)
     levels = np.tile([0.025, 0.975], (len(drawn.position_mm), 1))

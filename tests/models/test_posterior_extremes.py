@@ -82,7 +82,7 @@ def test_the_limit_holds_down_to_the_noise_that_float32_carries(
 
 def test_a_build_that_misses_the_limit_is_refused() -> None:
     prior = prior_of("paper", 2, 1e-3, known=True)
-    made = estimator_of("posterior", prior, least_noise_mm=prior.noise_mm, with_force=False, seed=0, progress=silent)
+    made = estimator_of("posterior", prior, min_noise_mm=prior.noise_mm, with_force=False, seed=0, progress=silent)
     check_held(made, prior, 1)
     few = dataclasses.replace(made, graph=posterior_graph(prior, with_force=False, design=Design(512, temper=True)))
     with pytest.raises(

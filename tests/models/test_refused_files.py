@@ -89,8 +89,8 @@ def test_a_model_whose_figures_contradict_each_other_is_refused(
 
 def test_a_model_of_an_estimator_that_is_no_more_is_not_calibrated(bench: ModelFile) -> None:
     later = bench.metadata.model_copy(update={"estimator": "oracle"})
-    prior, least_mm = prior_of_model(later), later.filter.least_noise_mm(later.noise)
-    made = estimator_of("posterior", prior, least_noise_mm=least_mm, with_force=True, seed=later.seed, progress=silent)
+    prior, least_mm = prior_of_model(later), later.filter.min_noise_mm(later.noise)
+    made = estimator_of("posterior", prior, min_noise_mm=least_mm, with_force=True, seed=later.seed, progress=silent)
     content = to_bytes(made.graph, later)
     metadata = load_bytes(content, "later.onnx").metadata
     calibration = Calibration(

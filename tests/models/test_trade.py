@@ -180,7 +180,7 @@ def test_a_curve_is_of_the_filter_that_build_writes() -> None:
     scene = changed(stated, "requirements", max_mean_ms=10.0)  # less than the latency of 20 ms
     found = curve(Touches(scene, 2, 4, 0))
     assert isinstance(found, Curve)
-    assert found.readings[-1] == choose_filter(scene).most == 4
+    assert found.readings[-1] == choose_filter(scene).max_readings == 4
 
 
 def test_fixed_sensors_raise_the_least_number_of_sensors() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
 
-LEAST_LOG = -700.0
+MIN_LOG = -700.0
 """Smallest log density, relative to the maximum; its exponential is still above zero in float64."""
 
 SHARP = 1.0
@@ -76,7 +76,7 @@ class Densities:
 def densities(grids: Floats, log_density: Floats) -> Densities:
     """Densities from their logarithms at the nodes of increasing grids, both (densities, grid), up to a constant."""
     logs = log_density - log_density.max(axis=1, keepdims=True)
-    np.maximum(logs, LEAST_LOG, out=logs)
+    np.maximum(logs, MIN_LOG, out=logs)
     density = np.exp(logs)
     step = np.diff(grids, axis=1) / (grids[:, -1:] - grids[:, :1])
     slope = np.diff(logs, axis=1) / np.where(step > 0, step, np.inf)

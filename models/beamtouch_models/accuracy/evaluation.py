@@ -25,7 +25,7 @@ MIDDLE = (0.2, 0.8)
 """Bounds of the middle of the beam, over its length."""
 REST_PLACES, REST_DRAWS, REST_RATE = 129, 2**14, 1e-8
 """Positions, samples and rarity of the simulated samples at rest that look like a contact."""
-LEAST_SHARE = 1e-3
+MIN_SHARE = 1e-3
 """Smallest share of contacts for which a stretch gets its own errors; each part of the draws needs one there, too."""
 
 
@@ -99,7 +99,7 @@ def evaluate(
         length_mm=prior.length_mm,
         span=_over_all(contacts, answers["position_mm"], _errors(error, best, weight, worst)),
         middle=_errors(error, best, weight * inside, worst[drawn_inside])
-        if drawn_inside.mean() > LEAST_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
+        if drawn_inside.mean() > MIN_SHARE and all(part.any() for part in np.array_split(inside, SCRAMBLINGS))
         else None,
         cramer_rao_mean_mm=cramer_rao.mean_error_mm(prior) if prior.noise_mm > 0 else None,
         position_coverage=_coverage(answers, "position", "mm", likely, weight),

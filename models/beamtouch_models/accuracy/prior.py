@@ -30,7 +30,7 @@ class SampleErrors:
     zero_mm: float = 0.0
     mounting_mm: float = 0.0
     """Error of a sensor's position along the beam."""
-    least_noise_mm: float | None = None
+    min_noise_mm: float | None = None
     """Noise of a sample of the most readings; None: `noise_mm`."""
 
 

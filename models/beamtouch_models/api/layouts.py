@@ -114,8 +114,8 @@ def _checked(scene: Scene, sensors: int) -> tuple[Scene, SampleErrors]:
     chosen = choose_filter(scene)
     check_scene(scene, chosen, sensors)
     physics = required(scene, chosen)
-    least_noise_mm = chosen.least_noise_mm(physics.noise)
-    return physics.scene, sample_errors(physics.scene, physics.noise.sample_mm, least_noise_mm)
+    min_noise_mm = chosen.min_noise_mm(physics.noise)
+    return physics.scene, sample_errors(physics.scene, physics.noise.sample_mm, min_noise_mm)
 
 
 def _prior(scene: Scene, sensor_mm: ArrayLike, noise_mm: float | None) -> Prior:

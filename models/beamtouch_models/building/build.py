@@ -93,7 +93,7 @@ def build(
     made = estimator_of(
         choices.estimator,
         prior,
-        least_noise_mm=physics.filter.least_noise_mm(physics.noise),
+        min_noise_mm=physics.filter.min_noise_mm(physics.noise),
         with_force=scene.wants_force,
         seed=seed,
         progress=lambda done: progress("making the estimator", 0.3 + 0.5 * done),

@@ -91,7 +91,7 @@ def _filter(metadata: Metadata) -> str:
     if chosen.kind != "none":
         lines.append(f"window = {chosen.window}")
     if chosen.kind == "growing-mean":
-        lines.append(f"max_mean_ms = {chosen.most * 1e3 / metadata.sensor.rate_hz!r}")
+        lines.append(f"max_mean_ms = {chosen.max_readings * 1e3 / metadata.sensor.rate_hz!r}")
     if chosen.spike_mm is not None:
         lines.append(f"spike_mm = {chosen.spike_mm!r}")
     return "\n".join(lines) + "\n"

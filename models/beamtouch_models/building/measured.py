@@ -67,7 +67,7 @@ def _influence(prior: Prior) -> Influence:
 
 def windows_of(chosen: FilterChoice) -> list[int]:
     """Return the numbers of readings in a mean for which the thresholds of misfit hold."""
-    return sorted({chosen.window, min(chosen.most, MAX_ALIKE)})
+    return sorted({chosen.window, min(chosen.max_readings, MAX_ALIKE)})
 
 
 def thresholds_of(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> Thresholds:

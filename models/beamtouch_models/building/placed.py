@@ -63,8 +63,8 @@ def placed(
     check_scene(scene, chosen, count or len(kept_mm) or None)
     physics = required(scene, chosen)
     needed = physics.scene
-    influence, least_noise_mm = influence_of(needed), physics.filter.least_noise_mm(physics.noise)
-    errors = sample_errors(needed, physics.noise.sample_mm, least_noise_mm)
+    influence, min_noise_mm = influence_of(needed), physics.filter.min_noise_mm(physics.noise)
+    errors = sample_errors(needed, physics.noise.sample_mm, min_noise_mm)
     if kept_mm:
         placement = Placement(kept_mm, score_positions(influence, np.array(kept_mm)), 0, ())
     else:

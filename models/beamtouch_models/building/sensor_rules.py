@@ -27,12 +27,12 @@ def sensor_rules(scene: Scene) -> Candidates:
     return Candidates(position, np.searchsorted(position, np.unique(scene.sensors.fixed_mm)), distance_mm)
 
 
-def sample_errors(scene: Scene, noise_mm: float, least_noise_mm: float | None = None) -> SampleErrors:
+def sample_errors(scene: Scene, noise_mm: float, min_noise_mm: float | None = None) -> SampleErrors:
     """Return the errors of samples with this noise; gain, zero and mounting are those of the scene's sensors.
 
-    `least_noise_mm` is the noise of samples of the most readings; None: the same.
+    `min_noise_mm` is the noise of samples of the most readings; None: the same.
     """
-    return SampleErrors(noise_mm, *floor_of(scene), scene.sensors.mounting_tolerance_mm, least_noise_mm)
+    return SampleErrors(noise_mm, *floor_of(scene), scene.sensors.mounting_tolerance_mm, min_noise_mm)
 
 
 def sensor_of(scene: Scene) -> Sensor:

@@ -21,7 +21,7 @@ INNER = 0.05
 """Share of the range at each end that is left out: next to a support, a contact has no position error worth stating."""
 ENOUGH = 0.75
 """Share of these contacts at which the floor states at least the position error that the fit leaves."""
-LEAST_GAIN = 5e-4
+MIN_GAIN = 5e-4
 """Smallest floor of a gain: sensors and amplifiers are not steadier than that."""
 
 
@@ -60,10 +60,10 @@ class LeftOpen:
         """Return the gain errors (channels,) that state what the fit leaves open."""
         moved = np.einsum("lcv,vw,lcw->lc", self._slopes, self.relative, self._slopes)
         each = np.sqrt((moved / np.maximum(self._clean_mm**2, np.finfo(np.float64).tiny)).mean(axis=0))
-        each = np.maximum(each, LEAST_GAIN)
+        each = np.maximum(each, MIN_GAIN)
         factor = float(np.quantile(self.position_mm / self.stated_mm(each), ENOUGH))
         floor: Floats = np.hypot(factor * each, self.fit.left_error)
-        return np.maximum(floor, LEAST_GAIN)
+        return np.maximum(floor, MIN_GAIN)
 
     @cached_property
     def _loads(self) -> Loads:

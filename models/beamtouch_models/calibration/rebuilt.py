@@ -52,9 +52,9 @@ def remade(metadata: Metadata, prior: Prior, calibration: Calibration, progress:
         message = f"this version has no estimator {metadata.estimator!r}; build the model again"
         raise ModelFileError(message)
     with_force = "force_n" in metadata.golden.answers
-    least_noise_mm = metadata.filter.least_noise_mm(metadata.noise)
+    min_noise_mm = metadata.filter.min_noise_mm(metadata.noise)
     made = estimator_of(
-        name, prior, least_noise_mm=least_noise_mm, with_force=with_force, seed=metadata.seed, progress=progress
+        name, prior, min_noise_mm=min_noise_mm, with_force=with_force, seed=metadata.seed, progress=progress
     )
     departures = calibration.departures
     graph = with_linear_input(made.graph, np.array(departures.offset_mm), departures.curve_per_mm)

@@ -94,7 +94,7 @@ def _challenged(content: bytes) -> _Challenged:
     prior = None if model.metadata.calibration else prior_of_model(model.metadata)
     if prior is not None:
         # What has settled is the mean of as many readings as the filter takes. The simulated sensors stand in place.
-        noise_mm = model.metadata.noise.reading_mm / math.sqrt(model.metadata.filter.most)
+        noise_mm = model.metadata.noise.reading_mm / math.sqrt(model.metadata.filter.max_readings)
         prior = replace(prior, noise_mm=noise_mm, uncertain_at=None)
     cases = (*honest_cases(surface), *error_cases(surface), *fault_cases())
     return _Challenged(model, surface, prior, cases)

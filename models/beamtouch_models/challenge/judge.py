@@ -88,7 +88,7 @@ def _chain_of(surface: SimulatedSurface) -> Chain:
     stages = chosen_stages(
         chosen.kind,
         window=chosen.window,
-        longest=chosen.most,
+        longest=chosen.max_readings,
         spike_mm=chosen.spike_mm,
         unit_mm=unit_of(noise_mm, step_mm, surface.channels),
         slowest_period=surface.slowest_period,

@@ -24,7 +24,7 @@ def coloured(surface: SimulatedSurface, draws: int, rng: np.random.Generator, *,
     position, force = drawn(surface, draws, rng)
     metadata = surface.metadata
     stated = Stated(
-        noise_mm=metadata.noise.reading_mm * coloured_times(COLOURED, metadata.filter.most),
+        noise_mm=metadata.noise.reading_mm * coloured_times(COLOURED, metadata.filter.max_readings),
         zero_mm=max(metadata.floor.zero_mm),
         step_mm=metadata.sensor.gain_mm_per_count,
     )

@@ -75,14 +75,14 @@ def power_of_noise(surface: SimulatedSurface, clean_mm: Floats, noise: Floats, a
     row = np.arange(len(louder))
     seen = whiten[row, :, louder]
     left = seen - np.einsum("dik,djk,dj->di", basis, basis, seen)
-    extra = (noise[row, louder] ** 2 - 1) * surface.least_noise_mm**2 * (left * left).sum(axis=1)
+    extra = (noise[row, louder] ** 2 - 1) * surface.min_noise_mm**2 * (left * left).sum(axis=1)
     return float(2 * ndtr(ndtri(alpha / 2) / np.sqrt(1 + extra)).mean())
 
 
 def _whitening(surface: SimulatedSurface, deflection_mm: Floats, valid: Bools) -> Floats:
     """Return the whitening of settled samples."""
     floor = surface.metadata.floor
-    covariance = np.eye(surface.channels) * surface.least_noise_mm**2
+    covariance = np.eye(surface.channels) * surface.min_noise_mm**2
     return whitening(deflection_mm, covariance, floor.gain, floor.zero_mm, valid)
 
 

@@ -106,14 +106,14 @@ class SimulatedSurface:
         return len(self.sensor_mm)
 
     @property
-    def least_noise_mm(self) -> float:
+    def min_noise_mm(self) -> float:
         """Noise of a settled sample."""
-        return self.metadata.filter.least_noise_mm(self.metadata.noise)
+        return self.metadata.filter.min_noise_mm(self.metadata.noise)
 
     @property
     def look_back(self) -> int:
         """Number of readings after which nothing before them is in a sample or in the state of the surface."""
-        return self.metadata.filter.most + self.decided
+        return self.metadata.filter.max_readings + self.decided
 
     @property
     def decided(self) -> int:

@@ -30,15 +30,15 @@ class Estimator:
 
 
 def estimator_of(
-    name: Name, prior: Prior, *, least_noise_mm: float, with_force: bool, seed: int, progress: Fraction
+    name: Name, prior: Prior, *, min_noise_mm: float, with_force: bool, seed: int, progress: Fraction
 ) -> Estimator:
     """Make an estimator for a prior; the same seed gives the same graph.
 
-    `least_noise_mm` is the noise of samples of the most readings, which a posterior must still resolve.
+    `min_noise_mm` is the noise of samples of the most readings, which a posterior must still resolve.
     """
     match name:
         case "posterior":
-            design = design_for(replace(prior, noise_mm=least_noise_mm))
+            design = design_for(replace(prior, noise_mm=min_noise_mm))
             graph, fewest = posterior_graph(prior, with_force=with_force, design=design), fewest_channels(prior, seed)
         case "small-network":
             # A single channel leaves several places far apart, and the network looks around one.

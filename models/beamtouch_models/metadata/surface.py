@@ -53,13 +53,13 @@ class FilterChoice(MetadataPart):
     """Time from the first reading of a new load to the first sample of `window` readings of that load alone."""
 
     @property
-    def most(self) -> int:
+    def max_readings(self) -> int:
         """Largest number of readings in a sample."""
         return self.longest or self.window
 
-    def least_noise_mm(self, noise: "Noise") -> float:
+    def min_noise_mm(self, noise: "Noise") -> float:
         """Return the noise of a sample of the most readings, in mm."""
-        return noise.sample_mm * math.sqrt(self.window / self.most)
+        return noise.sample_mm * math.sqrt(self.window / self.max_readings)
 
 
 class Noise(MetadataPart):

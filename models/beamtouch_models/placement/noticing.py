@@ -105,7 +105,7 @@ def other_loads(influence: InfluenceFunction, rules: Candidates, errors: SampleE
         return np.concatenate([force * per_newton for force in forces for per_newton in each])
 
     sample = under(partial(influence.at, rules.position_mm))
-    noise_mm = errors.noise_mm if errors.least_noise_mm is None else errors.least_noise_mm
+    noise_mm = errors.noise_mm if errors.min_noise_mm is None else errors.min_noise_mm
     variance = noise_mm**2 + errors.zero_mm**2 + (errors.gain * sample) ** 2
     if errors.mounting_mm:
         variance += under(partial(influence.deviation, rules.position_mm, tolerance_mm=errors.mounting_mm)) ** 2

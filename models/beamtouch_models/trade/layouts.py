@@ -115,9 +115,9 @@ def _made(layout: Layout, name: Name, prior: Prior, contacts: Contacts) -> list[
     """Return an estimator as it is and with 8-bit weights; SceneError if an answer is not finite."""
     scene, chosen = layout.scene, layout.filter
     best, weight = contacts.deviation_mm, contacts.weight
-    least_noise_mm = chosen.least_noise_mm(noise_of(scene, chosen))
+    min_noise_mm = chosen.min_noise_mm(noise_of(scene, chosen))
     one = estimator_of(
-        name, prior, least_noise_mm=least_noise_mm, with_force=scene.wants_force, seed=layout.seed, progress=silent
+        name, prior, min_noise_mm=min_noise_mm, with_force=scene.wants_force, seed=layout.seed, progress=silent
     )
     reading, sample = contacts.drawn.deflection_mm, _sample(prior)
     found = []

@@ -97,7 +97,7 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
     influence, rules = influence_of(physics), sensor_rules(physics)
     noise, chosen = built.metadata.noise, built.metadata.filter
     errors, warmth_mm = (
-        sample_errors(physics, noise.sample_mm, chosen.least_noise_mm(noise)),
+        sample_errors(physics, noise.sample_mm, chosen.min_noise_mm(noise)),
         temperature_drift_mm(physics),
     )
     model = load_bytes(built.content, "the model just built")

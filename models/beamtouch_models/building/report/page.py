@@ -15,7 +15,7 @@ from beamtouch_models.pricing.effect import NEGLIGIBLE
 from beamtouch_models.pricing.ringing import ringing_of, told
 from beamtouch_models.svg import STYLE
 
-LEAST_MISSED = 1e-4
+MIN_MISSED = 1e-4
 """Share of contacts from which missed ones are drawn; below it, the page says that there are hardly any."""
 MAX_CHARTED = 8
 """Number of components that are drawn: a chart has as many colours."""
@@ -90,7 +90,7 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
     chart = Chart(says, at, "force, N", [curve], y_from_zero=True)
     charts.append(("seen", chart, remark if max(seen.force_n) > strongest else ""))
     along = detection_of(facts.model.metadata)
-    if along is not None and max(along.missed) >= LEAST_MISSED:
+    if along is not None and max(along.missed) >= MIN_MISSED:
         says = f"Contacts of {along.force_n:g} N, the smallest force of the scene, that are missed along the beam"
         curve = Series("", along.position_mm, [100 * share for share in along.missed])
         remark = f"; at most {100 * max(along.missed):.3g} % of settled samples"

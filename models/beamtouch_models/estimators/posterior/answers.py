@@ -17,7 +17,7 @@ QUANTILES = (0.5, 0.025, 0.975)
 """The median, and the ends of the interval."""
 SMALLEST_MASS = 1e-26
 """Keeps the place within an empty cell finite, and avoids subnormal numbers, which are slow."""
-LEAST_EXPONENT = -50.0
+MIN_EXPONENT = -50.0
 """Smallest logarithm of a likelihood over the largest, for the same reason; no quantile depends on smaller ones."""
 
 
@@ -49,7 +49,7 @@ def state_answers(
     # Sums of exponentials and their logarithm take less time than the operations that do both.
     exponent = graph.apply("Sub", lowest.cell, found.misfit)
     if not prior.force_is_known and widened is None:
-        exponent = graph.apply("Max", exponent, graph.constant(LEAST_EXPONENT))
+        exponent = graph.apply("Max", exponent, graph.constant(MIN_EXPONENT))
     likely = graph.apply("Mul", graph.apply("Exp", exponent), grid.share)
     state_log_odds(graph, found, likely, lowest.cell)
     other = None
