@@ -237,7 +237,7 @@ async def test_a_port_in_use_is_an_error_that_says_so() -> None:
         async with rtu_units(line, {1: StampingUnit()}):
             stream = make_source(line.path, [0, 1]).readings()
             await anext(stream)
-            with pytest.raises(SourceError, match="is no other program using it"):
+            with pytest.raises(SourceError, match="another program uses it: stop that one"):
                 await first_readings(make_source(line.path, [0, 1]), 1)
             await stream.aclose()
 
