@@ -194,7 +194,7 @@ def test_sections_of_any_stiffness_agree_with_transfer_matrices(ratio: float) ->
         ({"supports": simple(100, 100)}, "two stand at the same place"),
         ({"supports": [*simple(100), *fixed(100)]}, "two stand at the same place"),
         ({"supports": "hinged"}, "simply-supported"),
-        ({"supports": [{"at_mm": 0, "kind": "roller"}]}, 'must be "simple" or "fixed"; for roller, write kind = "simple"'),
+        ({"supports": [{"at_mm": 0, "kind": "roller"}]}, 'for roller, write kind = "simple"'),
         ({"supports": [{"at_mm": math.nan}]}, "finite number"),
         ({"segments": [{"to_mm": 200}]}, "segments end at 200 mm, the beam at 400 mm"),
         ({"segments": [{"to_mm": 200}, {"to_mm": 500}]}, "segments end at 500 mm"),
