@@ -14,7 +14,7 @@ from daemon.process import started
 from daemon.service import TOKEN, Service, serving
 from processes import processor_s, resident_mb
 
-SECONDS = 10.0
+SECONDS = 5.0
 CHANNELS = (0, 1, 2, 3)
 SERIAL_RATES_HZ = (200, 1000)
 MODBUS_RATE_HZ = 200

@@ -49,7 +49,7 @@ class Health:
         ModelFileError
             The model file does not hold the influence.
         ValueError
-            What was kept is not of this layout.
+            What was kept is not of this layout, or was written in another way.
         """
         curve = InfluenceCurve.of(metadata)
         if curve is None:
@@ -58,9 +58,13 @@ class Health:
         self._metadata, self._curve = metadata, curve
         self._floor, self._zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
         kept = kept or {"blocks": [], "changes": []}
-        self._history = History.from_json(len(metadata.layout), kept["blocks"])
-        self._known: list[tuple[int, int]] = [(int(at_us), int(channel)) for at_us, channel in kept["changes"]]
-        """Time of the first contact and channel of each change."""
+        try:
+            self._history = History.from_json(len(metadata.layout), kept["blocks"])
+            self._known: list[tuple[int, int]] = [(int(at_us), int(channel)) for at_us, channel in kept["changes"]]
+            """Time of the first contact and channel of each change."""
+        except (TypeError, KeyError) as error:
+            message = f"what was kept cannot be read ({error!r})"
+            raise ValueError(message) from None
         self._changes: list[Change] = []
         self._search()
 

@@ -50,9 +50,10 @@ def completed(connection: Connection, event: Segment) -> Segment:
     is_stretch = event.kind is EventKind.UNEXPLAINED
     key = {"of_surface": event.surface, "of_boot_id": event.boot_id}
     before, after = event.first_sequence - 1, event.last_sequence + 1
-    for sequence, acquired_us, past in connection.execute(_BESIDE, key | {"before": before, "after": after}):
+    for sequence, acquired_us, kept in connection.execute(_BESIDE, key | {"before": before, "after": after}):
         # Without what came before it, a clear sample may turn out to belong to a stretch.
-        is_certain = len(past["memories"]) == 1
+        past = _past(kept)
+        is_certain = past is not None and len(past.memories) == 1
         if sequence == before and event.begin is Begin.UNSEEN and (is_certain or not is_stretch):
             event = replace(event, begin=Begin.CLEAR if is_stretch else Begin.TOUCH)
         elif sequence == after and is_open and (is_certain or not (is_stretch or event.ends_unexplained)):

@@ -1,0 +1,77 @@
+"""Rows that a service of another version wrote in another way: what they say is left out, and nothing is lost."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from contextlib import closing
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+import pytest
+
+from beamtouch_models import modelfile
+from beamtouch_service.events.recorder import Recorder
+from beamtouch_service.surfaces.surface import Surface
+from service.event_story import RESTING, TOUCHING, settle
+from service.touches import Touches
+from waiting import wait_until
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from service.conftest import Bench, BuildModel, MakeBatch
+
+OTHERS = json.dumps({"of": "another version"})
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "events.db"
+
+
+def rewrite(path: Path, table: str, column: str) -> None:
+    """Put what nobody here can read into a column of every row."""
+    with closing(sqlite3.connect(path)) as connection, connection:
+        assert connection.execute(f"UPDATE {table} SET {column} = ?", [OTHERS]).rowcount > 0  # noqa: S608
+
+
+def test_a_contact_beside_a_foreign_edge_is_recorded(
+    path: Path, make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
+) -> None:
+    model = modelfile.load(build_model())
+    recorder = Recorder(path)
+    assert make_bench(Surface("press-7", model), recorder=recorder).post(make_batch(RESTING, sequence=5)).is_success
+    recorder.close()
+    rewrite(path, "edges", "past")
+
+    recorder = Recorder(path)
+    bench = make_bench(Surface("press-7", model), recorder=recorder)
+    bench.post(make_batch(RESTING, sequence=50))
+    bench.post(make_batch(RESTING, TOUCHING, TOUCHING, sequence=2, age_ms=60_000))
+    settle(bench)
+    (event,) = bench.get("/events").json()["events"]
+    assert (event["begin"], event["end"], event["samples"]) == ("touch", "lift", 2)
+    assert recorder.lost == 0
+    recorder.close()
+
+
+def test_a_foreign_baseline_begins_anew(
+    path: Path, make_bench: type[Bench], bench_model: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    surface = Surface("press-7", modelfile.load(bench_model))
+    assert surface.model is not None
+    recorder = Recorder(path)
+    batch = Touches(surface.model).batch(5, datetime(2026, 2, 1, tzinfo=UTC))
+    assert make_bench(surface, recorder=recorder).post(batch).is_success
+    wait_until(lambda: surface.health is not None and bool(surface.health.channels))
+    recorder.close()
+    rewrite(path, "baselines", "history")
+
+    surface = Surface("press-7", modelfile.load(bench_model))
+    recorder = Recorder(path)
+    recorder.watch(surface)
+    wait_until(lambda: surface.health is not None and bool(surface.health.channels))
+    assert "surface press-7: its health begins anew" in caplog.text
+    recorder.close()
+    assert recorder.lost == 0
