@@ -1,5 +1,6 @@
 """Doing as a user without privileges does: root may read everything."""
 
+import codecs
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ def without_root(folder: Path) -> Iterator[None]:
     if os.geteuid() != 0:
         yield
         return
+    codecs.lookup("utf-8-sig")  # loaded at its first use, which that user may not do where Python is in root's home
     os.chown(folder, NOBODY, NOBODY)
     os.seteuid(NOBODY)
     try:

@@ -90,6 +90,8 @@ def test_what_is_wrong_is_said_with_the_file_and_the_key(tmp_path: Path, text: s
         ('["surfacs/*.toml"]', "include: no file matches 'surfacs/*.toml'; correct it"),
         ('["/etc/*.toml"]', "include: '/etc/*.toml' is not a pattern relative to this file"),
         ('[""]', "include: '' is not a pattern relative to this file"),
+        ('["surfaces/**.toml"]', "include: 'surfaces/**.toml' is not a pattern relative to this file"),
+        (f'["{"x" * 300}"]', f"include: '{'x' * 300}': File name too long"),
         ('["."]', "include: '.' is not a pattern relative to this file"),
         ('[".."]', "include: no file matches '..'; correct it, for example to ../*.toml, or write"),
         ('["surfaces/"]', "include: no file matches 'surfaces/'; correct it, for example to surfaces/*.toml, or write"),

@@ -75,10 +75,11 @@ def _matching(patterns: tuple[str, ...], path: Path) -> Iterator[Path]:
 
 def _found(pattern: str, path: Path) -> list[Path]:
     """Return the files that a pattern matches; InputError if there are none."""
+    _require_relative(pattern, path)
     try:
         matching = sorted(path.parent.glob(pattern))
-    except (ValueError, IndexError, NotImplementedError):  # absolute, empty, a dot, or ** within a name
-        message = f"{path}: include: {pattern!r} is not a pattern relative to this file, such as surfaces/*.toml"
+    except (ValueError, OSError) as error:  # a NUL, which Python 3.13 refuses, or a name that is too long
+        message = f"{path}: include: {pattern!r}: {error.strerror if isinstance(error, OSError) else error}"
         raise InputError(message) from None
     _require_readable(pattern, path)
     folders = [one for one in matching if one.is_dir()]
@@ -89,6 +90,14 @@ def _found(pattern: str, path: Path) -> list[Path]:
         message = f"{path}: include: no file matches {pattern!r}; {advice}, or write a file with [surfaces.NAME]"
         raise InputError(message)
     return found
+
+
+def _require_relative(pattern: str, path: Path) -> None:
+    """Raise InputError for a pattern that `Path.glob` refuses in one version of Python and takes in another."""
+    parts = PurePath(pattern).parts  # none of an empty pattern and of a dot
+    if not parts or PurePath(pattern).is_absolute() or any("**" in part and part != "**" for part in parts):
+        message = f"{path}: include: {pattern!r} is not a pattern relative to this file, such as surfaces/*.toml"
+        raise InputError(message)
 
 
 def _require_readable(pattern: str, path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Annotated, Protocol, TypeVar
 
 from fastapi import Depends, Query
 from fastapi import Path as PathParameter
+from sqlalchemy.exc import DBAPIError
 from starlette.requests import HTTPConnection
 from starlette.types import Scope
 
@@ -90,12 +91,18 @@ class Context:
         self.access.require(role, given)
 
     async def ask_events(self, query: Callable[[EventStore], _T]) -> _T:
-        """Return the answer to a query for events; raises EventsAwayError, also after `QUERY_S`."""
+        """Return the answer to a query for events.
+
+        Raises EventsAwayError, also after `QUERY_S`, and ProblemError (503) if the record is damaged.
+        """
         try:
             return await wait_for(wrap_future(self.recorder.ask(query)), QUERY_S)
         except TimeoutError:
             message = f"it has not answered for {QUERY_S:g} s"
             raise EventsAwayError(message) from None
+        except DBAPIError as error:
+            detail = f"The database refuses: {error.orig}. Contacts go on; the log of the service says what is lost."
+            raise ProblemError(Problem(Kind.EVENTS_AWAY, detail), {"Retry-After": "1"}) from None
 
     def take_turn(self, surface: str) -> None:
         """Count a batch for a surface; raises ProblemError (429) when too many came within a second."""

@@ -4,7 +4,6 @@ import json
 
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
-from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
@@ -25,7 +24,6 @@ def install(app: FastAPI) -> None:
     """Make `app` answer every error with problem+json."""
     app.add_exception_handler(ProblemError, _problem)
     app.add_exception_handler(EventsAwayError, _events_away)
-    app.add_exception_handler(DBAPIError, _events_unreadable)
     app.add_exception_handler(HTTPException, _http)
     app.add_exception_handler(RequestValidationError, _validation)
     app.add_exception_handler(ClientDisconnect, _disconnect)
@@ -77,12 +75,6 @@ async def _problem(request: Request, error: Exception) -> Response:
 
 async def _events_away(request: Request, error: Exception) -> Response:
     detail = f"{error}. What is recorded meanwhile is kept and written later."
-    return _counted(request.scope, Problem(Kind.EVENTS_AWAY, detail), {"Retry-After": "1"})
-
-
-async def _events_unreadable(request: Request, error: Exception) -> Response:
-    assert isinstance(error, DBAPIError)  # noqa: S101  # narrows the type; registered for nothing else
-    detail = f"The database refuses: {error.orig}. Contacts go on; the log of the service says what is lost."
     return _counted(request.scope, Problem(Kind.EVENTS_AWAY, detail), {"Retry-After": "1"})
 
 

@@ -96,10 +96,8 @@ def gather(scene: Scene, built: Built, progress: Progress) -> Facts:
     physics = built.physics.scene
     influence, rules = influence_of(physics), sensor_rules(physics)
     noise, chosen = built.metadata.noise, built.metadata.filter
-    errors, warmth_mm = (
-        sample_errors(physics, noise.sample_mm, chosen.min_noise_mm(noise)),
-        temperature_drift_mm(physics),
-    )
+    errors = sample_errors(physics, noise.sample_mm, chosen.min_noise_mm(noise))
+    warmth_mm = temperature_drift_mm(physics)
     model = load_bytes(built.content, "the model just built")
     seed = built.metadata.seed
     return Facts(
