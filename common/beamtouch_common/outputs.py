@@ -42,6 +42,6 @@ def _problem(path: Path) -> str:
     except OSError as error:  # a folder above it is closed to this user
         return f"{path}: {error.strerror}"
     is_device = path.exists() and not path.is_file()
-    if not is_device and not os.access(folder, os.W_OK | os.X_OK):
+    if not is_device and not os.access(folder, os.W_OK | os.X_OK, effective_ids=True):
         return f"{folder}: this user may not write there; choose another folder"
     return ""

@@ -20,7 +20,7 @@ _HINTS = {
 """Complaints of the parser, with what usually causes them."""
 _ENDS_EARLY = {
     r"[+-]?\d+,\d": "; write decimals with a point",
-    r"[+-]?[\d.]+ *[^\W\d_]": "; give the number alone, its unit is in the name of the key",
+    r"[+-]?[\d.]+ *[^\W\d_][^=]*$": "; give the number alone, its unit is in the name of the key",
     r"\d+\.\d+\.\d": "; text needs quotes",
 }
 """Beginnings of values that the parser takes as a number with something behind it, with what to do."""
