@@ -6,7 +6,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from beamtouch_common.known_keys import meant
+from beamtouch_common.known_keys import header_of, meant
 from beamtouch_common.plain_toml import given
 from beamtouch_common.reasons import is_of_another_kind, one_of, reason_of
 
@@ -42,7 +42,7 @@ def complaint(error: ValidationError, kind: type[BaseModel], content: Content, r
             others = [one for one in others if one["loc"][:-1] != first["loc"][:-1]]
             text = f"{key.rpartition('[')[0]}: must have {needed} entries, not {had}" + given(entries)
         case "missing":
-            text = f"{key} is missing; add it"
+            text = f"{header_of(kind, first['loc'], key)} is missing; add it"
         case "union_tag_not_found":
             text = f"{_tag(key, first['ctx'])} is missing; add it"
         case "union_tag_invalid":

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from beamtouch_common.complaints import complaint
 from beamtouch_common.errors import InputError
+from beamtouch_common.file_kinds import mistaken_kind
 from beamtouch_common.plain_toml import parser_complaint
 
 MAX_BYTES = 1024 * 1024
@@ -42,7 +43,8 @@ def read_text(path: Path) -> str:
     try:
         return content.decode("utf-8-sig")  # some editors begin a file with a byte order mark
     except UnicodeDecodeError:
-        message = f"{path}: not a text file in UTF-8"
+        is_model = path.suffix == ".onnx"
+        message = f"{path}: {'this is a model file; give a text file' if is_model else 'not a text file in UTF-8'}"
         raise InputError(message) from None
 
 
@@ -76,7 +78,7 @@ def parse_toml(
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         # These include numbers and nesting beyond the limits of the parser.
-        message = f"{origin}: not valid TOML: {parser_complaint(error)}"
+        message = f"{origin}: not valid TOML: {parser_complaint(error, text)}"
         raise InputError(message) from None
     return validate(kind, content, origin, renamed=renamed, context=context)
 
@@ -93,7 +95,7 @@ def validate(
     try:
         return kind.model_validate(content, context=dict(context))
     except ValidationError as error:
-        message = f"{origin}: {complaint(error, kind, content, renamed)}"
+        message = f"{origin}: {mistaken_kind(kind, content) or complaint(error, kind, content, renamed)}"
         raise InputError(message) from None
 
 
@@ -117,6 +119,8 @@ def write_atomically(path: Path, content: bytes, *, mode: int | None = None) -> 
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
-    except BaseException:
+    except BaseException as error:
         partial.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            error.filename, error.filename2 = str(path), None  # the file that the user named
         raise

@@ -24,10 +24,23 @@ def meant(kind: type[BaseModel], location: Sequence[int | str], present: Sequenc
     key = str(location[-1])
     own = {name for model in _models_at(kind, location[:-1]) for name in _fields(model)} - set(present)
     near = get_close_matches(key, sorted(own), n=1, cutoff=_ALIKE)
+    near = near or [name for name in sorted(own) if name.startswith(f"{key}_")]
     if near:
         return f"did you mean {near[0]}?"
     elsewhere = [path for path, model in _tables(kind) if key in _fields(model)]
     return f"it belongs in {_table(elsewhere[0])}" if elsewhere else ""
+
+
+def header_of(kind: type[BaseModel], location: Sequence[int | str], key: str) -> str:
+    """Return a key as it stands in the file: a table in brackets, several tables in two, and others as they are."""
+    name = str(location[-1])
+    annotations = [fields[name] for model in _models_at(kind, location[:-1]) if name in (fields := _fields(model))]
+    if not any(True for annotation in annotations for _ in _models_in(annotation)):
+        return key
+    parts = [part for annotation in annotations for part in (annotation, *get_args(annotation))]
+    if any(get_origin(part) in (list, tuple) for part in parts):
+        return f"[[{key}]]"
+    return f"[{key}.NAME]" if any(get_origin(part) is dict for part in parts) else f"[{key}]"
 
 
 def _table(path: str) -> str:

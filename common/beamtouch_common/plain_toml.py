@@ -16,9 +16,14 @@ _PYTHON_KEYS = re.compile(r"\(('[^']*'(?:, '[^']*')*),?\)")
 _HINTS = {
     "Invalid value": "; text needs quotes, and true and false are in lower case",
     "Cannot overwrite a value": "; the key is there twice",
-    "Expected newline or end of document after a statement": "; give one key per line, and decimals a point",
 }
 """Complaints of the parser, with what usually causes them."""
+_ENDS_EARLY = {
+    r"[+-]?\d+,\d": "; write decimals with a point",
+    r"[+-]?[\d.]+ *[^\W\d_][^=]*$": "; give the number alone, its unit is in the name of the key",
+    r"\d+\.\d+\.\d": "; text needs quotes",
+}
+"""Beginnings of values that the parser takes as a number with something behind it, with what to do."""
 
 
 def given(value: object) -> str:
@@ -51,14 +56,23 @@ def toml_of(value: object, deep: int = 0) -> str:
     return str(value)
 
 
-def parser_complaint(error: Exception) -> str:
-    """Return what the TOML parser complains about."""
+def parser_complaint(error: Exception, source: str) -> str:
+    """Return what the TOML parser complains about in a text, and what to do."""
     if isinstance(error, RecursionError):
         return "its values are nested too deeply"
     text = str(error)
     if "integer string conversion" in text:
         return "a number has too many digits"
     text = _PYTHON_KEYS.sub(lambda found: "[" + ".".join(re.findall(r"'([^']*)'", found[1])) + "]", text)
+    line = re.search(r"^Expected newline .* \(at line (\d+),", text)
+    if line is not None:
+        return text + _hint(source.split("\n")[int(line[1]) - 1])
     for theirs, hint in _HINTS.items():
         text = text + hint if text.startswith(theirs) else text
     return text
+
+
+def _hint(line: str) -> str:
+    """Return what to do about a line with something behind its value."""
+    value = line.partition("=")[2].strip()
+    return next((hint for start, hint in _ENDS_EARLY.items() if re.match(start, value)), "; give one key per line")

@@ -101,6 +101,12 @@ def read(path: Path) -> bytes:
         message = f"{path}: {error.strerror}"
         raise ModelFileError(message) from None
     _require_size(len(content), str(path))
+    if path.suffix == ".toml":
+        message = f"{path}: this is no model; give the .onnx file that `design-sensors build` wrote"
+        raise ModelFileError(message)
+    if not content:
+        message = f"{path}: the file is empty; build it again with `design-sensors build`"
+        raise ModelFileError(message)
     return content
 
 

@@ -15,6 +15,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_common.files import load_toml, write_atomically
 
 CROSSES = "x" * 76
+BEHIND = "not valid TOML: Expected newline or end of document after a statement (at line 1, column {}); "
 RENAMED = {"most_mm": "max_mm"}
 
 
@@ -72,6 +73,11 @@ def complaint(path: Path) -> str:
         ),
         ("count = 1.5", 'count: must be a whole number or "auto" (given: 1.5)'),
         (f"max_mm = '{'x' * 1000}'", f'max_mm: must be a number (given: "{CROSSES}...)'),
+        ("max_mm = 1.5 mm", BEHIND.format(14) + "give the number alone, its unit is in the name of the key"),
+        ("max_mm = -1,5", BEHIND.format(12) + "write decimals with a point"),
+        ("max_mm = 127.0.0.1", BEHIND.format(15) + "text needs quotes"),
+        ("max_mm = 1.5 count = 2", BEHIND.format(14) + "give one key per line"),
+        ("max = 1.0", "unknown key max; did you mean max_mm?"),
         ("[shape", "not valid TOML: Expected ']' at the end of a table declaration (at end of document)"),
     ],
 )
@@ -90,9 +96,11 @@ def test_what_the_parser_cannot_take_is_not_valid(tmp_path: Path, text: str) -> 
 def test_a_file_that_cannot_be_read_is_an_error(tmp_path: Path) -> None:
     assert complaint(tmp_path / "absent.toml") == "No such file or directory"
     assert complaint(tmp_path) == "Is a directory"
+    (tmp_path / "large").write_text("#" * (2**20 + 1))
     (tmp_path / "binary").write_bytes(b"\xff\xfe")
     assert complaint(tmp_path / "binary") == "not a text file in UTF-8"
-    (tmp_path / "large").write_text("#" * (2**20 + 1))
+    (tmp_path / "bench.onnx").write_bytes(b"\xff\xfe")
+    assert complaint(tmp_path / "bench.onnx") == "this is a model file; give a text file"
     assert complaint(tmp_path / "large") == "larger than 1 MiB; is it the right file?"
 
 
@@ -136,8 +144,9 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path)
 
 def test_a_file_that_cannot_be_replaced_leaves_nothing_behind(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
-    with pytest.raises(IsADirectoryError):
+    with pytest.raises(IsADirectoryError) as caught:
         write_atomically(tmp_path / "folder", b"new")
+    assert caught.value.filename == str(tmp_path / "folder")  # not the partial file, which the user never named
     assert [path.name for path in tmp_path.iterdir()] == ["folder"]
 
 

@@ -61,7 +61,10 @@ async def test_check_fails_when_a_channel_is_not_good_or_a_surface_cannot_be_rea
         "quality": "good",
     }
     assert report["surfaces"]["press-7"]["channels"] == []
-    assert outcome.complaint().startswith("press-7: no connection to 127.0.0.1:")
+    saturated, missing, refused = outcome.err.splitlines()
+    assert saturated.startswith("beamtouch-daemon: bench: s1 saturated: the counts stand at an end of the ADC; check ")
+    assert missing == "beamtouch-daemon: bench: s3 missing: the device sent no value; check unit and register"
+    assert refused.startswith("beamtouch-daemon: press-7: no connection to 127.0.0.1:")
 
 
 async def test_check_reads_serial_lines(tmp_path: Path) -> None:
@@ -220,7 +223,7 @@ async def test_a_summary_that_could_not_be_written_is_refused_before_the_work(tm
     config = configs.write(tmp_path, configs.surface())
     outcome = await command("run", config, "--summary", tmp_path / "absent" / "summary.json")
     assert outcome.code == 2
-    assert outcome.complaint().endswith("absent is not a directory")
+    assert outcome.complaint().endswith("absent: no such folder; create it first")
 
 
 async def test_a_missing_extra_is_named_with_what_to_install(tmp_path: Path) -> None:

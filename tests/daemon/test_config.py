@@ -157,7 +157,7 @@ def test_paths_are_relative_to_the_file(tmp_path: Path, monkeypatch: pytest.Monk
         ("[1.0, 4.0]", "[4.0, 1.0]", "channels[0]: range_mm must be [smaller, larger], not [4.0, 1.0]"),
         ("= -0.0001", "= 0", "channels[0].gain_mm_per_count: must not be 0"),
         ("http://127.0.0.1:8420", "127.0.0.1:8420", "publish.url: must look like http://127.0.0.1:8420"),
-        ("http://127.0.0.1:8420", "http://127.0.0.1:84200", "publish.url: Port out of range"),
+        ("http://127.0.0.1:8420", "http://127.0.0.1:84200", "publish.url: must look like http://127.0.0.1:8420"),
         ('"modbus-tcp"', '"modbus"', 'bench.source.kind: must be "modbus-tcp", "modbus-rtu" or'),
         (
             '"moving-average"',

@@ -12,7 +12,7 @@ from .process import command
 
 pytestmark = pytest.mark.anyio
 
-WRONG = ["plc..plant", "plc" * 30, "a b", "plc\\u0000"]
+WRONG = ["plc..plant", "plc" * 30, "a b", "plc\\u0000", "tcp://plc", "plc:502", "plc/0"]
 
 
 def complaint(path: Path) -> str:

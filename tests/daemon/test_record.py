@@ -219,7 +219,7 @@ async def test_of_several_surfaces_one_must_be_chosen(tmp_path: Path) -> None:
 async def test_a_file_that_cannot_be_written_is_wrong_input(tmp_path: Path) -> None:
     path = tmp_path / "absent" / "loads.csv"
     done = await command("record", configs.write(tmp_path, configs.surface()), "-o", path)
-    assert (done.code, done.complaint()) == (2, f"{path}: No such file or directory")
+    assert (done.code, done.complaint()) == (2, f"{path.parent}: no such folder; create it first")
 
 
 @pytest.mark.parametrize("rows", [b"1.5,1,150.0,10.0,20", b"\xff\xfe\n"], ids=["half a row", "no text"])

@@ -67,4 +67,19 @@ def test_a_port_that_is_taken_is_named(bench_model: Path) -> None:
         where = f"127.0.0.1:{taken.getsockname()[1]}"
         done = rig(SCENE, "--model", str(bench_model), "--modbus-tcp", where)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == f"beamtouch-rig: cannot listen on {where}; it may be in use\n"
+    assert done.stderr.startswith(
+        f"beamtouch-rig: cannot listen on {where}: in use; stop the program that listens there"
+    )
+
+
+def test_an_address_of_another_machine_is_named(bench_model: Path) -> None:
+    done = rig(SCENE, "--model", str(bench_model), "--modbus-tcp", "192.0.2.1:5020")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("beamtouch-rig: cannot listen on 192.0.2.1:5020: not on this machine; use 127.0.0.1")
+
+
+def test_a_truth_file_without_a_folder_is_refused_before_anything_listens(bench_model: Path, tmp_path: Path) -> None:
+    truth = tmp_path / "absent" / "truth.csv"
+    done = rig(SCENE, "--model", str(bench_model), "--modbus-tcp", "127.0.0.1:0", "--truth", str(truth))
+    said = f"beamtouch-rig: {truth.parent}: no such folder; create it first\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", said)

@@ -13,6 +13,14 @@ _NUMBERS = (2, 3, 4)
 """Columns with numbers, which stand to the right."""
 
 
+_CAUSES = {
+    Quality.OUT_OF_RANGE: "the gap is outside range_mm; take everything off the beam, or correct the characteristic",
+    Quality.SATURATED: "the counts stand at an end of the ADC; check the wiring, and adc_bits or counts_range",
+    Quality.MISSING: "the device sent no value; check unit and register",
+}
+"""Qualities that a single reading can have beside good, with their usual causes."""
+
+
 @dataclass(frozen=True, slots=True)
 class ChannelState:
     """One channel in one reading."""
@@ -56,7 +64,12 @@ class SurfaceState:
     @property
     def complaints(self) -> tuple[str, ...]:
         """What prevents readings, and what prevents samples."""
-        return tuple(text for text in (self.error, self.refusal) if text)
+        return tuple(text for text in (self.error, *self._bad_channels(), self.refusal) if text)
+
+    def _bad_channels(self) -> Iterator[str]:
+        for quality, cause in _CAUSES.items():
+            if names := [one.channel for one in self.channels if one.quality is quality]:
+                yield f"{', '.join(names)} {quality.value}: {cause}"
 
 
 def as_json(state: SurfaceState, *, asked: bool) -> dict[str, object]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from beamtouch_common.commands import DONE
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import parse_toml, read_text, write_atomically
+from beamtouch_common.outputs import require_writable
 from beamtouch_daemon.commands.init_dialogue import Stated, complete
 from beamtouch_daemon.commands.init_template import load_template
 from beamtouch_daemon.commands.init_text import NoTableError, with_publish, with_source
@@ -84,14 +85,7 @@ def _seen_from(path: Path, file: Path) -> str:
 
 def _require_free(path: Path, *, force: bool) -> None:
     """Raise InputError if the file cannot be written, or exists and may not be replaced."""
-    try:
-        is_folder, is_there = path.parent.is_dir(), path.exists()
-    except OSError as error:  # a folder above it is closed to this user
-        message = f"{path}: {error.strerror}"
-        raise InputError(message) from None
-    if not is_folder:
-        message = f"{path.parent} is not a directory"
-        raise InputError(message)
-    if is_there and not force:
+    require_writable([path])
+    if path.exists() and not force:
         message = f"{path}: already exists; add --force to replace it, or name another file"
         raise InputError(message)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TextIO
 
 from beamtouch_common.errors import InputError
+from beamtouch_common.outputs import require_writable
 from beamtouch_daemon.commands.figures import MAX_DECIMALS, counts_text, rounded
 from beamtouch_daemon.processing.pipeline import Taken
 
@@ -111,6 +112,8 @@ def table(path: Path, channels: Sequence[str], *, append: bool) -> Iterator[Tabl
         The file exists and `append` is false, or it has other columns, or it cannot be written.
     """
     try:
+        if not path.is_file():
+            require_writable([path])
         with path.open("r+" if append and path.exists() else "x", newline="", encoding="utf-8") as file:
             made = Table(file, channels)
             if file.mode == "x":

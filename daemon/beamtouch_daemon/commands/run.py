@@ -9,8 +9,9 @@ from functools import partial
 from pathlib import Path
 
 from beamtouch_common.commands import DONE, INTERRUPTED
-from beamtouch_common.errors import FailedError, InputError
+from beamtouch_common.errors import FailedError
 from beamtouch_common.files import write_atomically
+from beamtouch_common.outputs import require_writable
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.running import runtime
 from beamtouch_daemon.running.surface_worker import Summary
@@ -19,9 +20,7 @@ from beamtouch_daemon.running.surface_worker import Summary
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; InputError if the configuration, or a file that it names, cannot be used."""
     path: Path | None = arguments.summary
-    if path and not path.parent.is_dir():
-        message = f"--summary: {path.parent} is not a directory"
-        raise InputError(message)
+    require_writable([path], [arguments.config])
     files = {"token_file": arguments.token_file, "spool_file": arguments.spool_file}
     ended = asyncio.run(runtime.run(partial(load_config, arguments.config, files)))
     for name, summary in ended.summaries.items():

@@ -3,7 +3,7 @@
 import ssl
 from pathlib import Path
 from typing import Annotated
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from pydantic import AfterValidator, Field, FiniteFloat
 
@@ -14,15 +14,25 @@ from beamtouch_daemon.config.sources import RelativePath, Strict
 
 def _http_url(value: str) -> str:
     parts = urlsplit(value)
-    if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment:
+    if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment or not _port(parts):
         message = "must look like http://127.0.0.1:8420"
         raise ValueError(message)
     if parts.username is not None:
         message = "must name no user; the service knows the daemon by its token"
         raise ValueError(message)
+    if parts.path.strip("/"):
+        message = "must have no path; end it after the port"
+        raise ValueError(message)
     host_name(parts.hostname)
-    _ = parts.port  # raises ValueError when it is not a port number
     return value.rstrip("/")
+
+
+def _port(parts: SplitResult) -> int:
+    """Return the port of an address, by default that of HTTP; 0 if it has a wrong one."""
+    try:
+        return 80 if parts.port is None else parts.port
+    except ValueError:
+        return 0
 
 
 HttpUrl = Annotated[str, AfterValidator(_http_url)]

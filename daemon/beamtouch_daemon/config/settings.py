@@ -100,6 +100,17 @@ class Surface(Strict):
         return self
 
     @model_validator(mode="after")
+    def _noise_fits_the_sensors(self) -> Self:
+        smallest_mm = min(high - low for low, high in (channel.range_mm for channel in self.channels))
+        if self.noise_mm is not None and self.noise_mm >= smallest_mm / 2:
+            message = (
+                f"noise_mm = {self.noise_mm:g} is half the range of a sensor or more; "
+                f"if it is in um, write {self.noise_mm / 1e3:g}"
+            )
+            raise ValueError(message)
+        return self
+
+    @model_validator(mode="after")
     def _channels_can_be_read(self) -> Self:
         places = Counter(place_of(self.source, channel) for channel in self.channels)
         (_, _, register), times = places.most_common(1)[0]

@@ -23,7 +23,7 @@ class UnreachableError(Exception):
 
 
 _NAME = "publish.url must have a name or address that the certificate states"
-_TRUST = "name the certificate, or that of its authority, as publish.certificate_file"
+_TRUST = "publish.certificate_file must be the service's certificate, or that of its authority"
 _CERTIFICATE_ADVICE = {
     9: "check the clock of this machine",  # X509_V_ERR_CERT_NOT_YET_VALID of OpenSSL
     10: "renew it, or check the clock of this machine",  # CERT_HAS_EXPIRED

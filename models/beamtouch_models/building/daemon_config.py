@@ -41,7 +41,7 @@ def _head(metadata: Metadata) -> str:
 
 [publish]
 url = "{SERVICE_URL}"
-token_file = "{TOKEN_FILE}"       # the file that `beamtouch-service run --write-token-file` uses
+token_file = "{TOKEN_FILE}"        # the file that `beamtouch-service run --write-token-file` uses
 
 [surfaces.{name}]
 rate_hz = {metadata.sensor.rate_hz!r}
@@ -66,7 +66,7 @@ def _noise(metadata: Metadata) -> str:
     if metadata.noise.reading_mm == 0:
         return ""
     return (
-        f"noise_mm = {metadata.noise.reading_mm!r}        # of a reading; `tare` refuses a surface that moves more,\n"
+        f"{f'noise_mm = {metadata.noise.reading_mm!r}':<38}# of a reading; `tare` refuses a surface that moves more,\n"
         "                                      # and a channel whose counts repeat for too long counts as stuck\n"
     )
 
@@ -77,7 +77,7 @@ def _period(metadata: Metadata) -> str:
     if period_ms is None:
         return ""
     return (
-        f"slowest_period_ms = {period_ms:.4g}             # of the beam with a weight on it; readings that differ\n"
+        f"{f'slowest_period_ms = {period_ms:.4g}':<38}# of the beam with a weight on it; readings that differ\n"
         "                                      # within it show that the beam moves\n"
     )
 
@@ -110,7 +110,7 @@ def _channel(metadata: Metadata, index: int) -> str:
     sensor, channel = metadata.sensor, metadata.layout[index]
     return f"""\
 [[surfaces.{json.dumps(metadata.name)}.channels]]
-name = {json.dumps(channel.name)}                           # mounted {channel.position_mm:g} mm from the left end
+{f"name = {json.dumps(channel.name)}":<38}# mounted {channel.position_mm:g} mm from the left end
 register = {index}
 gain_mm_per_count = {sensor.gain_mm_per_count!r}
 offset_mm = {sensor.offset_mm!r}

@@ -10,6 +10,7 @@ from pathlib import Path
 import onnx
 
 from beamtouch_common.files import write_atomically
+from beamtouch_common.outputs import require_writable
 from beamtouch_models import loading
 from beamtouch_models.building.build import Built, Choices, build
 from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
@@ -34,10 +35,8 @@ EARLIER = Aim("eigenvalue-product")
 def run(options: argparse.Namespace) -> None:
     """Build, write the requested files, and print the metadata of the model."""
     scene, text, name, choices = _scene_of(options)
-    for path in (options.output, options.daemon_config, options.report):
-        if path is not None and not path.parent.is_dir():
-            message = f"{path.parent}: no such folder; create it first"
-            raise SceneError(message)
+    is_rebuilt = options.scene.suffix == ".onnx"  # a rebuilt model may replace the old one
+    require_writable((options.output, options.daemon_config, options.report), () if is_rebuilt else (options.scene,))
     for remark in remarks(scene):
         print(f"note:    {remark}", file=sys.stderr)
     with shown_progress() as progress:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
+from beamtouch_common.outputs import require_writable
 from beamtouch_models import loading
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.calibrate import Calibrated, calibrate
@@ -24,9 +25,7 @@ SMALLEST_ERROR, LARGEST_ERROR = 1e-3, 50.0
 def run(options: argparse.Namespace) -> None:
     """Calibrate, write the model, and print the departures and the errors before and after."""
     model = loading.load(options.model)
-    if not options.output.parent.is_dir():
-        message = f"{options.output.parent}: no such folder; create it first"
-        raise InputError(message)
+    require_writable([options.output], [options.readings, options.events])
     if options.events is not None:
         calibrate_events.run(model, options)
         return

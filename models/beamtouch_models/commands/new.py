@@ -10,6 +10,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import ValidationError
 
 from beamtouch_common.files import write_atomically
+from beamtouch_common.outputs import require_writable
 from beamtouch_common.reasons import reason_of
 from beamtouch_common.typed import is_terminal, typed_line
 from beamtouch_models.building.checks import check_scene
@@ -45,14 +46,18 @@ def run(options: argparse.Namespace) -> None:
         stated["force_n"] = tuple(stated["force_n"])
     text = _checked(Answers(**{**stated, "range_mm": tuple(stated.get("range_mm", Answers.range_mm))}), target)
     write_atomically(target, text.encode())
-    print(f"{target}: next, design-sensors explain {target}, then design-sensors build {target} -o MODEL.onnx")
+    print(
+        f"{target}: next, design-sensors explain {target}, "
+        f"then design-sensors build {target} -o MODEL.onnx --daemon-config daemon.toml"
+    )
 
 
 def refuse_existing(target: Path, *, force: bool) -> None:
-    """Raise SceneError if a file is there and may not be replaced."""
-    if target.exists() and not force:
+    """Raise SceneError if a file is there and may not be replaced, InputError if it cannot be written."""
+    if target.is_file() and not force:
         message = f"{target} exists already; give --force to replace it"
         raise SceneError(message)
+    require_writable([target])
 
 
 def _checked(answers: Answers, target: Path) -> str:

@@ -5,6 +5,7 @@ import asyncio
 
 from beamtouch_common.commands import DONE, INTERRUPTED
 from beamtouch_common.errors import InputError
+from beamtouch_common.outputs import require_writable
 from beamtouch_models import loading
 from beamtouch_models.rig.by_hand import ByHand
 from beamtouch_models.rig.firmware import ADC_BITS, Firmware
@@ -18,6 +19,7 @@ from beamtouch_models.scene import load_scene
 
 def run(options: argparse.Namespace) -> int:
     """Serve the surface until the command is stopped; returns the exit code, InputError for wrong input."""
+    require_writable([options.truth], [options.scene, options.model, options.script])
     scene, _ = load_scene(options.scene)
     model = loading.load(options.model)
     length_mm = scene.beam.length_mm

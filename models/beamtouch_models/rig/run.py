@@ -3,6 +3,7 @@
 import asyncio
 import logging
 import signal
+import socket
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple
 
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 
+from beamtouch_common.listening import remedy
 from beamtouch_models.errors import SceneError
 from beamtouch_models.rig import modbus_device
 from beamtouch_models.rig.by_hand import ByHand
@@ -96,6 +98,7 @@ async def _device(
 
     if device.modbus_tcp is not None:
         host, port = device.modbus_tcp
+        _require_free(host, port)
         tcp = modbus_device.tcp_server(convert, surface.channels, host, port)
         await _listen(tcp, f"{host}:{port}")
         if isinstance(tcp.transport, asyncio.Server):  # with port 0 the system chooses: print its choice
@@ -117,6 +120,16 @@ async def _device(
         return SerialDevice(line, convert, surface.channels, surface.sensor.adc_bits).serve()
     message = "no device given"
     raise AssertionError(message)
+
+
+def _require_free(host: str, port: int) -> None:
+    """Raise SceneError with the reason if nothing can listen there; pymodbus does not say why."""
+    try:
+        with socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET):
+            pass
+    except OSError as error:
+        message = f"cannot listen on {host}:{port}: {remedy(error, '--modbus-tcp')}"
+        raise SceneError(message) from None
 
 
 async def _listen(server: ModbusTcpServer | ModbusSerialServer, where: str) -> None:

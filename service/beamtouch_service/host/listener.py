@@ -1,8 +1,8 @@
 """The address to listen on."""
 
 import socket
-from errno import EACCES, EADDRINUSE, EADDRNOTAVAIL
 
+from beamtouch_common.listening import remedy
 from beamtouch_service.config import ConfigError
 
 _SEND_BUFFER_BYTES = 128 * 1024
@@ -34,11 +34,6 @@ def bind(family: socket.AddressFamily, address: str, port: int, option: str = "-
         listener.listen()
     except OSError as error:
         listener.close()
-        remedies = {
-            EADDRINUSE: f"in use; stop the program that listens there, or choose another port with {option}",
-            EACCES: f"not allowed for this user; choose one above 1023 with {option}",
-            EADDRNOTAVAIL: "not on this machine; use 127.0.0.1, or an address that `ip address` shows",
-        }
-        message = f"port {port} on {address}: {remedies.get(error.errno or 0, error.strerror)}"
+        message = f"port {port} on {address}: {remedy(error, option)}"
         raise ConfigError(message) from None
     return listener
