@@ -186,7 +186,8 @@ def test_pictures(start: Callable[..., Line], open_page: OpenPage) -> None:
     # No column of a table is cut off.
     phone.page.wait_for_selector("#events tr")
     for table in ("#channels", ".scroll"):
-        assert phone.page.eval_on_selector(table, "one => one.scrollWidth - one.clientWidth") <= 0, table
+        measure = "name => { const one = document.querySelector(name); return one.scrollWidth - one.clientWidth; }"
+        assert phone.page.evaluate(measure, table) <= 0, table
     # At arm's length: digits of more than 5 mm on a panel of 7 inches, and both charts on it.
     assert panel.page.evaluate("() => parseFloat(getComputedStyle(document.getElementById('position')).fontSize)") >= 48
     for element in ("position", "force", "age", "beam", "position-strip", "force-strip"):
