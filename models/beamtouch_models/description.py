@@ -18,9 +18,9 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     force = f"{weak:g} N, known" if weak == strong else f"{weak:g}..{strong:g} N, unknown"
     gap = f"gap {sensor.range_mm[0]:g}..{sensor.range_mm[1]:g} mm, {sensor.standoff_mm:.4g} mm at rest"
     smoothing = f"{chosen.kind} of {chosen.window} readings, settled after {chosen.settling_ms:g} ms"
-    error = f"{accuracy.error_percent:.3f} % +- {accuracy.error_standard_error:.3f}"
-    best = f"{accuracy.limit_percent:.3f} % +- {accuracy.limit_standard_error:.3f}"
-    ratio = f"{accuracy.ratio:.3f} +- {accuracy.ratio_standard_error:.3f}"
+    error = f"{accuracy.error_percent:.3f} % +- {accuracy.error_standard_error:.1g}"
+    best = f"{accuracy.limit_percent:.3f} % +- {accuracy.limit_standard_error:.1g}"
+    ratio = f"{accuracy.ratio:.3f} +- {accuracy.ratio_standard_error:.1g}"
     lacks = ", ".join(lacking(outputs))
     rows = [
         ("model", f"{identity} ({metadata.estimator}, seed {metadata.seed})"),
