@@ -81,7 +81,8 @@ def unseen(metadata: Metadata) -> str:
         return ""
     needed = max((force for run in missed for _, force in run if force <= most_n), default=weakest)
     words = [f"up to {needed:.2g} N is needed there"] if needed > weakest else []
-    words += [f"at {_in_words(blind)} the beam hardly moves, and no force is seen"] if blind else []
+    where = "there" if blind == missed else f"at {_in_words(blind)}"
+    words += [f"{where} the beam hardly moves, and no force is seen"] if blind else []
     return (
         f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {_in_words(missed)}: "
         f"{'; '.join(words)}"
