@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -133,7 +134,10 @@ def test_a_spare_costs_error_and_saves_some_when_a_sensor_fails(scene: api.Scene
         (lambda scene, _: api.accuracy_limit(scene, [100, 300], draws=0), "draws = 0: give 1 or more"),
         (lambda scene, _: api.error_along_mm(scene, [100, 300], [-5]), "position_mm: must be finite from 1 to 399"),
         (lambda scene, _: api.place(scene, 0), "sensors = 0: give 1 or more"),
-        (lambda scene, _: api.place(scene, 4, criterion="best"), "criterion = 'best' must be one of eigenvalue-"),
+        (
+            lambda scene, _: api.place(scene, 4, criterion=cast("Any", "best")),
+            "criterion = 'best' must be one of eigenvalue-",
+        ),
         (lambda scene, _: api.place(scene, 1, spare=1), "spare = 1: give 0, or 1 with two or more sensors"),
         (lambda scene, _: api.ringing_mm(scene, [1], [-1]), r"time_s: must be finite, at least 0 \(given: -1\)"),
         (lambda scene, _: api.ringing_mm(scene, [1], [0], damping_ratio=2), "damping_ratio = 2 must be more than 0"),

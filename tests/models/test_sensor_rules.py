@@ -4,7 +4,8 @@ import pytest
 
 from beamtouch_models.building.sensor_rules import check_spacing, sensor_of
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import at_most, check_small_angles
+from beamtouch_models.physics.beam import check_small_angles
+from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene, parse_scene
 from example_scenes import SCENES, paper_scene
 

@@ -7,9 +7,10 @@ import numpy as np
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import Sensor
-from beamtouch_models.physics.beam import at_most, sensor_positions_mm, travel_mm
+from beamtouch_models.physics.beam import sensor_positions_mm, travel_mm
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.pricing.noise import floor_of, step_mm
+from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene
 
 DEFAULT_ADC_BITS = 16

@@ -11,6 +11,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.assembly import element_influence
 from beamtouch_models.physics.closed_forms import patch_influence, point_influence, span_of
 from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene
 from beamtouch_models.structure import SMALLEST_NORMAL, Beam
 
@@ -170,14 +171,6 @@ def travel_mm(scene: Scene) -> tuple[float, float]:
 def max_deflection_mm(scene: Scene) -> float:
     """Return the largest deflection in the scene, anywhere on the beam, in either direction, in mm."""
     return max(travel_mm(scene))
-
-
-def at_most(value: float) -> float:
-    """Return the largest number with two digits that is not more than a value; 0 for less than 1e-300."""
-    if value < 1e-300:
-        return 0.0
-    digit = 10.0 ** (math.floor(math.log10(value)) - 1)
-    return math.floor(value / digit) * digit
 
 
 def check_small_angles(scene: Scene) -> None:
