@@ -23,8 +23,8 @@ def meant(kind: type[BaseModel], location: Sequence[int | str], present: Sequenc
     """
     key = str(location[-1])
     own = {name for model in _models_at(kind, location[:-1]) for name in _fields(model)} - set(present)
-    near = get_close_matches(key, sorted(own), n=1, cutoff=_ALIKE)
-    near = near or [name for name in sorted(own) if name.startswith(f"{key}_")]
+    without_unit = [name for name in sorted(own) if name.startswith(f"{key}_")]
+    near = get_close_matches(key, sorted(own), n=1, cutoff=_ALIKE) or (without_unit if len(without_unit) == 1 else [])
     if near:
         return f"did you mean {near[0]}?"
     elsewhere = [path for path, model in _tables(kind) if key in _fields(model)]

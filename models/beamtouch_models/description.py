@@ -18,9 +18,9 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     force = f"{weak:g} N, known" if weak == strong else f"{weak:g}..{strong:g} N, unknown"
     gap = f"gap {sensor.range_mm[0]:g}..{sensor.range_mm[1]:g} mm, {sensor.standoff_mm:.4g} mm at rest"
     smoothing = f"{chosen.kind} of {chosen.window} readings, settled after {chosen.settling_ms:g} ms"
-    error = f"{accuracy.error_percent:.3f} % +- {accuracy.error_standard_error:.3f}"
-    best = f"{accuracy.limit_percent:.3f} % +- {accuracy.limit_standard_error:.3f}"
-    ratio = f"{accuracy.ratio:.3f} +- {accuracy.ratio_standard_error:.3f}"
+    error = f"{accuracy.error_percent:.3f} % +- {accuracy.error_standard_error:.1g}"
+    best = f"{accuracy.limit_percent:.3f} % +- {accuracy.limit_standard_error:.1g}"
+    ratio = f"{accuracy.ratio:.3f} +- {accuracy.ratio_standard_error:.1g}"
     lacks = ", ".join(lacking(outputs))
     rows = [
         ("model", f"{identity} ({metadata.estimator}, seed {metadata.seed})"),
@@ -81,7 +81,8 @@ def unseen(metadata: Metadata) -> str:
         return ""
     needed = max((force for run in missed for _, force in run if force <= most_n), default=weakest)
     words = [f"up to {needed:.2g} N is needed there"] if needed > weakest else []
-    words += [f"at {_in_words(blind)} the beam hardly moves, and no force is seen"] if blind else []
+    where = "there" if blind == missed else f"at {_in_words(blind)}"
+    words += [f"{where} the beam hardly moves, and no force is seen"] if blind else []
     return (
         f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {_in_words(missed)}: "
         f"{'; '.join(words)}"

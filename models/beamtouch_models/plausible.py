@@ -11,12 +11,13 @@ WIDEST, DEEPEST = 4.0, 1.0
 """Largest width and thickness over the length; a beam beyond them is none, or its length is in another unit."""
 STIFFEST_GPA = 1500.0
 """Diamond has 1200 GPa."""
-MOST_MPA = 1e6
-"""More GPa than this are no MPa either, but Pa."""
-LIGHTEST_KG_M3 = 20.0
-"""Foams have this; a smaller number is a density in g/cm3."""
-MIN_EXPANSION = 1e-3
-"""Smallest expansion in um/(m K); glass ceramics of telescopes have 0.01. A smaller number is in 1/K."""
+PSI_PER_GPA = 145038
+UNITS = (("MPa", 1e3, 1.0), ("psi", PSI_PER_GPA, 5.0), ("Pa", 1e9, 0.1))
+"""Other units of a modulus: how many of them are a GPa, and the smallest modulus in GPa for which one is meant."""
+LIGHTEST_KG_M3, HEAVIEST_KG_M3 = 20.0, 25_000.0
+"""Foams and osmium; a smaller number is a density in g/cm3."""
+MIN_EXPANSION, MAX_EXPANSION = 1e-3, 1e3
+"""Smallest and largest expansion in um/(m K); glass ceramics of telescopes have 0.01, rubbers 300. Less is in 1/K."""
 
 
 def in_other_units(beam: Beam) -> str:
@@ -45,9 +46,9 @@ def _properties(beam: Beam) -> Iterator[str]:
     moduli = ("youngs_modulus_gpa", beam.youngs_modulus_gpa), ("shear_modulus_gpa", beam.shear_modulus_gpa)
     for key, modulus in moduli:
         if modulus is not None and modulus > STIFFEST_GPA:
-            unit, times = ("MPa", 1e3) if modulus <= MOST_MPA else ("Pa", 1e9)
-            right = modulus / times
-            yield f"beam.{key} = {modulus:g} is more than any material has; if it is in {unit}, write {right:g}"
+            fits = [(unit, modulus / times) for unit, times, least in UNITS if least <= modulus / times <= STIFFEST_GPA]
+            advice = f"if it is in {fits[0][0]}, write {fits[0][1]:.4g}" if fits else "state it in GPa"
+            yield f"beam.{key} = {modulus:g} is more than any material has; {advice}"
     density, expansion = beam.density_kg_m3, beam.expansion_um_per_m_k
     if density is not None and density < LIGHTEST_KG_M3:
         right = 1000 * density
@@ -55,3 +56,12 @@ def _properties(beam: Beam) -> Iterator[str]:
     if expansion is not None and expansion < MIN_EXPANSION:
         key, right = "beam.expansion_um_per_m_k", 1e6 * expansion
         yield f"{key} = {expansion:g} is less than any material has; if it is in 1/K, write {right:g}"
+    for key, value, most, unit in (
+        ("density_kg_m3", density, HEAVIEST_KG_M3, "kg/m3"),
+        ("expansion_um_per_m_k", expansion, MAX_EXPANSION, "um/(m K)"),
+    ):
+        if value is not None and value > most:
+            yield f"beam.{key} = {value:g} is more than any material has; state it in {unit}"
+    young, shear = beam.modulus_gpa, beam.shear_modulus_gpa
+    if young is not None and shear is not None and shear >= young:
+        yield f"beam.shear_modulus_gpa = {shear:g} must be less than Young's modulus, {young:g}; metals have 0.38 of it"

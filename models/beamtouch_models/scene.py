@@ -3,114 +3,16 @@
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, PositiveInt, model_validator
+from pydantic import Field, model_validator
 
 from beamtouch_common.files import parse_toml, read_text
-from beamtouch_models.beam_parts import Finite, Pair, PositiveFinite, PositivePair, Strict
+from beamtouch_models.beam_parts import PositiveFinite, Strict
 from beamtouch_models.environment import Environment
 from beamtouch_models.metadata import MAX_FALSE, max_false_per_day
+from beamtouch_models.places import misplaced
 from beamtouch_models.plausible import in_other_units
+from beamtouch_models.scene_parts import Contact, Sensors
 from beamtouch_models.structure import Beam
-
-MIN_SENSORS, MAX_SENSORS = 1, 64
-
-
-class Contact(Strict):
-    """The contacts that the surface is designed for, uniform over their ranges."""
-
-    force_n: PositiveFinite | PositivePair
-    """One number if the force is known, else its range."""
-    position_mm: Pair
-    """Range of positions, from the left end of the beam."""
-    width_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Length over which a contact presses evenly, centred at its position; 0 is a point."""
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.force_range_n[0] > self.force_range_n[1]:
-            message = f"force_n = {list(self.force_range_n)}: the first must not exceed the second"
-            raise ValueError(message)
-        if self.position_mm[0] >= self.position_mm[1]:
-            message = f"position_mm = {list(self.position_mm)}: the first must be less than the second"
-            raise ValueError(message)
-        return self
-
-    @property
-    def force_range_n(self) -> tuple[float, float]:
-        """Smallest and largest force; equal if the force is known."""
-        return self.force_n if isinstance(self.force_n, tuple) else (self.force_n, self.force_n)
-
-
-class Sensors(Strict):
-    """The proximity sensors under the beam, all of the same kind."""
-
-    count: (
-        Literal["auto"]
-        | Annotated[int, Field(ge=MIN_SENSORS, le=MAX_SENSORS)]
-        | Annotated[tuple[PositiveInt, PositiveInt], Field(strict=False)]
-    ) = "auto"
-    """Number of sensors; "auto" (2 to 8) or a range takes the smallest that meets requirements.position_error_mm."""
-    noise_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    """Standard deviation of a reading, without the ADC's steps if `adc_bits` states them."""
-    noise_percent_of_max: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    """Standard deviation of a reading in percent of the largest deflection in the scene."""
-    gain_error_percent: Annotated[float, Field(ge=0, le=100)] | None = None
-    """Standard deviation of each sensor's gain after calibration, in percent; by default 0.3."""
-    zero_drift_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    """Standard deviation of each sensor's zero since the last tare; by default a fifth of the noise of a reading."""
-    mounting_tolerance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Standard deviation of each sensor's position along the beam."""
-    rate_hz: PositiveFinite = 100.0
-    """Readings per second."""
-    range_mm: PositivePair = (1.0, 4.0)
-    """Smallest and largest gap between which the sensor is linear."""
-    standoff_mm: PositiveFinite | None = None
-    """Gap at rest; by default the travel of the beam is centred in the range."""
-    adc_bits: Annotated[int, Field(ge=6, le=16)] | None = None
-    """Bits of the ADC; by default its steps are not modelled. Rounding that the noise does not average out stays."""
-    drift_um_per_k: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    """Largest drift of a sensor's zero with the temperature. It adds to `zero_drift_mm`."""
-    min_distance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Smallest distance between two sensors, from centre to centre."""
-    keep_out_mm: list[Pair] = Field(default_factory=list)
-    """Stretches of the beam without sensors; a sensor may stand at their ends."""
-    fixed_mm: list[Finite] = Field(default_factory=list)
-    """Positions of sensors that are already decided."""
-    grid_mm: PositiveFinite = 1.0
-    """Sensors are placed at multiples of this, from the left end of the beam."""
-
-    @model_validator(mode="after")
-    def _consistent(self) -> Self:
-        if (self.noise_mm is None) == (self.noise_percent_of_max is None):
-            message = "give either noise_mm or noise_percent_of_max"
-            raise ValueError(message)
-        if self.range_mm[0] >= self.range_mm[1]:
-            message = f"range_mm = {list(self.range_mm)}: the first must be less than the second"
-            raise ValueError(message)
-        if self.standoff_mm is not None and not self.range_mm[0] <= self.standoff_mm <= self.range_mm[1]:
-            message = f"standoff_mm = {self.standoff_mm:g} lies outside range_mm = {list(self.range_mm)}"
-            raise ValueError(message)
-        twice = [place for place in self.fixed_mm if self.fixed_mm.count(place) > 1]
-        if twice:
-            message = f"fixed_mm names {twice[0]:g} mm twice; two sensors cannot share a position"
-            raise ValueError(message)
-        if any(start >= end for start, end in self.keep_out_mm):
-            message = "keep_out_mm: the start of a stretch must be less than its end"
-            raise ValueError(message)
-        return self
-
-    @property
-    def count_range(self) -> tuple[int, int]:
-        """Smallest and largest number of sensors, as stated; "auto" is 2 to 8."""
-        if self.count == "auto":
-            return 2, 8
-        return self.count if isinstance(self.count, tuple) else (self.count, self.count)
-
-    @property
-    def fewest(self) -> int:
-        """Smallest number of sensors to consider: never less than the fixed ones."""
-        return max(self.count_range[0], len(self.fixed_mm))
-
 
 Descriptor = Literal["position", "force"]
 
@@ -148,15 +50,10 @@ class Scene(Strict):
     def _on_the_beam(self) -> Self:
         if message := in_other_units(self.beam):  # before other checks stumble over such a number
             raise ValueError(message)
-        low, high = self.contact.position_mm
-        if low < 0 or high > self.beam.length_mm:
-            message = f"contact.position_mm = {[low, high]} reaches beyond the beam, 0..{self.beam.length_mm:g} mm"
-            raise ValueError(message)
-        if any(not 0 <= position <= self.beam.length_mm for position in self.sensors.fixed_mm):
-            message = f"sensors.fixed_mm reaches beyond the beam, 0..{self.beam.length_mm:g} mm"
+        if message := misplaced(self.beam, self.contact, self.sensors):
             raise ValueError(message)
         if self.sensors.count != "auto" and self.sensors.count_range[0] > self.sensors.count_range[1]:
-            message = "sensors.count: the first must not exceed the second"
+            message = f"sensors.count = {list(self.sensors.count_range)}: the first must not exceed the second"
             raise ValueError(message)
         return self
 

@@ -22,6 +22,8 @@ def add_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--material", choices=tuple(MATERIALS), help="its material (default: steel)")
     parser.add_argument("--left", choices=ENDS, help="how its left end is held (default: pinned)")
     parser.add_argument("--right", choices=ENDS, help="how its right end is held (default: roller)")
+    words = "place of a roller between the ends; may be repeated"
+    parser.add_argument("--roller-mm", type=float, action="append", metavar="MM", help=words)
     words = "smallest and largest force of a contact (default: what uses a third of --range-mm)"
     parser.add_argument("--force-n", type=float, nargs=2, metavar=("LOW", "HIGH"), help=words)
     parser.add_argument("--sensors", type=whole_number(1, 64), metavar="N", help="number of sensors (default: 4)")
@@ -30,7 +32,7 @@ def add_new(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rate-hz", type=float, metavar="HZ", help="readings per second (default: 200)")
     words = "gaps over which the sensors are linear (default: 1 4)"
     parser.add_argument("--range-mm", type=float, nargs=2, metavar=("LOW", "HIGH"), help=words)
-    parser.add_argument("--latency-ms", type=float, metavar="MS", help="time for an answer (default: 20)")
+    parser.add_argument("--latency-ms", type=float, metavar="MS", help="time of filtering (default: 20)")
     parser.add_argument("--position-error-mm", type=float, metavar="MM", help="largest mean error (default: any)")
     parser.add_argument("--force", action="store_true", help="replace a file that exists")
 

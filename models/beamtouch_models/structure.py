@@ -50,7 +50,7 @@ class Beam(Strict):
     expansion_um_per_m_k: PositiveFinite | None = None
     """Coefficient of linear thermal expansion."""
     damping_ratio: DampingRatio | None = None
-    """Damping over critical damping of the lowest mode; by default 0.01, that of a bare metal beam."""
+    """Damping over critical damping of the lowest mode; by default 0.01. Measure it: in firm clamps it may be 0.001."""
     segments: Annotated[tuple[Segment, ...], Field(strict=False)] = ()
     """Segments from left to right, up to the beam's end; by default the beam is prismatic."""
     foundation_n_mm2: PositiveFinite | None = None

@@ -1,6 +1,8 @@
 """The interface for scripts gives what the commands give, and refuses with one line."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -103,3 +105,56 @@ def test_a_beam_of_unknown_mass_has_no_frequency() -> None:
 
     with pytest.raises(SceneError, match="density_kg_m3"):
         api.frequency_hz(massless)
+
+
+def test_a_touched_beam_rings_with_the_damping_of_its_scene(scene: api.Scene) -> None:
+    damped = api.read_scene(SCENE.replace("density_kg_m3 = 7850", "density_kg_m3 = 7850\ndamping_ratio = 0.2"))
+
+    assert api.ringing_mm(damped, [1.0], [0.01]) == pytest.approx(
+        api.ringing_mm(scene, [1.0], [0.01], damping_ratio=0.2)
+    )
+
+
+def test_a_spare_costs_error_and_saves_some_when_a_sensor_fails(scene: api.Scene) -> None:
+    without, with_spare = (api.place(scene, 3, spare=spare) for spare in (0, 1))
+
+    def worst(layout: np.ndarray) -> float:
+        return max(api.accuracy_limit(scene, np.delete(layout, index), draws=2000).mean_mm for index in range(3))
+
+    assert worst(with_spare) < worst(without)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda scene, _: api.influence_matrix(scene, [700], [10]), r"sensor_mm: must be finite from 0 to 400"),
+        (lambda scene, _: api.influence_matrix(scene, [10], []), "load_mm: must be one number, or a list of them"),
+        (lambda scene, _: api.influence_matrix(scene, ["a"], [10]), "sensor_mm: must be numbers"),
+        (lambda scene, _: api.accuracy_limit(scene, [np.nan]), r"sensor_mm: must be finite .* \(given: nan\)"),
+        (lambda scene, _: api.accuracy_limit(scene, [100, 300], draws=0), "draws = 0: give 1 or more"),
+        (lambda scene, _: api.error_along_mm(scene, [100, 300], [-5]), "position_mm: must be finite from 1 to 399"),
+        (lambda scene, _: api.place(scene, 0), "sensors = 0: give 1 or more"),
+        (
+            lambda scene, _: api.place(scene, 4, criterion=cast("Any", "best")),
+            "criterion = 'best' must be one of eigenvalue-",
+        ),
+        (lambda scene, _: api.place(scene, 1, spare=1), "spare = 1: give 0, or 1 with two or more sensors"),
+        (lambda scene, _: api.ringing_mm(scene, [1], [-1]), r"time_s: must be finite, at least 0 \(given: -1\)"),
+        (lambda scene, _: api.ringing_mm(scene, [1], [0], damping_ratio=2), "damping_ratio = 2 must be more than 0"),
+        (lambda *_: api.read_scene("bench.toml"), r"give Path\('bench.toml'\)"),
+        (lambda *_: api.build("bench.toml"), r"give Path\('bench.toml'\)"),
+        (lambda *_: api.build(SCENE, "my name"), "name = 'my name' must have 1 to 64 letters"),
+        (lambda *_: api.load_model("missing.onnx"), "missing.onnx: No such file"),
+        (
+            lambda _, model: api.estimate(model, [[1, 2, 3]]),
+            "deflection_mm: give finite numbers, 4 for each sample: s1",
+        ),
+        (lambda _, model: api.estimate(model, [[1, 2, 3, np.nan]]), "deflection_mm: give finite numbers, 4 for each"),
+    ],
+)
+def test_a_wrong_argument_is_refused_in_one_line(
+    scene: api.Scene, bench_model: Path, call: Callable[[api.Scene, api.ModelFile], object], said: str
+) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        call(scene, api.load_model(bench_model))
+    assert "\n" not in str(caught.value)

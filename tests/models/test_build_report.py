@@ -122,7 +122,7 @@ def test_the_interval_along_the_beam_is_shown_if_the_model_has_one(facts: Facts)
     words = " ".join(Tags(page(facts)).text)
     assert profile.held_in is not None
     assert [part.value for part in profile.held_in[1:]] == pytest.approx(profile.held[[0, -1]], abs=1e-9)
-    whole, first, last = (f"{part.value * 100:.1f} ± {part.standard_error * 100:.1f} %" for part in profile.held_in)
+    whole, first, last = (f"{part.value * 100:.1f} ± {part.standard_error * 100:.1g} %" for part in profile.held_in)
     assert f"held {whole} of the contacts" in words
     assert f"{first} and {last}." in words
     silent = replace(facts, profile=replace(profile, held=None, width_mm=None))

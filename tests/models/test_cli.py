@@ -111,6 +111,7 @@ def test_a_rebuilt_model_keeps_its_layout_because_its_sensors_are_mounted(
 @pytest.mark.parametrize(
     ("count", "options", "said"),
     [
+        (1, (), "one failed sensor ends this surface: it has no other; add one\n"),
         (2, (), "one failed sensor ends this surface: all 2 channels must work; add a sensor, or place them with"),
         (2, ("--spare", 1), "one failed sensor ends this surface: all 2 channels must work; add a sensor\n"),
         (4, ("--spare", 1), ""),

@@ -83,6 +83,11 @@ def test_where_the_beam_does_not_move_no_force_is_seen_in_so_many_words(bench: M
     ranges = bench.metadata.ranges.model_copy(update={"force_n": scene.contact.force_range_n})
     metadata = bench.metadata.model_copy(update={"smallest_force": seen, "ranges": ranges})
     assert unseen(metadata).endswith("at 500 mm the beam hardly moves, and no force is seen")
+    heavy = metadata.ranges.model_copy(update={"force_n": (300.0, 1000.0)})
+    assert forces[31] < 300
+    assert unseen(metadata.model_copy(update={"ranges": heavy})).endswith(
+        "at 500 mm: there the beam hardly moves, and no force is seen"
+    )
     ends = SmallestForce(position_mm=[0.0, 200.0], force_n=[UNSEEN_N, 1.0])
     told = summary(metadata.model_copy(update={"smallest_force": ends}), "bench", bench.outputs)
     assert "no force and 1 N at the ends of the range" in told

@@ -52,6 +52,18 @@ def test_the_strip_of_stainless_steel_becomes_a_model(
     assert len(json.loads(done.stdout)["positions_mm"]) == 4
 
 
+def test_a_roller_between_the_ends_carries_the_beam(
+    design_sensors_here: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = design_sensors_here("new", "strip.toml", *STRIP, "--roller-mm", 400, "--roller-mm", 200)
+    assert done.returncode == 0, done.stderr
+    scene, text = load_scene(Path("strip.toml"))
+    assert [support.at_mm for support in scene.beam.support_list] == [0, 200, 400, 650]
+    check_scene(scene, choose_filter(scene))
+    assert text.count("on a roller") == 3
+
+
 def test_every_commented_key_is_one() -> None:
     text = scene_text(Answers(*(650.0, 40.0, 2.0)), "x")
     bare = [line.removeprefix("# ") for line in text.splitlines() if line.startswith(("# [", "#")) and " = " in line]
@@ -75,6 +87,11 @@ def _keys(part: str) -> set[str]:
         (("a.toml", *STRIP[:4], "--thickness-mm", 0.002), "beam.thickness_mm = 0.002 is too small for a beam; if it"),
         (("a.toml", *STRIP[:4], "--thickness-mm", "nan"), "--thickness-mm nan: give millimetres, more than 0"),
         (("a.toml", *STRIP, "--left", "free"), "--left free --right roller: supports: one simple support lets"),
+        (
+            ("a.toml", *STRIP, "--roller-mm", 650),
+            "--right roller --roller-mm 650: supports at [0.0, 650.0, 650.0] mm: two",
+        ),
+        (("a.toml", *STRIP, "--roller-mm", "nan"), "--roller-mm nan: must be a finite number"),
         (("a.toml", *STRIP, "--force-n", 1, 1e6), "at 1e+06 N the beam slopes by"),
         (("a.toml", *STRIP, "--material", "steal"), "must be one of steel, "),
     ],

@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from beamtouch_common.errors import InputError
+from beamtouch_models.api.numbers import numbers, places_in
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import scene_influence
-from beamtouch_models.physics.dynamics import DAMPING_RATIO, first_frequency_hz
+from beamtouch_models.physics.dynamics import damping_of, first_frequency_hz
 from beamtouch_models.rig.ringing import Mode
 from beamtouch_models.scene import Scene, load_scene, parse_scene
 
@@ -25,6 +27,9 @@ def read_scene(scene: Path | str) -> Scene:
     InputError
         The file cannot be read, or it is not a scene; the message names the key.
     """
+    if isinstance(scene, str) and "\n" not in scene and scene.endswith(".toml"):
+        message = f"the scene: {scene} is taken as TOML text; for a file, give Path({scene!r})"
+        raise InputError(message)
     return load_scene(scene)[0] if isinstance(scene, Path) else parse_scene(scene, "the scene")
 
 
@@ -43,12 +48,12 @@ def influence_matrix(scene: Scene, sensor_mm: ArrayLike, load_mm: ArrayLike) -> 
 
     Raises
     ------
-    ValueError
-        A position is not on the beam.
     SceneError
-        The beam cannot be computed.
+        A position is not on the beam, or the beam cannot be computed.
     """
-    return scene_influence(scene, sensor_mm, load_mm)
+    length_mm = scene.beam.length_mm
+    sensors, loads = places_in(sensor_mm, "sensor_mm", length_mm), places_in(load_mm, "load_mm", length_mm)
+    return scene_influence(scene, sensors, loads)
 
 
 def frequency_hz(scene: Scene) -> float:
@@ -66,9 +71,7 @@ def frequency_hz(scene: Scene) -> float:
     return found
 
 
-def ringing_mm(
-    scene: Scene, static_mm: ArrayLike, time_s: ArrayLike, *, damping_ratio: float = DAMPING_RATIO
-) -> Floats:
+def ringing_mm(scene: Scene, static_mm: ArrayLike, time_s: ArrayLike, *, damping_ratio: float | None = None) -> Floats:
     """Return the deflections after a sudden load, which rings in the first mode of the beam.
 
     Parameters
@@ -76,13 +79,16 @@ def ringing_mm(
     scene : the scene
     static_mm : (sensors,) deflections once the beam has come to rest
     time_s : (times,) since the load acts, 0 or more
-    damping_ratio : of the first mode, between 0 and 1; a bare metal beam has about 0.01
+    damping_ratio : of the first mode, between 0 and 1; default: that of the scene, or 0.01
 
     Returns
     -------
     (times, sensors) in mm. Errors as `frequency_hz`.
     """
-    mode, static = Mode(frequency_hz(scene), damping_ratio), np.atleast_1d(np.asarray(static_mm, dtype=np.float64))
-    rest = np.zeros_like(static)
-    times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+    ratio = damping_of(scene.beam) if damping_ratio is None else damping_ratio
+    if not 0 < ratio < 1:
+        message = f"damping_ratio = {ratio:g} must be more than 0 and less than 1"
+        raise SceneError(message)
+    mode, static = Mode(frequency_hz(scene), ratio), numbers(static_mm, "static_mm")
+    rest, times = np.zeros_like(static), numbers(time_s, "time_s", least=0.0)
     return np.array([mode.after(float(time), static, rest, rest)[0] for time in times])

@@ -1,7 +1,7 @@
 """Layouts and their accuracy limits, for scripts."""
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,9 +9,11 @@ from numpy.typing import ArrayLike
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
+from beamtouch_models.api.numbers import at_least_one, numbers, places_in
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
+from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import DEFAULT_AIM, place_by_position_error
 from beamtouch_models.placement import place as place_by_product
@@ -34,7 +36,9 @@ class Limit:
     """Mean error in percent of the beam's length."""
 
 
-def place(scene: Scene, sensors: int, *, criterion: Criterion = DEFAULT_AIM.criterion, seed: int = 0) -> Floats:
+def place(
+    scene: Scene, sensors: int, *, criterion: Criterion = DEFAULT_AIM.criterion, spare: Literal[0, 1] = 0, seed: int = 0
+) -> Floats:
     """Place sensors under a beam.
 
     Parameters
@@ -43,6 +47,7 @@ def place(scene: Scene, sensors: int, *, criterion: Criterion = DEFAULT_AIM.crit
     sensors : number of sensors
     criterion : "position-error" makes the accuracy limit least, among the layouts that notice two contacts and spread
         loads as often as that of "eigenvalue-product", the paper's
+    spare : 1 makes the error least when the worst single sensor has failed; only with "position-error"
     seed : seed of the search; the same seed gives the same layout
 
     Returns
@@ -54,10 +59,17 @@ def place(scene: Scene, sensors: int, *, criterion: Criterion = DEFAULT_AIM.crit
     SceneError
         No surface can be built of the scene, or its rules allow no layout of so many sensors.
     """
+    at_least_one(sensors, "sensors")
+    if criterion not in get_args(Criterion):
+        message = f"criterion = {criterion!r} must be one of {', '.join(get_args(Criterion))}"
+        raise SceneError(message)
+    if not 0 <= spare <= (criterion == "position-error" and sensors > 1):
+        message = f"spare = {spare}: give 0, or 1 with two or more sensors and the criterion position-error"
+        raise SceneError(message)
     built, errors = _checked(scene, sensors)
     influence, rules = influence_of(built), sensor_rules(built)
     if criterion == "position-error":
-        found = place_by_position_error(influence, rules, sensors, seed, errors)
+        found = place_by_position_error(influence, rules, sensors, seed, errors, spare=spare)
     else:
         found = place_by_product(influence, rules, sensors, seed)
     return np.array(found.positions_mm)
@@ -80,6 +92,7 @@ def accuracy_limit(
     SceneError
         No surface can be built of the scene, or the noise is 0.
     """
+    at_least_one(draws, "draws")
     prior = _prior(scene, sensor_mm, noise_mm)
     found = limit.accuracy_limit(prior, draws, seed)
     mm = prior.length_mm / 100
@@ -101,8 +114,10 @@ def error_along_mm(
     -------
     (positions,) in mm. Errors as `accuracy_limit`.
     """
+    at_least_one(draws, "draws")
     prior, rng = _prior(scene, sensor_mm, None), np.random.default_rng(seed)
-    places = np.repeat(np.atleast_1d(np.asarray(position_mm, dtype=np.float64)), draws)
+    low, high = scene.contact.position_mm
+    places = np.repeat(numbers(position_mm, "position_mm", least=low, most=high), draws)
     clean, deviation = prior.sampled(places, rng.uniform(*prior.force_n, size=len(places)))
     distance = posterior_quantiles(prior, clean + rng.normal(size=clean.shape) * deviation)[1]
     mean: Floats = distance.reshape(-1, draws).mean(axis=1)
@@ -119,7 +134,7 @@ def _checked(scene: Scene, sensors: int) -> tuple[Scene, SampleErrors]:
 
 
 def _prior(scene: Scene, sensor_mm: ArrayLike, noise_mm: float | None) -> Prior:
-    sensors = np.atleast_1d(np.asarray(sensor_mm, dtype=np.float64))
+    sensors = places_in(sensor_mm, "sensor_mm", scene.beam.length_mm)
     built, errors = _checked(scene, len(sensors))
     used = sample_errors(built, noise_mm) if noise_mm is not None else errors
     return Prior.real(influence_of(built), sensors, used)

@@ -1,5 +1,6 @@
 """Model files, for scripts."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ from beamtouch_models.api.beams import read_scene
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building import build as building
 from beamtouch_models.building.model_prior import prior_of_model
+from beamtouch_models.errors import SceneError
 from beamtouch_models.loading import ModelFile
+from beamtouch_models.metadata.fields import NAME
 from beamtouch_models.progress import silent
 
 
@@ -36,12 +39,15 @@ def build(scene: Path | str, name: str = "surface", *, sensors: int | None = Non
     SceneError
         The scene cannot be built; the message says why.
     """
-    text = scene.read_text() if isinstance(scene, Path) else scene
-    return building.build(read_scene(scene), text, name, count=sensors, seed=seed, progress=silent).content
+    stated, text = read_scene(scene), scene.read_text() if isinstance(scene, Path) else scene
+    if not re.fullmatch(NAME, name):
+        message = f"name = {name!r} must have 1 to 64 letters, digits, '_', '.' or '-'"
+        raise SceneError(message)
+    return building.build(stated, text, name, count=sensors, seed=seed, progress=silent).content
 
 
-def load_model(model: Path | bytes) -> ModelFile:
-    """Load a model file, or the content of one, and reproduce its golden answers.
+def load_model(model: Path | str | bytes) -> ModelFile:
+    """Load a model from the path of a file, or the content of one, and reproduce its golden answers.
 
     `metadata` of the result has the layout, ranges, accuracy and calibration.
 
@@ -50,7 +56,7 @@ def load_model(model: Path | bytes) -> ModelFile:
     ModelFileError
         The file cannot be read, or it is not a model that can be used.
     """
-    return loading.load_bytes(model, "the model") if isinstance(model, bytes) else loading.load(model)
+    return loading.load_bytes(model, "the model") if isinstance(model, bytes) else loading.load(Path(model))
 
 
 def estimate(model: ModelFile, deflection_mm: ArrayLike) -> dict[str, Floats]:
@@ -65,5 +71,16 @@ def estimate(model: ModelFile, deflection_mm: ArrayLike) -> dict[str, Floats]:
     -------
     An array (samples,) per output: `position_mm`, `position_low_mm`, `position_high_mm`, `contact_log_odds`, `misfit`,
     and with a force `force_n`, `force_low_n`, `force_high_n`.
+
+    Raises
+    ------
+    SceneError
+        They are not finite numbers, or not one per channel.
     """
-    return estimates(model, prior_of_model(model.metadata), np.atleast_2d(np.asarray(deflection_mm, dtype=np.float64)))
+    samples = np.atleast_2d(np.asarray(deflection_mm, dtype=np.float64))
+    if samples.ndim != 2 or samples.shape[1] != len(model.channels) or not np.all(np.isfinite(samples)):
+        message = (
+            f"deflection_mm: give finite numbers, {len(model.channels)} for each sample: {', '.join(model.channels)}"
+        )
+        raise SceneError(message)
+    return estimates(model, prior_of_model(model.metadata), samples)

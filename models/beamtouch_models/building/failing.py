@@ -30,6 +30,8 @@ def weak_spot(metadata: Metadata) -> str:
         return ""
     remedy = "add a sensor" if found.spare else "add a sensor, or place them with --spare 1"
     if metadata.min_channels == len(layout):
+        if len(layout) == 1:
+            return "one failed sensor ends this surface: it has no other; add one"
         return f"one failed sensor ends this surface: all {len(layout)} channels must work; {remedy}"
     worst = max(found.limit_without_percent)
     if worst < TOO_MUCH * found.limit_percent:

@@ -55,7 +55,7 @@ range_mm = [{range_mm[0]:.12g}, {range_mm[1]:.12g}]  # gaps over which the senso
 # keep_out_mm = [[{middle_mm[0]:.12g}, {middle_mm[1]:.12g}]]  # no sensors here
 
 [requirements]
-latency_ms = {latency_ms:.12g}  # after this time an answer has the stated accuracy
+latency_ms = {latency_ms:.12g}  # time that readings are filtered; ringing may last longer, `explain` says how long
 descriptors = ["position", "force"]
 {error}  # largest mean error
 
@@ -74,6 +74,8 @@ class Answers:
     material: MaterialName = "steel"
     left: End = "pinned"
     right: End = "roller"
+    roller_mm: tuple[float, ...] = ()
+    """Rollers between the ends."""
     force_n: tuple[float, float] | None = None
     sensors: int = 4
     noise_mm: float = 0.005
@@ -95,9 +97,7 @@ def scene_text(answers: Answers, name: str) -> str:
     """
     length = answers.length_mm
     ends: list[tuple[float, End]] = [(0.0, answers.left), (length, answers.right)]
-    rows = [
-        f"    {{ at_mm = {at:.12g}, {SUPPORTS[end][0]} }},  # {SUPPORTS[end][1]}" for at, end in ends if end != "free"
-    ]
+    rows = [f"    {{ at_mm = {at:.12g}, {SUPPORTS[end][0]} }},  # {SUPPORTS[end][1]}" for at, end in _held(answers)]
     edge = [MARGIN * length if end != "free" else 0.0 for _, end in ends]
     places = edge[0], length - edge[1]
     wanted = answers.position_error_mm
@@ -115,9 +115,15 @@ def scene_text(answers: Answers, name: str) -> str:
     return TEMPLATE.format_map(stated)
 
 
+def _held(answers: Answers) -> list[tuple[float, End]]:
+    """Return where and how the beam is held, from left to right."""
+    ends: list[tuple[float, End]] = [(0.0, answers.left), (answers.length_mm, answers.right)]
+    rollers: list[tuple[float, End]] = [(at, "roller") for at in answers.roller_mm]
+    return sorted((at, end) for at, end in ends + rollers if end != "free")
+
+
 def _assumed_force_n(answers: Answers, places_mm: tuple[float, float]) -> tuple[float, float]:
     """Return a range of forces that suits a beam: a tenth to all of what bends or slopes it as far as is assumed."""
-    ends: list[tuple[float, End]] = [(0.0, answers.left), (answers.length_mm, answers.right)]
     beam = Beam.model_validate(
         {
             "length_mm": answers.length_mm,
@@ -125,7 +131,7 @@ def _assumed_force_n(answers: Answers, places_mm: tuple[float, float]) -> tuple[
             "width_mm": answers.width_mm,
             "thickness_mm": answers.thickness_mm,
             "supports": [
-                {"at_mm": at, "kind": "fixed" if end == "clamped" else "simple"} for at, end in ends if end != "free"
+                {"at_mm": at, "kind": "fixed" if end == "clamped" else "simple"} for at, end in _held(answers)
             ],
         }
     )

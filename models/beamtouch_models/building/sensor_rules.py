@@ -10,6 +10,7 @@ from beamtouch_models.metadata import Sensor
 from beamtouch_models.physics.beam import sensor_positions_mm, travel_mm
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.pricing.noise import floor_of, step_mm
+from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene
 
 DEFAULT_ADC_BITS = 16
@@ -39,14 +40,18 @@ def sensor_of(scene: Scene) -> Sensor:
     """Return sensor, ADC and stand-off of a scene; SceneError if the beam leaves the sensor's range."""
     low, high = scene.sensors.range_mm
     lift, travel = travel_mm(scene)
-    standoff = scene.sensors.standoff_mm
-    if standoff is None:
-        standoff = (low + high) / 2 + (travel - lift) / 2
-    if standoff - travel < low or standoff + lift > high:
+    middle, stated = (low + high) / 2 + (travel - lift) / 2, scene.sensors.standoff_mm
+    if travel + lift > high - low:
+        force_n = at_most(scene.contact.force_range_n[1] * (high - low) / (travel + lift))
         message = (
-            f"the beam travels {travel + lift:.4g} mm and with a stand-off of {standoff:.4g} mm leaves "
-            f"sensors.range_mm = [{low:g}, {high:g}]; make the beam stiffer, the force smaller, "
-            "or use a sensor with a longer range"
+            f"the beam travels {travel + lift:.4g} mm and leaves sensors.range_mm = [{low:g}, {high:g}]; end "
+            f"contact.force_n at {force_n:g} N, make the beam stiffer, or use a sensor with a longer range"
+        )
+        raise SceneError(message)
+    if stated is not None and (stated - travel < low or stated + lift > high):
+        message = (
+            f"from sensors.standoff_mm = {stated:g} the beam leaves sensors.range_mm = [{low:g}, {high:g}]; "
+            f"write standoff_mm = {middle:.4g}, or leave it out"
         )
         raise SceneError(message)
     bits = scene.sensors.adc_bits or DEFAULT_ADC_BITS
@@ -54,7 +59,7 @@ def sensor_of(scene: Scene) -> Sensor:
     return Sensor(
         rate_hz=scene.sensors.rate_hz,
         range_mm=scene.sensors.range_mm,
-        standoff_mm=standoff,
+        standoff_mm=middle if stated is None else stated,
         adc_bits=bits,
         gain_mm_per_count=gain,
         offset_mm=low - 0.1 * (2**bits - 1) * gain,

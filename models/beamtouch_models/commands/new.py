@@ -42,9 +42,10 @@ def run(options: argparse.Namespace) -> None:
     if missing:
         message = f"give {', '.join(missing)}; on a terminal, `design-sensors new {target}` alone asks"
         raise SceneError(message)
-    if "force_n" in stated:
-        stated["force_n"] = tuple(stated["force_n"])
-    text = _checked(Answers(**{**stated, "range_mm": tuple(stated.get("range_mm", Answers.range_mm))}), target)
+    answers: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value for name, value in stated.items()
+    }
+    text = _checked(Answers(**answers), target)
     write_atomically(target, text.encode())
     print(
         f"{target}: next, design-sensors explain {target}, "
@@ -69,7 +70,8 @@ def _checked(answers: Answers, target: Path) -> str:
     try:
         text = scene_text(answers, surface_name(target))
     except ValidationError as error:
-        message = f"--left {answers.left} --right {answers.right}: {reason_of(error.errors()[0])}"
+        rollers = "".join(f" --roller-mm {at:g}" for at in answers.roller_mm)
+        message = f"--left {answers.left} --right {answers.right}{rollers}: {reason_of(error.errors()[0])}"
         raise SceneError(message) from None
     scene = parse_scene(text, str(target))
     check_scene(scene, choose_filter(scene))

@@ -88,7 +88,7 @@ def _table(found: dict[str, Any], sensors: Placed) -> str:
 def _limit_line(percent: float, standard_error: float, sensors: Placed) -> str:
     error_mm, noise_mm = percent / 100 * sensors.influence.length_mm, sensors.errors.noise_mm
     return (
-        f"mean error {percent:.3f} % +- {standard_error:.3f} of the length, {error_mm:.3g} mm, at {noise_mm:.3g} mm "
+        f"mean error {percent:.3f} % +- {standard_error:.1g} of the length, {error_mm:.3g} mm, at {noise_mm:.3g} mm "
         "noise per sample"
     )
 

@@ -11,6 +11,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.assembly import element_influence
 from beamtouch_models.physics.closed_forms import patch_influence, point_influence, span_of
 from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene
 from beamtouch_models.structure import SMALLEST_NORMAL, Beam
 
@@ -92,8 +93,8 @@ def _deflection_unit(length_mm: float, rigidity_n_mm2: float) -> float:
         unit = math.inf
     if not SMALLEST_NORMAL <= unit < math.inf:
         message = (
-            f"a beam of {length_mm:g} mm with a rigidity of {rigidity_n_mm2:g} N mm^2 deflects beyond what can be "
-            "computed; check both"
+            f"beam: {length_mm:g} mm long with a rigidity of {rigidity_n_mm2:g} N mm^2, it deflects beyond what can be "
+            "computed; check length_mm, width_mm, thickness_mm and the modulus"
         )
         raise SceneError(message)
     return unit
@@ -140,7 +141,7 @@ def sensor_positions_mm(scene: Scene) -> Floats:
     apart = np.abs(grid[:, None] - fixed_mm).min(axis=1, initial=np.inf) > 1e-9 * length
     position = np.union1d(grid[apart], fixed_mm)
     if len(position) < 2:
-        message = "sensors: grid_mm and keep_out_mm leave fewer than two positions; make the grid finer"
+        message = "sensors: grid_mm and keep_out_mm leave fewer than two positions; keep out less, or refine the grid"
         raise SceneError(message)
     return position
 
@@ -176,10 +177,11 @@ def check_small_angles(scene: Scene) -> None:
     """Raise SceneError if the deflection of a scene is beyond small-angle theory."""
     points, shapes = _shapes_mm(scene)
     slope = float(np.abs(np.diff(shapes, axis=1)).max() / (points[1] - points[0]))
+    largest_n = scene.contact.force_range_n[1]
     if not slope <= MAX_SLOPE:
         message = (
-            f"at {scene.contact.force_range_n[1]:g} N the beam slopes by {slope:.3g} rad, beyond the {MAX_SLOPE:g} rad "
-            "of small-angle theory; make the beam stiffer or the force smaller"
+            f"at {largest_n:g} N the beam slopes by {slope:.3g} rad, beyond the {MAX_SLOPE:g} rad of small-angle "
+            f"theory; end contact.force_n at {at_most(largest_n * MAX_SLOPE / slope):g} N, or make the beam stiffer"
         )
         raise SceneError(message)
 

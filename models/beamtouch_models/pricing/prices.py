@@ -40,7 +40,7 @@ def _shear(pricing: Pricing) -> Effect:
     if price < NEGLIGIBLE:
         reason = f"estimated with a Poisson ratio of {POISSON_RATIO:g}"
         return Effect("shear", price, "out", reason, having, scene)
-    reason = f"state beam.shear_modulus_gpa to include it; {modulus:.3g} at a Poisson ratio of {POISSON_RATIO:g}"
+    reason = f"state beam.shear_modulus_gpa to include it, {modulus:.3g} at a Poisson ratio of {POISSON_RATIO:g}"
     return Effect("shear", price, "not modelled", reason, having, scene)
 
 

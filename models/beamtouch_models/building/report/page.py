@@ -128,7 +128,7 @@ def _layout(facts: Facts) -> Rows:
 def _accuracy(facts: Facts) -> Rows:
     accuracy, mm = facts.model.metadata.accuracy, facts.model.metadata.length_mm / 100
     return [
-        (name, f"{mean:.3f} ± {error:.3f}", f"{mean * mm:.3g} ± {error * mm:.1g}")
+        (name, f"{mean:.3f} ± {error:.1g}", f"{mean * mm:.3g} ± {error * mm:.1g}")
         for name, mean, error in (
             ("model", accuracy.error_percent, accuracy.error_standard_error),
             ("accuracy limit", accuracy.limit_percent, accuracy.limit_standard_error),
@@ -143,7 +143,7 @@ def _layouts(facts: Facts) -> Rows:
             layout.name,
             ", ".join(f"{x:.4g}" for x in layout.positions_mm),
             f"{layout.log_eigenvalue_product:.4f}".replace("-inf", "-∞"),
-            f"{layout.limit.percent:.3f} ± {layout.limit.standard_error:.3f}",
+            f"{layout.limit.percent:.3f} ± {layout.limit.standard_error:.1g}",
             f"{layout.limit.percent / least:.2f}",
         )
         for layout in facts.layouts
