@@ -5,7 +5,8 @@ product: the least error alone leaves little with which to notice them.
 """
 
 import math
-from itertools import combinations
+from dataclasses import replace
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -14,21 +15,25 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.goal import SLACK, Goal
+from beamtouch_models.placement.goal import SLACK, TIE, Goal
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.noticing import other_loads
-from beamtouch_models.placement.position_error import TIE, Surrogate, surrogate_of
+from beamtouch_models.placement.position_error import Surrogate, surrogate_of
 from beamtouch_models.placement.problem import equal_layout, problem_of
-from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best, pattern_search
+from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best
+from beamtouch_models.placement.search_gains import first_gains
 from beamtouch_models.placement.search_paper import SearchName, paper_search
 from beamtouch_models.progress import Fraction
 
 STARTS = 2
 FINALISTS = 6
+"""Layouts of a list that the accuracy limit compares."""
+CLEAR = 1.02
+"""Ratio of scores from which they decide alone: several times the scatter of a score over the accuracy limit."""
 FINAL_DRAWS = 2_000
 """Simulated contacts by which the finalists are compared; fewer where many failures are."""
 MAX_SCORED = 2_000
-"""Layouts that a run scores, or fewer with a spare; searches of up to eight sensors seldom score as many."""
+"""Layouts that a run looks at, or fewer with a spare; searches of up to eight sensors seldom look at as many."""
 FEWER = 5
 """Number of sensors failed in turn above which the two are lowered, so that the time is bounded."""
 MAX_LISTED = 512
@@ -53,31 +58,24 @@ def searched(
     """
     equal = equal_layout(rules, influence.length_mm, count)
     reference = _by_product(influence, rules, equal, seed)
-    surrogate = surrogate_of(influence, rules, equal, errors, seed, spare)
+    surrogate = surrogate_of(influence, rules, equal, errors, seed)
     others = other_loads(influence, rules, errors)
     # Sensors that replace each other leave little with which to notice: a spare that had to would be worth nothing.
-    goal = Goal(surrogate, others, others.noticed(reference) - (1.0 if spare else SLACK))
-    every = _every(rules, count)
-    if every is not None:
-        values = goal.scores(every)
-        order = np.argsort(-values, kind="stable")[:FINALISTS]
-        finalists = [every[index] for index in order if np.isfinite(values[index])]
-        runs = [SearchRun(finalists[0], (float(values.max()),), len(every))]
+    goal = Goal(surrogate, spare, others, None if spare else others.noticed(reference) - SLACK)
+    if math.comb(len(rules.position_mm), count) <= MAX_LISTED:
+        runs = _listed(goal, count)
     else:
-        starts = _starts(goal, reference, equal)
         rng, runs = np.random.default_rng(seed), []
-        for number, start in enumerate(starts[:STARTS]):
+        for number, start in enumerate(_starts(goal, reference, equal)):
             progress(0.7 * number / STARTS)
             if search == "paper":
                 runs.append(paper_search(goal.scores, rules, start, rng))
             else:
-                most = MAX_SCORED * shared(count, spare)
-                runs.append(pattern_search(goal.scores, rules, start, most=most))
+                runs.append(first_gains(goal, start, MAX_SCORED * shared(count, spare)))
         runs.sort(key=lambda run: -run.score)
-        finalists = [*(run.layout for run in runs), *starts]
     # The reference is among them, so that the error is no larger than that of the eigenvalue product.
-    distinct = list({tuple(layout): layout for layout in [*finalists, reference]}.values())
-    return _decided(influence, rules, distinct, errors, seed, spare, lambda part: progress(0.7 + 0.3 * part)), runs
+    finalists = _finalists(goal, [*(run.layout for run in runs), reference])
+    return _decided(influence, rules, finalists, errors, seed, spare, lambda part: progress(0.7 + 0.3 * part)), runs
 
 
 def mean_errors_percent(
@@ -104,11 +102,21 @@ def shared(count: int, spare: int) -> float:
     return min(1.0, FEWER / (1 + spare * count))
 
 
-def _every(rules: Candidates, count: int) -> Indices | None:
-    """Return all layouts (population, sensors) with or without regard to the rules; None if there are many."""
-    if math.comb(len(rules.position_mm), count) > MAX_LISTED:
-        return None
-    return np.array(list(combinations(range(len(rules.position_mm)), count)), dtype=np.intp)
+def _listed(goal: Goal, count: int) -> list[SearchRun]:
+    """Return the best of all layouts that notice enough, the best first, each as a run."""
+    rules = goal.surrogate.rules
+    every = np.array(list(combinations(range(len(rules.position_mm)), count)), dtype=np.intp)
+    scored = sorted((goal.scored(layout) for layout in every[rules.allowed(every)]), key=lambda one: one.objective_mm)
+    enough = islice((one for one in scored if goal.notices_enough(one.layout)), FINALISTS)
+    found = [SearchRun(one.layout, (-one.objective_mm,), 0) for one in enough]
+    return [replace(found[0], evaluations=len(every)), *found[1:]]
+
+
+def _finalists(goal: Goal, layouts: list[Indices]) -> list[Indices]:
+    """Return the distinct layouts whose scores do not differ clearly from the best, the best first."""
+    scored = sorted((goal.scored(layout) for layout in layouts), key=lambda one: one.objective_mm)
+    near = [one.layout for one in scored if one.objective_mm <= CLEAR * scored[0].objective_mm]
+    return list({tuple(layout): layout for layout in near}.values())
 
 
 def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices, seed: int) -> Indices:
@@ -121,11 +129,10 @@ def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices,
 
 
 def _starts(goal: Goal, reference: Indices, equal: Indices) -> list[Indices]:
-    """Return the layouts to start from, ordered by their scores with the best first."""
+    """Return the layouts to start from, the best first."""
     others = [equal, cramer_rao_layout(goal.surrogate, equal)]
     starts = [reference, *(goal.towards(reference, other) for other in others)]
-    values = goal.scores(np.array(starts))
-    return [starts[index] for index in np.argsort(-values, kind="stable")]
+    return sorted(starts, key=lambda layout: goal.scored(layout).objective_mm)[:STARTS]
 
 
 def cramer_rao_layout(surrogate: Surrogate, start: Indices) -> Indices:
@@ -157,6 +164,8 @@ def _decided(
     progress: Fraction,
 ) -> Indices:
     """Return the layout with the smallest objective by the accuracy limit itself."""
+    if len(layouts) == 1:
+        return layouts[0]
     found, draws = [], round(FINAL_DRAWS * shared(len(layouts[0]), spare))
     for number, layout in enumerate(layouts):
         progress(number / len(layouts))

@@ -30,8 +30,6 @@ DRAWS = {True: 512, False: 128}
 """For known and open force: contacts, a power of two."""
 NEGLIGIBLE = 15.0
 """Difference to the largest log density beyond which a cell is not part of a posterior."""
-TIE = 1e-6
-"""Weight of the error with all sensors in an objective with a spare: it decides between equals only."""
 TINY = float(np.finfo(np.float64).tiny)
 
 
@@ -43,8 +41,6 @@ class Surrogate:
     """Range of forces, with equal ends if the force is known."""
     rules: Candidates
     errors: SampleErrors
-    spare: int
-    """1: the objective is the largest error with one sensor failed."""
     edges_mm: Floats
     """(cells + 1,) over the range of contacts."""
     shapes: Floats
@@ -56,49 +52,46 @@ class Surrogate:
     deviation: Floats
     """(draws, candidates), standard deviation of a sample of it, in mm."""
     noise: Floats
-    """(draws, sensors), with variance 1; 0 if the force is open."""
+    """(draws, sensors), with variance 1, from left to right; 0 if the force is open."""
     weight: Floats
     """(draws,), 1 on average."""
 
-    def scores(self, layouts: Indices) -> Floats:
-        """Return minus the objective in mm of layouts (population, sensors); -inf if a rule is broken.
+    def distances_mm(self, sensors: Indices, few: int | None = None) -> Floats:
+        """Return the errors of sensors (sensors,) at the first few contacts, by default at all of them: (contacts,).
 
-        Without a spare, the objective is the mean error with all sensors. With one, it is the largest, over each one
-        sensor failed, of the mean error of the others; the error with all sensors decides between equals.
+        Their mean is the mean error; they include the weights of the contacts.
         """
-        allowed = self.rules.allowed(layouts)
-        pairs = zip(layouts, allowed, strict=True)
-        return np.array([-self._objective_mm(np.sort(layout)) if kept else -np.inf for layout, kept in pairs])
-
-    def _objective_mm(self, layout: Indices) -> float:
-        whole, *failed = self.mean_errors_mm(layout)
-        return max(failed) + TIE * whole if failed else whole
-
-    def mean_errors_mm(self, layout: Indices) -> list[float]:
-        """Return the mean error of a layout (sensors,) with all sensors, and with a spare, with each one failed."""
-        count = len(layout)
-        sample = self.clean[:, layout] + self.deviation[:, layout] * self.noise
-        floor = (self.errors.gain * sample) ** 2 + self.errors.zero_mm**2
-        precision = 1 / (self.errors.noise_mm**2 + floor)
-        working = np.ones((1, count)) if not self.spare else np.vstack([np.ones(count), 1 - np.eye(count)])
-        return [self._mean_error_mm(layout, sample, precision * kept) for kept in working]
-
-    def _mean_error_mm(self, layout: Indices, sample: Floats, precision: Floats) -> float:
-        """Return the mean error for samples and their precisions in 1/mm^2, both (draws, sensors)."""
-        shapes = self.shapes[:, layout]
+        part = slice(few)
+        clean = self.clean[part, sensors]
+        sample = clean + self.deviation[part, sensors] * self.noise[part, : len(sensors)]
+        precision = 1 / (self.errors.noise_mm**2 + self.errors.zero_mm**2 + (self.errors.gain * sample) ** 2)
+        shapes = self.shapes[:, sensors]
         square, along = precision @ (shapes**2).T, (precision * sample) @ shapes.T
         others: Floats | float = 0.0
         if self.uncertain is not None:
-            # As in the limit: the likeliest force says how much the mounting adds to each channel's variance.
-            force = np.clip(along / np.maximum(square, TINY), *self.force_n)
-            moved = force[:, :, None] * self.uncertain[:, layout]
-            wider = 1 + moved**2 * precision[:, None, :]
-            each = precision[:, None, :] / wider
-            square = np.einsum("dcs,cs->dc", each, shapes**2)
-            along = np.einsum("dcs,ds,cs->dc", each, sample, shapes)
-            others = np.einsum("dcs,ds->dc", each, sample**2) + np.log(wider.prod(axis=2))
+            square, along, others = self._mounted(sensors, sample, precision, square, along)
         density = self._log_density(np.sqrt(square), along, others)
-        return float((mean_distances(self.edges_mm, density) * self.weight).mean())
+        return mean_distances(self.edges_mm, density) * self.weight[part]
+
+    def _mounted(
+        self, sensors: Indices, sample: Floats, precision: Floats, square: Floats, along: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return the three terms of a density (contacts, cells) with the mounting, from two of them without it."""
+        # As in the limit: the likeliest force says how much the mounting adds to each channel's variance.
+        force = np.clip(along / np.maximum(square, TINY), *self.force_n) ** 2
+        square, along, others, volume = (np.zeros_like(square) for _ in range(4))
+        volume += 1
+        for sensor, column, weight in zip(sensors, sample.T, precision.T, strict=True):
+            shape, moved = self.shapes[:, sensor], self.uncertain[:, sensor] ** 2
+            wider = 1 + force * (weight[:, None] * moved)
+            volume *= wider
+            each = weight[:, None] / wider
+            square += each * shape**2
+            each *= column[:, None]
+            along += each * shape
+            each *= column[:, None]
+            others += each
+        return square, along, others + np.log(volume)
 
     def _log_density(self, size: Floats, along: Floats, others: Floats | float) -> Floats:
         """Return log densities (draws, cells), with the force integrated out; see `posterior.log_likelihood`."""
@@ -157,7 +150,7 @@ def mean_distances(edges_mm: Floats, log_density: Floats) -> Floats:
 
 
 def surrogate_of(
-    influence: InfluenceFunction, rules: Candidates, equal: Indices, errors: SampleErrors, seed: int, spare: int = 0
+    influence: InfluenceFunction, rules: Candidates, equal: Indices, errors: SampleErrors, seed: int
 ) -> Surrogate:
     """Draw the contacts of a surrogate; `equal` is the allowed layout nearest to equal pitch."""
     prior = Prior.real(influence, rules.position_mm[equal], errors)
@@ -176,7 +169,6 @@ def surrogate_of(
         influence.force_n,
         rules,
         errors,
-        spare,
         edges,
         influence.at(rules.position_mm, middles),
         uncertain,
