@@ -89,7 +89,7 @@ def test_the_surrogate_orders_layouts_as_the_limit_does(force_n: object, errors:
     one, influence = surrogate(scene, 3, errors), influence_of(scene)
     layouts = np.array([[49, 199, 349], [87, 199, 311], [99, 149, 299], [59, 219, 339], [119, 199, 279]])
     ratios = [
-        -float(one.scores(layout[None])[0])
+        float(one.distances_mm(layout).mean())
         / (4 * limit.accuracy_limit(Prior.real(influence, one.rules.position_mm[layout], errors), 2_000, 3).percent)
         for layout in layouts
     ]

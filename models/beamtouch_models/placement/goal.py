@@ -44,8 +44,11 @@ class Goal:
     others: OtherLoads
     least: Floats | None
     """(kinds,), least shares of other loads that a layout notices; None: it need not notice any."""
-    measured: dict[bytes, Floats] = field(default_factory=dict, repr=False)
-    """Errors of the sets of sensors that were asked for; with a spare, many layouts share a set."""
+    measured: dict[tuple[bytes, int], Floats] = field(default_factory=dict, repr=False)
+    """Errors that sets of sensors have at the first contacts, as far as they were asked for; many layouts share a set
+    if there is a spare, and a search comes back to many layouts."""
+    noticing: dict[bytes, bool] = field(default_factory=dict, repr=False)
+    """Whether layouts notice enough, as far as it was asked for."""
 
     def scores(self, layouts: Indices) -> Floats:
         """Return minus the objective in mm of layouts (population, sensors); -inf if not allowed.
@@ -79,7 +82,7 @@ class Goal:
         layout = np.sort(layout)
         few = len(than.distances_mm) // FEW
         for sensors in self._working(layout):
-            change = self._few_distances_mm(sensors, few) - than.distances_mm[:few]
+            change = self._distances_mm(sensors, few) - than.distances_mm[:few]
             if change.mean() > change.std() / math.sqrt(few):
                 return None
         if not self.notices_enough(layout):
@@ -97,21 +100,22 @@ class Goal:
         else:
             yield from (np.delete(layout, failed) for failed in range(len(layout)))
 
-    def _distances_mm(self, sensors: Indices) -> Floats:
-        """Return the errors of a set of sensors, (contacts,), from memory if they are known."""
-        key = sensors.tobytes()
+    def _distances_mm(self, sensors: Indices, contacts: int | None = None) -> Floats:
+        """Return the errors of a set of sensors at the first contacts, by default at all: (contacts,)."""
+        contacts = len(self.surrogate.weight) if contacts is None else contacts
+        key = sensors.tobytes(), contacts
         if key not in self.measured:
-            self.measured[key] = self.surrogate.distances_mm(sensors)
+            self.measured[key] = self.surrogate.distances_mm(sensors, contacts)
         return self.measured[key]
 
-    def _few_distances_mm(self, sensors: Indices, few: int) -> Floats:
-        """Return the errors of the first contacts, (few,)."""
-        known = self.measured.get(sensors.tobytes())
-        return self.surrogate.distances_mm(sensors, few) if known is None else known[:few]
-
     def notices_enough(self, layout: Indices) -> bool:
-        """Return whether a layout (sensors,) notices enough of each kind of other loads."""
-        return self.least is None or bool((self.others.noticed(layout) >= self.least).all())
+        """Return whether a layout (sensors,), ascending, notices enough of each kind of other loads."""
+        if self.least is None:
+            return True
+        key = layout.tobytes()
+        if key not in self.noticing:
+            self.noticing[key] = bool((self.others.noticed(layout) >= self.least).all())
+        return self.noticing[key]
 
     def towards(self, near: Indices, far: Indices) -> Indices:
         """Return the layout farthest on the way from an allowed layout to another one that is still allowed."""

@@ -5,7 +5,6 @@ product: the least error alone leaves little with which to notice them.
 """
 
 import math
-from dataclasses import replace
 from itertools import combinations, islice
 
 import numpy as np
@@ -28,12 +27,13 @@ from beamtouch_models.progress import Fraction
 STARTS = 2
 FINALISTS = 6
 """Layouts of a list that the accuracy limit compares."""
-CLEAR = 1.02
-"""Ratio of scores from which they decide alone: several times the scatter of a score over the accuracy limit."""
+CLEAR = 1.015
+"""Ratio of scores from which they decide alone. The ratio of score and accuracy limit scatters by 0.2 to 0.6 %, and as
+much as that of the limit of FINAL_DRAWS contacts."""
 FINAL_DRAWS = 2_000
 """Simulated contacts by which the finalists are compared; fewer where many failures are."""
-MAX_SCORED = 2_000
-"""Layouts that a run looks at, or fewer with a spare; searches of up to eight sensors seldom look at as many."""
+MAX_LOOKED_AT = 2_000
+"""Layouts that a run looks at, after which it tries no smaller step; up to eight sensors seldom need as many."""
 FEWER = 5
 """Number of sensors failed in turn above which the two are lowered, so that the time is bounded."""
 MAX_LISTED = 512
@@ -63,18 +63,20 @@ def searched(
     # Sensors that replace each other leave little with which to notice: a spare that had to would be worth nothing.
     goal = Goal(surrogate, spare, others, None if spare else others.noticed(reference) - SLACK)
     if math.comb(len(rules.position_mm), count) <= MAX_LISTED:
-        runs = _listed(goal, count)
+        tried, evaluations = _listed(goal, count)
+        runs = [SearchRun(tried[0], (-goal.scored(tried[0]).objective_mm,), evaluations)]
     else:
+        tried = _starts(goal, reference, equal)
         rng, runs = np.random.default_rng(seed), []
-        for number, start in enumerate(_starts(goal, reference, equal)):
+        for number, start in enumerate(tried[:STARTS]):
             progress(0.7 * number / STARTS)
             if search == "paper":
                 runs.append(paper_search(goal.scores, rules, start, rng))
             else:
-                runs.append(first_gains(goal, start, MAX_SCORED * shared(count, spare)))
+                runs.append(first_gains(goal, start, MAX_LOOKED_AT))
         runs.sort(key=lambda run: -run.score)
     # The reference is among them, so that the error is no larger than that of the eigenvalue product.
-    finalists = _finalists(goal, [*(run.layout for run in runs), reference])
+    finalists = _finalists(goal, [*tried, runs[0].layout, reference])
     return _decided(influence, rules, finalists, errors, seed, spare, lambda part: progress(0.7 + 0.3 * part)), runs
 
 
@@ -102,21 +104,23 @@ def shared(count: int, spare: int) -> float:
     return min(1.0, FEWER / (1 + spare * count))
 
 
-def _listed(goal: Goal, count: int) -> list[SearchRun]:
-    """Return the best of all layouts that notice enough, the best first, each as a run."""
+def _listed(goal: Goal, count: int) -> tuple[list[Indices], int]:
+    """Return the best of all layouts, the best first, and how many there are."""
     rules = goal.surrogate.rules
     every = np.array(list(combinations(range(len(rules.position_mm)), count)), dtype=np.intp)
-    scored = sorted((goal.scored(layout) for layout in every[rules.allowed(every)]), key=lambda one: one.objective_mm)
-    enough = islice((one for one in scored if goal.notices_enough(one.layout)), FINALISTS)
-    found = [SearchRun(one.layout, (-one.objective_mm,), 0) for one in enough]
-    return [replace(found[0], evaluations=len(every)), *found[1:]]
+    layouts = sorted(every[rules.allowed(every)], key=lambda layout: goal.scored(layout).objective_mm)
+    return list(islice(filter(goal.notices_enough, layouts), FINALISTS)), len(every)
 
 
 def _finalists(goal: Goal, layouts: list[Indices]) -> list[Indices]:
     """Return the distinct layouts whose scores do not differ clearly from the best, the best first."""
     scored = sorted((goal.scored(layout) for layout in layouts), key=lambda one: one.objective_mm)
     near = [one.layout for one in scored if one.objective_mm <= CLEAR * scored[0].objective_mm]
-    return list({tuple(layout): layout for layout in near}.values())
+    return _distinct(near)
+
+
+def _distinct(layouts: list[Indices]) -> list[Indices]:
+    return list({tuple(layout): layout for layout in layouts}.values())
 
 
 def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices, seed: int) -> Indices:
@@ -132,7 +136,7 @@ def _starts(goal: Goal, reference: Indices, equal: Indices) -> list[Indices]:
     """Return the layouts to start from, the best first."""
     others = [equal, cramer_rao_layout(goal.surrogate, equal)]
     starts = [reference, *(goal.towards(reference, other) for other in others)]
-    return sorted(starts, key=lambda layout: goal.scored(layout).objective_mm)[:STARTS]
+    return _distinct(sorted(starts, key=lambda layout: goal.scored(layout).objective_mm))
 
 
 def cramer_rao_layout(surrogate: Surrogate, start: Indices) -> Indices:

@@ -24,10 +24,13 @@ from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.layout import Candidates
 
 CELLS = (256, 1024)
-"""Smallest and largest number of cells; between them, RESOLVED for each mean error of an equal pitch."""
-RESOLVED = 2.0
+"""Smallest and largest number of cells; between them, RESOLVED for each mean error of an equal pitch. Twice as many
+change no score by more than its scatter."""
+RESOLVED = 1.0
 DRAWS = {True: 512, False: 128}
 """For known and open force: contacts, a power of two."""
+BOUND_CELLS = 64
+"""Smallest number of cells of the Cramer-Rao bound, which only leads to a start."""
 NEGLIGIBLE = 15.0
 """Difference to the largest log density beyond which a cell is not part of a posterior."""
 TINY = float(np.finfo(np.float64).tiny)
@@ -69,29 +72,12 @@ class Surrogate:
         square, along = precision @ (shapes**2).T, (precision * sample) @ shapes.T
         others: Floats | float = 0.0
         if self.uncertain is not None:
-            square, along, others = self._mounted(sensors, sample, precision, square, along)
+            # As in the limit: the likeliest force says how much the mounting adds to each channel's variance.
+            force = np.clip(along / np.maximum(square, TINY), *self.force_n)
+            moved = self.uncertain[:, sensors]
+            square, along, others = _wider(force**2, shapes, moved**2, sample, precision)
         density = self._log_density(np.sqrt(square), along, others)
         return mean_distances(self.edges_mm, density) * self.weight[part]
-
-    def _mounted(
-        self, sensors: Indices, sample: Floats, precision: Floats, square: Floats, along: Floats
-    ) -> tuple[Floats, Floats, Floats]:
-        """Return the three terms of a density (contacts, cells) with the mounting, from two of them without it."""
-        # As in the limit: the likeliest force says how much the mounting adds to each channel's variance.
-        force = np.clip(along / np.maximum(square, TINY), *self.force_n) ** 2
-        square, along, others, volume = (np.zeros_like(square) for _ in range(4))
-        volume += 1
-        for sensor, column, weight in zip(sensors, sample.T, precision.T, strict=True):
-            shape, moved = self.shapes[:, sensor], self.uncertain[:, sensor] ** 2
-            wider = 1 + force * (weight[:, None] * moved)
-            volume *= wider
-            each = weight[:, None] / wider
-            square += each * shape**2
-            each *= column[:, None]
-            along += each * shape
-            each *= column[:, None]
-            others += each
-        return square, along, others + np.log(volume)
 
     def _log_density(self, size: Floats, along: Floats, others: Floats | float) -> Floats:
         """Return log densities (draws, cells), with the force integrated out; see `posterior.log_likelihood`."""
@@ -108,7 +94,10 @@ class Surrogate:
         return density
 
     def cramer_rao_mm(self, sums: Floats) -> Floats:
-        """Return the mean Cramer-Rao bound on the error (...), limited by the range, from `sums` (3, cells, ...)."""
+        """Return the mean Cramer-Rao bound on the error (...), limited by the range.
+
+        `sums` (3, some cells, ...) are those of `information`.
+        """
         slope, mixed, size = sums
         low, high = self.force_n
         square = (low * low + low * high + high * high) / 3
@@ -116,19 +105,53 @@ class Surrogate:
         if low < high:
             # A slope along the deflection itself cannot be distinguished from a change of the force.
             information = np.maximum(slope - mixed**2 / np.maximum(size, TINY), 0)
-        width = np.diff(self.edges_mm)
-        bound: Floats = np.tensordot(width / width.sum(), 1 / np.sqrt(information * square + 12 / width.sum() ** 2), 1)
+        width = np.diff(self.edges_mm)[self._some]
+        limit = 12 / (self.edges_mm[-1] - self.edges_mm[0]) ** 2
+        bound: Floats = np.tensordot(width / width.sum(), 1 / np.sqrt(information * square + limit), 1)
         return bound
 
     @property
     def information(self) -> Floats:
-        """What each sensor adds to `sums` of the Cramer-Rao bound, under a middle force; (3, cells, candidates)."""
+        """What each sensor adds to the Cramer-Rao bound, under a middle force; (3, some cells, candidates)."""
         force, errors = sum(self.force_n) / 2, self.errors
         square = errors.noise_mm**2 + errors.zero_mm**2 + (errors.gain * force * self.shapes) ** 2
         if self.uncertain is not None:
             square += (force * self.uncertain) ** 2
         slope = np.gradient(self.shapes, (self.edges_mm[1:] + self.edges_mm[:-1]) / 2, axis=0)
-        return np.stack([slope**2, slope * self.shapes, self.shapes**2]) / square
+        return (np.stack([slope**2, slope * self.shapes, self.shapes**2]) / square)[:, self._some]
+
+    @property
+    def _some(self) -> slice:
+        """The cells at which the Cramer-Rao bound is taken."""
+        return slice(None, None, max(1, len(self.shapes) // BOUND_CELLS))
+
+
+def _wider(
+    square_force: Floats, shapes: Floats, moved: Floats, sample: Floats, precision: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return the sums of a density with the mounting, each (draws, cells).
+
+    They are the weighted squares of the shapes, their products with the sample, and the squares of the sample with the
+    logarithm of the variances.
+
+    Parameters
+    ----------
+    square_force : (draws, cells), in N^2
+    shapes, moved : (cells, sensors), deflection per newton, and its variance by the mounting
+    sample, precision : (draws, sensors)
+    """
+    square, along, others = (np.zeros_like(square_force) for _ in range(3))
+    volume = np.ones_like(square_force)
+    for shape, variance, column, weight in zip(shapes.T, moved.T, sample.T, precision.T, strict=True):
+        wider = 1 + square_force * (weight[:, None] * variance)
+        volume *= wider
+        each = weight[:, None] / wider
+        square += each * shape**2
+        each *= column[:, None]
+        along += each * shape
+        each *= column[:, None]
+        others += each
+    return square, along, others + np.log(volume)
 
 
 def mean_distances(edges_mm: Floats, log_density: Floats) -> Floats:

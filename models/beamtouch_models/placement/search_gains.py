@@ -29,7 +29,7 @@ def first_gains(goal: Goal, start: Indices, most: float) -> SearchRun:
         before = best
         for move in moves:
             moved = best.layout + step * move
-            while 0 <= moved.min() and moved.max() < candidates:
+            while moved.min() >= 0 and moved.max() < candidates:
                 evaluations += 1
                 found = goal.better(moved, best)
                 if found is None:
