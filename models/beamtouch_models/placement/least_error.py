@@ -63,20 +63,21 @@ def searched(
     # Sensors that replace each other leave little with which to notice: a spare that had to would be worth nothing.
     goal = Goal(surrogate, spare, others, None if spare else others.noticed(reference) - SLACK)
     if math.comb(len(rules.position_mm), count) <= MAX_LISTED:
-        tried, evaluations = _listed(goal, count)
-        runs = [SearchRun(tried[0], (-goal.scored(tried[0]).objective_mm,), evaluations)]
+        best, evaluations = _listed(goal, count)
+        runs = [SearchRun(best[0], (-goal.scored(best[0]).objective_mm,), evaluations)]
     else:
-        tried = _starts(goal, reference, equal)
+        plain = goal.towards(reference, equal)
         rng, runs = np.random.default_rng(seed), []
-        for number, start in enumerate(tried[:STARTS]):
+        for number, start in enumerate(_starts(goal, reference, plain, equal)):
             progress(0.7 * number / STARTS)
             if search == "paper":
                 runs.append(paper_search(goal.scores, rules, start, rng))
             else:
                 runs.append(first_gains(goal, start, MAX_LOOKED_AT))
         runs.sort(key=lambda run: -run.score)
+        best = [runs[0].layout, plain]
     # The reference is among them, so that the error is no larger than that of the eigenvalue product.
-    finalists = _finalists(goal, [*tried, runs[0].layout, reference])
+    finalists = _finalists(goal, [*best, reference])
     return _decided(influence, rules, finalists, errors, seed, spare, lambda part: progress(0.7 + 0.3 * part)), runs
 
 
@@ -132,11 +133,10 @@ def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices,
     return np.sort(first_best(exact_search(problem, seed)).layout)
 
 
-def _starts(goal: Goal, reference: Indices, equal: Indices) -> list[Indices]:
+def _starts(goal: Goal, reference: Indices, plain: Indices, equal: Indices) -> list[Indices]:
     """Return the layouts to start from, the best first."""
-    others = [equal, cramer_rao_layout(goal.surrogate, equal)]
-    starts = [reference, *(goal.towards(reference, other) for other in others)]
-    return _distinct(sorted(starts, key=lambda layout: goal.scored(layout).objective_mm))
+    starts = [reference, plain, goal.towards(reference, cramer_rao_layout(goal.surrogate, equal))]
+    return _distinct(sorted(starts, key=lambda layout: goal.scored(layout).objective_mm))[:STARTS]
 
 
 def cramer_rao_layout(surrogate: Surrogate, start: Indices) -> Indices:
