@@ -7,7 +7,8 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, place_by_position_error
-from beamtouch_models.placement.position_error import Surrogate, mean_distances, surrogate_of
+from beamtouch_models.placement.cells import mean_distances
+from beamtouch_models.placement.position_error import Surrogate, surrogate_of
 from beamtouch_models.placement.problem import equal_layout
 from beamtouch_models.placement.search_paper import SearchName
 from beamtouch_models.scene import Scene
