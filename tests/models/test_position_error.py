@@ -7,7 +7,8 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, place_by_position_error
-from beamtouch_models.placement.position_error import Surrogate, mean_distances, surrogate_of
+from beamtouch_models.placement.cells import mean_distances
+from beamtouch_models.placement.position_error import Surrogate, surrogate_of
 from beamtouch_models.placement.problem import equal_layout
 from beamtouch_models.placement.search_paper import SearchName
 from beamtouch_models.scene import Scene
@@ -89,7 +90,7 @@ def test_the_surrogate_orders_layouts_as_the_limit_does(force_n: object, errors:
     one, influence = surrogate(scene, 3, errors), influence_of(scene)
     layouts = np.array([[49, 199, 349], [87, 199, 311], [99, 149, 299], [59, 219, 339], [119, 199, 279]])
     ratios = [
-        -float(one.scores(layout[None])[0])
+        float(one.distances_mm(layout).mean())
         / (4 * limit.accuracy_limit(Prior.real(influence, one.rules.position_mm[layout], errors), 2_000, 3).percent)
         for layout in layouts
     ]

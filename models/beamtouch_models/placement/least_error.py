@@ -5,7 +5,7 @@ product: the least error alone leaves little with which to notice them.
 """
 
 import math
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -14,21 +14,26 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
-from beamtouch_models.placement.goal import SLACK, Goal
+from beamtouch_models.placement.goal import SLACK, TIE, Goal
 from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.noticing import other_loads
-from beamtouch_models.placement.position_error import TIE, Surrogate, surrogate_of
+from beamtouch_models.placement.position_error import Surrogate, surrogate_of
 from beamtouch_models.placement.problem import equal_layout, problem_of
-from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best, pattern_search
+from beamtouch_models.placement.search_exact import SearchRun, exact_search, first_best
+from beamtouch_models.placement.search_gains import first_gains
 from beamtouch_models.placement.search_paper import SearchName, paper_search
 from beamtouch_models.progress import Fraction
 
 STARTS = 2
 FINALISTS = 6
+"""Layouts of a list that the accuracy limit compares."""
+CLEAR = 1.015
+"""Ratio of scores from which they decide alone. The ratio of score and accuracy limit scatters by 0.2 to 0.6 %, and as
+much as that of the limit of FINAL_DRAWS contacts."""
 FINAL_DRAWS = 2_000
 """Simulated contacts by which the finalists are compared; fewer where many failures are."""
-MAX_SCORED = 2_000
-"""Layouts that a run scores, or fewer with a spare; searches of up to eight sensors seldom score as many."""
+MAX_LOOKED_AT = 2_000
+"""Layouts that a run looks at, after which it tries no smaller step; up to eight sensors seldom need as many."""
 FEWER = 5
 """Number of sensors failed in turn above which the two are lowered, so that the time is bounded."""
 MAX_LISTED = 512
@@ -53,31 +58,27 @@ def searched(
     """
     equal = equal_layout(rules, influence.length_mm, count)
     reference = _by_product(influence, rules, equal, seed)
-    surrogate = surrogate_of(influence, rules, equal, errors, seed, spare)
+    surrogate = surrogate_of(influence, rules, equal, errors, seed)
     others = other_loads(influence, rules, errors)
     # Sensors that replace each other leave little with which to notice: a spare that had to would be worth nothing.
-    goal = Goal(surrogate, others, others.noticed(reference) - (1.0 if spare else SLACK))
-    every = _every(rules, count)
-    if every is not None:
-        values = goal.scores(every)
-        order = np.argsort(-values, kind="stable")[:FINALISTS]
-        finalists = [every[index] for index in order if np.isfinite(values[index])]
-        runs = [SearchRun(finalists[0], (float(values.max()),), len(every))]
+    goal = Goal(surrogate, spare, others, None if spare else others.noticed(reference) - SLACK)
+    if math.comb(len(rules.position_mm), count) <= MAX_LISTED:
+        best, evaluations = _listed(goal, count)
+        runs = [SearchRun(best[0], (-goal.scored(best[0]).objective_mm,), evaluations)]
     else:
-        starts = _starts(goal, reference, equal)
+        plain = goal.towards(reference, equal)
         rng, runs = np.random.default_rng(seed), []
-        for number, start in enumerate(starts[:STARTS]):
+        for number, start in enumerate(_starts(goal, reference, plain, equal)):
             progress(0.7 * number / STARTS)
             if search == "paper":
                 runs.append(paper_search(goal.scores, rules, start, rng))
             else:
-                most = MAX_SCORED * shared(count, spare)
-                runs.append(pattern_search(goal.scores, rules, start, most=most))
+                runs.append(first_gains(goal, start, MAX_LOOKED_AT))
         runs.sort(key=lambda run: -run.score)
-        finalists = [*(run.layout for run in runs), *starts]
+        best = [runs[0].layout, plain]
     # The reference is among them, so that the error is no larger than that of the eigenvalue product.
-    distinct = list({tuple(layout): layout for layout in [*finalists, reference]}.values())
-    return _decided(influence, rules, distinct, errors, seed, spare, lambda part: progress(0.7 + 0.3 * part)), runs
+    finalists = _finalists(goal, [*best, reference])
+    return _decided(influence, rules, finalists, errors, seed, spare, lambda part: progress(0.7 + 0.3 * part)), runs
 
 
 def mean_errors_percent(
@@ -104,11 +105,23 @@ def shared(count: int, spare: int) -> float:
     return min(1.0, FEWER / (1 + spare * count))
 
 
-def _every(rules: Candidates, count: int) -> Indices | None:
-    """Return all layouts (population, sensors) with or without regard to the rules; None if there are many."""
-    if math.comb(len(rules.position_mm), count) > MAX_LISTED:
-        return None
-    return np.array(list(combinations(range(len(rules.position_mm)), count)), dtype=np.intp)
+def _listed(goal: Goal, count: int) -> tuple[list[Indices], int]:
+    """Return the best of all layouts, the best first, and how many there are."""
+    rules = goal.surrogate.rules
+    every = np.array(list(combinations(range(len(rules.position_mm)), count)), dtype=np.intp)
+    layouts = sorted(every[rules.allowed(every)], key=lambda layout: goal.scored(layout).objective_mm)
+    return list(islice(filter(goal.notices_enough, layouts), FINALISTS)), len(every)
+
+
+def _finalists(goal: Goal, layouts: list[Indices]) -> list[Indices]:
+    """Return the distinct layouts whose scores do not differ clearly from the best, the best first."""
+    scored = sorted((goal.scored(layout) for layout in layouts), key=lambda one: one.objective_mm)
+    near = [one.layout for one in scored if one.objective_mm <= CLEAR * scored[0].objective_mm]
+    return _distinct(near)
+
+
+def _distinct(layouts: list[Indices]) -> list[Indices]:
+    return list({tuple(layout): layout for layout in layouts}.values())
 
 
 def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices, seed: int) -> Indices:
@@ -120,12 +133,10 @@ def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices,
     return np.sort(first_best(exact_search(problem, seed)).layout)
 
 
-def _starts(goal: Goal, reference: Indices, equal: Indices) -> list[Indices]:
-    """Return the layouts to start from, ordered by their scores with the best first."""
-    others = [equal, cramer_rao_layout(goal.surrogate, equal)]
-    starts = [reference, *(goal.towards(reference, other) for other in others)]
-    values = goal.scores(np.array(starts))
-    return [starts[index] for index in np.argsort(-values, kind="stable")]
+def _starts(goal: Goal, reference: Indices, plain: Indices, equal: Indices) -> list[Indices]:
+    """Return the layouts to start from, the best first."""
+    starts = [reference, plain, goal.towards(reference, cramer_rao_layout(goal.surrogate, equal))]
+    return _distinct(sorted(starts, key=lambda layout: goal.scored(layout).objective_mm))[:STARTS]
 
 
 def cramer_rao_layout(surrogate: Surrogate, start: Indices) -> Indices:
@@ -157,6 +168,8 @@ def _decided(
     progress: Fraction,
 ) -> Indices:
     """Return the layout with the smallest objective by the accuracy limit itself."""
+    if len(layouts) == 1:
+        return layouts[0]
     found, draws = [], round(FINAL_DRAWS * shared(len(layouts[0]), spare))
     for number, layout in enumerate(layouts):
         progress(number / len(layouts))

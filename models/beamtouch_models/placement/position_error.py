@@ -21,18 +21,19 @@ from beamtouch_models.accuracy.posterior import log_likelihood
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.physics.influence import InfluenceFunction
+from beamtouch_models.placement.cells import TINY, mean_distances, with_mounting
 from beamtouch_models.placement.layout import Candidates
 
 CELLS = (256, 1024)
-"""Smallest and largest number of cells; between them, RESOLVED for each mean error of an equal pitch."""
-RESOLVED = 2.0
+"""Smallest and largest number of cells; between them, RESOLVED for each mean error of an equal pitch. Twice as many
+change no score by more than its scatter."""
+RESOLVED = 1.0
 DRAWS = {True: 512, False: 128}
 """For known and open force: contacts, a power of two."""
+BOUND_CELLS = 64
+"""Smallest number of cells of the Cramer-Rao bound, which only leads to a start."""
 NEGLIGIBLE = 15.0
 """Difference to the largest log density beyond which a cell is not part of a posterior."""
-TIE = 1e-6
-"""Weight of the error with all sensors in an objective with a spare: it decides between equals only."""
-TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,6 @@ class Surrogate:
     """Range of forces, with equal ends if the force is known."""
     rules: Candidates
     errors: SampleErrors
-    spare: int
-    """1: the objective is the largest error with one sensor failed."""
     edges_mm: Floats
     """(cells + 1,) over the range of contacts."""
     shapes: Floats
@@ -56,49 +55,29 @@ class Surrogate:
     deviation: Floats
     """(draws, candidates), standard deviation of a sample of it, in mm."""
     noise: Floats
-    """(draws, sensors), with variance 1; 0 if the force is open."""
+    """(draws, sensors), with variance 1, from left to right; 0 if the force is open."""
     weight: Floats
     """(draws,), 1 on average."""
 
-    def scores(self, layouts: Indices) -> Floats:
-        """Return minus the objective in mm of layouts (population, sensors); -inf if a rule is broken.
+    def distances_mm(self, sensors: Indices, few: int | None = None) -> Floats:
+        """Return the errors of sensors (sensors,) at the first few contacts, by default at all of them: (contacts,).
 
-        Without a spare, the objective is the mean error with all sensors. With one, it is the largest, over each one
-        sensor failed, of the mean error of the others; the error with all sensors decides between equals.
+        Their mean is the mean error; they include the weights of the contacts.
         """
-        allowed = self.rules.allowed(layouts)
-        pairs = zip(layouts, allowed, strict=True)
-        return np.array([-self._objective_mm(np.sort(layout)) if kept else -np.inf for layout, kept in pairs])
-
-    def _objective_mm(self, layout: Indices) -> float:
-        whole, *failed = self.mean_errors_mm(layout)
-        return max(failed) + TIE * whole if failed else whole
-
-    def mean_errors_mm(self, layout: Indices) -> list[float]:
-        """Return the mean error of a layout (sensors,) with all sensors, and with a spare, with each one failed."""
-        count = len(layout)
-        sample = self.clean[:, layout] + self.deviation[:, layout] * self.noise
-        floor = (self.errors.gain * sample) ** 2 + self.errors.zero_mm**2
-        precision = 1 / (self.errors.noise_mm**2 + floor)
-        working = np.ones((1, count)) if not self.spare else np.vstack([np.ones(count), 1 - np.eye(count)])
-        return [self._mean_error_mm(layout, sample, precision * kept) for kept in working]
-
-    def _mean_error_mm(self, layout: Indices, sample: Floats, precision: Floats) -> float:
-        """Return the mean error for samples and their precisions in 1/mm^2, both (draws, sensors)."""
-        shapes = self.shapes[:, layout]
+        part = slice(few)
+        clean = self.clean[part, sensors]
+        sample = clean + self.deviation[part, sensors] * self.noise[part, : len(sensors)]
+        precision = 1 / (self.errors.noise_mm**2 + self.errors.zero_mm**2 + (self.errors.gain * sample) ** 2)
+        shapes = self.shapes[:, sensors]
         square, along = precision @ (shapes**2).T, (precision * sample) @ shapes.T
         others: Floats | float = 0.0
         if self.uncertain is not None:
             # As in the limit: the likeliest force says how much the mounting adds to each channel's variance.
             force = np.clip(along / np.maximum(square, TINY), *self.force_n)
-            moved = force[:, :, None] * self.uncertain[:, layout]
-            wider = 1 + moved**2 * precision[:, None, :]
-            each = precision[:, None, :] / wider
-            square = np.einsum("dcs,cs->dc", each, shapes**2)
-            along = np.einsum("dcs,ds,cs->dc", each, sample, shapes)
-            others = np.einsum("dcs,ds->dc", each, sample**2) + np.log(wider.prod(axis=2))
+            moved = self.uncertain[:, sensors]
+            square, along, others = with_mounting(force**2, shapes, moved**2, sample, precision)
         density = self._log_density(np.sqrt(square), along, others)
-        return float((mean_distances(self.edges_mm, density) * self.weight).mean())
+        return mean_distances(self.edges_mm, density) * self.weight[part]
 
     def _log_density(self, size: Floats, along: Floats, others: Floats | float) -> Floats:
         """Return log densities (draws, cells), with the force integrated out; see `posterior.log_likelihood`."""
@@ -115,7 +94,10 @@ class Surrogate:
         return density
 
     def cramer_rao_mm(self, sums: Floats) -> Floats:
-        """Return the mean Cramer-Rao bound on the error (...), limited by the range, from `sums` (3, cells, ...)."""
+        """Return the mean Cramer-Rao bound on the error (...), limited by the range.
+
+        `sums` (3, some cells, ...) are those of `information`.
+        """
         slope, mixed, size = sums
         low, high = self.force_n
         square = (low * low + low * high + high * high) / 3
@@ -123,41 +105,29 @@ class Surrogate:
         if low < high:
             # A slope along the deflection itself cannot be distinguished from a change of the force.
             information = np.maximum(slope - mixed**2 / np.maximum(size, TINY), 0)
-        width = np.diff(self.edges_mm)
-        bound: Floats = np.tensordot(width / width.sum(), 1 / np.sqrt(information * square + 12 / width.sum() ** 2), 1)
+        width = np.diff(self.edges_mm)[self._some]
+        limit = 12 / (self.edges_mm[-1] - self.edges_mm[0]) ** 2
+        bound: Floats = np.tensordot(width / width.sum(), 1 / np.sqrt(information * square + limit), 1)
         return bound
 
     @property
     def information(self) -> Floats:
-        """What each sensor adds to `sums` of the Cramer-Rao bound, under a middle force; (3, cells, candidates)."""
+        """What each sensor adds to the Cramer-Rao bound, under a middle force; (3, some cells, candidates)."""
         force, errors = sum(self.force_n) / 2, self.errors
         square = errors.noise_mm**2 + errors.zero_mm**2 + (errors.gain * force * self.shapes) ** 2
         if self.uncertain is not None:
             square += (force * self.uncertain) ** 2
         slope = np.gradient(self.shapes, (self.edges_mm[1:] + self.edges_mm[:-1]) / 2, axis=0)
-        return np.stack([slope**2, slope * self.shapes, self.shapes**2]) / square
+        return (np.stack([slope**2, slope * self.shapes, self.shapes**2]) / square)[:, self._some]
 
-
-def mean_distances(edges_mm: Floats, log_density: Floats) -> Floats:
-    """Return the mean distance from the median, (draws,), of densities (draws, cells) that are even in each cell."""
-    width = np.diff(edges_mm)
-    mass = np.exp(log_density - log_density.max(axis=1, keepdims=True)) * width
-    below = np.cumsum(mass, axis=1)
-    below /= below[:, -1:]
-    # The mean distance is the integral of the smaller of the distribution function and its complement.
-    ends = np.minimum(below, 1 - below)
-    trapezoids: Floats = ends @ (width + np.append(width[1:], 0.0)) / 2
-    median = (below >= 0.5).argmax(axis=1)
-    rows = np.arange(len(below))
-    after = below[rows, median]
-    before = after - mass[rows, median] / mass.sum(axis=1)
-    missing = (0.5 - before) * (after - 0.5) / np.maximum(after - before, TINY)
-    found: Floats = trapezoids + width[median] * missing
-    return found
+    @property
+    def _some(self) -> slice:
+        """The cells at which the Cramer-Rao bound is taken."""
+        return slice(None, None, max(1, len(self.shapes) // BOUND_CELLS))
 
 
 def surrogate_of(
-    influence: InfluenceFunction, rules: Candidates, equal: Indices, errors: SampleErrors, seed: int, spare: int = 0
+    influence: InfluenceFunction, rules: Candidates, equal: Indices, errors: SampleErrors, seed: int
 ) -> Surrogate:
     """Draw the contacts of a surrogate; `equal` is the allowed layout nearest to equal pitch."""
     prior = Prior.real(influence, rules.position_mm[equal], errors)
@@ -176,7 +146,6 @@ def surrogate_of(
         influence.force_n,
         rules,
         errors,
-        spare,
         edges,
         influence.at(rules.position_mm, middles),
         uncertain,

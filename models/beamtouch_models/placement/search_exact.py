@@ -6,7 +6,6 @@ p_k is row k of the layout's pseudo-inverse. So all exchanges of a layout cost o
 Optimal Experiments, 1972, sec. 3.3).
 """
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import combinations, pairwise
@@ -116,7 +115,6 @@ def pattern_search(
     start: Indices,
     step: int | None = None,
     before: SearchRun | None = None,
-    most: float = math.inf,
 ) -> SearchRun:
     """Move one or two sensors by a step, keep the best move, and halve the step when nothing gains.
 
@@ -127,13 +125,12 @@ def pattern_search(
     start : first layout
     step : first step, in candidates; a quarter of the mean pitch by default
     before : the run that led to `start`
-    most : number of scored layouts after which no further move is tried
     """
     layout = start
     scores = list(before.scores) if before else [float(score(start[None, :])[0])]
     evaluations = before.evaluations if before else 1
     step = step or max(1, len(rules.position_mm) // (4 * len(start)))
-    while step and evaluations < most:
+    while step:
         trials = np.array(list(_moved(layout, step, len(rules.position_mm), rules)), dtype=np.intp)
         values = score(trials) if len(trials) else np.array([-np.inf])
         evaluations += len(trials)

@@ -1,0 +1,53 @@
+"""Densities of the position on the cells of a grid: their sums with the mounting of sensors, and their width."""
+
+import numpy as np
+
+from beamtouch_models.arrays import Floats
+
+TINY = float(np.finfo(np.float64).tiny)
+
+
+def with_mounting(
+    square_force: Floats, shapes: Floats, moved: Floats, sample: Floats, precision: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return the sums of a density with the mounting, each (draws, cells).
+
+    They are the weighted squares of the shapes, their products with the sample, and the squares of the sample with the
+    logarithm of the variances.
+
+    Parameters
+    ----------
+    square_force : (draws, cells), in N^2
+    shapes, moved : (cells, sensors), deflection per newton, and its variance by the mounting
+    sample, precision : (draws, sensors)
+    """
+    square, along, others = (np.zeros_like(square_force) for _ in range(3))
+    volume = np.ones_like(square_force)
+    for shape, variance, column, weight in zip(shapes.T, moved.T, sample.T, precision.T, strict=True):
+        wider = 1 + square_force * (weight[:, None] * variance)
+        volume *= wider
+        each = weight[:, None] / wider
+        square += each * shape**2
+        each *= column[:, None]
+        along += each * shape
+        each *= column[:, None]
+        others += each
+    return square, along, others + np.log(volume)
+
+
+def mean_distances(edges_mm: Floats, log_density: Floats) -> Floats:
+    """Return the mean distance from the median, (draws,), of densities (draws, cells) that are even in each cell."""
+    width = np.diff(edges_mm)
+    mass = np.exp(log_density - log_density.max(axis=1, keepdims=True)) * width
+    below = np.cumsum(mass, axis=1)
+    below /= below[:, -1:]
+    # The mean distance is the integral of the smaller of the distribution function and its complement.
+    ends = np.minimum(below, 1 - below)
+    trapezoids: Floats = ends @ (width + np.append(width[1:], 0.0)) / 2
+    median = (below >= 0.5).argmax(axis=1)
+    rows = np.arange(len(below))
+    after = below[rows, median]
+    before = after - mass[rows, median] / mass.sum(axis=1)
+    missing = (0.5 - before) * (after - 0.5) / np.maximum(after - before, TINY)
+    found: Floats = trapezoids + width[median] * missing
+    return found
