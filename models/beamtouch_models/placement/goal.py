@@ -29,7 +29,8 @@ class Scored:
 
     layout: Indices
     """(sensors,), ascending."""
-    objective_mm: float
+    objective: float
+    """What is to be least: an error in mm, or minus a share that is noticed."""
     distances_mm: Floats
     """(contacts,), errors of the sensors that decide: all of them, or with a spare those with the largest error."""
 
@@ -50,6 +51,11 @@ class Goal:
     noticing: dict[bytes, bool] = field(default_factory=dict, repr=False)
     """Whether layouts notice enough, as far as it was asked for."""
 
+    @property
+    def candidates(self) -> int:
+        """Number of places for a sensor."""
+        return len(self.surrogate.rules.position_mm)
+
     def scores(self, layouts: Indices) -> Floats:
         """Return minus the objective in mm of layouts (population, sensors); -inf if not allowed.
 
@@ -58,7 +64,7 @@ class Goal:
         allowed = self.surrogate.rules.allowed(layouts)
         pairs = zip(layouts, allowed, strict=True)
         return np.array(
-            [-self.scored(one).objective_mm if kept and self.notices_enough(one) else -np.inf for one, kept in pairs]
+            [-self.scored(one).objective if kept and self.notices_enough(one) else -np.inf for one, kept in pairs]
         )
 
     def scored(self, layout: Indices) -> Scored:
@@ -88,10 +94,10 @@ class Goal:
         if not self.notices_enough(layout):
             return None
         for sensors in self._working(layout):
-            if _mean(self._distances_mm(sensors)) > than.objective_mm:
+            if _mean(self._distances_mm(sensors)) > than.objective:
                 return None
         found = self.scored(layout)
-        return found if found.objective_mm < (1 - GAIN) * than.objective_mm else None
+        return found if found.objective < (1 - GAIN) * than.objective else None
 
     def _working(self, layout: Indices) -> Iterator[Indices]:
         """Yield the sets of sensors whose largest error is the objective."""

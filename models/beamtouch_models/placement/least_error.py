@@ -1,7 +1,8 @@
 """Placement by the mean position error: a quick surrogate searches, and the accuracy limit decides among the best.
 
 Without a spare, only layouts count that notice loads other than one contact as well as the layout of the eigenvalue
-product: the least error alone leaves little with which to notice them.
+product: the least error alone leaves little with which to notice them. With a spare, the layout that notices most is
+taken of those whose error is hardly larger than the least.
 """
 
 import math
@@ -16,6 +17,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.goal import SLACK, TIE, Goal
 from beamtouch_models.placement.layout import Candidates
+from beamtouch_models.placement.most_noticing import MostNoticing
 from beamtouch_models.placement.noticing import other_loads
 from beamtouch_models.placement.position_error import Surrogate, surrogate_of
 from beamtouch_models.placement.problem import equal_layout, problem_of
@@ -52,7 +54,7 @@ def searched(
     search: SearchName,
     progress: Fraction,
 ) -> tuple[Indices, list[SearchRun]]:
-    """Return the layout with the least mean error, and the runs that found it, the best first.
+    """Return the layout with the least mean error, and the runs that found that error, the best first.
 
     Arguments and errors as `placing.place_by_position_error`.
     """
@@ -64,7 +66,7 @@ def searched(
     goal = Goal(surrogate, spare, others, None if spare else others.noticed(reference) - SLACK)
     if math.comb(len(rules.position_mm), count) <= MAX_LISTED:
         best, evaluations = _listed(goal, count)
-        runs = [SearchRun(best[0], (-goal.scored(best[0]).objective_mm,), evaluations)]
+        runs = [SearchRun(best[0], (-goal.scored(best[0]).objective,), evaluations)]
     else:
         plain = goal.towards(reference, equal)
         rng, runs = np.random.default_rng(seed), []
@@ -78,7 +80,8 @@ def searched(
         best = [runs[0].layout, plain]
     # The reference is among them, so that the error is no larger than that of the eigenvalue product.
     finalists = _finalists(goal, [*best, reference])
-    return _decided(influence, rules, finalists, errors, seed, spare, lambda part: progress(0.7 + 0.3 * part)), runs
+    found = _decided(influence, rules, finalists, errors, seed, spare, lambda part: progress(0.7 + 0.3 * part))
+    return (first_gains(MostNoticing.near(goal, found), found, MAX_LOOKED_AT).layout if spare else found), runs
 
 
 def mean_errors_percent(
@@ -109,14 +112,14 @@ def _listed(goal: Goal, count: int) -> tuple[list[Indices], int]:
     """Return the best of all layouts, the best first, and how many there are."""
     rules = goal.surrogate.rules
     every = np.array(list(combinations(range(len(rules.position_mm)), count)), dtype=np.intp)
-    layouts = sorted(every[rules.allowed(every)], key=lambda layout: goal.scored(layout).objective_mm)
+    layouts = sorted(every[rules.allowed(every)], key=lambda layout: goal.scored(layout).objective)
     return list(islice(filter(goal.notices_enough, layouts), FINALISTS)), len(every)
 
 
 def _finalists(goal: Goal, layouts: list[Indices]) -> list[Indices]:
     """Return the distinct layouts whose scores do not differ clearly from the best, the best first."""
-    scored = sorted((goal.scored(layout) for layout in layouts), key=lambda one: one.objective_mm)
-    near = [one.layout for one in scored if one.objective_mm <= CLEAR * scored[0].objective_mm]
+    scored = sorted((goal.scored(layout) for layout in layouts), key=lambda one: one.objective)
+    near = [one.layout for one in scored if one.objective <= CLEAR * scored[0].objective]
     return _distinct(near)
 
 
@@ -136,7 +139,7 @@ def _by_product(influence: InfluenceFunction, rules: Candidates, equal: Indices,
 def _starts(goal: Goal, reference: Indices, plain: Indices, equal: Indices) -> list[Indices]:
     """Return the layouts to start from, the best first."""
     starts = [reference, plain, goal.towards(reference, cramer_rao_layout(goal.surrogate, equal))]
-    return _distinct(sorted(starts, key=lambda layout: goal.scored(layout).objective_mm))[:STARTS]
+    return _distinct(sorted(starts, key=lambda layout: goal.scored(layout).objective))[:STARTS]
 
 
 def cramer_rao_layout(surrogate: Surrogate, start: Indices) -> Indices:

@@ -116,8 +116,8 @@ def place_by_position_error(
 
     With `spare` = 0 the error with all sensors is minimised among the layouts that notice two contacts and spread loads
     as well as the layout of the eigenvalue product, within `goal.SLACK`. With `spare` = 1 it is the largest, over each
-    one sensor failed, of the error of the others, among all layouts; of layouts that are equal in this, the error with
-    all sensors decides.
+    one sensor failed, of the error of the others, among all layouts; of those within `most_noticing.PRICE` of the
+    least, the one that notices most is taken.
 
     `errors` are those of a sample; its noise must not be 0. This criterion has no bound, so the gap is None. SceneError
     also if a sensor stands on a support.
