@@ -1,15 +1,31 @@
 """Names and addresses of hosts."""
 
+from ipaddress import ip_address
+
+_NOT_IN_NAMES = frozenset(" :/\\@[]?#*,")
+"""Characters that separate the host from the rest of an address, or that join several hosts."""
+
 
 def host_name(text: str) -> str:
     """Return the name or address of a host; ValueError if no host can have it."""
-    try:
-        text.encode("idna")
-    except UnicodeError:
-        is_name = False
-    else:
-        is_name = bool(text) and text.isprintable() and " " not in text
-    if not is_name:
+    if not (_is_address(text) or _is_name(text)):
         message = "must be the name or address of a host"
         raise ValueError(message)
     return text
+
+
+def _is_address(text: str) -> bool:
+    try:
+        ip_address(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_name(text: str) -> bool:
+    """Return whether this can be a name. A name with a port, or a whole URL, is none."""
+    try:
+        text.encode("idna")
+    except UnicodeError:
+        return False
+    return bool(text) and text.isprintable() and _NOT_IN_NAMES.isdisjoint(text)
