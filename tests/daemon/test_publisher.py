@@ -168,6 +168,22 @@ async def test_a_backlog_goes_out_in_batches_of_bounded_size_without_pause() -> 
     assert max(len(batch.samples) for _, batch, _ in service.batches) == 1000
 
 
+async def test_samples_of_a_boot_that_had_no_time_are_delivered_after_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Spool(tmp_path / "spool", 10**6) as spool:
+        samples = [one.sample for one in taken(0, 5)]  # in 1970
+        spool.put("bench", Batch(boot_id="boot-0000", channels=SENDER.channels, newest_age_ms=0, samples=samples), 5.0)
+    (tmp_path / "another_boot").write_text("another\n")
+    monkeypatch.setattr("beamtouch_daemon.delivery.spool.BOOT_ID", tmp_path / "another_boot")
+    service = Service()
+    with Spool(tmp_path / "spool", 10**6) as spool:
+        async with serving(service), Bench(service, spool=spool):
+            await service.until(5)
+        assert spool.set_aside["bench"] == 0
+    assert sequences(service) == [0, 1, 2, 3, 4]
+
+
 async def test_refused_spooled_samples_do_not_delay_new_ones(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     refused: list[int] = []
 
