@@ -1,4 +1,5 @@
-"""Rows that a service of another version wrote in another way: what they say is left out, and nothing is lost."""
+"""Rows that a service of another version wrote in another way, and damaged ones: what they say is left out, and nothing
+is lost."""
 
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from service.conftest import Bench, BuildModel, MakeBatch
 
-OTHERS = json.dumps({"of": "another version"})
+OTHERS = [json.dumps({"of": "another version"}), "{damaged"]
 
 
 @pytest.fixture
@@ -30,20 +31,25 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "events.db"
 
 
-def rewrite(path: Path, statement: str) -> None:
+@pytest.fixture(params=OTHERS, ids=["another version", "damaged"])
+def foreign(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def rewrite(path: Path, statement: str, foreign: str) -> None:
     """Put what nobody here can read into a column of every row."""
     with closing(sqlite3.connect(path)) as connection, connection:
-        assert connection.execute(statement, [OTHERS]).rowcount > 0
+        assert connection.execute(statement, [foreign]).rowcount > 0
 
 
 def test_a_contact_beside_a_foreign_edge_is_recorded(
-    path: Path, make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
+    path: Path, foreign: str, make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
 ) -> None:
     model = modelfile.load(build_model())
     recorder = Recorder(path)
     assert make_bench(Surface("press-7", model), recorder=recorder).post(make_batch(RESTING, sequence=5)).is_success
     recorder.close()
-    rewrite(path, "UPDATE edges SET past = ?")
+    rewrite(path, "UPDATE edges SET past = ?", foreign)
 
     recorder = Recorder(path)
     bench = make_bench(Surface("press-7", model), recorder=recorder)
@@ -57,7 +63,7 @@ def test_a_contact_beside_a_foreign_edge_is_recorded(
 
 
 def test_an_event_with_foreign_samples_is_answered_and_goes_on(
-    path: Path, make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
+    path: Path, foreign: str, make_bench: type[Bench], build_model: BuildModel, make_batch: MakeBatch
 ) -> None:
     model = modelfile.load(build_model())
     recorder = Recorder(path)
@@ -66,9 +72,9 @@ def test_an_event_with_foreign_samples_is_answered_and_goes_on(
     (event,) = bench.get("/events").json()["events"]
     assert event["capture"]
     recorder.close()
-    rewrite(path, "UPDATE events SET path = ?")
-    rewrite(path, "UPDATE events SET best = ?")
-    rewrite(path, "UPDATE captures SET sample = ?")
+    rewrite(path, "UPDATE events SET path = ?", foreign)
+    rewrite(path, "UPDATE events SET best = ?", foreign)
+    rewrite(path, "UPDATE captures SET sample = ?", foreign)
 
     recorder = Recorder(path)
     bench = make_bench(Surface("press-7", model), recorder=recorder)
@@ -108,7 +114,7 @@ def test_foreign_best_samples_are_left_out(
 
 
 def test_a_foreign_baseline_begins_anew(
-    path: Path, make_bench: type[Bench], bench_model: Path, caplog: pytest.LogCaptureFixture
+    path: Path, foreign: str, make_bench: type[Bench], bench_model: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     surface = Surface("press-7", modelfile.load(bench_model))
     assert surface.model is not None
@@ -117,7 +123,7 @@ def test_a_foreign_baseline_begins_anew(
     assert make_bench(surface, recorder=recorder).post(batch).is_success
     wait_until(lambda: surface.health is not None and bool(surface.health.channels))
     recorder.close()
-    rewrite(path, "UPDATE baselines SET history = ?")
+    rewrite(path, "UPDATE baselines SET history = ?", foreign)
 
     surface = Surface("press-7", modelfile.load(bench_model))
     recorder = Recorder(path)
