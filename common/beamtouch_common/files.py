@@ -20,6 +20,7 @@ MAX_BYTES = 1024 * 1024
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
 Model = TypeVar("Model", bound=BaseModel)
+_PathT = TypeVar("_PathT", str, Path)
 
 
 def load_toml(
@@ -97,6 +98,14 @@ def validate(
     except ValidationError as error:
         message = f"{origin}: {mistaken_kind(kind, content) or complaint(error, kind, content, renamed)}"
         raise InputError(message) from None
+
+
+def file_path(path: _PathT) -> _PathT:
+    """Return a path that a person states; ValueError if no file can have it."""
+    if "\0" in str(path):
+        message = "must be the path of a file"
+        raise ValueError(message)
+    return path
 
 
 def write_atomically(path: Path, content: bytes, *, mode: int | None = None) -> None:

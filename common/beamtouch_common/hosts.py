@@ -1,21 +1,14 @@
 """Names and addresses of hosts."""
 
-import re
 from ipaddress import ip_address
 
-_FOREIGN = re.compile(r"[\s/@?#]")
-"""Parts of an address on the web that are no part of a host's name."""
+_NOT_IN_NAMES = frozenset(" :/\\@[]?#*,")
+"""Characters that separate the host from the rest of an address, or that join several hosts."""
 
 
 def host_name(text: str) -> str:
     """Return the name or address of a host; ValueError if no host can have it."""
-    try:
-        text.encode("idna")
-    except UnicodeError:
-        is_name = False
-    else:
-        is_name = bool(text) and text.isprintable() and not _FOREIGN.search(text)
-    if not is_name or (":" in text and not _is_address(text)):
+    if not (_is_address(text) or _is_name(text)):
         message = "must be the name or address of a host, such as 192.168.0.20"
         raise ValueError(message)
     return text
@@ -27,3 +20,12 @@ def _is_address(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def _is_name(text: str) -> bool:
+    """Return whether this can be a name. A name with a port, or a whole URL, is none."""
+    try:
+        text.encode("idna")
+    except UnicodeError:
+        return False
+    return bool(text) and text.isprintable() and _NOT_IN_NAMES.isdisjoint(text)

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat
 
+from beamtouch_common.files import file_path
 from beamtouch_common.hosts import host_name
 from beamtouch_service import limits
 from beamtouch_service.samples import SurfaceName
@@ -14,6 +15,7 @@ _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_doc
 Port = Annotated[int, Field(ge=0, le=65535)]
 StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
 _Text = Annotated[str, Field(min_length=1)]
+_File = Annotated[_Text, AfterValidator(file_path)]
 
 RENAMED = {"token_file": "write_token_file", "most_mb": "max_mb"}
 """Keys of earlier versions, with their present names."""
@@ -28,15 +30,15 @@ class ServerSection(BaseModel):
     """Address to listen on. Addresses beyond loopback require a write token and a read token."""
     port: Port = 8420
     """0 picks a free port."""
-    write_token_file: _Text | None = None
+    write_token_file: _File | None = None
     """File with the token required for writes. Without it, every write is refused."""
-    read_token_file: _Text | None = None
+    read_token_file: _File | None = None
     """File with the token required for reads. Without it, reads need no token."""
-    admin_token_file: _Text | None = None
+    admin_token_file: _File | None = None
     """File with the token required for administration. Without it, administration is disabled."""
-    certificate_file: _Text | None = None
+    certificate_file: _File | None = None
     """PEM, with its chain. With `key_file`, the service speaks HTTPS instead of HTTP."""
-    key_file: _Text | None = None
+    key_file: _File | None = None
     """PEM, the private key of the certificate."""
     max_clients: Annotated[int, Field(ge=1, le=limits.MAX_CLIENTS_LIMIT)] = limits.MAX_CLIENTS
     """Open connections. For one more, an idle one without a token is closed; if there is none, the new one gets 503."""
@@ -56,7 +58,7 @@ class EventsSection(BaseModel):
 
     model_config = _STRICT
 
-    file: _Text | None = None
+    file: _File | None = None
     """SQLite file. Without it and `url`, events are kept in memory until the service stops."""
     url: _Text | None = None
     """PostgreSQL database, as postgresql://USER@HOST/NAME. Several services can share it."""
@@ -100,15 +102,15 @@ class MqttSection(BaseModel):
     """Contacts per second and surface while the state does not change."""
     username: _Text | None = None
     """User at the broker. Default: no user."""
-    password_file: _Text | None = None
+    password_file: _File | None = None
     """File with the password of `username`."""
     tls: bool = False
     """Encrypt the connection and check the broker's certificate."""
-    ca_file: _Text | None = None
+    ca_file: _File | None = None
     """PEM, the certificates that are trusted. Default: those of the system."""
-    certificate_file: _Text | None = None
+    certificate_file: _File | None = None
     """PEM, the certificate of this client, for brokers that ask for one."""
-    key_file: _Text | None = None
+    key_file: _File | None = None
     """PEM, the private key of the certificate."""
     send_recorded_events: bool = False
     """Also send a new broker the events that were recorded before."""
@@ -121,7 +123,7 @@ class SurfaceSection(BaseModel):
 
     model_config = _STRICT
 
-    model: _Text | None = None
+    model: _File | None = None
     """Model file. Without it, the surface accepts samples but gives no contact."""
     stale_ms: StaleMs = limits.STALE_MS
     """No contact is given from a sample older than this."""
@@ -153,10 +155,10 @@ class Overrides(BaseModel):
 
     host: _Text | None = None
     port: Port | None = None
-    write_token_file: _Text | None = None
-    read_token_file: _Text | None = None
-    admin_token_file: _Text | None = None
-    certificate_file: _Text | None = None
-    key_file: _Text | None = None
-    model: _Text | None = None
+    write_token_file: _File | None = None
+    read_token_file: _File | None = None
+    admin_token_file: _File | None = None
+    certificate_file: _File | None = None
+    key_file: _File | None = None
+    model: _File | None = None
     stale_ms: StaleMs | None = None

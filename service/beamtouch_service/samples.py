@@ -19,6 +19,8 @@ MAX_READINGS = 1_000_000
 """Limit for a sample."""
 ROUNDING = 1e-9
 """Largest negative eigenvalue of a covariance, as a part of its largest variance: senders round entries."""
+MAX_AGE_MS = 1e12
+"""Largest age of a batch, about 30 years. A sender whose clock began in 1970 states this instead of more."""
 MAX_NOISE_MM = 1e4
 """Largest standard deviation of a channel. Beyond it, figures overflow."""
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
@@ -142,7 +144,7 @@ class Batch(BaseModel):
     """New at every start of the sender. With the sequence number, it identifies a sample for good."""
     channels: list[ChannelName] = Field(min_length=1, max_length=MAX_CHANNELS)
     """The channel names, in the order of the values in each sample."""
-    newest_age_ms: FiniteFloat = Field(ge=0, le=1e12)
+    newest_age_ms: FiniteFloat = Field(ge=0, le=MAX_AGE_MS)
     """Age of the last sample at sending, by the sender's monotonic clock. Freshness depends on nothing else."""
     sent_us: int | None = Field(default=None, ge=0, lt=2**53)
     """When `newest_age_ms` was true, by a clock of the sender that never jumps, with any origin. From two batches the

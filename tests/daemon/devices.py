@@ -6,13 +6,13 @@ import struct
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, closing, suppress
 from functools import partial
-from time import monotonic
 
 from pymodbus.framer.rtu import FramerRTU
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 from pymodbus.simulator.simdevice import SimAction
 
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import (
     PROTOCOL_VERSION,
@@ -47,7 +47,7 @@ class StampingUnit:
     """A Modbus unit whose registers hold the time, in ms since it was made, at which the request came."""
 
     def __init__(self, fault: Fault = no_fault) -> None:
-        self.start_s = monotonic()
+        self.start_s = uptime_s()
         self.requests = 0
         self._fault = fault
 
@@ -57,7 +57,7 @@ class StampingUnit:
 
     def value(self) -> int:
         """Return what the registers hold now."""
-        return round((monotonic() - self.start_s) * 1e3)
+        return round((uptime_s() - self.start_s) * 1e3)
 
     def answer(self, request: bytes, wrap: Callable[[bytes], bytes]) -> Pieces:
         """Take unit, function, address and count; return what the device sends, `wrap` making a frame of an answer."""
@@ -189,7 +189,7 @@ class SerialDevice:
         self.received: list[Message] = []
         self.sequence = 0
         self._line = line
-        self._start_s = monotonic()
+        self._start_s = uptime_s()
         self._hello = Hello(PROTOCOL_VERSION, schema_hash, boot_id, channels, adc_bits, 1000)
         self._decoder = Decoder()
         self._stream: asyncio.Task[None] | None = None
@@ -239,7 +239,7 @@ class SerialDevice:
 
     def device_us(self) -> int:
         """Return the device's clock, which wraps 65 ms after it was made."""
-        return (round((monotonic() - self._start_s) * 1e6) + 0xFFFF_0000) % 2**32
+        return (round((uptime_s() - self._start_s) * 1e6) + 0xFFFF_0000) % 2**32
 
     def counts(self, sequence: int) -> tuple[int, ...]:
         """Return what one conversion of each channel gives in a reading."""

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable
-from time import monotonic
 
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.outbox import Outbox
@@ -11,6 +10,7 @@ from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.delivery.spooler import Disk
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch, Quality, Sample
 
 from .service import TOKEN, Service
@@ -23,7 +23,7 @@ def taken(first: int, number: int, age_s: float = 0.0) -> list[Taken]:
     good = [Quality.GOOD, Quality.MISSING]
     return [
         Taken(
-            Reading(monotonic() - age_s, (None, None)),
+            Reading(uptime_s() - age_s, (None, None)),
             Sample(sequence=sequence, acquired_unix_us=sequence, deflection_mm=[0.1, None], quality=good),
         )
         for sequence in range(first, first + number)
@@ -79,7 +79,7 @@ def put(spool: Spool, first: int, number: int, channels: list[str] = SENDER.chan
     """Put samples of an earlier sender on the disk, a minute old."""
     samples = [one.sample for one in taken(first, number)]
     batch = Batch(boot_id="boot-0000", channels=channels, newest_age_ms=0, samples=samples)
-    spool.put("bench", batch, monotonic() - 60)
+    spool.put("bench", batch, uptime_s() - 60)
 
 
 def sequences(service: Service) -> list[int]:

@@ -3,13 +3,13 @@
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
-from time import monotonic
 
 import pytest
 
 from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources.reading import Reading, first_readings
 from beamtouch_daemon.sources.serial_line import SerialSource
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol import messages
 from beamtouch_protocol.messages import Message
 
@@ -53,7 +53,7 @@ class DatedDevice(SerialDevice):
 
     def device_us(self) -> int:
         device_us = super().device_us()
-        self._looked_s = monotonic()
+        self._looked_s = uptime_s()
         return device_us
 
     def send(self, message: Message) -> None:

@@ -147,7 +147,7 @@ async def test_it_needs_the_token_that_writes_and_changes_no_answer(tmp_path: Pa
     assert samples["accepted"] == 0
 
 
-@pytest.mark.parametrize(("max_n", "is_doubted"), [(20.0, False), (50.0, True)])
+@pytest.mark.parametrize(("max_n", "is_doubted"), [(20.0, False), (20.0000001, False), (50.0, True)])
 async def test_a_model_of_other_ranges_is_doubted(tmp_path: Path, model: Path, max_n: float, is_doubted: bool) -> None:
     async with service(tmp_path, model) as url, pymodbus_server([20_000] * 4) as port:
         config = written(tmp_path, url, configs.patient_tcp(port))

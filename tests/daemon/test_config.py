@@ -374,3 +374,11 @@ def test_only_a_number_is_a_number() -> None:
             continue
         taken.append(what)
     assert not taken
+
+
+@pytest.mark.parametrize("key", ["token_file", "certificate_file", "spool_file"])
+def test_a_path_that_no_file_can_have_is_refused(tmp_path: Path, key: str) -> None:
+    path = configs.write(tmp_path, configs.surface())
+    lines = [line for line in path.read_text().splitlines() if not line.startswith(key)]
+    path.write_text("\n".join(lines).replace("[publish]", f'[publish]\n{key} = "a\\u0000b"'))
+    assert complaint(path) == f'publish.{key}: must be the path of a file (given: "a\\u0000b")'

@@ -12,7 +12,9 @@ from .process import command
 
 pytestmark = pytest.mark.anyio
 
-WRONG = ["plc..plant", "plc" * 30, "a b", "plc\\u0000", "tcp://plc", "plc:502", "plc/0"]
+WRONG = ["plc..plant", "plc" * 30, "a b", "plc\\u0000", "plc,other"]
+ADDRESSES = ["192.168.0.20:502", "plc:502", "[::1]", "tcp://plc", "plc/", "daemon@plc"]
+"""More than a host."""
 
 
 def complaint(path: Path) -> str:
@@ -21,7 +23,7 @@ def complaint(path: Path) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize("host", WRONG)
+@pytest.mark.parametrize("host", [*WRONG, *ADDRESSES])
 def test_a_host_of_a_device_is_refused(tmp_path: Path, host: str) -> None:
     path = configs.write(tmp_path, configs.surface(source=configs.tcp(502, host)))
     assert ": surfaces.bench.source.host: must be the name or address of a host" in complaint(path)

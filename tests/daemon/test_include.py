@@ -130,6 +130,27 @@ def test_a_folder_that_this_user_may_not_read_is_said() -> None:
         surfaces.chmod(0o700)
 
 
+def test_a_folder_that_a_wildcard_means_and_this_user_may_not_read_is_told() -> None:
+    with TemporaryDirectory() as name, without_root(Path(name)):
+        path = including(Path(name), a=configs.surface("one"))
+        path.write_text(path.read_text().replace("surfaces/*.toml", "*/*.toml"))
+        closed = path.parent / "closed"
+        closed.mkdir(mode=0)
+        assert complaint(path) == f"{path}: include: {closed}: Permission denied"
+
+
+def test_a_file_that_this_user_may_not_reach_is_told() -> None:
+    with TemporaryDirectory() as name, without_root(Path(name)):
+        path = including(Path(name), a=configs.surface("one"))
+        surfaces = path.parent / "surfaces"
+        surfaces.chmod(0o400)  # its names may be read, and nothing in it
+        assert complaint(path) == f"{surfaces / 'a.toml'}: Permission denied"
+        surfaces.chmod(0o700)
+        (surfaces / "b.toml").symlink_to("../closed/b.toml")
+        (path.parent / "closed").mkdir(mode=0)
+        assert complaint(path) == f"{surfaces / 'b.toml'}: Permission denied"
+
+
 def test_a_file_that_two_patterns_match_is_read_once(tmp_path: Path) -> None:
     path = including(tmp_path, a=configs.surface("one"))
     path.write_text(path.read_text().replace('"surfaces/*.toml"', '"surfaces/*.toml", "*/a.toml", "surfaces/a.toml"'))

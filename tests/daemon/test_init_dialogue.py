@@ -44,6 +44,16 @@ async def test_on_a_terminal_it_asks_and_asks_again_after_a_wrong_answer(tmp_pat
     assert (publish["token_file"], publish["certificate_file"]) == ("beamtouch.token", "certificate.pem")
 
 
+async def test_a_path_that_no_file_can_have_writes_nothing(tmp_path: Path) -> None:
+    model, path = template(tmp_path), tmp_path / "daemon.toml"
+    answers = {"source": ["tcp://plc"], "unit": [""], "function": [""], "service [": [""], "token [": ["a\x16\x00b"]}
+    arguments = ["init", str(path), "--model-config", str(model)]
+    code, said = await asyncio.to_thread(at_terminal, arguments, answers)
+    assert code == 2
+    assert "publish.token_file: must be the path of a file" in said
+    assert not path.exists()
+
+
 async def test_ctrl_c_at_a_question_ends_it_with_130_and_writes_nothing(tmp_path: Path) -> None:
     path = tmp_path / "daemon.toml"
     code, said = await asyncio.to_thread(at_terminal, ["init", str(path)], {"configuration that": ["\x03"]})

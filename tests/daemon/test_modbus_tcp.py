@@ -4,13 +4,13 @@ import asyncio
 import socket
 from contextlib import aclosing
 from itertools import pairwise
-from time import monotonic
 
 import pytest
 from pymodbus.constants import ExcCodes
 
 from beamtouch_daemon.sources.polled import PolledSource
 from beamtouch_daemon.sources.reading import SourceError, first_readings
+from beamtouch_daemon.uptime import uptime_s
 
 from .devices import Pieces, StampingUnit, pymodbus_server, tcp_unit
 from .sessions import polled, take_across_sessions
@@ -33,9 +33,9 @@ async def test_readings_keep_the_schedule_and_are_stamped_within_their_own_reque
     requests: list[tuple[float, float]] = []
 
     async def action(_function: int, _start: int, _address: int, _count: int, _now: list[int], _set: object) -> None:
-        begin_s = monotonic()
+        begin_s = uptime_s()
         await asyncio.sleep(0.004)
-        requests.append((begin_s, monotonic()))
+        requests.append((begin_s, uptime_s()))
 
     async with pymodbus_server([1, 2], action) as port:
         readings = await first_readings(make_source(port, [0, 1], rate_hz=50.0), 50)

@@ -10,7 +10,7 @@ import pytest
 
 from beamtouch_common.errors import InputError
 from beamtouch_daemon.config.file import load_config
-from beamtouch_daemon.delivery.client import Answer, ServiceClient
+from beamtouch_daemon.delivery.client import Answer, ServiceClient, Verdict
 from beamtouch_daemon.delivery.unreachable import UnreachableError
 from certificates import make_certificate
 
@@ -95,6 +95,37 @@ async def test_https_without_tls_and_a_refused_connection_are_said(tmp_path: Pat
     assert str(gone) == "Connection refused"
     assert str(bare) == "TLS failed"
     assert "publish.url must begin with http://" in bare.advice
+
+
+@asynccontextmanager
+async def other_program(answer: bytes) -> AsyncIterator[str]:
+    """Run a server that answers every request with these bytes; gives its URL."""
+
+    async def run(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(answer)
+        writer.close()
+
+    async with await asyncio.start_server(run, "127.0.0.1", 0) as server:
+        yield f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}"
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [(b"SSH-2.0-OpenSSH_9.2\r\n", "the answer is not HTTP"), (ANSWER[:-1], "the answer broke off")],
+    ids=["no HTTP", "cut"],
+)
+async def test_an_answer_that_is_none_is_said_in_words(answer: bytes, said: str) -> None:
+    async with other_program(answer) as url:
+        assert str(await refused(url)) == said
+
+
+async def test_an_error_of_another_program_is_an_answer_however_deep_its_json_is() -> None:
+    body = b"[" * 100_000
+    head = b"HTTP/1.1 500 Internal Server Error\r\nContent-Length: %d\r\n\r\n" % len(body)
+    async with other_program(head + body) as url, ServiceClient(url, "token") as client:
+        answer = await client.post_samples("bench", b"{}")
+    assert (answer.verdict, answer.explanation) == (Verdict.ODD, "status 500")
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,11 @@
 import os
 import resource
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -31,6 +33,18 @@ def test_batches_come_back_in_order_by_surface_and_over_a_restart(tmp_path: Path
         assert spool.waiting["bench"] == 0
         (other,) = drained(spool, "press")
         assert other.samples == pressed.samples
+
+
+def test_the_database_of_another_program_stays_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "orders.db"
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute("CREATE TABLE orders (surface)")
+        database.execute("CREATE INDEX by_surface ON orders (surface)")  # as in the service's file of events
+    content = path.read_bytes()
+    with pytest.raises(SpoolError, match=r"orders\.db cannot be opened \(it is the database of another program\)"):
+        Spool(path, ROOM)
+    assert path.read_bytes() == content
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_batch_comes_back_with_the_time_of_its_newest_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

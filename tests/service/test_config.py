@@ -252,3 +252,10 @@ def test_a_wrong_address_of_events_is_refused_without_its_password(tmp_path: Pat
 def test_a_broker_that_no_host_can_be_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r": mqtt\.host: must be the name or address of a host"):
         load(tmp_path, '[mqtt]\nhost = "broker..plant"\n')
+
+
+@pytest.mark.parametrize("place", ["server.write_token_file", "events.file", "surfaces.a.model"])
+def test_a_path_that_no_file_can_have_is_refused(tmp_path: Path, place: str) -> None:
+    table, _, key = place.rpartition(".")
+    with pytest.raises(InputError, match=rf"{place}: must be the path of a file "):
+        load(tmp_path, f'[{table}]\n{key} = "a\\u0000b"\n')

@@ -19,6 +19,7 @@ from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken, counts_of
 from beamtouch_daemon.sources.configured import source_of
 from beamtouch_daemon.sources.reading import Reading, Source
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Quality
 
 SETTLED_S = 0.5
@@ -69,7 +70,7 @@ class LoadRecorder:
         """Read until cancelled; SourceError where the source fails."""
         async with aclosing(self._source.readings()) as stream:
             async for readings in stream:
-                taken = self._pipeline.process(readings, time.time() - time.monotonic())
+                taken = self._pipeline.process(readings, time.time() - uptime_s())
                 self._recent.extend(readings)
                 if self._keeps:
                     self._arrived += taken

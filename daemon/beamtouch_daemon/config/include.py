@@ -1,6 +1,7 @@
 """Surfaces in files of their own, which a configuration includes: `include = ["surfaces/*.toml"]`."""
 
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path, PurePath
 from typing import Annotated, Any
 
@@ -82,7 +83,7 @@ def _found(pattern: str, path: Path) -> list[Path]:
         message = f"{path}: include: {pattern!r}: {error.strerror if isinstance(error, OSError) else error}"
         raise InputError(message) from None
     _require_readable(pattern, path)
-    folders = [one for one in matching if one.is_dir()]
+    folders = [one for one in matching if _is_folder(one)]
     # Editors hide their unfinished files.
     found = [one for one in matching if one not in folders and not one.name.startswith(".")]
     if not found:
@@ -101,17 +102,23 @@ def _require_relative(pattern: str, path: Path) -> None:
 
 
 def _require_readable(pattern: str, path: Path) -> None:
-    """Raise InputError if this user may not read a folder that a pattern names: nothing in it would match."""
-    folder = path.parent
+    """Raise InputError if this user may not read a folder that a pattern means: nothing in it would match."""
+    parts = PurePath(pattern).parts[:-1]
+    beginnings = (str(PurePath(*parts[:length])) for length in range(1, len(parts) + 1))
+    for folder in chain.from_iterable(path.parent.glob(beginning) for beginning in beginnings):
+        try:
+            if folder.is_dir():
+                next(folder.iterdir(), None)
+        except PermissionError as error:
+            message = f"{path}: include: {folder}: {error.strerror}"
+            raise InputError(message) from None
+
+
+def _is_folder(path: Path) -> bool:
     try:
-        for part in PurePath(pattern).parts[:-1]:
-            folder /= part
-            if not folder.is_dir():
-                return
-            next(folder.iterdir(), None)
-    except PermissionError as error:
-        message = f"{path}: include: {folder}: {error.strerror}"
-        raise InputError(message) from None
+        return path.is_dir()
+    except PermissionError:  # of a link; the complaint comes when the file is read
+        return False
 
 
 def _surfaces_in(file: Path, path: Path, renamed: Mapping[str, str]) -> dict[str, dict[str, Any]]:

@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from beamtouch_common.files import file_path
 from beamtouch_common.hosts import host_name
 from beamtouch_daemon.config.modules import module_of
 
@@ -115,6 +116,6 @@ class SerialLine(Strict):
     """Number of conversions that the device averages in one reading."""
 
 
-RelativePath = Annotated[Path, Field(strict=False)]
+RelativePath = Annotated[Path, Field(strict=False), AfterValidator(file_path)]
 _FROM = "Device that the readings come from."
 Source = Annotated[ModbusTcp | ModbusRtu | SerialLine, Field(discriminator="kind", description=_FROM)]

@@ -97,7 +97,7 @@ class Answer:
     def _problem(self) -> dict[str, object]:
         try:
             content = json.loads(self.content)
-        except ValueError:
+        except (ValueError, RecursionError):  # of another program
             return {}
         return content if isinstance(content, dict) else {}
 

@@ -16,7 +16,8 @@ from beamtouch_daemon.delivery.spool_connection import SpoolError
 from beamtouch_daemon.delivery.spool_row import Spooled
 from beamtouch_daemon.delivery.spooler import Disk
 from beamtouch_daemon.faults import Backoff, Fault
-from beamtouch_service.samples import Batch, Sample
+from beamtouch_daemon.uptime import uptime_s
+from beamtouch_service.samples import MAX_AGE_MS, Batch, Sample
 
 RETRY_S = 1.0
 """Longest wait after a batch that was not taken."""
@@ -192,6 +193,7 @@ def _part(spooled: Spooled, samples: Sequence[Sample]) -> Batch:
     """Return a batch with some of its samples, and their present age."""
     batch = spooled.batch
     earlier_s = max(0, batch.samples[-1].acquired_unix_us - samples[-1].acquired_unix_us) / 1e6
-    age_ms = (monotonic() - spooled.newest_s + earlier_s) * 1e3
+    # Samples of a boot without the time are dated 1970: after the next boot, they count as older than can be stated.
+    age_ms = min((uptime_s() - spooled.newest_s + earlier_s) * 1e3, MAX_AGE_MS)
     # The clock that it was sent by may be that of another boot.
     return batch.model_copy(update={"samples": list(samples), "newest_age_ms": age_ms, "sent_us": None})

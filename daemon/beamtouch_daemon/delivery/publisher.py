@@ -7,10 +7,11 @@ that changes nothing.
 
 import asyncio
 import logging
+import math
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from time import CLOCK_BOOTTIME, clock_gettime_ns, monotonic
+from time import monotonic
 
 from beamtouch_daemon.delivery.client import ServiceClient, Verdict
 from beamtouch_daemon.delivery.late_delivery import RETRY_S, LateDelivery
@@ -19,6 +20,7 @@ from beamtouch_daemon.delivery.parcel import Parcel
 from beamtouch_daemon.delivery.spooler import Disk, Spooler
 from beamtouch_daemon.faults import BACKOFF_MIN_S, Backoff, Fault
 from beamtouch_daemon.processing.pipeline import Taken
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import MAX_SAMPLES, Batch
 
 MAX_BATCH = min(1000, MAX_SAMPLES)
@@ -133,14 +135,14 @@ class Publisher:
         return not parcel.left
 
     def _batch(self, samples: Sequence[Taken]) -> Batch:
-        # First: an interruption before the next look at a clock makes the samples older, never younger.
-        sent_us = clock_gettime_ns(CLOCK_BOOTTIME) // 1000
+        # One look at one clock: an interruption between two would falsify the age.
+        now_s = uptime_s()
         # The service validates what it receives.
         return Batch.model_construct(
             boot_id=self._sender.boot_id,
             channels=self._sender.channels,
-            newest_age_ms=max(0.0, (monotonic() - samples[-1].monotonic_s) * 1e3),
-            sent_us=sent_us,
+            newest_age_ms=max(0.0, (now_s - samples[-1].monotonic_s) * 1e3),
+            sent_us=math.floor(now_s * 1e6),
             samples=[taken.sample for taken in samples],
             notes=sorted({note for taken in samples for note in taken.notes}),
             noise_mm=self._sender.noise_mm,

@@ -7,7 +7,6 @@ because no queue library bounds the size, survives a full disk and rescues rows 
 """
 
 import sqlite3
-import time
 import uuid
 from collections import Counter
 from contextlib import suppress
@@ -19,6 +18,7 @@ from beamtouch_daemon.delivery.spool_aside import Aside
 from beamtouch_daemon.delivery.spool_connection import SpoolConnection, SpoolError
 from beamtouch_daemon.delivery.spool_ledger import Ledger
 from beamtouch_daemon.delivery.spool_row import BadRowError, Spooled, row_of
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
@@ -94,7 +94,7 @@ class Spool:
         surface, batch
             The batch and its surface.
         newest_monotonic_s
-            Time of its last sample on the monotonic clock [s].
+            Time of its last sample by the clock of `uptime_s` [s].
         is_last
             Whether the daemon is stopping, so that the room reserved on a full disk may be used.
 
@@ -122,7 +122,7 @@ class Spool:
 
     def put_refused(self, surface: str, batch: Batch, reason: str) -> None:
         """Keep a batch for inspection that the service will never take. SpoolError if that fails."""
-        number = self.put(surface, batch, max(0.0, time.monotonic() - batch.newest_age_ms / 1e3))
+        number = self.put(surface, batch, max(0.0, uptime_s() - batch.newest_age_ms / 1e3))
         self.keep_aside(surface, number, reason)
 
     def oldest(self, surface: str, after: int = 0) -> Spooled | None:

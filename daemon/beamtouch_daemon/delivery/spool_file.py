@@ -40,6 +40,8 @@ _SCHEMA = (
     f"CREATE {_ENTRY}",
 )
 """Tables of batches and of those set aside, and a view that counts damaged rows too."""
+_OWN = {b"batch", b"aside", b"entry"}
+"""Tables and view of that schema."""
 _DAMAGE = {
     *(sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB),
     *(sqlite3.SQLITE_IOERR_READ, sqlite3.SQLITE_IOERR_CORRUPTFS),  # a bad sector: the rest of the file can be rescued
@@ -68,6 +70,7 @@ def opened(path: Path) -> sqlite3.Connection:
         database.text_factory = bytes
         for setting in ("locking_mode = EXCLUSIVE", "temp_store = MEMORY"):
             database.execute(f"PRAGMA {setting}")
+        _require_own(database)
         try:
             _prepare(database, path)
         except sqlite3.DatabaseError as error:
@@ -99,6 +102,14 @@ def make_writable(database: sqlite3.Connection, path: Path) -> None:
     except sqlite3.DatabaseError:
         _prepare_for_reading(database, aside)
         raise
+
+
+def _require_own(database: sqlite3.Connection) -> None:
+    """Raise DatabaseError if this is the file of another program. A damaged spool may lack some of its tables."""
+    names = {name for (name,) in database.execute("SELECT name FROM sqlite_master")}
+    if names and names.isdisjoint(_OWN):
+        message = "it is the database of another program"
+        raise sqlite3.DatabaseError(message)
 
 
 def _prepare(database: sqlite3.Connection, path: Path, aside: Iterable[tuple[int, bytes]] = ()) -> None:

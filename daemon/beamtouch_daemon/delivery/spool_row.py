@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Batch
 
 MARGIN_S = 3600.0
@@ -29,7 +30,7 @@ class Spooled:
     batch: Batch
     """The batch as it was written. Its age was that of another moment."""
     newest_s: float
-    """Time of its newest sample on the monotonic clock [s]."""
+    """Time of its newest sample by the clock of `uptime_s` [s]."""
 
 
 def row_of(surface: str, batch: Batch, machine_boot: str, newest_monotonic_s: float) -> tuple[Any, ...]:
@@ -70,9 +71,9 @@ def batch_of(row: tuple[Any, ...], number: int, this_boot: str) -> Spooled:
     if machine_boot.decode(errors="replace") != this_boot:
         # From before this boot. Only the wall clock knows how old, and it may have been set since.
         stated_s = time.time() - batch.samples[-1].acquired_unix_us / 1e6
-        now_s = time.monotonic()
+        now_s = uptime_s()
         newest_monotonic_s = now_s - max(stated_s, now_s + MARGIN_S)
-    elif not math.isfinite(newest_monotonic_s) or newest_monotonic_s > time.monotonic():
+    elif not math.isfinite(newest_monotonic_s) or newest_monotonic_s > uptime_s():
         message = "its time is not within this boot"
         raise BadRowError(message)
     return Spooled(number, batch, newest_monotonic_s)

@@ -52,8 +52,13 @@ def unreachable(error: aiohttp.ClientError | TimeoutError) -> UnreachableError:
             reason = "no such host is known"
         case aiohttp.ClientConnectorError():
             reason = os.strerror(error.errno) if error.errno else "no connection"
-        case aiohttp.ServerDisconnectedError() | aiohttp.ClientOSError():
+        case aiohttp.ServerDisconnectedError() | aiohttp.ClientOSError() | aiohttp.ClientConnectionResetError():
             reason = "connection closed"
+        case aiohttp.ClientPayloadError():
+            reason = "the answer broke off"
+        case aiohttp.ClientResponseError():
+            reason = "the answer is not HTTP"
+            advice = "is publish.url the address of another program?"
         case _:
             reason = type(error).__name__
     return UnreachableError(reason, advice)

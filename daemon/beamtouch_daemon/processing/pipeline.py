@@ -35,7 +35,7 @@ class Taken:
 
     @property
     def monotonic_s(self) -> float:
-        """Time of the reading on the monotonic clock of this host [s]; determines the age when the sample is sent."""
+        """Time of the reading by the clock of `uptime_s` [s]; determines the age when the sample is sent."""
         return self.reading.monotonic_s
 
 
@@ -89,7 +89,7 @@ class Pipeline:
         readings
             At least one, oldest first.
         unix_minus_monotonic_s
-            Wall clock minus monotonic clock now [s]; dates the samples for the record.
+            Wall clock minus the clock of the readings now [s]; dates the samples for the record.
         notes
             Notes on the surface, which the samples carry.
         """

@@ -13,6 +13,7 @@ from beamtouch_daemon.processing import rate
 from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_service.samples import Note
 
 REOPEN_S = 0.5
@@ -33,7 +34,7 @@ class Acquisition:
         self.lost = 0
         """Due but not taken."""
         self.last_s: float | None = None
-        """Time of the newest reading, on the monotonic clock."""
+        """Time of the newest reading, by the clock of `uptime_s`."""
         self.turned_s = time.monotonic()
         """Time of the last progress on the monotonic clock: a reading, or a session that ended with an error."""
         self._name = name
@@ -96,7 +97,7 @@ class Acquisition:
         """Return the samples of the readings that wait for it."""
         readings, self._unprocessed = self._unprocessed, []
         notes = () if self.meter.fits else (Note.RATE,)
-        return self._pipeline.process(readings, time.time() - time.monotonic(), notes)
+        return self._pipeline.process(readings, time.time() - uptime_s(), notes)
 
     def _watch_rate(self, readings: list[Reading]) -> None:
         verdict = self.meter.add(readings)

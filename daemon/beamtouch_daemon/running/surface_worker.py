@@ -4,7 +4,6 @@ import asyncio
 import logging
 import uuid
 from dataclasses import dataclass
-from time import monotonic
 
 from beamtouch_daemon.config.publish import Publish
 from beamtouch_daemon.config.settings import Surface
@@ -16,6 +15,7 @@ from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.running.acquisition import Acquisition
 from beamtouch_daemon.sources.configured import Buses
 from beamtouch_daemon.tasks import cancel, keep_going
+from beamtouch_daemon.uptime import uptime_s
 
 DRAIN_S = 4.0
 """Time limit for a stop to publish or spool the remaining samples."""
@@ -98,7 +98,7 @@ class SurfaceWorker:
 
     def age_s(self) -> float | None:
         """Return the age of the newest reading [s]; None before the first."""
-        return None if self.acquisition.last_s is None else monotonic() - self.acquisition.last_s
+        return None if self.acquisition.last_s is None else uptime_s() - self.acquisition.last_s
 
     def summary(self) -> Summary:
         """Return the counts so far."""

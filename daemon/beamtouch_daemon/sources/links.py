@@ -2,7 +2,6 @@
 
 from collections.abc import AsyncIterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from time import monotonic
 
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
@@ -15,6 +14,7 @@ from beamtouch_daemon.sources.rtu_exchange import Query, forgotten_s
 from beamtouch_daemon.sources.rtu_frame import EXCEPTION, Answer
 from beamtouch_daemon.sources.rtu_unit import Unit
 from beamtouch_daemon.sources.tcp_frame import AnswerHeaders
+from beamtouch_daemon.uptime import uptime_s
 
 READ_HOLDING_REGISTERS = 3
 REST_S = 0.5
@@ -96,7 +96,7 @@ class TcpLink:
         """Read registers; connect first if necessary."""
         client = await self._connected()
         ask = client.read_holding_registers if self._reads_holding else client.read_input_registers
-        begin_s = monotonic()
+        begin_s = uptime_s()
         try:
             answer = await ask(block.first, count=block.count, device_id=self._unit)
         except ModbusException as error:
@@ -107,7 +107,7 @@ class TcpLink:
         except BaseException:  # cancelled: the answer may still come
             self._close()
             raise
-        end_s = monotonic()
+        end_s = uptime_s()
         if answer.function_code == self._function and len(answer.registers) == block.count:
             return Answer(answer.registers), begin_s, end_s
         if answer.isError() and answer.function_code == self._function | EXCEPTION:

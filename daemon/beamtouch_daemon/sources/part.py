@@ -3,11 +3,11 @@
 import asyncio
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
-from time import monotonic
 from typing import Protocol
 
 from beamtouch_daemon.sources.registers import Block, Value
 from beamtouch_daemon.sources.rtu_frame import Answer
+from beamtouch_daemon.uptime import uptime_s
 
 GIVEN_UP_AFTER = 3
 """A unit is given up after this many failed slots in a row."""
@@ -73,4 +73,4 @@ class Part:
         self.failures += 1
         self.complaint = complaint
         if self.is_given_up:
-            self.rests_until_s = monotonic() + self.link.rest_s
+            self.rests_until_s = uptime_s() + self.link.rest_s

@@ -9,12 +9,12 @@ import asyncio
 import logging
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from contextlib import AsyncExitStack
-from time import monotonic
 
 from beamtouch_daemon.faults import Fault
 from beamtouch_daemon.sources.part import GIVEN_UP_AFTER, Part
 from beamtouch_daemon.sources.reading import NoAnswerError, Reading, Schedule, SourceError
 from beamtouch_daemon.tasks import cancel
+from beamtouch_daemon.uptime import uptime_s
 
 _EXCEPTIONS = {
     1: "it does not know this function",
@@ -49,7 +49,7 @@ class PolledSource:
                 await stack.enter_async_context(part.link.opened())
             await self._rest()
             stack.push_async_callback(self._end_attempts)
-            schedule, unread = Schedule(self._rate_hz, monotonic()), 0
+            schedule, unread = Schedule(self._rate_hz, uptime_s()), 0
             while True:
                 unread += await schedule.wait()
                 if len(self._parts) > 1:
@@ -65,7 +65,7 @@ class PolledSource:
         """If all units were given up, wait until the first of them may be tried again."""
         if all(part.is_given_up for part in self._parts):
             until_s = min(part.rests_until_s for part in self._parts)
-            await asyncio.sleep(max(0.0, until_s - monotonic()))
+            await asyncio.sleep(max(0.0, until_s - uptime_s()))
             for part in self._parts:
                 if part.rests_until_s <= until_s:
                     part.failures = GIVEN_UP_AFTER - 1
@@ -130,7 +130,7 @@ class PolledSource:
         """Try units again that were given up, after their pause and outside the slots."""
         for part in self._parts:
             idle = part.attempt is None or part.attempt.done()
-            if part.is_given_up and idle and monotonic() >= part.rests_until_s:
+            if part.is_given_up and idle and uptime_s() >= part.rests_until_s:
                 part.attempt = asyncio.create_task(self._attempt(part))
 
     async def _attempt(self, part: Part) -> None:

@@ -4,8 +4,9 @@ import asyncio
 import math
 from collections.abc import AsyncGenerator
 from contextlib import aclosing
-from time import monotonic
 from typing import NamedTuple, Protocol
+
+from beamtouch_daemon.uptime import uptime_s
 
 
 class SourceError(Exception):
@@ -32,7 +33,7 @@ class Reading(NamedTuple):
     """Raw counts of all channels at one instant; means of several conversions may have fractions."""
 
     monotonic_s: float
-    """Time of its acquisition, on the monotonic clock of this host."""
+    """Time of its acquisition by the clock of `uptime_s`, which is monotonic and includes sleep."""
     counts: tuple[float | None, ...]
     """One per channel, in the order of the configuration; None if the device did not send it."""
     lost: int = 0
@@ -74,7 +75,7 @@ class Schedule:
     rate_hz
         Slots per second.
     start_s
-        Beginning of slot 0, on the monotonic clock.
+        Beginning of slot 0, by the clock of `uptime_s`.
     """
 
     def __init__(self, rate_hz: float, start_s: float) -> None:
@@ -95,7 +96,7 @@ class Schedule:
 
     async def wait(self) -> int:
         """Wait for the next slot and return how many were missed before it."""
-        delay_s, missed = self.advance(monotonic())
+        delay_s, missed = self.advance(uptime_s())
         if delay_s > 0:
             await asyncio.sleep(delay_s)
         return missed

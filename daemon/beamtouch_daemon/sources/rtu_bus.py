@@ -11,7 +11,6 @@ import asyncio
 from collections import defaultdict
 from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
-from time import monotonic
 
 from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.reading import NoAnswerError
@@ -20,6 +19,7 @@ from beamtouch_daemon.sources.rtu_exchange import Query, RtuExchange, forgotten_
 from beamtouch_daemon.sources.rtu_frame import Answer
 from beamtouch_daemon.sources.rtu_proof import Proof
 from beamtouch_daemon.sources.rtu_unit import AFTER_A_FAILURE, AT_A_START, EXPLORE_S, READ_FUNCTIONS, Probe, Unit
+from beamtouch_daemon.uptime import uptime_s
 
 QUIET_S = (0.1, 0.5)
 """Bounds of the silence that a proof needs at the start of a session; in between, it is one timeout."""
@@ -77,14 +77,14 @@ class RtuBus:
         """
         unit = query.unit
         async with self._turns[unit.address]:
-            begin_s = monotonic()
+            begin_s = uptime_s()
             if begin_s < unit.suspect_until_s and not unit.is_unprovable:
                 unit.require_probes(AFTER_A_FAILURE)
             was_needed = unit.probes_needed
             if was_needed and not (unit.is_unprovable and begin_s - unit.explored_s < EXPLORE_S):
                 refusal = await self._bring_in_step(query)
                 if refusal is not None:
-                    return refusal, begin_s, monotonic()
+                    return refusal, begin_s, uptime_s()
             if not unit.probes_needed:
                 return await self._read(query, lives=bool(was_needed))
         await self._leave_alone(query)
@@ -103,7 +103,7 @@ class RtuBus:
                 return refusal
             unit.require_probes(AT_A_START)
             refusal = await self._prove(query)
-        unit.suspect_until_s = monotonic() + SUSPECT_S
+        unit.suspect_until_s = uptime_s() + SUSPECT_S
         return refusal
 
     async def _is_quiet(self, query: Query) -> bool:
@@ -117,7 +117,7 @@ class RtuBus:
     async def _prove(self, query: Query) -> Answer | None:
         """Send probes until the unit owes no value to this program; return its refusal, if any."""
         unit, refusal = query.unit, None
-        begin_s = monotonic()
+        begin_s = uptime_s()
         proof = Proof(unit, begin_s, forgotten_s(query.timeout_s))
         if proof.is_held_back:
             raise self._left_alone(query)
@@ -125,12 +125,12 @@ class RtuBus:
             answer = await self._ask(query, None)
             proof.lives = answer is not None
             refusal = answer if answer is not None and answer.exception else None
-        while (unit.is_known or monotonic() - begin_s < LEARNING_S) and (probe := proof.next()) is not None:
+        while (unit.is_known or uptime_s() - begin_s < LEARNING_S) and (probe := proof.next()) is not None:
             answer = await self._ask(query, probe)
             is_refused = answer is not None and bool(answer.exception)
             refusal = answer if is_refused else refusal
             proof.take(probe, lives=answer is not None, answered=answer is not None and not is_refused)
-        proof.end(monotonic())
+        proof.end(uptime_s())
         if not unit.probes_needed or unit.is_unprovable:
             return None
         if refusal is not None:
@@ -144,11 +144,11 @@ class RtuBus:
         """Wait until an unprovable unit owes nothing: the first time here, later with NoAnswerError until then."""
         unit, has_waited, silence_s = query.unit, query.unit.has_waited, forgotten_s(query.timeout_s)
         unit.has_waited = True
-        while unit.probes_needed and (left_s := unit.asked_s + silence_s - monotonic()) > 0:
+        while unit.probes_needed and (left_s := unit.asked_s + silence_s - uptime_s()) > 0:
             if has_waited or silence_s > LEARNING_S:
                 raise self._left_alone(query)
             await asyncio.sleep(left_s)
-        unit.is_in_step(monotonic())
+        unit.is_in_step(uptime_s())
 
     async def _read(self, query: Query, *, lives: bool) -> tuple[Answer, float, float]:
         """Ask a unit that owes no answer for values."""
@@ -157,12 +157,12 @@ class RtuBus:
             if query.unit.probes_needed:  # while this waited for its turn
                 message = f"unit {query.unit.address} is probed again: the port was opened, or other registers are read"
                 raise NoAnswerError(message, lives=lives)
-            begin_s = monotonic()
+            begin_s = uptime_s()
             answer = await self._exchange.ask(query, None)
         if answer is None:
             raise self._no_answer(query, lives=lives)
-        query.unit.is_in_step(monotonic())
-        return answer, begin_s, monotonic()
+        query.unit.is_in_step(uptime_s())
+        return answer, begin_s, uptime_s()
 
     async def _ask(self, query: Query, probe: Probe | None) -> Answer | None:
         """Send one request of a proof; other units may be asked between two of them."""
@@ -188,7 +188,7 @@ class RtuBus:
             return
         for unit in self._units.values():
             if not unit.probes_needed and exchange.has_come_from(unit, {function for function, _ in unit.asked}):
-                unit.suspect_until_s = monotonic() + SUSPECT_S
+                unit.suspect_until_s = uptime_s() + SUSPECT_S
             found = {probe: exchange.find_probe(unit, probe) for probe in unit.unsure}
             unit.learn(probe for probe, answer in found.items() if answer is not None and not answer.exception)
         exchange.discard()

@@ -3,7 +3,6 @@
 import asyncio
 from collections import deque
 from collections.abc import Collection
-from time import monotonic
 from typing import NamedTuple
 
 from beamtouch_daemon.config.sources import ModbusRtu
@@ -11,6 +10,7 @@ from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_frame import EXCEPTION, Answer, find_answer, find_frame, is_damaged, request
 from beamtouch_daemon.sources.rtu_port import RtuPort
 from beamtouch_daemon.sources.rtu_unit import Probe, Unit
+from beamtouch_daemon.uptime import uptime_s
 
 BITS_PER_CHARACTER = 11
 MIN_SILENCE_S = 0.00175
@@ -66,13 +66,13 @@ class RtuExchange:
 
     async def pause(self) -> None:
         """Wait until the line has been silent for long enough; collect received bytes."""
-        await asyncio.sleep(max(0.0, self._free_s - monotonic()))
+        await asyncio.sleep(max(0.0, self._free_s - uptime_s()))
         self.port.read()
 
     async def listen(self, for_s: float) -> None:
         """Collect received bytes for a time [s]."""
-        until_s = monotonic() + for_s
-        while (left_s := until_s - monotonic()) > 0:
+        until_s = uptime_s() + for_s
+        while (left_s := until_s - uptime_s()) > 0:
             await self.port.more(left_s)
 
     def discard(self) -> None:
@@ -88,12 +88,12 @@ class RtuExchange:
         """Send a request for values or (if not None) a probe; return its answer, None if missing or damaged."""
         unit, block = query.unit, query.block
         frame = request(unit.address, query.function, block.first, block.count)
-        begin_s = monotonic()
+        begin_s = uptime_s()
         unit.sent(probe, begin_s)  # the answer is owed from now on, whatever happens
         self._sent.append(frame)
         self.port.send(frame)
         answer = await self._answer(query, probe, begin_s + query.timeout_s)
-        self._free_s = monotonic() + self._silence_s
+        self._free_s = uptime_s() + self._silence_s
         return answer
 
     async def _answer(self, query: Query, probe: Probe | None, deadline_s: float) -> Answer | None:
@@ -102,7 +102,7 @@ class RtuExchange:
             if answer is not None:
                 self.discard()
                 return answer
-            left_s = deadline_s - monotonic()
+            left_s = deadline_s - uptime_s()
             if is_damaged(self.received, query.unit.address, query.function, query.block.count):
                 left_s = min(left_s, DAMAGED_AFTER_S)
             if left_s <= 0 or not await self.port.more(left_s):

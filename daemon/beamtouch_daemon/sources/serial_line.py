@@ -7,12 +7,12 @@ back, or when it is not the device in the configuration.
 
 import contextlib
 from collections.abc import AsyncGenerator, Sequence
-from time import monotonic
 
 from beamtouch_daemon.config.sources import SerialLine
 from beamtouch_daemon.sources.reading import Reading, SourceError
 from beamtouch_daemon.sources.serial_port import SerialPort
 from beamtouch_daemon.sources.serial_session import Session
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol import messages
 from beamtouch_protocol.messages import Hello, HelloRequest, Start, Stop
 
@@ -51,15 +51,15 @@ class SerialSource:
             session = Session(hello, self._indices)
             await self._meet(port, session)
             port.send(Start(self._rate_hz, self._oversampling))
-            heard_s = monotonic()
+            heard_s = uptime_s()
             while True:
-                if (ping := session.ping_if_due(monotonic())) is not None:
+                if (ping := session.ping_if_due(uptime_s())) is not None:
                     port.send(ping)
                 arrivals = await port.receive(self._silence_s)
                 if readings := session.take(arrivals):
-                    heard_s = monotonic()
+                    heard_s = uptime_s()
                     yield readings
-                elif monotonic() - heard_s >= self._silence_s:
+                elif uptime_s() - heard_s >= self._silence_s:
                     asked = f"{self._rate_hz} Hz, oversampling {self._oversampling}"
                     message = f"{self._path}: no reading for {self._silence_s:g} s{_damage(port)} ({asked})"
                     raise SourceError(message)
@@ -70,11 +70,11 @@ class SerialSource:
 
     async def _meet(self, port: SerialPort, session: Session) -> None:
         """Ping until the device's clock is known, because the first reading may be an old one."""
-        deadline_s = monotonic() + HELLO_TIMEOUT_S
-        while (now_s := monotonic()) < deadline_s:
+        deadline_s = uptime_s() + HELLO_TIMEOUT_S
+        while (now_s := uptime_s()) < deadline_s:
             port.send(session.ping(now_s))
             repeat_s = now_s + HELLO_REPEAT_S
-            while (left_s := repeat_s - monotonic()) > 0:
+            while (left_s := repeat_s - uptime_s()) > 0:
                 session.take_answers(await port.receive(left_s))
                 if session.knows_the_clocks:
                     return
@@ -112,12 +112,12 @@ async def introduce(port: SerialPort, path: str, baud: int) -> Hello:
     SourceError
         None came within `HELLO_TIMEOUT_S`, or the port is gone; `path` and `baud` are for its text.
     """
-    deadline_s = monotonic() + HELLO_TIMEOUT_S
-    while (now_s := monotonic()) < deadline_s:
+    deadline_s = uptime_s() + HELLO_TIMEOUT_S
+    while (now_s := uptime_s()) < deadline_s:
         port.send(Stop())
         port.send(HelloRequest())
         repeat_s = now_s + HELLO_REPEAT_S
-        while (left_s := repeat_s - monotonic()) > 0:
+        while (left_s := repeat_s - uptime_s()) > 0:
             for arrival in reversed(await port.receive(left_s)):
                 if isinstance(arrival.message, Hello):
                     return arrival.message

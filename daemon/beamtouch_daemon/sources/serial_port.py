@@ -2,11 +2,11 @@
 
 import asyncio
 import contextlib
-from time import monotonic
 from typing import NamedTuple
 
 from beamtouch_daemon.sources import port
 from beamtouch_daemon.sources.reading import SourceError
+from beamtouch_daemon.uptime import uptime_s
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Message
 
@@ -68,7 +68,7 @@ class SerialPort:
         return arrived
 
     def _read(self) -> None:
-        now_s = monotonic()
+        now_s = uptime_s()
         data = b""
         try:
             # Read everything: the newest frame determines the age of the others.

@@ -57,7 +57,7 @@ class Health:
             raise ModelFileError(message)
         self._metadata, self._curve = metadata, curve
         self._floor, self._zero_mm = np.array(metadata.floor.gain), np.array(metadata.floor.zero_mm)
-        kept = kept or {"blocks": [], "changes": []}
+        kept = {"blocks": [], "changes": []} if kept is None else kept
         try:
             self._history = History.from_json(len(metadata.layout), kept["blocks"])
             self._known: list[tuple[int, int]] = [(int(at_us), int(channel)) for at_us, channel in kept["changes"]]

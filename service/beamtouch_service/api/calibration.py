@@ -60,13 +60,13 @@ async def get_calibration_data(
 
 def _as_csv(found: list[Sampled], channels: list[str] | None) -> bytes:
     """Return best samples of these channels, or else of those of the newest one, as CSV."""
-    layout = channels or (found[-1].best.channels if found else [])
+    readable = [(one, one.best) for one in found if one.best]
+    layout = channels or (readable[-1][1].channels if readable else [])
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\r\n")
     columns = [f"{name}_{what}" for what in ("mm", "sd_mm", "rest_mm", "rest_sd_mm") for name in layout]
     writer.writerow(["event", "time", "model", "characteristic", "readings", *columns])
-    for one in found:
-        best = one.best
+    for one, best in readable:
         if best.channels != layout:
             continue
         values = [best.deflection_mm, best.deviation_mm, best.rest_mm, best.rest_deviation_mm]

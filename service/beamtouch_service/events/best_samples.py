@@ -4,6 +4,7 @@ A sample of many readings is better than one of few. Samples of one stretch shar
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,14 @@ class Best:
     rest_mm: Values | None = None
     """Mean deflections of the clear beam before the touch; None if that was not seen."""
     rest_deviation_mm: Values | None = None
+
+    @classmethod
+    def of(cls, kept: dict[str, Any] | None) -> "Best | None":
+        """Return what an event keeps; None if it keeps nothing, or if another version wrote it in another way."""
+        try:
+            return cls(**kept) if kept else None
+        except TypeError:
+            return None
 
     @property
     def rank(self) -> tuple[bool, int]:

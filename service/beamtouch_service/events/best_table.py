@@ -31,7 +31,8 @@ class Sampled:
 
     number: int
     model: str
-    best: Best
+    best: Best | None
+    """None if another version wrote it in another way."""
 
 
 @dataclass(frozen=True)
@@ -84,4 +85,4 @@ def keep(connection: Connection, kept: Baseline) -> None:
 
 
 def _sampled(row: Row[*tuple[Any, ...]]) -> Sampled:
-    return Sampled(row.id, row.model, Best(**row.best))
+    return Sampled(row.id, row.model, Best.of(row.best))

@@ -1,7 +1,9 @@
 """The table of captures: written with the event that they belong to, read and deleted with it."""
 
 from collections.abc import Collection
+from contextlib import suppress
 
+from pydantic import ValidationError
 from sqlalchemy import ColumnElement, Connection, and_, bindparam, delete, exists, func, insert, select
 
 from beamtouch_service.events.captures import MAX_SAMPLES, Capture
@@ -60,10 +62,14 @@ def write(connection: Connection, surface: str, capture: Capture) -> None:
 
 
 def read(connection: Connection, event: Segment) -> list[Contradiction]:
-    """Return the samples that are kept of an event, in order."""
+    """Return the samples that are kept of an event, in order, without those that another version wrote otherwise."""
     key = {"of_surface": event.surface, "of_boot_id": event.boot_id, "of_model": event.model}
     span = {"first": event.first_sequence, "last": event.last_sequence}
-    return [Contradiction.model_validate(sample) for sample in connection.scalars(_READ, key | span)]
+    found = []
+    for sample in connection.scalars(_READ, key | span):
+        with suppress(ValidationError):
+            found.append(Contradiction.model_validate(sample))
+    return found
 
 
 def captured(connection: Connection, numbers: Collection[int]) -> set[int]:

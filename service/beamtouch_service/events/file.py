@@ -46,6 +46,7 @@ class EventFile:
             URL.create("sqlite", database=str(path) if path else None),
             poolclass=StaticPool,
             json_serializer=compact_json,
+            json_deserializer=_kept_json,
             # The first write begins a transaction and takes SQLite's write lock at once; reads take none.
             connect_args={"check_same_thread": False, "isolation_level": "IMMEDIATE", "timeout": _BUSY_S},
         )
@@ -111,7 +112,21 @@ class EventFile:
             os.close(self._lock)
 
 
+def _kept_json(text: str) -> object:
+    """Return what a text holds; nothing if it is damaged, as if another version had written it in another way."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return {}
+
+
 def _prepare(connection: Connection) -> None:
+    found = _pragma(connection, "user_version")
+    # Before any statement that writes.
+    if found == 0 and connection.exec_driver_sql("SELECT 1 FROM sqlite_master").first():
+        message = "it is the database of another program"
+        raise ValueError(message)
+    connection.rollback()
     for pragma in _PRAGMAS:
         connection.exec_driver_sql(f"PRAGMA {pragma}")
     # The driver begins no transaction before statements that change tables.

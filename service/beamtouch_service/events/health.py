@@ -88,7 +88,7 @@ class HealthKeeper:
         added: list[BestSample] = []
         for one in found:
             best = one.best
-            if one.model != kept.model.identity or best.channels != kept.model.channels:
+            if best is None or one.model != kept.model.identity or best.channels != kept.model.channels:
                 continue
             if best.characteristic != kept.characteristic or not (added or kept.health.contacts):
                 if best.at_us < kept.newest_us:

@@ -12,7 +12,7 @@ from beamtouch_service.events.best_samples import Best
 from beamtouch_service.events.findings import Edge, Finish, Loss, TouchSeen
 from beamtouch_service.events.joining import are_apart, are_one, joined
 from beamtouch_service.events.schema import EVENTS, IS_OPEN
-from beamtouch_service.events.segments import BEFORE_CLEAR, Begin, End, EventKind, Segment
+from beamtouch_service.events.segments import BEFORE_CLEAR, Begin, End, EventKind, Point, Segment
 
 CONTENT = [EVENTS.c.id, *(EVENTS.c[entry.name] for entry in fields(Segment))]
 _c = EVENTS.c
@@ -168,6 +168,14 @@ def numbered(row: Row[Any]) -> Numbered:
     values = row._asdict()
     number = values.pop("id")
     values.pop("change", None)
-    values["path"] = [(at, position, force) for at, position, force in values.get("path", ())]
-    values["best"] = Best(**values["best"]) if values.get("best") else None
+    values["path"] = _path(values.get("path", []))
+    values["best"] = Best.of(values.get("best"))
     return number, Segment(**values)
+
+
+def _path(kept: list[Any]) -> list[Point]:
+    """Return the path that an event keeps; empty if another version wrote it in another way."""
+    try:
+        return [(at, position, force) for at, position, force in kept]
+    except (TypeError, ValueError):
+        return []
