@@ -104,9 +104,6 @@ def read(path: Path) -> bytes:
     if path.suffix == ".toml":
         message = f"{path}: this is no model; give the .onnx file that `design-sensors build` wrote"
         raise ModelFileError(message)
-    if not content:
-        message = f"{path}: the file is empty; build it again with `design-sensors build`"
-        raise ModelFileError(message)
     return content
 
 
@@ -126,6 +123,9 @@ def _require_size(size_bytes: int, origin: str) -> None:
 def load_bytes(content: bytes, origin: str) -> ModelFile:
     """Load a model from memory; `origin` is named in errors. Raises ModelFileError as `load` does."""
     _require_size(len(content), origin)
+    if not content:
+        message = f"{origin}: the file is empty; build it again with `design-sensors build`"
+        raise ModelFileError(message)
     if session.has_functions(content):
         message = f"{origin}: its graph defines functions, so `design-sensors build` did not write it"
         raise ModelFileError(message)

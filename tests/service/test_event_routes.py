@@ -8,6 +8,7 @@ from threading import current_thread
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from sqlalchemy.event import listen
 
 from beamtouch_service.api import event_answers
 from service.event_story import RESTING, TOUCHING, Story
@@ -113,16 +114,23 @@ def test_an_id_gives_one_event_with_its_path(history: Bench) -> None:
 def test_paths_are_read_only_for_answers_that_hold_them(history: Bench) -> None:
     recorder = history.app.context.recorder
     assert recorder is not None
+    statements: list[str] = []
 
-    def spoil_paths(store: EventStore) -> None:
-        with store._place._engine.begin() as connection:
-            connection.exec_driver_sql("UPDATE events SET path = 'none of this is JSON'")
+    def watch(store: EventStore) -> None:
+        listen(store._place._engine, "before_cursor_execute", lambda *seen: statements.append(seen[2]))
 
-    recorder.ask(spoil_paths).result(60)
+    recorder.ask(watch).result(60)
 
-    assert history.get("/events/3").status_code == 500
+    def reads_paths(target: str) -> bool:
+        statements.clear()
+        assert history.get(target).status_code == 200
+        assert statements
+        return any("events.path" in statement for statement in statements)
+
+    assert reads_paths("/events/3")
+    assert reads_paths("/events?path=true")
     for query in ("", "?format=csv", "?format=csv&path=true"):
-        assert history.get("/events" + query).status_code == 200
+        assert not reads_paths("/events" + query)
 
 
 @pytest.mark.parametrize("query", ["", "?format=csv"])
