@@ -30,6 +30,8 @@ change no score by more than its scatter."""
 RESOLVED = 1.0
 DRAWS = {True: 512, False: 128}
 """For known and open force: contacts, a power of two."""
+AT_ONCE = 64
+"""Contacts that are scored at once: their densities stay in the processor's cache."""
 BOUND_CELLS = 64
 """Smallest number of cells of the Cramer-Rao bound, which only leads to a start."""
 NEGLIGIBLE = 15.0
@@ -64,7 +66,12 @@ class Surrogate:
 
         Their mean is the mean error; they include the weights of the contacts.
         """
-        part = slice(few)
+        contacts = len(self.weight) if few is None else few
+        starts = range(0, contacts, AT_ONCE)
+        return np.concatenate([self._distances_mm(sensors, slice(at, min(at + AT_ONCE, contacts))) for at in starts])
+
+    def _distances_mm(self, sensors: Indices, part: slice) -> Floats:
+        """Return the errors of sensors (sensors,) at a part of the contacts."""
         clean = self.clean[part, sensors]
         sample = clean + self.deviation[part, sensors] * self.noise[part, : len(sensors)]
         precision = 1 / (self.errors.noise_mm**2 + self.errors.zero_mm**2 + (self.errors.gain * sample) ** 2)
@@ -76,21 +83,22 @@ class Surrogate:
             force = np.clip(along / np.maximum(square, TINY), *self.force_n)
             moved = self.uncertain[:, sensors]
             square, along, others = with_mounting(force**2, shapes, moved**2, sample, precision)
-        density = self._log_density(np.sqrt(square), along, others)
+        density = self._log_density(square, along, others)
         return mean_distances(self.edges_mm, density) * self.weight[part]
 
-    def _log_density(self, size: Floats, along: Floats, others: Floats | float) -> Floats:
-        """Return log densities (draws, cells), with the force integrated out; see `posterior.log_likelihood`."""
+    def _log_density(self, square: Floats, along: Floats, others: Floats | float) -> Floats:
+        """Return log densities (contacts, cells), with the force integrated out; see `posterior.log_likelihood`."""
         low, high = self.force_n
+        if low == high:
+            known: Floats = low * (along - low / 2 * square) - others / 2
+            return known
+        size = np.sqrt(square)
         projection = along / np.where(size > 0, size, 1.0)
         fit = (projection**2 - others) / 2
-        # The largest integrand bounds the integral; of a known force it is the integral.
-        density: Floats = fit - (projection - np.clip(projection, low * size, high * size)) ** 2 / 2
-        if low < high:
-            likely = density >= density.max(axis=1, keepdims=True) - NEGLIGIBLE
-            found = log_likelihood(forces_of(self.force_n, 0.0), size[likely], projection[likely], fit[likely])
-            density = np.full_like(density, -np.inf)
-            density[likely] = found
+        largest = fit - (projection - np.clip(projection, low * size, high * size)) ** 2 / 2
+        likely = largest >= largest.max(axis=1, keepdims=True) - NEGLIGIBLE  # the integral is less than its integrand
+        density = np.full_like(fit, -np.inf)
+        density[likely] = log_likelihood(forces_of(self.force_n, 0.0), size[likely], projection[likely], fit[likely])
         return density
 
     def cramer_rao_mm(self, sums: Floats) -> Floats:
