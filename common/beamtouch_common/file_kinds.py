@@ -20,7 +20,13 @@ _SURFACE_KEYS = {
 
 
 def mistaken_kind(kind: type[BaseModel], content: Mapping[str, Any]) -> str:
-    """Return what a file is, if it is clearly of another kind than the model is for, and what to give; else nothing."""
+    """Return what a file is and what to give instead, if it is clearly of another kind; else an empty text.
+
+    Parameters
+    ----------
+    kind : the pydantic model by which the file is read
+    content : its tables
+    """
     fields = set(kind.model_fields)
     expected = next((name for name, tables in _TABLES.items() if tables & fields), "")
     found = [name for name in _TABLES if _speaks_for(name, content)]

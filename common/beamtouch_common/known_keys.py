@@ -35,7 +35,7 @@ def header_of(kind: type[BaseModel], location: Sequence[int | str], key: str) ->
     """Return a key as it stands in the file: a table in brackets, several tables in two, and others as they are."""
     name = str(location[-1])
     annotations = [fields[name] for model in _models_at(kind, location[:-1]) if name in (fields := _fields(model))]
-    if not any(True for annotation in annotations for _ in _models_in(annotation)):
+    if not [model for annotation in annotations for model in _models_in(annotation)]:
         return key
     parts = [part for annotation in annotations for part in (annotation, *get_args(annotation))]
     if any(get_origin(part) in (list, tuple) for part in parts):

@@ -23,7 +23,7 @@ _ENDS_EARLY = {
     r"[+-]?[\d.]+ *[^\W\d_][^=]*$": "; give the number alone, its unit is in the name of the key",
     r"\d+\.\d+\.\d": "; text needs quotes",
 }
-"""Beginnings of values that the parser takes as a number with something behind it, with what to do."""
+"""Values that begin with a number: the parser complains about what follows it. With each, what to do."""
 
 
 def given(value: object) -> str:

@@ -136,7 +136,7 @@ def test_a_spare_costs_error_and_saves_some_when_a_sensor_fails(scene: api.Scene
         (lambda scene, _: api.place(scene, 0), "sensors = 0: give 1 or more"),
         (
             lambda scene, _: api.place(scene, 4, criterion=cast("Any", "best")),
-            "criterion = 'best' must be one of eigenvalue-",
+            "criterion = 'best' must be one of position-",
         ),
         (lambda scene, _: api.place(scene, 1, spare=1), "spare = 1: give 0, or 1 with two or more sensors"),
         (lambda scene, _: api.ringing_mm(scene, [1], [-1]), r"time_s: must be finite, at least 0 \(given: -1\)"),

@@ -1,7 +1,7 @@
 """Layouts and their accuracy limits, for scripts."""
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,13 +15,10 @@ from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.placement import DEFAULT_AIM, place_by_position_error
-from beamtouch_models.placement import place as place_by_product
+from beamtouch_models.placement import DEFAULT_AIM, Aim, Criterion, place_as
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import Scene
-
-Criterion: TypeAlias = Literal["eigenvalue-product", "position-error"]
 
 
 @dataclass(frozen=True)
@@ -63,15 +60,11 @@ def place(
     if criterion not in get_args(Criterion):
         message = f"criterion = {criterion!r} must be one of {', '.join(get_args(Criterion))}"
         raise SceneError(message)
-    if not 0 <= spare <= (criterion == "position-error" and sensors > 1):
+    if spare not in {0, 1} or (spare and (criterion != "position-error" or sensors == 1)):
         message = f"spare = {spare}: give 0, or 1 with two or more sensors and the criterion position-error"
         raise SceneError(message)
     built, errors = _checked(scene, sensors)
-    influence, rules = influence_of(built), sensor_rules(built)
-    if criterion == "position-error":
-        found = place_by_position_error(influence, rules, sensors, seed, errors, spare=spare)
-    else:
-        found = place_by_product(influence, rules, sensors, seed)
+    found = place_as(Aim(criterion, spare), influence_of(built), sensor_rules(built), sensors, seed, errors)
     return np.array(found.positions_mm)
 
 

@@ -3,7 +3,7 @@
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.metadata import Metadata, Placed
-from beamtouch_models.placement.aims import Criterion
+from beamtouch_models.placement import Criterion
 
 DRAWS, FEWEST_DRAWS = 4_096, 256
 """Simulated contacts, shared between the sensors, and the smallest number for each; bounds the time of a build."""

@@ -40,7 +40,7 @@ def sensor_of(scene: Scene) -> Sensor:
     """Return sensor, ADC and stand-off of a scene; SceneError if the beam leaves the sensor's range."""
     low, high = scene.sensors.range_mm
     lift, travel = travel_mm(scene)
-    middle, stated = (low + high) / 2 + (travel - lift) / 2, scene.sensors.standoff_mm
+    centred_mm, stated_mm = (low + high) / 2 + (travel - lift) / 2, scene.sensors.standoff_mm
     if travel + lift > high - low:
         force_n = at_most(scene.contact.force_range_n[1] * (high - low) / (travel + lift))
         message = (
@@ -48,10 +48,10 @@ def sensor_of(scene: Scene) -> Sensor:
             f"contact.force_n at {force_n:g} N, make the beam stiffer, or use a sensor with a longer range"
         )
         raise SceneError(message)
-    if stated is not None and (stated - travel < low or stated + lift > high):
+    if stated_mm is not None and (stated_mm - travel < low or stated_mm + lift > high):
         message = (
-            f"from sensors.standoff_mm = {stated:g} the beam leaves sensors.range_mm = [{low:g}, {high:g}]; "
-            f"write standoff_mm = {middle:.4g}, or leave it out"
+            f"from sensors.standoff_mm = {stated_mm:g} the beam leaves sensors.range_mm = [{low:g}, {high:g}]; "
+            f"write standoff_mm = {centred_mm:.4g}, or leave it out"
         )
         raise SceneError(message)
     bits = scene.sensors.adc_bits or DEFAULT_ADC_BITS
@@ -59,7 +59,7 @@ def sensor_of(scene: Scene) -> Sensor:
     return Sensor(
         rate_hz=scene.sensors.rate_hz,
         range_mm=scene.sensors.range_mm,
-        standoff_mm=middle if stated is None else stated,
+        standoff_mm=centred_mm if stated_mm is None else stated_mm,
         adc_bits=bits,
         gain_mm_per_count=gain,
         offset_mm=low - 0.1 * (2**bits - 1) * gain,

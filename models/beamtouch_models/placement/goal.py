@@ -16,7 +16,7 @@ chance in a hundred loads, and more than a layout that notices none of them coul
 STEPS = 16
 """Layouts that are tried on the way from one to another."""
 FEW = 4
-"""A layout is compared on one over this of the contacts before it is scored on all of them."""
+"""A layout is first compared on the first 1/FEW of the contacts; most are left out by these."""
 TIE = 1e-6
 """Weight of the error with all sensors in an objective with a spare: it decides between equals only."""
 GAIN = 1e-9

@@ -30,14 +30,15 @@ STARTS = 2
 FINALISTS = 6
 """Layouts of a list that the accuracy limit compares."""
 CLEAR = 1.015
-"""Ratio of scores from which they decide alone. The ratio of score and accuracy limit scatters by 0.2 to 0.6 %, and as
-much as that of the limit of FINAL_DRAWS contacts."""
+"""Ratio of two scores from which the accuracy limit is not asked which layout is better. Scores are off by 0.2 to 0.6 %
+from layout to layout, and so is a limit from FINAL_DRAWS contacts."""
 FINAL_DRAWS = 2_000
-"""Simulated contacts by which the finalists are compared; fewer where many failures are."""
+"""Simulated contacts by which the finalists are compared; fewer with a spare and many sensors."""
 MAX_LOOKED_AT = 2_000
 """Layouts that a run looks at, after which it tries no smaller step; up to eight sensors seldom need as many."""
-FEWER = 5
-"""Number of sensors failed in turn above which the two are lowered, so that the time is bounded."""
+MAX_LIMITS = 5
+"""Accuracy limits of a finalist, with all sensors and with each one failed, that are from FINAL_DRAWS contacts each. If
+there are more, each is from fewer contacts, so that the time is bounded."""
 MAX_LISTED = 512
 """Up to this many layouts are all scored, which takes no longer than a search."""
 MAX_EXCHANGES = 200
@@ -103,9 +104,9 @@ def objective(all_percent: float, failed_percent: list[float]) -> float:
     return max(failed_percent) + TIE * all_percent if failed_percent else all_percent
 
 
-def shared(count: int, spare: int) -> float:
-    """Return the factor by which a placement lowers its numbers of draws and layouts, at most 1."""
-    return min(1.0, FEWER / (1 + spare * count))
+def draws_of(count: int, spare: int) -> int:
+    """Return the number of contacts for each accuracy limit of a finalist with this many sensors."""
+    return round(FINAL_DRAWS * min(1.0, MAX_LIMITS / (1 + spare * count)))
 
 
 def _listed(goal: Goal, count: int) -> tuple[list[Indices], int]:
@@ -173,7 +174,7 @@ def _decided(
     """Return the layout with the smallest objective by the accuracy limit itself."""
     if len(layouts) == 1:
         return layouts[0]
-    found, draws = [], round(FINAL_DRAWS * shared(len(layouts[0]), spare))
+    found, draws = [], draws_of(len(layouts[0]), spare)
     for number, layout in enumerate(layouts):
         progress(number / len(layouts))
         whole, *failed = mean_errors_percent(influence, rules.position_mm[layout], errors, draws, seed, spare)

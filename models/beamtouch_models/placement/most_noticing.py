@@ -1,7 +1,7 @@
 """Of layouts whose error is hardly larger than the least, the one that notices the most loads other than one contact.
 
-Layouts with nearly the same error notice very different shares: on the bench scene with a spare, the least error comes
-with 3 % of two contacts half of the range apart, and 1 % more of it with 48 %.
+Layouts with nearly the same error notice very different shares: on the bench scene with a spare, the layout with the
+least error notices 3 % of two contacts half of the range apart, and one with 1 % more error notices 48 %.
 """
 
 from dataclasses import dataclass, replace
