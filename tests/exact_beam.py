@@ -11,7 +11,7 @@ from typing import Any
 import mpmath
 from mpmath import mp
 
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 
 Number = Any  # mpmath ships no types
 

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from beamtouch_common.commands import whole_number
-from beamtouch_models.materials import MATERIALS
+from beamtouch_models.scene.materials import MATERIALS
 
 ENDS = ("clamped", "pinned", "roller", "free")
 """The kinds of `building.new_scene.End`, which takes too long to import for --help."""

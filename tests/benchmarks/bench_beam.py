@@ -17,7 +17,7 @@ from Pynite import FEModel3D
 
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.physics.mesh import mesh_of
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 
 Array = NDArray[np.float64]
 

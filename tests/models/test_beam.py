@@ -12,7 +12,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import check_small_angles, influence, max_deflection_mm, travel_mm
 from beamtouch_models.physics.closed_forms import span_of
 from beamtouch_models.scene import parse_scene
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 from exact_beam import ExactBeam, fixed, simple
 from example_scenes import PAPER, UNIT_BEAM
 

@@ -3,7 +3,7 @@ import pytest
 
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.placement.components import log_eigenvalue_product, principal_components
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 from example_scenes import UNIT_BEAM
 
 beam = Beam.model_validate(UNIT_BEAM)

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.physics.closed_forms import span_of
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 from exact_beam import ExactBeam, fixed, simple
 
 pytestmark = pytest.mark.untraced

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.structure import Beam, changed_beam
+from beamtouch_models.scene.beam import Beam, changed_beam
 from example_scenes import UNIT_BEAM
 
 

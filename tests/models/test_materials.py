@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 from beamtouch_common.errors import InputError
-from beamtouch_models.beam_parts import Support
 from beamtouch_models.building.remarks import remarks
-from beamtouch_models.materials import MATERIALS, MaterialName
 from beamtouch_models.physics.dynamics import first_frequency_hz
 from beamtouch_models.scene import Scene, parse_scene
-from beamtouch_models.structure import Beam, changed_beam
+from beamtouch_models.scene.beam import Beam, changed_beam
+from beamtouch_models.scene.beam_parts import Support
+from beamtouch_models.scene.materials import MATERIALS, MaterialName
 from example_scenes import PAPER, SCENES
 from in_process import Command
 

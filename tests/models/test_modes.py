@@ -10,7 +10,7 @@ from beamtouch_models.physics.beam import influence
 from beamtouch_models.physics.dynamics import first_frequency_hz
 from beamtouch_models.physics.modes import MODES, Modes, beyond_rest, swings
 from beamtouch_models.scene import load_scene
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 from example_scenes import SCENES
 
 BENCH = load_scene(SCENES / "bench.toml")[0].beam

@@ -13,10 +13,10 @@ import pytest
 
 from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.new_scene import Answers, End, scene_text
-from beamtouch_models.materials import MaterialName
 from beamtouch_models.physics.axial import held_stretch_mm
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import load_scene, parse_scene
+from beamtouch_models.scene.materials import MaterialName
 from beamtouch_models.shipped import described, shipped_scenes
 from example_scenes import SCENES
 from in_process import Command

@@ -24,7 +24,7 @@ from beamtouch_models.rig.script import Load, Script, default_script, load_scrip
 from beamtouch_models.rig.serial_device import MAX_RATE_HZ, SerialDevice
 from beamtouch_models.rig.surface import VirtualSurface, counts_of_gap
 from beamtouch_models.scene import load_scene
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 from beamtouch_protocol.framing import Decoder, encode
 from beamtouch_protocol.messages import Hello, HelloRequest, Message, Ping, Pong, Reading, Start, Stop
 from example_scenes import SCENES

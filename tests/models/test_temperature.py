@@ -16,7 +16,7 @@ from beamtouch_models.pricing.effect import Effect
 from beamtouch_models.pricing.effects import effects_of
 from beamtouch_models.pricing.noise import choose_filter, floor_of
 from beamtouch_models.scene import Scene
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 from example_scenes import paper_scene
 
 L_MM, EI = 400.0, 1.18125e7

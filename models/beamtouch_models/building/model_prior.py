@@ -12,7 +12,7 @@ from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence, influence_of
 from beamtouch_models.pricing.effects import Physics, required
 from beamtouch_models.scene import parse_scene
-from beamtouch_models.structure import Beam, changed_beam
+from beamtouch_models.scene.beam import Beam, changed_beam
 
 
 def physics_of(metadata: Metadata) -> Physics:

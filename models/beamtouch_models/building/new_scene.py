@@ -5,9 +5,9 @@ from typing import Literal
 
 import numpy as np
 
-from beamtouch_models.materials import MATERIALS, MaterialName
 from beamtouch_models.physics.beam import influence
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
+from beamtouch_models.scene.materials import MATERIALS, MaterialName
 
 End = Literal["clamped", "pinned", "roller", "free"]
 BENDS = 1 / 3

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
-from beamtouch_models.materials import MATERIALS
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.scene import Scene
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
+from beamtouch_models.scene.materials import MATERIALS
 
 
 def remarks(scene: Scene) -> list[str]:

@@ -14,7 +14,7 @@ from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.metadata import Departures, Metadata
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.pricing.effects import Physics
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 
 GAIN, POSITION_MM, FIXITY, RIGIDITY, BEND, OFFSET_NOISES = 0.04, 1.5, 0.1, 0.1, 0.03, 3.0
 """Standard deviations of plausible departures: relative gain, sensor position, fixity, relative rigidity, relative bend

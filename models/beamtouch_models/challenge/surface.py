@@ -16,7 +16,7 @@ from beamtouch_models.physics.dynamics import slowest_period_ms
 from beamtouch_models.physics.modes import Modes
 from beamtouch_models.pricing.noise import floor_of
 from beamtouch_models.scene import Scene, parse_scene
-from beamtouch_models.structure import Beam, changed_beam
+from beamtouch_models.scene.beam import Beam, changed_beam
 
 TABLE = 1001
 """Number of load positions in the tables of deflections and modes."""

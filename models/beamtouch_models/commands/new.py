@@ -17,9 +17,9 @@ from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.new_scene import Answers, End, scene_text
 from beamtouch_models.commands.build import surface_name
 from beamtouch_models.errors import SceneError
-from beamtouch_models.materials import MATERIALS
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.scene import parse_scene
+from beamtouch_models.scene.materials import MATERIALS
 
 _T = TypeVar("_T")
 NEEDED = ("length_mm", "width_mm", "thickness_mm")

@@ -5,7 +5,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.physics.elements import clamped, gauss_rule, shapes
 from beamtouch_models.physics.mesh import Mesh, mesh_of, solve
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 
 
 def element_influence(beam: Beam, sensor_mm: Floats, low_mm: Floats, high_mm: Floats) -> Floats:

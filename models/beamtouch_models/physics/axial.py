@@ -26,7 +26,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.assembly import nodal_loads
 from beamtouch_models.physics.mesh import Mesh, banded, mesh_of
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 
 LONGEST = 1 / 256
 """Longest element, in units of the beam's length."""

@@ -13,7 +13,7 @@ from beamtouch_models.physics.closed_forms import patch_influence, point_influen
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene
-from beamtouch_models.structure import SMALLEST_NORMAL, Beam
+from beamtouch_models.scene.beam import SMALLEST_NORMAL, Beam
 
 MAX_SENSOR_POSITIONS = 20_000
 MAX_SLOPE = 0.1

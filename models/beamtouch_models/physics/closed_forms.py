@@ -24,7 +24,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from beamtouch_models.arrays import Floats
-from beamtouch_models.structure import SHEAR_COEFFICIENT, Beam
+from beamtouch_models.scene.beam import SHEAR_COEFFICIENT, Beam
 
 Form = Literal["simply-supported", "cantilever", "fixed-fixed", "propped"]
 

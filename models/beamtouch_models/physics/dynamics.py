@@ -10,7 +10,7 @@ from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import influence, load_positions_mm
 from beamtouch_models.physics.closed_forms import span_of
 from beamtouch_models.scene import Scene
-from beamtouch_models.structure import SMALLEST_NORMAL, Beam
+from beamtouch_models.scene.beam import SMALLEST_NORMAL, Beam
 
 DAMPING_RATIO = 0.01
 """Assumed if a scene states none: a bare metal beam on its supports; Blevins, Flow-Induced Vibration, ch. 8."""

@@ -13,7 +13,7 @@ from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.elements import LONGEST, Elements, elements_of, rigid_forces, stiffness
-from beamtouch_models.structure import SHEAR_COEFFICIENT, Beam
+from beamtouch_models.scene.beam import SHEAR_COEFFICIENT, Beam
 
 SHORTEST = 1e-9
 """Shortest element, in units of the beam's length; closer nodes cannot be distinguished."""

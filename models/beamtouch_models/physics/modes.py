@@ -18,7 +18,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.physics.dynamics import point_masses
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 
 MODES = 24
 """Modes that are followed; of the rest, a sudden load on a slender beam excites less than 1e-4 of its deflection."""

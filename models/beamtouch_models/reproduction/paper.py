@@ -7,7 +7,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.physics.beam import influence
 from beamtouch_models.placement import layout
 from beamtouch_models.scene import Scene
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 
 LENGTH_MM = 400.0
 FORCE_N = 10.0

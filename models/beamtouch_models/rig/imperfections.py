@@ -8,10 +8,10 @@ from pydantic import Field
 
 from beamtouch_common.files import load_toml
 from beamtouch_models.arrays import Floats
-from beamtouch_models.beam_parts import Finite, Fixity, PositiveFinite, Strict
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene import Scene
-from beamtouch_models.structure import changed_beam
+from beamtouch_models.scene.beam import changed_beam
+from beamtouch_models.scene.beam_parts import Finite, Fixity, PositiveFinite, Strict
 
 DampingRatio = Annotated[float, Field(gt=0, lt=1)]
 

@@ -20,7 +20,7 @@ from beamtouch_models.pricing.effects import required
 from beamtouch_models.pricing.noise import check_errors, noise_of, window_filter
 from beamtouch_models.progress import silent
 from beamtouch_models.scene import Scene
-from beamtouch_models.scene_parts import MIN_SENSORS
+from beamtouch_models.scene.sensors import MIN_SENSORS
 from beamtouch_models.session import runner
 from beamtouch_models.trade.point import Failure
 from beamtouch_models.trade.quantised import quantised

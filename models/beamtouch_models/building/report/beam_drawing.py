@@ -14,7 +14,7 @@ from beamtouch_models.building.report.beam_symbols import support_in_words, supp
 from beamtouch_models.charts import round_ticks
 from beamtouch_models.metadata import Channel, Metadata
 from beamtouch_models.scene import Scene
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 from beamtouch_models.svg import fill, opening, stroke
 
 SENSOR_WIDTH, SENSOR_HEIGHT = 12.0, 24.0

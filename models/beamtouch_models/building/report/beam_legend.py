@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterator, Sequence
 from html import escape
 
-from beamtouch_models.beam_parts import Support
 from beamtouch_models.building.report.beam_scale import Scale, rect
 from beamtouch_models.building.report.beam_symbols import support_in_words, support_symbol
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.scene import Scene
+from beamtouch_models.scene.beam_parts import Support
 from beamtouch_models.svg import fill, stroke
 
 CHARACTER = 6.4

@@ -4,7 +4,7 @@ from html import escape
 
 import numpy as np
 
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 
 WIDTH, HEIGHT, MARGIN = 900, 236, 48
 """Size of the drawing without its legend, and space beside the beam."""

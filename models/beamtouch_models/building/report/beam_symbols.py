@@ -1,6 +1,6 @@
 """Symbols of supports in a drawing of a beam."""
 
-from beamtouch_models.beam_parts import Support
+from beamtouch_models.scene.beam_parts import Support
 from beamtouch_models.svg import stroke
 
 WALL = 28

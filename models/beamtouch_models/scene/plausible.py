@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from itertools import chain
 
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
 
 SHORTEST_MM, NARROWEST_MM, THINNEST_MM = 1.0, 0.1, 0.01
 """Smallest length, width and thickness; a smaller beam is no place for a proximity sensor."""

@@ -7,7 +7,8 @@ from typing import Annotated, Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from beamtouch_common.reasons import reason_of
-from beamtouch_models.beam_parts import (
+from beamtouch_models.errors import SceneError
+from beamtouch_models.scene.beam_parts import (
     END_KINDS,
     DampingRatio,
     PositiveFinite,
@@ -17,8 +18,7 @@ from beamtouch_models.beam_parts import (
     Support,
     Supports,
 )
-from beamtouch_models.errors import SceneError
-from beamtouch_models.materials import MATERIALS, MaterialName
+from beamtouch_models.scene.materials import MATERIALS, MaterialName
 
 SHEAR_COEFFICIENT = 5 / 6
 """Shear coefficient of a rectangular section; Timoshenko & Gere, Mechanics of Materials, 1972, sec. 12.12."""

@@ -1,15 +1,16 @@
-"""Places of a scene that lie off its beam, contradict each other, or are in metres."""
+"""Mistaken places in a scene: off the beam, in contradiction to each other, or in metres."""
 
 from collections.abc import Iterator
 
-from beamtouch_models.scene_parts import Contact, Sensors
-from beamtouch_models.structure import Beam
+from beamtouch_models.scene.beam import Beam
+from beamtouch_models.scene.contact import Contact
+from beamtouch_models.scene.sensors import Sensors
 
 MM_PER_M = 1000
 
 
 def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> str:
-    """Return what to change in the first place that cannot be meant; empty if there is none."""
+    """Return what to change in the first place that is clearly a mistake; empty if there is none."""
     return next(_misplaced(beam, contact, sensors), "")
 
 
@@ -31,7 +32,7 @@ def _misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
 
 
 def _in_metres(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
-    """Say of each list of places whether all of them would lie on the beam if they were in metres."""
+    """Yield what to write for each list whose places, all next to the left end, are on the beam if they are metres."""
     stated: dict[str, list[float]] = {
         "beam.supports: at_mm": [] if isinstance(beam.supports, str) else [one.at_mm for one in beam.supports],
         "contact.position_mm": list(contact.position_mm),
