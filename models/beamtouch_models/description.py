@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from itertools import groupby
 
+from beamtouch_common.digits import digits
 from beamtouch_models.metadata import POSITION_OUTPUTS, Metadata
 
 BLIND = 10.0
@@ -16,15 +17,15 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     low, high = metadata.ranges.position_mm
     weak, strong = metadata.ranges.force_n
     force = f"{weak:g} N, known" if weak == strong else f"{weak:g}..{strong:g} N, unknown"
-    gap = f"gap {sensor.range_mm[0]:g}..{sensor.range_mm[1]:g} mm, {sensor.standoff_mm:.4g} mm at rest"
+    gap = f"gap {sensor.range_mm[0]:g}..{sensor.range_mm[1]:g} mm, {digits(sensor.standoff_mm, 4)} mm at rest"
     smoothing = f"{chosen.kind} of {chosen.window} readings, settled after {chosen.settling_ms:g} ms"
-    error = f"{accuracy.error_percent:.3f} % +- {accuracy.error_standard_error:.1g}"
-    best = f"{accuracy.limit_percent:.3f} % +- {accuracy.limit_standard_error:.1g}"
-    ratio = f"{accuracy.ratio:.3f} +- {accuracy.ratio_standard_error:.1g}"
+    error = f"{accuracy.error_percent:.3f} % +- {digits(accuracy.error_standard_error, 1)}"
+    best = f"{accuracy.limit_percent:.3f} % +- {digits(accuracy.limit_standard_error, 1)}"
+    ratio = f"{accuracy.ratio:.3f} +- {digits(accuracy.ratio_standard_error, 1)}"
     lacks = ", ".join(lacking(outputs))
     rows = [
         ("model", f"{identity} ({metadata.estimator}, seed {metadata.seed})"),
-        ("beam", f"{metadata.length_mm:g} mm, largest deflection {metadata.max_deflection_mm:.4g} mm"),
+        ("beam", f"{metadata.length_mm:g} mm, largest deflection {digits(metadata.max_deflection_mm, 4)} mm"),
         ("sensors", f"{layout} mm from the left end; at least {metadata.min_channels} must work"),
         ("contact", f"{low:g}..{high:g} mm, {force}"),
         ("sensor", f"{gap}, {sensor.adc_bits} bits, {sensor.rate_hz:g} Hz"),
@@ -34,7 +35,7 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
         ),
         ("touch", _touch(metadata)),
         ("filter", "none" if chosen.kind == "none" else smoothing),
-        ("noise", f"{noise.reading_mm:.3g} mm per reading, {noise.sample_mm:.3g} mm per sample"),
+        ("noise", f"{digits(noise.reading_mm, 3)} mm per reading, {digits(noise.sample_mm, 3)} mm per sample"),
         ("error", f"{error} of the length, on average"),
         ("limit", f"{best}; error over limit {ratio}"),
         *_placed(metadata),
@@ -54,19 +55,20 @@ def lacking(outputs: Sequence[str]) -> list[str]:
 def _several(values: list[float], factor: float, unit: str) -> str:
     """Return the values as one number, or as their range."""
     low, high = min(values) * factor, max(values) * factor
-    return f"+- {low:.2g} {unit}" if low == high else f"+- {low:.2g}..{high:.2g} {unit}"
+    return f"+- {digits(low, 2)} {unit}" if low == high else f"+- {digits(low, 2)}..{digits(high, 2)} {unit}"
 
 
 def per_day(rate: float) -> str:
     """Return a number per day in words."""
-    return f"{rate:.2g} a day" if rate >= 1 else f"one in {1 / rate:.3g} days"
+    return f"{digits(rate, 2)} a day" if rate >= 1 else f"one in {digits(1 / rate, 3)} days"
 
 
 def _touch(metadata: Metadata) -> str:
     seen, often = metadata.smallest_force.force_n, per_day(metadata.thresholds.false_contacts_per_day)
     most_n = BLIND * metadata.ranges.force_n[1]
-    ends = " and ".join(f"{force:.2g} N" if force <= most_n else "no force" for force in (seen[0], seen[-1]))
-    return f"at least {min(seen):.2g} N is seen, {ends} at the ends of the range; false contacts at rest: {often}"
+    left, right = (f"{digits(force, 2)} N" if force <= most_n else "none" for force in (seen[0], seen[-1]))
+    needed = f"at least {digits(min(seen), 2)} N is seen; at the ends of the range, {left} and {right}"
+    return f"{needed}; false contacts at rest: {often}"
 
 
 def unseen(metadata: Metadata) -> str:
@@ -80,7 +82,7 @@ def unseen(metadata: Metadata) -> str:
     if not missed:
         return ""
     needed = max((force for run in missed for _, force in run if force <= most_n), default=weakest)
-    words = [f"up to {needed:.2g} N is needed there"] if needed > weakest else []
+    words = [f"up to {digits(needed, 2)} N is needed there"] if needed > weakest else []
     where = "there" if blind == missed else f"at {_in_words(blind)}"
     words += [f"{where} the beam hardly moves, and no force is seen"] if blind else []
     return (
@@ -101,7 +103,8 @@ def _stretches(needed: Stretch, force_n: float) -> list[Stretch]:
 
 def _in_words(stretches: list[Stretch]) -> str:
     ends = [(run[0][0], run[-1][0]) for run in stretches]
-    return " and ".join(f"{low:.4g} mm" if low == high else f"{low:.4g}..{high:.4g} mm" for low, high in ends)
+    words = [digits(low, 4) if low == high else f"{digits(low, 4)}..{digits(high, 4)}" for low, high in ends]
+    return " and ".join(f"{one} mm" for one in words)
 
 
 def _placed(metadata: Metadata) -> list[tuple[str, str]]:
@@ -111,7 +114,7 @@ def _placed(metadata: Metadata) -> list[tuple[str, str]]:
     worst = max(found.limit_without_percent)
     name = metadata.layout[found.limit_without_percent.index(worst)].name
     spare = ", with a spare" if found.spare else ""
-    return [("placed", f"by {found.criterion}{spare}; the limit grows to {worst:.3g} % if {name} fails")]
+    return [("placed", f"by {found.criterion}{spare}; the limit grows to {digits(worst, 3)} % if {name} fails")]
 
 
 def _calibration(metadata: Metadata) -> list[tuple[str, str]]:
@@ -120,14 +123,14 @@ def _calibration(metadata: Metadata) -> list[tuple[str, str]]:
         return []
     kinds = ", ".join(found.fitted) or "no departures"
     told = []
-    if found.loads:
+    if found.error_before_mm is not None and found.error_after_mm is not None:
         told.append(
-            f"{found.loads} loads, mean error {found.error_before_mm:.3g} mm before, "
-            f"{found.error_after_mm:.3g} mm after"
+            f"{found.loads} loads, mean error {digits(found.error_before_mm, 3)} mm before, "
+            f"{digits(found.error_after_mm, 3)} mm after"
         )
-    if found.contacts:
+    if found.misfit_before is not None and found.misfit_after is not None:
         told.append(
-            f"{found.contacts} unlabelled contacts, median misfit {found.misfit_before:.3g} before, "
-            f"{found.misfit_after:.3g} after"
+            f"{found.contacts} unlabelled contacts, median misfit {digits(found.misfit_before, 3)} before, "
+            f"{digits(found.misfit_after, 3)} after"
         )
     return [("real", f"calibrated with {'; then with '.join(told)}; fitted: {kinds}")]

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from beamtouch_common.digits import digits
+
 Row = dict[str, Any]
 Cell = Callable[[Row], str]
 
@@ -59,7 +61,7 @@ def _interval(row: Row) -> str:
     if row["interval_mm"] is None:
         return ""
     over = "" if row["width"] is None else f" ({row['width']:.2f})"
-    return f"{row['interval_mm']:.3g}{over}"
+    return f"{digits(row['interval_mm'], 3)}{over}"
 
 
 def _is_lifted(row: Row) -> bool:

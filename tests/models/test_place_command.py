@@ -187,3 +187,26 @@ def test_a_scene_that_cannot_be_placed_gives_one_line_and_exit_2(
     assert said in done.stderr
     assert done.stderr.count("\n") == 1
     assert done.stdout == ""
+
+
+@pytest.mark.parametrize(
+    ("rules", "told"),
+    [
+        ("fixed_mm = [100, 103]", True),
+        ("fixed_mm = [100, 103]\nmin_distance_mm = 0", False),
+        ("fixed_mm = [100, 108]", False),
+    ],
+)
+def test_sensors_that_are_too_close_to_mount_are_told_unless_the_scene_says_how_close_they_may_be(
+    design_sensors_here: Command, tmp_path: Path, rules: str, *, told: bool
+) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(PAPER.replace("[sensors]", f"[sensors]\n{rules}"))
+    said = (
+        "note:    the sensors at 100 and 103 mm are only 3 mm apart; state the width of their housings as "
+        "sensors.min_distance_mm\n"
+    )
+    for command in (("place", scene), ("build", scene, "-o", tmp_path / "model.onnx")):
+        done = design_sensors_here(*command)
+        assert done.returncode == 0
+        assert (said in done.stderr) == told

@@ -12,6 +12,7 @@ from contextlib import aclosing
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_daemon.commands.record_table import Load
 from beamtouch_daemon.config.settings import Loads, Surface
 from beamtouch_daemon.processing import tare
@@ -125,12 +126,13 @@ class LoadRecorder:
             raise LoadRefusedError(message)
         if not seen:
             message = (
-                f"no load is seen: the largest deflection is {abs(deflection):.2g} mm ({name}), noise {noise:.2g} mm"
+                f"no load is seen: the largest deflection is {digits(abs(deflection), 2)} mm ({name}), noise "
+                f"{digits(noise, 2)} mm"
             )
             raise LoadRefusedError(message)
         if deflection < 0:
             message = (
-                f"the largest deflection is negative: {deflection:.2g} mm ({name}), against the load, "
+                f"the largest deflection is negative: {digits(deflection, 2)} mm ({name}), against the load, "
                 "which is right only where an overhang lifts"
             )
             raise LoadRefusedError(message)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from beamtouch_common.commands import DONE, FAILED
+from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_daemon.commands import noise_text
 from beamtouch_daemon.commands.noise_text import Measured
@@ -95,7 +96,7 @@ def _seconds(asked: float | None, surface: Surface) -> float:
 
 def _rounded(seconds: float) -> str:
     """Return a time in at least three digits, never as a power of ten."""
-    return f"{seconds:.3g}" if seconds < 999.5 else f"{seconds:.0f}"
+    return digits(seconds, 3) if seconds < 999.5 else f"{seconds:.0f}"
 
 
 async def _measure(config: Config, seconds: dict[str, float]) -> list[Measured | Refused]:
@@ -124,7 +125,7 @@ def _measured(name: str, surface: Surface, recording: Recording, rest_mm: dict[s
 async def _record(source: Source, name: str, seconds: float, surface: Surface) -> Recording:
     """Return the readings of the next seconds; SourceError if the source fails."""
     needed, taken = readings_needed(surface), 0
-    print(f"{name}: recording {seconds:.3g} s at rest; keep everything off the beam", file=sys.stderr)
+    print(f"{name}: recording {digits(seconds, 3)} s at rest; keep everything off the beam", file=sys.stderr)
     parts: list[FloatArray] = []
     lost, first_s, passed_s, said_s = 0, math.nan, 0.0, PROGRESS_S
     async with aclosing(source.readings()) as stream:

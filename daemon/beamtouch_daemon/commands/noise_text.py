@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from beamtouch_common.digits import digits
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.signal import Adaptive, LowPass, MovingAverage
 from beamtouch_daemon.processing.noise_keys import Keys
@@ -73,11 +74,11 @@ def lines(answers: Sequence[Measured]) -> list[str]:
         (
             found.surface,
             one.channel,
-            f"{one.noise_mm:.3g}",
-            f"{found.correlation_ms(one):.3g}",
-            f"{one.effective_noise_mm:.3g}",
-            f"{one.drift_mm:.2g}",
-            f"{one.step_mm:.3g}" if one.step_mm else "-",
+            digits(one.noise_mm, 3),
+            digits(found.correlation_ms(one), 3),
+            digits(one.effective_noise_mm, 3),
+            digits(one.drift_mm, 2),
+            digits(one.step_mm, 3) if one.step_mm else "-",
         )
         for found in answers
         for one in found.channels
@@ -95,7 +96,8 @@ def lines(answers: Sequence[Measured]) -> list[str]:
 
 def _paste(found: Measured) -> list[str]:
     keys = found.keys
-    taken = f"{found.readings} readings in {found.seconds:.3g} s" + (f", {found.lost} lost" if found.lost else "")
+    lost = f", {found.lost} lost" if found.lost else ""
+    taken = f"{found.readings} readings in {digits(found.seconds, 3)} s{lost}"
     return [
         "",
         f"{found.surface}: {taken}; effective noise for {found.filter}",
@@ -128,6 +130,6 @@ def _remarks(found: Measured) -> list[str]:
         times = max(one.effective_noise_mm / one.noise_mm for one in alike)
         said.append(
             f"  {', '.join(one.channel for one in alike)}: successive readings are alike, so {found.filter} is up to "
-            f"{times:.2g} times as noisy as with white noise"
+            f"{digits(times, 2)} times as noisy as with white noise"
         )
     return said

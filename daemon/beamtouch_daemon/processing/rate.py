@@ -6,6 +6,7 @@ rate they last longer or shorter than configured, and the samples are not what t
 
 from dataclasses import dataclass
 
+from beamtouch_common.digits import digits
 from beamtouch_daemon.sources.reading import Reading
 
 TOLERANCE = 0.1
@@ -82,10 +83,10 @@ def complaint(verdict: Verdict, configured_hz: float, *, polled: bool) -> str:
     measured_hz = verdict.measured_hz
     windows = "longer" if measured_hz < configured_hz else "shorter"
     if polled:
-        done = f"only {measured_hz:.4g} of {configured_hz:g} readings per second could be polled"
+        done = f"only {digits(measured_hz, 4)} of {configured_hz:g} readings per second could be polled"
         remedy = f"set rate_hz to {float(f'{0.95 * measured_hz:.2g}'):g} or less"
     else:
-        done = f"the device sends {measured_hz:.4g} readings per second, rate_hz is {configured_hz:g}"
+        done = f"the device sends {digits(measured_hz, 4)} readings per second, rate_hz is {configured_hz:g}"
         remedy = f"set rate_hz = {max(1, round(measured_hz))} or correct the device"
     times = max(configured_hz / measured_hz, measured_hz / configured_hz)
-    return f"{done}: filter windows last {times:.2g} times {windows} than configured; {remedy}"
+    return f"{done}: filter windows last {digits(times, 2)} times {windows} than configured; {remedy}"

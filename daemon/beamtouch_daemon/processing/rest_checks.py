@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_daemon.config.places import encoding_of
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import stuck, tare
@@ -109,10 +110,10 @@ def _motion(gaps: FloatArray, surface: Surface) -> str:
         width = max(JUMP_READINGS, round(JUMP_S * surface.rate_hz))
         if jump := _jump(_without_spikes(residual[:, index]), width, float(steps[index])):
             at, size_mm = jump
-            return f"{name} moved by {size_mm:.2g} mm after {at / surface.rate_hz:.3g} s"
+            return f"{name} moved by {digits(size_mm, 2)} mm after {digits(at / surface.rate_hz, 3)} s"
         slow = _means(gaps[:, index], len(gaps) // 5)
         if (drift := float(np.ptp(slow))) > tare.DRIFTS_WITHIN * (channel.range_mm[1] - channel.range_mm[0]):
-            return f"{name} drifted by {drift:.2g} mm"
+            return f"{name} drifted by {digits(drift, 2)} mm"
     return together
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from beamtouch_common.digits import digits
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_service.samples import Quality
@@ -84,7 +85,7 @@ def motion(gap_mm: NDArray[np.float64], step_mm: float, noise_mm: float | None) 
     max_drift = min(MAX_DRIFT, DRIFT_DEVIATIONS * 2 / math.sqrt(len(gap_mm))) * noise
     if spread <= MAX_SPREAD * noise + step_mm and drift <= max_drift + step_mm:
         return ""
-    return f"standard deviation {spread:.2g} mm, drift {drift:.2g} mm, noise {noise:.2g} mm"
+    return f"standard deviation {digits(spread, 2)} mm, drift {digits(drift, 2)} mm, noise {digits(noise, 2)} mm"
 
 
 def contradictions(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface) -> list[str]:

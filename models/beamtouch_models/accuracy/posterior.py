@@ -10,6 +10,7 @@ from functools import reduce
 import numpy as np
 from scipy.special import log_ndtr
 
+from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.densities import densities
 from beamtouch_models.accuracy.forces import Forces, Piece, forces_of
 from beamtouch_models.accuracy.prior import Prior
@@ -52,7 +53,7 @@ def posterior_quantiles(
     if not prior.noise_mm >= MIN_NOISE * largest:
         message = (
             f"sensors: a noise of {prior.noise_mm:g} mm is too small to compute with next to a deflection "
-            f"of {largest:.3g} mm; state a larger one"
+            f"of {digits(largest, 3)} mm; state a larger one"
         )
         raise SceneError(message)
     whitening = prior.whitening(deflection_mm) if whitening_per_mm is None else whitening_per_mm

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.touch_thresholds import (
     directions,
@@ -56,7 +57,8 @@ def check_seen(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> N
     least = float(smallest_force_n(prior, threshold, seen_places(prior)).min())
     if least > prior.force_n[1]:
         message = (
-            f"sensors: no contact of the scene is seen, as at least {least:.3g} N is needed and contact.force_n ends "
+            f"sensors: no contact of the scene is seen, as at least {digits(least, 3)} N is needed and "
+            "contact.force_n ends "
             f"at {prior.force_n[1]:g} N; state less noise or zero_drift_mm, or allow more false_contacts_per_day"
         )
         raise SceneError(message)

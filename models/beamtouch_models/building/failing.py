@@ -1,5 +1,6 @@
 """The accuracy limit of a layout with one sensor failed, and what to say of it."""
 
+from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.metadata import Metadata, Placed
@@ -38,6 +39,6 @@ def weak_spot(metadata: Metadata) -> str:
         return ""
     name = layout[found.limit_without_percent.index(worst)].name
     return (
-        f"if {name} fails, the mean position error grows from {found.limit_percent:.3g} to {worst:.3g} % of the "
-        f"length; {remedy}"
+        f"if {name} fails, the mean position error grows from {digits(found.limit_percent, 3)} to {digits(worst, 3)} "
+        f"% of the length; {remedy}"
     )

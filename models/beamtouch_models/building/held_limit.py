@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import ratio_of
@@ -42,7 +43,8 @@ def check_held(made: Estimator, prior: Prior, seed: int) -> None:
     if ratio.value - SURE * ratio.standard_error <= MAX_RATIO and coverage + SURE * spread >= MIN_COVERAGE:
         return
     message = (
-        f"nothing was written: with {prior.noise_mm:.3g} mm of noise the model's error is {ratio.value:.3g} times the "
+        f"nothing was written: with {digits(prior.noise_mm, 3)} mm of noise the model's error is "
+        f"{digits(ratio.value, 3)} times the "
         f"accuracy limit, and {coverage:.1%} of positions lie in their 95 % intervals; state a larger noise"
     )
     raise NotGoodEnoughError(message)

@@ -1,11 +1,16 @@
 """Remarks on a scene that can be built, and on a model that misses what its scene requires: one line each."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
+from beamtouch_common.digits import digits
 from beamtouch_models.metadata import Metadata
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.scene.materials import MATERIALS
+
+HOUSING_MM = 8.0
+"""Width of the narrowest usual housing, M8; sensors that are closer together can hardly be mounted."""
 
 
 def remarks(scene: Scene) -> list[str]:
@@ -22,7 +27,8 @@ def _implausible(beam: Beam) -> Iterator[str]:
     modulus_gpa = beam.youngs_modulus_gpa
     if modulus_gpa is None and beam.flexural_rigidity_n_mm2 is not None and beam.width_mm and beam.thickness_mm:
         modulus_gpa = 12e-3 * beam.flexural_rigidity_n_mm2 / beam.width_mm / beam.thickness_mm**3
-        stated = f"beam.flexural_rigidity_n_mm2 = {beam.flexural_rigidity_n_mm2:g} means {modulus_gpa:.3g} GPa, which"
+        rigidity = f"beam.flexural_rigidity_n_mm2 = {beam.flexural_rigidity_n_mm2:g}"
+        stated = f"{rigidity} means {digits(modulus_gpa, 3)} GPa, which"
     if modulus_gpa is not None and not low <= modulus_gpa <= high:
         yield f"{stated} is implausible for {beam.material}, which has {low:g} to {high:g} GPa; check it"
 
@@ -39,6 +45,22 @@ def _assumed(beam: Beam) -> Iterator[str]:
         )
 
 
+def crowded(scene: Scene, positions_mm: Sequence[float]) -> str:
+    """Say which sensors of a layout are too close to mount; empty if none are, or the scene has a smallest distance.
+
+    `positions_mm` are from the left end, ascending.
+    """
+    if "min_distance_mm" in scene.sensors.model_fields_set:
+        return ""
+    apart_mm, left, right = min(((b - a, a, b) for a, b in pairwise(positions_mm)), default=(HOUSING_MM, 0.0, 0.0))
+    if apart_mm >= HOUSING_MM:
+        return ""
+    return (
+        f"the sensors at {left:g} and {right:g} mm are only {digits(apart_mm, 3)} mm apart; state the width of their "
+        "housings as sensors.min_distance_mm"
+    )
+
+
 def missed_requirement(metadata: Metadata, scene: Scene) -> str:
     """Say by how much a model misses the position error that its scene requires; empty if it does not."""
     return missed_error("mean error", metadata.accuracy.error_percent, scene)
@@ -50,6 +72,6 @@ def missed_error(name: str, percent: float, scene: Scene) -> str:
     if wanted_mm is None or error_mm <= wanted_mm:
         return ""
     return (
-        f"the {name} is {error_mm:.3g} mm, more than requirements.position_error_mm = {wanted_mm:g}; use more "
+        f"the {name} is {digits(error_mm, 3)} mm, more than requirements.position_error_mm = {wanted_mm:g}; use more "
         "sensors or less noise, or allow more latency_ms"
     )

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import Sensor
@@ -44,14 +45,14 @@ def sensor_of(scene: Scene) -> Sensor:
     if travel + lift > high - low:
         force_n = at_most(scene.contact.force_range_n[1] * (high - low) / (travel + lift))
         message = (
-            f"the beam travels {travel + lift:.4g} mm and leaves sensors.range_mm = [{low:g}, {high:g}]; end "
+            f"the beam travels {digits(travel + lift, 4)} mm and leaves sensors.range_mm = [{low:g}, {high:g}]; end "
             f"contact.force_n at {force_n:g} N, make the beam stiffer, or use a sensor with a longer range"
         )
         raise SceneError(message)
     if stated_mm is not None and (stated_mm - travel < low or stated_mm + lift > high):
         message = (
             f"from sensors.standoff_mm = {stated_mm:g} the beam leaves sensors.range_mm = [{low:g}, {high:g}]; "
-            f"write standoff_mm = {centred_mm:.4g}, or leave it out"
+            f"write standoff_mm = {digits(centred_mm, 4)}, or leave it out"
         )
         raise SceneError(message)
     bits = scene.sensors.adc_bits or DEFAULT_ADC_BITS
@@ -72,7 +73,7 @@ def check_spacing(scene: Scene, positions_mm: Sequence[float]) -> None:
     spacing_mm = float(np.diff(np.sort(positions_mm)).min(initial=np.inf))
     if tolerance_mm >= spacing_mm:
         message = (
-            f"sensors.mounting_tolerance_mm = {tolerance_mm:g}: two of the sensors are {spacing_mm:.3g} mm apart; "
-            "measure their positions to less than that, or state a larger min_distance_mm"
+            f"sensors.mounting_tolerance_mm = {tolerance_mm:g}: two of the sensors are {digits(spacing_mm, 3)} mm "
+            "apart; measure their positions to less than that, or state a larger min_distance_mm"
         )
         raise SceneError(message)

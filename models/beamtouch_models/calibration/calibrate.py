@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.model_prior import physics_of
@@ -77,7 +78,7 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
     # A single sample has this error in addition, and the loads themselves stand a little off.
     best = float(np.hypot(limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
     if not after.mean() <= max(LARGEST_LEFT * model.metadata.length_mm, best):
-        raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {after.mean():.3g} mm"))
+        raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {digits(after.mean(), 3)} mm"))
     # A fit without departures is right only if the scene itself locates well.
     worse = np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best)
     if worse or (not found.kinds and not after.mean() <= best):
@@ -120,8 +121,8 @@ def _contradiction(loads: Loads, suspects: tuple[Suspect, ...]) -> str:
         start, end = loads.lines[one.index]
         told.append(
             f"load {loads.number[one.index]} (lines {start} to {end}) says {loads.position_mm[one.index]:g} mm and "
-            f"{loads.force_n[one.index]:g} N, but the other loads place it at {one.position_mm:.4g} mm with "
-            f"{one.force_n:.3g} N"
+            f"{loads.force_n[one.index]:g} N, but the other loads place it at {digits(one.position_mm, 4)} mm with "
+            f"{digits(one.force_n, 3)} N"
         )
     alternatives = not all(one.certain for one in suspects)
     what = "either load may be wrong: " if alternatives and len(suspects) > 1 else ""
@@ -142,9 +143,10 @@ def _worse(loads: Loads, before: Floats, after: Floats) -> str:
     worst = int(after.argmax())
     return (
         "nothing was written: a model fitted to these loads would be worse. A fit locates left-out loads to "
-        f"{after.mean():.4g} mm, the given model to {before.mean():.4g} mm. The largest error is that of load "
-        f"{loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), {after[worst]:.3g} mm. "
-        "Keep the model, or check the loads and record more over the whole beam"
+        f"{digits(after.mean(), 4)} mm, the given model to {digits(before.mean(), 4)} mm. The largest error is that "
+        "of load "
+        f"{loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), {digits(after[worst], 3)} "
+        "mm. Keep the model, or check the loads and record more over the whole beam"
     )
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.calibration.loads import MAX_DEFLECTIONS
@@ -146,7 +147,7 @@ def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _R
         if max(abs(value), error) > MAX_DEFLECTIONS * metadata.max_deflection_mm:
             message = (
                 f"{name} states {value:g} +- {error:g} mm, but this surface deflects by "
-                f"{metadata.max_deflection_mm:.3g} mm at most; check the unit and the daemon's config"
+                f"{digits(metadata.max_deflection_mm, 3)} mm at most; check the unit and the daemon's config"
             )
             raise ContactsError(message)
     return _Row((row["event"] or "", row["time"]), time, row["characteristic"] or "", measured, deviation, rest)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.calibration.errors import RecordingErrors
@@ -107,7 +108,7 @@ def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadat
         line, channel = beyond[0]
         message = (
             f"{channels[channel]} states {measured[line, channel]:g} mm in line {line + 2}, but this surface deflects "
-            f"by {metadata.max_deflection_mm:.3g} mm at most; check the unit and the daemon's config"
+            f"by {digits(metadata.max_deflection_mm, 3)} mm at most; check the unit and the daemon's config"
         )
         raise LoadsError(message)
     loads = np.unique(number)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.held_out import HeldOut
 from beamtouch_models.calibration.left_open import LeftOpen
@@ -55,8 +56,8 @@ def check_spread(fit: ContactFit) -> None:
     first, last = np.quantile(fit.position_mm[fit.single > 0.5], [0.1, 0.9])
     if last - first < SMALLEST_SPREAD * (high - low):
         message = (
-            f"nothing was written: most contacts lie between {first:.4g} and {last:.4g} mm, which determines no fit. "
-            "Touch the whole beam, or calibrate with known loads"
+            f"nothing was written: most contacts lie between {digits(first, 4)} and {digits(last, 4)} mm, which "
+            "determines no fit. Touch the whole beam, or calibrate with known loads"
         )
         raise NotGoodEnoughError(message)
 
@@ -84,8 +85,8 @@ def check_determined(fit: ContactFit, left_open: LeftOpen, gain: Floats) -> None
     if open_mm > max(claimed_mm, changed_mm):
         message = (
             f"nothing was written: {len(fit.single)} contacts determine too little. They move positions by "
-            f"{changed_mm:.3g} mm and leave {open_mm:.3g} mm open, more than the {claimed_mm:.3g} mm that the model "
-            "states; record more, over the whole beam"
+            f"{digits(changed_mm, 3)} mm and leave {digits(open_mm, 3)} mm open, more than the "
+            f"{digits(claimed_mm, 3)} mm that the model states; record more, over the whole beam"
         )
         raise NotGoodEnoughError(message)
 
@@ -95,12 +96,13 @@ def check_held_out(found: HeldOut) -> None:
     if found.beyond > 1:
         message = (
             "nothing was written: the beam itself is not as modelled. The misfit of left-out contacts is "
-            f"{found.beyond:.3g} times the largest that noise and floor allow; calibrate with known loads"
+            f"{digits(found.beyond, 3)} times the largest that noise and floor allow; calibrate with known loads"
         )
         raise NotGoodEnoughError(message)
     if found.after > max(found.before, WORSE * found.expected):
         message = (
             "nothing was written: the fit would be worse. The median misfit of left-out contacts is "
-            f"{found.after:.3g}, by the given model {found.before:.3g}; record more contacts, over the whole beam"
+            f"{digits(found.after, 3)}, by the given model {digits(found.before, 3)}; record more contacts, over the "
+            "whole beam"
         )
         raise NotGoodEnoughError(message)

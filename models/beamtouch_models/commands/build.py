@@ -9,13 +9,14 @@ from pathlib import Path
 
 import onnx
 
+from beamtouch_common.digits import digits
 from beamtouch_common.files import write_atomically
 from beamtouch_common.outputs import require_writable
 from beamtouch_models import loading
 from beamtouch_models.building.build import Built, Choices, build
 from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
 from beamtouch_models.building.failing import weak_spot
-from beamtouch_models.building.remarks import missed_requirement, remarks
+from beamtouch_models.building.remarks import crowded, missed_requirement, remarks
 from beamtouch_models.building.report.facts import gather
 from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import inspect
@@ -72,22 +73,24 @@ def _say_floor(scene: Scene) -> None:
     gain, zero_mm = floor_of(scene)[0], zero_drift_mm(scene)
     sensors = scene.sensors
     taken = [] if sensors.gain_error_percent is not None else [f"sensors.gain_error_percent = {100 * gain:g}"]
-    taken += [] if sensors.zero_drift_mm is not None else [f"sensors.zero_drift_mm = {zero_mm:.2g}"]
+    taken += [] if sensors.zero_drift_mm is not None else [f"sensors.zero_drift_mm = {digits(zero_mm, 2)}"]
     if taken:
         print(f"note:    the scene does not state {' and '.join(taken)}, which the model assumes", file=sys.stderr)
 
 
 def _say_what_is_missed(scene: Scene, built: Built) -> None:
     """Say what the scene asks for and the model does not give, and what one failed sensor costs."""
-    for note in (missed_requirement(built.metadata, scene), unseen(built.metadata)):
+    positions_mm = [channel.position_mm for channel in built.metadata.layout]
+    for note in (crowded(scene, positions_mm), missed_requirement(built.metadata, scene), unseen(built.metadata)):
         if note:
             print(f"note:    {note}", file=sys.stderr)
     if weak := weak_spot(built.metadata):
         print(f"warning: {weak}", file=sys.stderr)
     for effect in built.physics.effects:
-        if effect.verdict == "not modelled" and effect.having is not None:
+        if effect.verdict == "not modelled" and effect.having is not None and effect.price is not None:
             print(
-                f"note:    {effect.name} is {effect.price:.2g} times the noise but not modelled: {effect.reason}",
+                f"note:    {effect.name} is {digits(effect.price, 2)} times the noise but not modelled: "
+                f"{effect.reason}",
                 file=sys.stderr,
             )
 

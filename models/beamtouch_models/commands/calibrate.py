@@ -5,6 +5,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 
+from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_common.files import write_atomically
 from beamtouch_common.outputs import require_writable
@@ -74,19 +75,21 @@ def _lines(found: Calibrated, identity: str) -> list[tuple[str, str]]:
         ("model", identity),
         (
             "loads",
-            f"{len(found.before_mm)}, placed to about {found.fit.errors.placing_mm:.2g} mm and with forces known to "
-            f"about {100 * found.fit.errors.force:.2g} %",
+            f"{len(found.before_mm)}, placed to about {digits(found.fit.errors.placing_mm, 2)} mm and with forces "
+            f"known to about {digits(100 * found.fit.errors.force, 2)} %",
         ),
         *((kind, text if kind in found.fit.kinds else "as in the scene") for kind, text in shown.items()),
         (
             "before",
-            f"{found.before_mm.mean():.3g} mm mean error of these loads, {found.before_mm.max():.3g} mm worst",
+            f"{digits(found.before_mm.mean(), 3)} mm mean error of these loads, {digits(found.before_mm.max(), 3)} mm "
+            "worst",
         ),
         (
             "after",
-            f"{found.after_mm.mean():.3g} mm mean, {found.after_mm.max():.3g} mm worst, each by a fit without the load",
+            f"{digits(found.after_mm.mean(), 3)} mm mean, {digits(found.after_mm.max(), 3)} mm worst, each by a fit "
+            "without the load",
         ),
-        ("limit", f"{found.limit_mm:.3g} mm mean error of single samples of these loads, at best"),
+        ("limit", f"{digits(found.limit_mm, 3)} mm mean error of single samples of these loads, at best"),
     ]
 
 

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_common.files import write_atomically
 from beamtouch_models import loading
 from beamtouch_models.arrays import Floats
@@ -77,15 +78,15 @@ def _lines(
         *((kind, shown[kind]) for kind in KINDS),
         (
             "misfit",
-            f"{held.before:.3g} before, {held.after:.3g} after, each by a fit without the contact (medians; "
-            f"{held.expected:.3g} from noise alone)",
+            f"{digits(held.before, 3)} before, {digits(held.after, 3)} after, each by a fit without the contact "
+            f"(medians; {digits(held.expected, 3)} from noise alone)",
         ),
         (
             "position",
-            f"changes by {left_open.shift_mm():.3g} mm (root mean square), "
-            f"{_rms(left_open.position_mm):.3g} mm left open",
+            f"changes by {digits(left_open.shift_mm(), 3)} mm (root mean square), "
+            f"{digits(_rms(left_open.position_mm), 3)} mm left open",
         ),
-        *([("force", f"its scale stays open by {100 * force:.2g} %")] if force else []),
+        *([("force", f"its scale stays open by {digits(100 * force, 2)} %")] if force else []),
         ("floor", f"gains +- {before} before, +- {after} now"),
     ]
 
@@ -99,7 +100,7 @@ def _standard_errors(found: SelfCalibrated) -> dict[str, Floats]:
 
 def _percent(values: list[float]) -> str:
     """Return relative errors as one number, or as their range."""
-    low, high = (f"{100 * end(values):.2g}" for end in (min, max))
+    low, high = (digits(100 * end(values), 2) for end in (min, max))
     return f"{low} %" if low == high else f"{low}..{high} %"
 
 

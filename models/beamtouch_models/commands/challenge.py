@@ -10,6 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models import loading
 from beamtouch_models.challenge.challenge import challenge, misses
@@ -66,11 +67,11 @@ def _table(title: str, rows: Sequence[Row], columns: Sequence[Column], *, honest
 def _percent(share: float | None) -> str:
     if share is None:
         return "-"
-    return "<0.01" if 0 < share < 1e-4 else f"{100 * share:.3g}"
+    return "<0.01" if 0 < share < 1e-4 else digits(100 * share, 3)
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
+    return "-" if value is None else digits(value, 3)
 
 
 _FIRST: tuple[Column, ...] = (

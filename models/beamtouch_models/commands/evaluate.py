@@ -13,6 +13,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models import loading
 from beamtouch_models.accuracy.evaluation import Errors, Evaluation, at_noise, evaluate
@@ -46,7 +47,7 @@ def run(options: argparse.Namespace) -> None:
                 at_noise(prior, noise_mm),
                 draws=options.draws,
                 seed=options.seed,
-                progress=partial(progress, f"measuring at a noise of {noise_mm:.3g} mm"),
+                progress=partial(progress, f"measuring at a noise of {digits(noise_mm, 3)} mm"),
                 spread=spread,
             )
             found.append(one)
@@ -79,7 +80,8 @@ def _json(found: Evaluation) -> dict[str, Any]:
 
 
 def _show(console: Console, model: loading.ModelFile, found: Evaluation) -> None:
-    title = f"{model.identity} ({model.metadata.estimator}), noise {found.noise_mm:.3g} mm, {found.draws} contacts"
+    noise = f"noise {digits(found.noise_mm, 3)} mm"
+    title = f"{model.identity} ({model.metadata.estimator}), {noise}, {found.draws} contacts"
     table = Table(title=title, box=SIMPLE_HEAD, title_justify="left")
     table.add_column("position error")
     for heading in ("whole range, mm", "% of length", "middle 60 %, mm", "% of length"):
@@ -125,20 +127,22 @@ def _lines(found: Evaluation, model: loading.ModelFile) -> list[tuple[str, str, 
     if found.smallest_force_n is not None:
         least, most = found.smallest_force_n
         is_blind = most > BLIND * model.metadata.ranges.force_n[1]
-        forces = f"{least:.3g} and more" if is_blind else f"{least:.3g}..{most:.3g}"
+        forces = f"{digits(least, 3)} and more" if is_blind else f"{digits(least, 3)}..{digits(most, 3)}"
         where = "; none where the beam hardly moves" if is_blind else ""
         lines.append(("smallest force", forces, f"N, seen in 95 % of samples along the range{where}"))
     if found.detection is not None:
         most = 100 * max(found.detection.missed)
         lines.append(
-            ("missed at most", f"{most:.3g}", f"% of samples of {found.detection.force_n:g} N, where it is worst")
+            ("missed at most", digits(most, 3), f"% of samples of {found.detection.force_n:g} N, where it is worst")
         )
     if found.cramer_rao_mean_mm is None:
         return [*lines, ("without noise", "", "the limit is 0, so there is no ratio")]
-    return [*lines, ("Cramer-Rao", f"{found.cramer_rao_mean_mm:.4g}", "mm, mean |error| of an unbiased estimate")]
+    return [*lines, ("Cramer-Rao", digits(found.cramer_rao_mean_mm, 4), "mm, mean |error| of an unbiased estimate")]
 
 
 def _text(value: Measurement | float | None) -> str:
     if value is None:
         return "-"
-    return f"{value.value:.4g} +- {value.standard_error:.2g}" if isinstance(value, Measurement) else f"{value:.4g}"
+    if isinstance(value, Measurement):
+        return f"{digits(value.value, 4)} +- {digits(value.standard_error, 2)}"
+    return digits(value, 4)

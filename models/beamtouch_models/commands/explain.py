@@ -11,6 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from beamtouch_common.digits import digits
 from beamtouch_models.building.placed import placed
 from beamtouch_models.building.remarks import remarks
 from beamtouch_models.physics.beam import load_positions_mm, max_deflection_mm, scene_influence
@@ -91,10 +92,11 @@ def _print_table(effects: list[tuple[Effect, tuple[float, float] | None]], noise
     table.add_column("with/without", justify="right")
     table.add_column("remark", overflow="fold")  # an ellipsis would hide the name of a key
     for effect, cost in effects:
-        price = "-" if effect.price is None else f"{effect.price:.3g}"
+        price = "-" if effect.price is None else digits(effect.price, 3)
         timed = "-" if cost is None else f"{cost[0]:.0f}/{cost[1]:.0f} us"
         table.add_row(effect.name, price, effect.verdict, timed, effect.reason)
     console = Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH_WITHOUT_TERMINAL)
     console.print(table)
-    console.print(f"price: in units of a sample's noise, {noise_mm:.3g} mm; effects below {NEGLIGIBLE:g} are left out")
+    unit = f"a sample's noise, {digits(noise_mm, 3)} mm"
+    console.print(f"price: in units of {unit}; effects below {NEGLIGIBLE:g} are left out")
     console.print(f"with/without: measured time to compute an influence matrix of {SENSORS} sensors")

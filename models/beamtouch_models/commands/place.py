@@ -7,10 +7,11 @@ import sys
 import time
 from typing import Any
 
+from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.building.failing import placed_of
 from beamtouch_models.building.placed import Placed, placed
-from beamtouch_models.building.remarks import missed_error, remarks
+from beamtouch_models.building.remarks import crowded, missed_error, remarks
 from beamtouch_models.commands.aims import aim_of_place
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.placement import Aim, recommended_count
@@ -35,8 +36,10 @@ def run(options: argparse.Namespace) -> None:
         progress("measuring the accuracy limit", 0.95)
         found = _described(sensors, aim, options.seed)
     found["wall_s"] = time.perf_counter() - started
-    if missed := missed_error("accuracy limit", found["accuracy_limit_percent"], scene):
-        print(f"note:    {missed}", file=sys.stderr)
+    missed = missed_error("accuracy limit", found["accuracy_limit_percent"], scene)
+    for note in (crowded(scene, found["positions_mm"]), missed):
+        if note:
+            print(f"note:    {note}", file=sys.stderr)
     print(json.dumps(found, allow_nan=False) if options.json else _table(found, sensors))
 
 
@@ -88,14 +91,14 @@ def _table(found: dict[str, Any], sensors: Placed) -> str:
 def _limit_line(percent: float, standard_error: float, sensors: Placed) -> str:
     error_mm, noise_mm = percent / 100 * sensors.influence.length_mm, sensors.errors.noise_mm
     return (
-        f"mean error {percent:.3f} % +- {standard_error:.1g} of the length, {error_mm:.3g} mm, at {noise_mm:.3g} mm "
-        "noise per sample"
+        f"mean error {percent:.3f} % +- {digits(standard_error, 1)} of the length, {digits(error_mm, 3)} mm, at "
+        f"{digits(noise_mm, 3)} mm noise per sample"
     )
 
 
 def _failed_line(found: dict[str, Any]) -> str:
     pairs = zip(found["positions_mm"], found["limit_without_percent"], strict=True)
-    without = ", ".join(f"{percent:.3g} % without {position:g}" for position, percent in pairs)
+    without = ", ".join(f"{digits(percent, 3)} % without {position:g}" for position, percent in pairs)
     return f"mean error {without}"
 
 
@@ -104,4 +107,4 @@ def _proof_line(found: dict[str, Any]) -> str:
         return "the best layout on the grid, proven"
     if found["gap"] is None:
         return "none: this criterion has no bound"
-    return f"no layout on the grid scores more than {found['gap']:.3g} above this one, in ln of the product"
+    return f"no layout on the grid scores more than {digits(found['gap'], 3)} above this one, in ln of the product"

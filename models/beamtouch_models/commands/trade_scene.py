@@ -10,6 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from beamtouch_common.digits import digits
 from beamtouch_common.files import write_atomically
 from beamtouch_models import loading
 from beamtouch_models.building.build import Choices, build
@@ -89,7 +90,7 @@ class TradedScene:
             file=sys.stderr,
         )
         if picked is not None:
-            figures = f"{picked.error_mm:.3g} mm, {picked.latency_ms:.3g} ms"
+            figures = f"{digits(picked.error_mm, 3)} mm, {digits(picked.latency_ms, 3)} ms"
             print(f"built {self._folder / f'{self.name}.onnx'}: {named(picked)}; {figures}")
 
     def write_kept(self) -> int:

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, PositiveFloat, ValidationError, model_validator
 
+from beamtouch_common.digits import digits
 from beamtouch_common.reasons import reason_of
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.metadata.accuracy import Accuracy, Golden
@@ -113,7 +114,7 @@ class Metadata(MetadataPart):
     @model_validator(mode="after")
     def _within_reason(self) -> Self:
         if self.thresholds.false_contacts_per_day > (most := max_false_per_day(self.sensor.rate_hz)):
-            message = f"thresholds.false_contacts_per_day: at {self.sensor.rate_hz:g} Hz at most {most:.6g}"
+            message = f"thresholds.false_contacts_per_day: at {self.sensor.rate_hz:g} Hz at most {digits(most, 6)}"
             raise ValueError(message)
         if min(self.noise.reading_mm, self.noise.sample_mm) == 0:
             message = "noise: without noise there are no intervals"
@@ -121,7 +122,7 @@ class Metadata(MetadataPart):
         errors = {"noise": [self.noise.reading_mm, self.noise.sample_mm], "floor.zero_mm": self.floor.zero_mm}
         for name, values_mm in errors.items():
             if max(values_mm) > MAX_ERROR * self.max_deflection_mm:
-                message = f"{name} hides the largest deflection, {self.max_deflection_mm:.3g} mm"
+                message = f"{name} hides the largest deflection, {digits(self.max_deflection_mm, 3)} mm"
                 raise ValueError(message)
         return self
 

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from beamtouch_common.digits import digits
 from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.assembly import element_influence
@@ -180,7 +181,8 @@ def check_small_angles(scene: Scene) -> None:
     largest_n = scene.contact.force_range_n[1]
     if not slope <= MAX_SLOPE:
         message = (
-            f"at {largest_n:g} N the beam slopes by {slope:.3g} rad, beyond the {MAX_SLOPE:g} rad of small-angle "
+            f"at {largest_n:g} N the beam slopes by {digits(slope, 3)} rad, beyond the {MAX_SLOPE:g} rad of "
+            "small-angle "
             f"theory; end contact.force_n at {at_most(largest_n * MAX_SLOPE / slope):g} N, or make the beam stiffer"
         )
         raise SceneError(message)

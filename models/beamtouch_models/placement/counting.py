@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
@@ -92,4 +93,4 @@ def _out_of_reach(count: int, wanted_mm: float, reached_mm: float, aim: Aim, mor
     """Return the error for a requirement that the largest number of sensors misses; `more` ends its line."""
     limit = "the accuracy limit with one failed" if aim.spare else "the accuracy limit"
     wanted = f"requirements.position_error_mm = {wanted_mm:g}"
-    return SceneError(f"not even {count} sensors reach {wanted}: {limit} is {reached_mm:.3g} mm; {more}")
+    return SceneError(f"not even {count} sensors reach {wanted}: {limit} is {digits(reached_mm, 3)} mm; {more}")

@@ -2,6 +2,7 @@
 
 import math
 
+from beamtouch_common.digits import digits
 from beamtouch_models.errors import SceneError
 from beamtouch_models.filters import readings_within
 from beamtouch_models.metadata import FilterChoice, Noise
@@ -156,11 +157,11 @@ def check_errors(scene: Scene, chosen: FilterChoice) -> None:
     check_scale(noise_of(scene, chosen).sample_mm, deflection_mm)
     zero_mm, warmth_mm = zero_drift_mm(scene), temperature_drift_mm(scene)
     if max(zero_mm, warmth_mm) > MAX_NOISE * deflection_mm:
-        stated = f"zero_drift_mm = {zero_mm:.3g}"
+        stated = f"zero_drift_mm = {digits(zero_mm, 3)}"
         if warmth_mm > zero_mm:
             stated = f"drift_um_per_k = {scene.sensors.drift_um_per_k:g}"
         message = (
-            f"sensors.{stated} hides the largest deflection, {deflection_mm:.3g} mm; "
+            f"sensors.{stated} hides the largest deflection, {digits(deflection_mm, 3)} mm; "
             "tare more often, use better sensors or a softer beam"
         )
         raise SceneError(message)
@@ -173,19 +174,20 @@ def check_scale(noise_mm: float, max_deflection_mm: float) -> None:
     """
     if not MIN_DEFLECTION_MM <= max_deflection_mm <= MAX_DEFLECTION_MM:
         message = (
-            f"beam: the largest deflection is {max_deflection_mm:.3g} mm, which no sensor measures; check its "
+            f"beam: the largest deflection is {digits(max_deflection_mm, 3)} mm, which no sensor measures; check its "
             "length, its rigidity and contact.force_n"
         )
         raise SceneError(message)
     if noise_mm > MAX_NOISE * max_deflection_mm:
         message = (
-            f"sensors: a sample's noise of {noise_mm:.3g} mm hides the largest deflection, {max_deflection_mm:.3g} mm; "
-            "use better sensors or a softer beam"
+            f"sensors: a sample's noise of {digits(noise_mm, 3)} mm hides the largest deflection, "
+            f"{digits(max_deflection_mm, 3)} mm; use better sensors or a softer beam"
         )
         raise SceneError(message)
     if 0 < noise_mm < MIN_NOISE * max_deflection_mm:
         message = (
-            f"sensors: a sample's noise of {noise_mm:.3g} mm is less than 1e-4 % of the largest deflection, "
-            f"{max_deflection_mm:.3g} mm, too little for the float32 of a model; state the noise of a real sensor"
+            f"sensors: a sample's noise of {digits(noise_mm, 3)} mm is less than 1e-4 % of the largest deflection, "
+            f"{digits(max_deflection_mm, 3)} mm, too little for the float32 of a model; state the noise of a real "
+            "sensor"
         )
         raise SceneError(message)

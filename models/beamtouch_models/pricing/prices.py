@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from pydantic import ValidationError
 
+from beamtouch_common.digits import digits
 from beamtouch_models.physics import dynamics
 from beamtouch_models.physics.beam import influence_of, load_positions_mm
 from beamtouch_models.pricing.effect import NEGLIGIBLE, Effect, Pricing, Verdict, verdict_of
@@ -40,7 +41,7 @@ def _shear(pricing: Pricing) -> Effect:
     if price < NEGLIGIBLE:
         reason = f"estimated with a Poisson ratio of {POISSON_RATIO:g}"
         return Effect("shear", price, "out", reason, having, scene)
-    reason = f"state beam.shear_modulus_gpa to include it, {modulus:.3g} at a Poisson ratio of {POISSON_RATIO:g}"
+    reason = f"state beam.shear_modulus_gpa to include it, {digits(modulus, 3)} at a Poisson ratio of {POISSON_RATIO:g}"
     return Effect("shear", price, "not modelled", reason, having, scene)
 
 
@@ -56,7 +57,7 @@ def _contact_width(pricing: Pricing) -> Effect:
 def _self_weight(pricing: Pricing) -> Effect:
     # Deflections are linear in the load: after a tare, a contact adds the same deflection with or without the weight.
     sag = dynamics.sag_mm(pricing.scene.beam)
-    told = "" if sag is None else f"; the beam sags by {sag:.3g} mm, which the stand-off must allow for"
+    told = "" if sag is None else f"; the beam sags by {digits(sag, 3)} mm, which the stand-off must allow for"
     return Effect("self-weight", 0.0, "out", f"constant, removed by the tare{told}")
 
 
@@ -80,7 +81,8 @@ def _steps(pricing: Pricing) -> Effect:
     # The prismatic beam has no section for shear to depend on, so compare the two without shear.
     having, lacking = without_shear(scene), without_steps(scene)
     price = pricing.price(having, lacking)
-    reason = f"compared to a prismatic beam of the same mean compliance, {lacking.beam.rigidity_n_mm2:.4g} N mm^2"
+    mean = digits(lacking.beam.rigidity_n_mm2, 4)
+    reason = f"compared to a prismatic beam of the same mean compliance, {mean} N mm^2"
     if price < NEGLIGIBLE and scene.beam.shear_modulus_gpa is not None:
         return Effect(
             "steps", price, "in", f"{reason}; included, because shear depends on the sections", having, lacking
@@ -111,7 +113,7 @@ def _dynamics(pricing: Pricing) -> Effect:
     still = dynamics.ringing_after_filter(frequency, damping_ratio, pricing.filter, scene.sensors.rate_hz)
     price = pricing.in_noise(pricing.deflection_mm(scene)) * still
     assumed = " (assumed)" if scene.beam.damping_ratio is None else ""
-    told = f"rings at {frequency:.3g} Hz, damped by {100 * damping_ratio:.2g} %{assumed}"
+    told = f"rings at {digits(frequency, 3)} Hz, damped by {digits(100 * damping_ratio, 2)} %{assumed}"
     if price < NEGLIGIBLE:
         return Effect("dynamics", price, "out", f"{told}; decayed once the filter has settled")
     return Effect("dynamics", price, "not modelled", f"{told}; intervals are as long as the readings scatter meanwhile")
@@ -127,7 +129,7 @@ def _gain_error(pricing: Pricing) -> Effect:
 def _zero_drift(pricing: Pricing) -> Effect:
     zero_mm = zero_drift_mm(pricing.scene)
     stated = "" if pricing.scene.sensors.zero_drift_mm is not None else ", as the scene states none"
-    reason = f"{1000 * zero_mm:.3g} um since the last tare{stated}; it never averages away"
+    reason = f"{digits(1000 * zero_mm, 3)} um since the last tare{stated}; it never averages away"
     return Effect("zero drift", pricing.in_noise(np.array([zero_mm])), "floor", reason)
 
 
@@ -157,9 +159,9 @@ def _adc_steps(pricing: Pricing) -> Effect:
     # only as far as noise moves the readings over the steps.
     step, stays_mm = adc_step_mm(scene), rounding_mm(scene)
     price = math.hypot(step / math.sqrt(12 * pricing.filter.window), stays_mm) / pricing.noise_mm
-    reason = f"{1000 * step:.3g} um per count"
+    reason = f"{digits(1000 * step, 3)} um per count"
     if stays_mm >= NEGLIGIBLE * pricing.noise_mm:
-        reason += f"; the noise is too small to average it out, so {1000 * stays_mm:.3g} um stay in every mean"
+        reason += f"; the noise is too small to average it out, so {digits(1000 * stays_mm, 3)} um stay in every mean"
     return Effect("ADC steps", price, verdict_of(price), reason, leave_out=without_adc)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.physics.dynamics import damping_of, first_frequency_hz, laden_period_s, ringing_after_filter
@@ -90,10 +91,11 @@ def told(found: Ringing) -> list[str]:
     """Return the ringing in words, one line each."""
     assumed = ASSUMED if found.damping_is_assumed else ""
     return [
-        f"the beam rings at {found.frequency_hz:.3g} Hz, with the largest force lying on it as a weight at "
-        f"{found.laden_frequency_hz:.3g} Hz; damping {100 * found.damping_ratio:.2g} % of critical{assumed}",
-        f"after a touch it rings for {found.after_touch_s:.2g} s, after a lift for {found.after_lift_s:.2g} s, until "
-        "the ringing is under the noise of a reading",
-        f"the first sharp answer comes {found.sharp_answer_s:.2g} s after a touch at the latest; before, the "
+        f"the beam rings at {digits(found.frequency_hz, 3)} Hz, with the largest force lying on it as a weight at "
+        f"{digits(found.laden_frequency_hz, 3)} Hz; damping {digits(100 * found.damping_ratio, 2)} % of "
+        f"critical{assumed}",
+        f"after a touch it rings for {digits(found.after_touch_s, 2)} s, after a lift for "
+        f"{digits(found.after_lift_s, 2)} s, until the ringing is under the noise of a reading",
+        f"the first sharp answer comes {digits(found.sharp_answer_s, 2)} s after a touch at the latest; before, the "
         "interval is as wide as the readings scatter",
     ]

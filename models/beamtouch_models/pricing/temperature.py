@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.axial import Held, held, held_stretch_mm, influence_change
 from beamtouch_models.physics.beam import load_positions_mm
@@ -22,14 +23,15 @@ def expansion(pricing: Pricing) -> Effect:
     found = held(scene.beam)
     if found is None:
         return Effect(name, None, "not stated", "give beam.material or expansion_um_per_m_k, and thickness_mm")
-    where = f"held at {stretch[0]:g} and {stretch[1]:g} mm, it buckles {found.buckles_k:.3g} K above its mounting"
+    buckles = f"it buckles {digits(found.buckles_k, 3)} K above its mounting"
+    where = f"held at {stretch[0]:g} and {stretch[1]:g} mm, {buckles}"
     if range_k is None:
         return Effect(name, None, "not stated", f"give environment.temperature_range_k; {where}")
     change = [_change(pricing, found, one_k) for one_k in range_k]
     still = pricing.deflection_mm(scene)
     price = max(pricing.in_noise(one) for one in change)
     share = [100 * float(one.flat[peak] / still.flat[peak]) for one in change for peak in [np.abs(still).argmax()]]
-    forces = "..".join(f"{found.force_n_per_k * one_k:.3g}" for one_k in range_k)
+    forces = "..".join(digits(found.force_n_per_k * one_k, 3) for one_k in range_k)
     reason = f"{where}; {forces} N of compression change the largest deflection by {share[0]:+.2g}..{share[1]:+.2g} %"
     if price < NEGLIGIBLE:
         return Effect(name, price, "out", reason)
@@ -53,7 +55,7 @@ def _buckles(scene: Scene, found: Held) -> str:
     warmest = scene.environment.temperature_range_k or (0.0, 0.0)
     return (
         f"environment.temperature_range_k: {warmest[1]:g} K above its mounting the beam buckles, as it is held at "
-        f"{found.start_mm:g} and {found.end_mm:g} mm and bears {found.buckles_k:.3g} K; let one support slide "
+        f"{found.start_mm:g} and {found.end_mm:g} mm and bears {digits(found.buckles_k, 3)} K; let one support slide "
         "(slides = true), or mount it warmer"
     )
 
@@ -67,9 +69,9 @@ def sensor_drift(pricing: Pricing) -> Effect:
         return Effect(name, None, "not stated", "give sensors.drift_um_per_k")
     drift_mm, zero_mm = temperature_drift_mm(pricing.scene), zero_drift_mm(pricing.scene)
     span_k = range_k[1] - range_k[0]
-    beside = f"{drift_mm / zero_mm:.2g} times" if zero_mm else "beside no"
+    beside = f"{digits(drift_mm / zero_mm, 2)} times" if zero_mm else "beside no"
     reason = (
-        f"up to {sensors.drift_um_per_k * span_k:.3g} um after a tare at the other end of {span_k:g} K, "
-        f"{1000 * drift_mm:.3g} um as a standard deviation, {beside} zero drift; it never averages away"
+        f"up to {digits(sensors.drift_um_per_k * span_k, 3)} um after a tare at the other end of {span_k:g} K, "
+        f"{digits(1000 * drift_mm, 3)} um as a standard deviation, {beside} zero drift; it never averages away"
     )
     return Effect(name, pricing.in_noise(np.array([drift_mm])), "floor", reason)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from itertools import chain
 
+from beamtouch_common.digits import digits
 from beamtouch_models.scene.beam import Beam
 
 SHORTEST_MM, NARROWEST_MM, THINNEST_MM = 1.0, 0.1, 0.01
@@ -47,7 +48,7 @@ def _properties(beam: Beam) -> Iterator[str]:
     for key, modulus in moduli:
         if modulus is not None and modulus > STIFFEST_GPA:
             fits = [(unit, modulus / times) for unit, times, least in UNITS if least <= modulus / times <= STIFFEST_GPA]
-            advice = f"if it is in {fits[0][0]}, write {fits[0][1]:.4g}" if fits else "state it in GPa"
+            advice = f"if it is in {fits[0][0]}, write {digits(fits[0][1], 4)}" if fits else "state it in GPa"
             yield f"beam.{key} = {modulus:g} is more than any material has; {advice}"
     density, expansion = beam.density_kg_m3, beam.expansion_um_per_m_k
     if density is not None and density < LIGHTEST_KG_M3:

@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
+from beamtouch_common.digits import digits
 from beamtouch_common.files import parse_toml, read_text
 from beamtouch_models.metadata import MAX_FALSE, max_false_per_day
 from beamtouch_models.scene.beam import Beam
@@ -67,14 +68,14 @@ class Scene(Strict):
         if tolerance >= (spacing := self.beam.length_mm / fewest):
             message = (
                 f"sensors.mounting_tolerance_mm = {tolerance:g}: {fewest} sensors on {self.beam.length_mm:g} mm are "
-                f"{spacing:.3g} mm apart; measure their positions to less than that"
+                f"{digits(spacing, 3)} mm apart; measure their positions to less than that"
             )
             raise ValueError(message)
         often, rate_hz = self.requirements.false_contacts_per_day, self.sensors.rate_hz
         if often > (most := max_false_per_day(rate_hz)):
             message = (
                 f"requirements.false_contacts_per_day = {often:g}: at sensors.rate_hz = {rate_hz:g} at most "
-                f"{most:.6g} a day, one sample in {1 / MAX_FALSE:g}; state less"
+                f"{digits(most, 6)} a day, one sample in {1 / MAX_FALSE:g}; state less"
             )
             raise ValueError(message)
         return self

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from beamtouch_common.digits import digits
 from beamtouch_common.errors import InputError
 from beamtouch_models.trade.point import Point
 
@@ -30,7 +31,7 @@ def most_accurate(points: Sequence[Point], latency_ms: float) -> Point:
     if not kept:
         nearest = min(points, key=lambda point: point.latency_ms)
         message = (
-            f"no point answers within {latency_ms:g} ms; the fastest takes {nearest.latency_ms:.3g} ms "
+            f"no point answers within {latency_ms:g} ms; the fastest takes {digits(nearest.latency_ms, 3)} ms "
             f"({named(nearest)}); raise sensors.rate_hz"
         )
         raise NotToBeHadError(message)
@@ -43,8 +44,8 @@ def quickest(points: Sequence[Point], error_mm: float) -> Point:
     if not kept:
         nearest = min(points, key=lambda point: point.error_mm)
         message = (
-            f"no point has a mean error of {error_mm:g} mm; the best has {nearest.error_mm:.3g} mm ({named(nearest)}); "
-            "allow more sensors or more requirements.latency_ms, or use sensors with less noise"
+            f"no point has a mean error of {error_mm:g} mm; the best has {digits(nearest.error_mm, 3)} mm "
+            f"({named(nearest)}); allow more sensors or more requirements.latency_ms, or use sensors with less noise"
         )
         raise NotToBeHadError(message)
     return min(kept, key=lambda point: (point.latency_ms, point.sensors))

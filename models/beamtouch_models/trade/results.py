@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from beamtouch_common.digits import digits
 from beamtouch_models.trade.physics import EffectLeftOut
 from beamtouch_models.trade.point import Failure, Point, Trade
 from beamtouch_models.trade.since_touch import Curve
@@ -47,20 +48,21 @@ def _fields(point: Point) -> dict[str, Any]:
 
 def row(point: Point, *, on_front: bool) -> tuple[str, ...]:
     """Return a point as the cells of a row."""
+    standard_error_mm = point.error_percent.standard_error / point.error_percent.value * point.error_mm
     return (
         "*" if on_front else "",
         f"{point.estimator}{' int8' if point.quantised else ''}",
         str(point.sensors),
         "none" if point.filter.window == 1 else f"mean of {point.filter.window}",
         f"{point.error_percent.value:.3f} ± {point.error_percent.standard_error:.3f}",
-        f"{point.error_mm:.3g} ± {point.error_percent.standard_error / point.error_percent.value * point.error_mm:.1g}",
+        f"{digits(point.error_mm, 3)} ± {digits(standard_error_mm, 1)}",
         f"{point.ratio.value:.4f} ± {point.ratio.standard_error:.4f}",
         f"{point.times.p50_us:.1f}",
         f"{point.times.p99_us:.1f}",
         f"{point.times.batch_us:.2f}",
         f"{point.filter.settling_ms:g}",
         f"{point.poll_ms:.2f}",
-        f"{point.latency_ms:.3g}",
+        digits(point.latency_ms, 3),
         f"{point.bytes / 1e3:.1f}",
     )
 
@@ -70,7 +72,7 @@ def physics_row(effect: EffectLeftOut) -> tuple[str, ...]:
     error = effect.error_over_limit
     return (
         effect.effect,
-        f"{effect.price:.3g}",
+        digits(effect.price, 3),
         effect.verdict,
         f"{error.value:.3f} ± {error.standard_error:.3f}",
         f"{effect.influence_ms:.2f}",

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.building.report.beam_legend import BENT, ROW, SPRING, Entry, bent_key, keys, legend
 from beamtouch_models.building.report.beam_scale import BEAM_Y, HEIGHT, MARGIN, WIDTH, Scale, rect, text_at
 from beamtouch_models.building.report.beam_symbols import support_in_words, support_symbol
@@ -83,7 +84,7 @@ def _bent(scene: Scene, metadata: Metadata, px: Scale) -> tuple[list[str], list[
     pairs = zip(drawn.at_mm, deflection_mm[load], strict=True)
     points = " ".join(f"{px.x(at):.1f},{BEAM_Y + times * mm * px.factor:.1f}" for at, mm in pairs)
     larger = "to scale" if times == 1 else f"{times:g} times larger"
-    words = f"bent by {force_n:g} N at {drawn.load_mm[load]:.4g} mm, {larger}"
+    words = f"bent by {force_n:g} N at {digits(drawn.load_mm[load], 4)} mm, {larger}"
     return [f'<polyline {BENT} points="{points}"/>'], [(bent_key, words)]
 
 

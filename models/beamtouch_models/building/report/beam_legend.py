@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from html import escape
 
+from beamtouch_common.digits import digits
 from beamtouch_models.building.report.beam_scale import Scale, rect
 from beamtouch_models.building.report.beam_symbols import support_in_words, support_symbol
 from beamtouch_models.metadata import Metadata
@@ -26,7 +27,7 @@ def keys(scene: Scene, metadata: Metadata, px: Scale) -> Iterator[Entry]:
     known = [one for one in px.thickness_mm if one]
     each = " and ".join(f"{one:g}" for one in sorted(set(known))) if len(set(known)) < 4 else "in steps"
     thick = f"{each} mm thick" if each else "thickness not stated"
-    yield _beam_key, thick if px.thicker == 1 or not known else f"{thick}, drawn {px.thicker:.2g} times thicker"
+    yield _beam_key, thick if px.thicker == 1 or not known else f"{thick}, drawn {digits(px.thicker, 2)} times thicker"
     for words, support in {support_in_words(one): one for one in scene.beam.support_list}.items():
         yield _support_key(support), words
     fixed = set(scene.sensors.fixed_mm)

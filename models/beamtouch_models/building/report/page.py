@@ -4,6 +4,7 @@ from importlib.resources import files
 
 from jinja2 import Environment, StrictUndefined
 
+from beamtouch_common.digits import digits
 from beamtouch_models.building.failing import weak_spot
 from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
@@ -93,7 +94,7 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
     if along is not None and max(along.missed) >= MIN_MISSED:
         says = f"Contacts of {along.force_n:g} N, the smallest force of the scene, that are missed along the beam"
         curve = Series("", along.position_mm, [100 * share for share in along.missed])
-        remark = f"; at most {100 * max(along.missed):.3g} % of settled samples"
+        remark = f"; at most {digits(100 * max(along.missed), 3)} % of settled samples"
         charts.append(("missed", Chart(says, at, "missed, %", [curve], y_from_zero=True), remark))
     scaled = facts.components.transformed * (facts.middle_force_n / facts.model.metadata.noise.sample_mm)
     says = "Components over the position of the contact, in units of the noise of a sample"
@@ -128,7 +129,7 @@ def _layout(facts: Facts) -> Rows:
 def _accuracy(facts: Facts) -> Rows:
     accuracy, mm = facts.model.metadata.accuracy, facts.model.metadata.length_mm / 100
     return [
-        (name, f"{mean:.3f} ± {error:.1g}", f"{mean * mm:.3g} ± {error * mm:.1g}")
+        (name, f"{mean:.3f} ± {digits(error, 1)}", f"{digits(mean * mm, 3)} ± {digits(error * mm, 1)}")
         for name, mean, error in (
             ("model", accuracy.error_percent, accuracy.error_standard_error),
             ("accuracy limit", accuracy.limit_percent, accuracy.limit_standard_error),
@@ -141,9 +142,9 @@ def _layouts(facts: Facts) -> Rows:
     return [
         (
             layout.name,
-            ", ".join(f"{x:.4g}" for x in layout.positions_mm),
+            ", ".join(digits(x, 4) for x in layout.positions_mm),
             f"{layout.log_eigenvalue_product:.4f}".replace("-inf", "-∞"),
-            f"{layout.limit.percent:.3f} ± {layout.limit.standard_error:.1g}",
+            f"{layout.limit.percent:.3f} ± {digits(layout.limit.standard_error, 1)}",
             f"{layout.limit.percent / least:.2f}",
         )
         for layout in facts.layouts
@@ -154,14 +155,14 @@ def _components(facts: Facts) -> Rows:
     eigenvalues, noise_mm = facts.components.eigenvalues, facts.model.metadata.noise.sample_mm
     sizes_mm = eigenvalues**0.5 * facts.middle_force_n
     return [
-        (str(k), f"{size:.3g}", f"{size / noise_mm:.3g}", f"{eigenvalue / eigenvalues[0]:.3g}")
+        (str(k), digits(size, 3), digits(size / noise_mm, 3), digits(eigenvalue / eigenvalues[0], 3))
         for k, (size, eigenvalue) in enumerate(zip(sizes_mm, eigenvalues, strict=True), start=1)
     ]
 
 
 def _effects(facts: Facts) -> Rows:
     return [
-        (effect.name, "-" if effect.price is None else f"{effect.price:.3g}", effect.verdict, effect.reason)
+        (effect.name, "-" if effect.price is None else digits(effect.price, 3), effect.verdict, effect.reason)
         for effect in facts.effects
     ]
 
@@ -169,28 +170,28 @@ def _effects(facts: Facts) -> Rows:
 def _floor(facts: Facts) -> Rows:
     floor, layout = facts.model.metadata.floor, facts.model.metadata.layout
     each = zip(layout, floor.gain, floor.zero_mm, strict=True)
-    return [(channel.name, f"{100 * gain:.3g}", f"{1000 * zero:.3g}") for channel, gain, zero in each]
+    return [(channel.name, digits(100 * gain, 3), digits(1000 * zero, 3)) for channel, gain, zero in each]
 
 
 def _noise(facts: Facts) -> Rows:
     metadata = facts.model.metadata
     noise, chosen, sensor = metadata.noise, metadata.filter, metadata.sensor
     percent = 100 / metadata.max_deflection_mm
-    spike = "none" if chosen.spike_mm is None else f"beyond {chosen.spike_mm:.3g} mm from the median of three"
+    spike = "none" if chosen.spike_mm is None else f"beyond {digits(chosen.spike_mm, 3)} mm from the median of three"
     return [
         (
             "noise of a reading",
-            f"{noise.reading_mm:.3g} mm",
+            f"{digits(noise.reading_mm, 3)} mm",
             f"{noise.reading_mm * percent:.2f} % of the largest deflection",
         ),
         (
             "noise of a sample",
-            f"{noise.sample_mm:.3g} mm",
+            f"{digits(noise.sample_mm, 3)} mm",
             f"{noise.sample_mm * percent:.2f} % of the largest deflection",
         ),
         ("filter", chosen.kind, f"{chosen.window} readings, settled after {chosen.settling_ms:g} ms"),
         ("spike filter", spike, ""),
         ("rate", f"{sensor.rate_hz:g} Hz", "readings of every channel"),
-        ("ADC", f"{sensor.adc_bits} bits", f"{sensor.gain_mm_per_count * 1e3:.3g} µm per count"),
-        ("gap", f"{sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} mm", f"{sensor.standoff_mm:.4g} mm at rest"),
+        ("ADC", f"{sensor.adc_bits} bits", f"{digits(sensor.gain_mm_per_count * 1e3, 3)} µm per count"),
+        ("gap", f"{sensor.range_mm[0]:g} to {sensor.range_mm[1]:g} mm", f"{digits(sensor.standoff_mm, 4)} mm at rest"),
     ]

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
@@ -39,12 +40,12 @@ def error_prices(
     whole = limit_percent(errors)
     at_one_temperature = replace(errors, zero_mm=math.sqrt(max(0.0, errors.zero_mm**2 - warmth_mm**2)))
     kinds = [
-        ("gain error", f"{100 * errors.gain:.3g} %", replace(errors, gain=0.0)),
-        ("zero drift", f"{1000 * errors.zero_mm:.3g} µm", replace(errors, zero_mm=0.0)),
-        ("mounting tolerance", f"{errors.mounting_mm:.3g} mm", replace(errors, mounting_mm=0.0)),
+        ("gain error", f"{digits(100 * errors.gain, 3)} %", replace(errors, gain=0.0)),
+        ("zero drift", f"{digits(1000 * errors.zero_mm, 3)} µm", replace(errors, zero_mm=0.0)),
+        ("mounting tolerance", f"{digits(errors.mounting_mm, 3)} mm", replace(errors, mounting_mm=0.0)),
     ]
     if warmth_mm:
-        kinds.insert(2, ("of this, with the temperature", f"{1000 * warmth_mm:.3g} µm", at_one_temperature))
+        kinds.insert(2, ("of this, with the temperature", f"{digits(1000 * warmth_mm, 3)} µm", at_one_temperature))
     return tuple(
         ErrorPrice(name, size, whole, whole if without == errors else limit_percent(without))
         for name, size, without in kinds
@@ -74,6 +75,6 @@ def failed_rows(metadata: Metadata) -> Rows:
     names = ["none", *(channel.name for channel in metadata.layout)]
     # A single sensor has no row without it.
     return [
-        (name, f"{percent:.3f}", f"{percent * mm:.3g}", f"{percent / errors[0]:.2f}")
+        (name, f"{percent:.3f}", digits(percent * mm, 3), f"{percent / errors[0]:.2f}")
         for name, percent in zip(names, errors, strict=False)
     ]

@@ -1,0 +1,19 @@
+"""Numbers as people read them."""
+
+import math
+
+_LEAST, _MOST = 1e-6, 1e7
+"""Sizes between which a number is written without an exponent."""
+
+
+def digits(value: float, count: int) -> str:
+    """Return a number rounded to `count` significant digits: 160, not 1.6e+02, and 0.00002, not 2e-05.
+
+    An exponent is left to numbers of less than 0.000001, and of 10 million and more.
+    """
+    text = f"{value:.{count}g}"
+    if "e" not in text or not _LEAST <= abs(float(text)) < _MOST:
+        return text
+    decimals = count - 1 - math.floor(math.log10(abs(float(text))))
+    plain = f"{float(text):.{max(decimals, 0)}f}"
+    return plain.rstrip("0").rstrip(".") if decimals > 0 else plain
