@@ -9,7 +9,7 @@ PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/
 # of processes.
 WORKERS ?= $(shell expr 3 \* $$(nproc))
 
-.PHONY: help install demo test bench check docs release format deb clean
+.PHONY: help install demo test coverage bench check docs release format deb clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -24,7 +24,10 @@ $(INSTALLED): pyproject.toml constraints.txt
 demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live contacts for about 20 s
 	@$(BIN)/python demo/demo.py $(DEMO)
 
-test: $(INSTALLED)  ## all tests, and which lines of the packages they do not run in their own processes
+test: $(INSTALLED)  ## all tests
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS)
+
+coverage: $(INSTALLED)  ## all tests, and which lines of the packages they do not run in their own processes
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) --cov
 
 bench: $(PEERS)  ## measure against peers and floors: a table, and build/bench.json; NAMES="beam ..." for some only

@@ -12,7 +12,7 @@ from nbformat import NotebookNode, reads
 
 from pasted import ROOT
 
-pytestmark = [pytest.mark.long, pytest.mark.untraced]
+pytestmark = pytest.mark.long
 GALLERY = ROOT / "docs" / "gallery"
 SCRIPTS = sorted(path.name for path in GALLERY.glob("*.py"))
 

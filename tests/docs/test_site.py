@@ -18,7 +18,7 @@ from schemas import editor_schema, keys_of
 
 from .html_page import HtmlPage
 
-pytestmark = [pytest.mark.long, pytest.mark.untraced]
+pytestmark = pytest.mark.long
 REFERENCE = {"scene": "scene", "daemon": "daemon-configuration", "service": "service-configuration"} | {
     "rig-script": "rig",
     "rig-imperfections": "rig",

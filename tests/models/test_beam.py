@@ -16,8 +16,6 @@ from beamtouch_models.scene.beam import Beam
 from exact_beam import ExactBeam, fixed, simple
 from example_scenes import PAPER, UNIT_BEAM
 
-pytestmark = pytest.mark.untraced
-
 ULP = 2.0**-53
 NAMES = ("simply-supported", "cantilever", "fixed-fixed", "propped")
 SPANS: list[Any] = [*NAMES, fixed(1.0), [*simple(0.0), *fixed(1.0)]]

@@ -12,8 +12,6 @@ from beamtouch_models.placement.components import discernible, log_eigenvalue_pr
 from beamtouch_models.scene.beam import Beam
 from example_scenes import UNIT_BEAM
 
-pytestmark = pytest.mark.untraced
-
 beam = Beam.model_validate(UNIT_BEAM)
 LOADS = np.arange(1, 400) / 400
 LAYOUTS = {

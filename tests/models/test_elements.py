@@ -15,8 +15,6 @@ from beamtouch_models.physics.closed_forms import span_of
 from beamtouch_models.scene.beam import Beam
 from exact_beam import ExactBeam, fixed, simple
 
-pytestmark = pytest.mark.untraced
-
 STEEL = {"length_mm": 400.0, "youngs_modulus_gpa": 210.0, "width_mm": 25.0, "thickness_mm": 30.0}
 PLAIN = {"length_mm": 400.0, "flexural_rigidity_n_mm2": 1e7}
 STEPS = [{"to_mm": 100, "thickness_mm": 3}, {"to_mm": 250}, {"to_mm": 400, "thickness_mm": 10, "width_mm": 40}]

@@ -25,7 +25,7 @@ from imperfect_surface import true_prior, write_readings
 from in_process import Command
 from recorded_loads import MISTAKES, random_imperfections, recorded, with_mistake
 
-pytestmark = [pytest.mark.long, pytest.mark.untraced]
+pytestmark = pytest.mark.long
 
 SMALL = ("conveyor", "20 mm")
 """On 1200 mm this load moves the sensors by less than eight noises: see docs/figures.md."""

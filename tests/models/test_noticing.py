@@ -16,7 +16,7 @@ from example_scenes import paper_scene
 from handbook import deflection_per_newton
 from stated_problems import problem_in
 
-pytestmark = [pytest.mark.long, pytest.mark.untraced]
+pytestmark = pytest.mark.long
 
 LOW_MM, HIGH_MM, FORCE_N = 20.0, 390.0, (2.0, 20.0)
 ERRORS = SampleErrors(0.0015, 0.003, 0.001)

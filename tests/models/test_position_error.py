@@ -16,7 +16,7 @@ from example_scenes import paper_scene
 from plain_error import mean_error
 from stated_problems import problem_in
 
-pytestmark = [pytest.mark.long, pytest.mark.untraced]
+pytestmark = pytest.mark.long
 
 NOISE_MM = 0.02 * 1.1287477954
 

@@ -20,7 +20,7 @@ from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from stated_problems import problem_in
 
-pytestmark = [pytest.mark.long, pytest.mark.untraced]
+pytestmark = pytest.mark.long
 
 ERRORS = SampleErrors(0.002, 0.003, 0.001)
 LENGTH_MM = 400

@@ -17,7 +17,7 @@ from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from stated_problems import problem_in
 
-pytestmark = [pytest.mark.long, pytest.mark.untraced]
+pytestmark = pytest.mark.long
 
 DRAWS = 500
 """Draws by which a search here compares its finalists, and by which all layouts are compared."""

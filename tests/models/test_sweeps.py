@@ -38,7 +38,6 @@ def scenes_in(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.untraced
 def test_evaluate_and_challenge_print_the_same_bytes_at_any_number_of_workers(
     design_sensors_here: Command, quick_model: Path
 ) -> None:
@@ -48,7 +47,6 @@ def test_evaluate_and_challenge_print_the_same_bytes_at_any_number_of_workers(
         assert len(alone.stdout) > 500
 
 
-@pytest.mark.untraced
 def test_a_proof_is_the_same_at_any_number_of_workers(design_sensors_here: Command, tmp_path: Path) -> None:
     # Hundreds of regions, in rounds of which most are large enough for workers.
     scene = tmp_path / "coarser.toml"
@@ -62,7 +60,6 @@ def test_a_proof_is_the_same_at_any_number_of_workers(design_sensors_here: Comma
 
 
 @pytest.mark.long
-@pytest.mark.untraced
 @pytest.mark.usefixtures("short_timing")
 def test_a_folder_of_scenes_is_traded_into_a_folder_each(design_sensors_here: Command, tmp_path: Path) -> None:
     scenes = scenes_in(tmp_path / "scenes")

@@ -25,7 +25,6 @@ def refused(*arguments: object) -> str:
 
 
 @pytest.mark.long
-@pytest.mark.untraced
 def test_a_cluster_of_two_processes_gives_the_same_bytes(
     design_sensors_here: Command, quick_model: Path, tmp_path: Path
 ) -> None:

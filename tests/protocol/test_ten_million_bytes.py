@@ -6,8 +6,6 @@ import pytest
 from beamtouch_protocol.framing import MAX_FRAME_BYTES, Decoder, encode
 from beamtouch_protocol.messages import Message, Reading, Stop
 
-pytestmark = pytest.mark.untraced
-
 BYTES = 5_000_000
 CHUNK = 4096
 FRAMES = 5000
