@@ -27,7 +27,7 @@ demo: $(INSTALLED)  ## build a model, run rig, service and daemon, show live con
 test: $(INSTALLED)  ## all tests
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS)
 
-coverage: $(INSTALLED)  ## all tests, and which lines of the packages they do not run in their own processes
+coverage: $(INSTALLED)  ## all tests, then the lines of the packages that no process of the tests ran
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses $(WORKERS) --cov
 
 bench: $(PEERS)  ## measure against peers and floors: a table, and build/bench.json; NAMES="beam ..." for some only

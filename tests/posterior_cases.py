@@ -9,7 +9,7 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from beamtouch_models.accuracy.forces import HIGHEST
+from beamtouch_models.accuracy.forces import MAX_FORCE_RATIO
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.touch_thresholds import directions, rest_like_contact
 from beamtouch_models.arrays import Floats
@@ -150,4 +150,4 @@ def check_sane(prior: Prior, answers: dict[str, Floats]) -> None:
         ends = np.stack([answers[f"force{part}_n"] for part in ("_low", "", "_high")])
         assert (np.diff(ends, axis=0) >= 0).all()
         assert ends.min() >= 0
-        assert ends.max() <= HIGHEST * prior.force_n[1] * (1 + 1e-6)
+        assert ends.max() <= MAX_FORCE_RATIO * prior.force_n[1] * (1 + 1e-6)

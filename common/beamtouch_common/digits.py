@@ -1,8 +1,8 @@
-"""Numbers as people read them."""
+"""Rounds numbers to significant digits, as text without an exponent."""
 
 import math
 
-_LEAST, _MOST = 1e-6, 1e7
+MIN_PLAIN, MAX_PLAIN = 1e-6, 1e7
 """Sizes between which a number is written without an exponent."""
 
 
@@ -12,7 +12,7 @@ def digits(value: float, count: int) -> str:
     An exponent is left to numbers of less than 0.000001, and of 10 million and more.
     """
     text = f"{value:.{count}g}"
-    if "e" not in text or not _LEAST <= abs(float(text)) < _MOST:
+    if "e" not in text or not MIN_PLAIN <= abs(float(text)) < MAX_PLAIN:
         return text
     decimals = count - 1 - math.floor(math.log10(abs(float(text))))
     plain = f"{float(text):.{max(decimals, 0)}f}"

@@ -17,7 +17,7 @@ from beamtouch_models.arguments import (
     add_trade,
 )
 from beamtouch_models.errors import WRONG_INPUT_ERRORS
-from beamtouch_models.scene_arguments import add_new, add_scenes
+from beamtouch_models.new_arguments import add_new, add_scenes
 
 PROGRAM = "design-sensors"
 

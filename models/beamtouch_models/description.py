@@ -67,7 +67,9 @@ def _touch(metadata: Metadata) -> str:
     seen, often = metadata.smallest_force.force_n, per_day(metadata.thresholds.false_contacts_per_day)
     most_n = BLIND * metadata.ranges.force_n[1]
     left, right = (f"{digits(force, 2)} N" if force <= most_n else "none" for force in (seen[0], seen[-1]))
-    needed = f"at least {digits(min(seen), 2)} N is seen; at the ends of the range, {left} and {right}"
+    needed = (
+        f"smallest force seen: {digits(min(seen), 2)} N at the best place, {left} and {right} at the ends of the range"
+    )
     return f"{needed}; false contacts at rest: {often}"
 
 

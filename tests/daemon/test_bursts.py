@@ -22,9 +22,10 @@ from .sessions import polled
 pytestmark = pytest.mark.anyio
 
 PATIENCE_S = 10.0
-"""Silence that ends a session: long, as a busy machine delivers a burst of 0.4 s later than the 0.5 s of the daemon."""
+"""Silence that ends a session, in place of the daemon's 0.5 s: on a busy machine, a burst that was held back for 0.4 s
+may arrive later than that."""
 PIECE_BYTES = 62
-"""A USB packet holds so many bytes of a serial line: a burst comes in pieces."""
+"""Bytes of a serial line in one USB packet: a burst arrives in pieces of this size."""
 
 
 class Adapter(Terminal):

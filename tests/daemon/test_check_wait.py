@@ -10,7 +10,7 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from beamtouch_daemon.commands.figures import counts_text, decimals_of, rounded
+from beamtouch_daemon.commands.resolution import counts_text, decimals_of, rounded
 from plain_http import TIMEOUT_S
 from service.small_model import write_model
 
@@ -189,11 +189,16 @@ def test_a_length_has_the_decimals_of_the_step_or_of_the_noise(
 
 
 def test_counts_and_lengths_read_as_numbers() -> None:
-    assert [counts_text(one) for one in (20_000, 4_294_967_295.0, 20_000.333333333332, 0.1 + 0.2, -5.0)] == [
+    assert [
+        counts_text(one)
+        for one in (20_000, 4_294_967_295.0, 20_000.333333333332, 0.1 + 0.2, -5.0, 12_345_678.5, 0.00002)
+    ] == [
         "20000",
         "4294967295",
         "20000.33",
         "0.3",
         "-5",
+        "12345678",
+        "0.00002",
     ]
     assert str(rounded(-0.00001, 4)) == "0.0"

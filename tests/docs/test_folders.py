@@ -1,4 +1,4 @@
-"""The lists of folders in CONTRIBUTING.md: every folder with code has its line, and every line its folder."""
+"""Paths in documents: CONTRIBUTING.md lists every folder and no others, and links lead to files."""
 
 import re
 
@@ -11,14 +11,35 @@ PACKAGES = {
     "service": "service/beamtouch_service",
     "models": "models/beamtouch_models",
 }
+MADE = {"build", "dist"}
+"""Folders that builds make."""
+FOLDERS = [path for path in ROOT.glob("[!.]*/") if path.is_dir() and path.name not in MADE]
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", PACKAGES)
 def test_every_folder_of_a_package_has_a_line_and_every_line_a_folder(name: str) -> None:
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    section = text.split(f"### `{name}/`")[1].split("\n### ")[0]
+    section = CONTRIBUTING.split(f"### `{name}/`")[1].split("\n### ")[0]
     package = ROOT / PACKAGES[name]
     folders = {str(path.parent.relative_to(package)) for path in package.rglob("*.py")}
     listed = {folder.rstrip("/") for folder in re.findall(r"^\| `([^`]+)` \|", section, re.MULTILINE)}
-    assert folders <= listed
-    assert all((package / folder).is_dir() for folder in listed)
+    assert sorted(folders - listed) == []
+    assert [folder for folder in sorted(listed) if not (package / folder).is_dir()] == []
+
+
+def test_every_folder_at_the_top_has_a_heading() -> None:
+    headings = "".join(re.findall(r"^### .*", CONTRIBUTING, re.MULTILINE))
+    assert len(FOLDERS) > 5
+    assert [folder.name for folder in FOLDERS if f"`{folder.name}/`" not in headings] == []
+
+
+def test_every_link_to_a_file_leads_to_one_in_a_checkout() -> None:
+    """A forge shows the files themselves; the site shows some of them as pages with other addresses."""
+    broken, links = [], 0
+    for file in [*ROOT.glob("*.md"), *(file for folder in FOLDERS for file in folder.rglob("*.md"))]:
+        for target in re.findall(r"\]\(([^()\s#]+)", file.read_text(encoding="utf-8")):
+            links += 1
+            if ":" not in target and not (file.parent / target).exists():
+                broken.append(f"{file.relative_to(ROOT)}: {target}")
+    assert links > 100
+    assert broken == []

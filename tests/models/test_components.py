@@ -1,3 +1,5 @@
+"""Principal components, and the product of their eigenvalues."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""The accuracy limit, against published limits and plain integrals."""
+
 import mpmath
 import numpy as np
 import pytest

@@ -1,3 +1,5 @@
+"""The noise of a sample behind each filter, and the filter that a scene gets."""
+
 import math
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Placement by the eigenvalue product: its searches, and the rules that every layout keeps."""
+
 import numpy as np
 import pytest
 

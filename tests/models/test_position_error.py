@@ -1,3 +1,5 @@
+"""Placement by position error: its surrogate against the accuracy limit, and its layouts."""
+
 import numpy as np
 import pytest
 from scipy import stats

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy import limit
-from beamtouch_models.building.held_limit import check_held
+from beamtouch_models.building.limit_check import check_at_limit
 from beamtouch_models.building.sensor_rules import sensor_of
 from beamtouch_models.errors import NotGoodEnoughError
 from beamtouch_models.estimators.estimator import estimator_of
@@ -83,12 +83,12 @@ def test_the_limit_holds_down_to_the_noise_that_float32_carries(
 def test_a_build_that_misses_the_limit_is_refused() -> None:
     prior = prior_of("paper", 2, 1e-3, known=True)
     made = estimator_of("posterior", prior, min_noise_mm=prior.noise_mm, with_force=False, seed=0, progress=silent)
-    check_held(made, prior, 1)
+    check_at_limit(made, prior, 1)
     few = dataclasses.replace(made, graph=posterior_graph(prior, with_force=False, design=Design(512, temper=True)))
     with pytest.raises(
         NotGoodEnoughError, match=r"times the accuracy limit, and .* of positions lie in their 95 % intervals"
     ):
-        check_held(few, prior, 1)
+        check_at_limit(few, prior, 1)
 
 
 def test_forces_over_six_decades() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.building import held_limit
+from beamtouch_models.building import limit_check
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.calibration.contacts import MAX_BYTES
 from beamtouch_models.calibration.rebuilt import remade
@@ -113,7 +113,7 @@ def test_a_model_whose_answers_are_no_numbers_is_not_written() -> None:
             values = np.full_like(onnx.numpy_helper.to_array(tensor), np.nan)
             tensor.CopyFrom(onnx.numpy_helper.from_array(values, tensor.name))
     with pytest.raises(NotGoodEnoughError, match="nothing was written: some answers of the model are not finite"):
-        held_limit.check_held(Estimator("posterior", graph, 2), prior, 0)
+        limit_check.check_at_limit(Estimator("posterior", graph, 2), prior, 0)
 
 
 def test_a_noise_beyond_the_digits_of_a_number_has_no_limit() -> None:

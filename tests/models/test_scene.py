@@ -1,3 +1,5 @@
+"""Scenes are read from TOML; a bad one is refused in one line."""
+
 from pathlib import Path
 
 import pytest

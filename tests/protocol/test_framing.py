@@ -1,3 +1,5 @@
+"""Frames of the serial protocol are found in any stream of bytes."""
+
 import zlib
 
 import pytest

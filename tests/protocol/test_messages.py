@@ -1,3 +1,5 @@
+"""Messages of the serial protocol, to bytes and back."""
+
 import dataclasses
 from typing import Any
 

@@ -1,3 +1,5 @@
+"""Sequence numbers of frames tell what was lost."""
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,1 +1,1 @@
-"""The commands of the command line, a module each: run, check, tare, record, noise."""
+"""The commands of `beamtouch-daemon`, a module each: init, scan, check, tare, noise, record, run; and their parts."""

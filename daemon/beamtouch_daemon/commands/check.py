@@ -9,7 +9,7 @@ from time import monotonic
 
 from beamtouch_common.commands import DONE, FAILED
 from beamtouch_daemon.commands.check_text import ChannelState, SurfaceState, as_json, lines
-from beamtouch_daemon.commands.figures import decimals_of
+from beamtouch_daemon.commands.resolution import decimals_of
 from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.file import load_config, require_ports
 from beamtouch_daemon.config.settings import Config, Surface

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from beamtouch_daemon.commands.figures import counts_text, rounded
+from beamtouch_daemon.commands.resolution import counts_text, rounded
 from beamtouch_service.samples import Quality
 
 _HEADINGS = ("surface", "channel", "counts", "gap mm", "deflection mm", "quality")

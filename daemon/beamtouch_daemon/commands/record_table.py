@@ -10,7 +10,7 @@ from typing import TextIO
 
 from beamtouch_common.errors import InputError
 from beamtouch_common.outputs import require_writable
-from beamtouch_daemon.commands.figures import MAX_DECIMALS, counts_text, rounded
+from beamtouch_daemon.commands.resolution import MAX_DECIMALS, counts_text, rounded
 from beamtouch_daemon.processing.pipeline import Taken
 
 LOAD_COLUMNS = ("unix_time_s", "load", "position_mm", "force_n")

@@ -18,7 +18,7 @@ HIDDEN = 0.02
 MIN_BITS, MAX_BITS = 6, 16
 """Values of `adc_bits` that a scene accepts."""
 RUNS_DIFFER = 1.5
-LONGEST_MS = 3_600_000.0
+MAX_STUCK_MS = 3_600_000.0
 """Largest `stuck_after_ms` that is stated: an hour."""
 DIGITS = 3
 
@@ -91,5 +91,5 @@ def _stuck_after_ms(found: Sequence[ChannelNoise], noise_mm: float, surface: Sur
         hidden = one.is_rounded or not one.step_mm
         own = math.inf if hidden else longest_run(one.fast_noise_mm / one.step_mm, surface.rate_hz)
         if own > RUNS_DIFFER * stated:
-            times[one.channel] = min(rounded_up(1e3 * min(own, LONGEST_MS) / surface.rate_hz), LONGEST_MS)
+            times[one.channel] = min(rounded_up(1e3 * min(own, MAX_STUCK_MS) / surface.rate_hz), MAX_STUCK_MS)
     return times

@@ -84,7 +84,7 @@ def complaint(verdict: Verdict, configured_hz: float, *, polled: bool) -> str:
     windows = "longer" if measured_hz < configured_hz else "shorter"
     if polled:
         done = f"only {digits(measured_hz, 4)} of {configured_hz:g} readings per second could be polled"
-        remedy = f"set rate_hz to {float(f'{0.95 * measured_hz:.2g}'):g} or less"
+        remedy = f"set rate_hz to {digits(0.95 * measured_hz, 2)} or less"
     else:
         done = f"the device sends {digits(measured_hz, 4)} readings per second, rate_hz is {configured_hz:g}"
         remedy = f"set rate_hz = {max(1, round(measured_hz))} or correct the device"

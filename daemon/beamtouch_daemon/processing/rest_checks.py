@@ -24,7 +24,7 @@ JUMP_S = 0.1
 JUMP_READINGS = 4
 """Means over the longer of this time and this number of readings show whether the beam is touched."""
 LONGER = 4
-FEWEST_MEANS = 30
+MIN_MEANS = 30
 """Factor between the lengths of means, of which longer ones show lighter touches, and the fewest means of a length."""
 MAX_JUMP = 8.0
 """Largest change between two adjacent means, wherever they meet, relative to their usual change; noise does not reach
@@ -35,7 +35,7 @@ VIBRATION_READINGS = 20
 MAX_TOGETHER = 0.5
 """Largest correlation between two channels; beyond it, more than half of their scatter has one cause."""
 CHANCE_DEVIATIONS = 5.0
-"""Correlations below so many standard deviations may be chance."""
+"""Correlations below this number of standard deviations may be chance."""
 
 
 class NotMeasuredError(Exception):
@@ -139,7 +139,7 @@ def _together(residual: FloatArray, surface: Surface) -> str:
 def _jump(values: FloatArray, width: int, step: float) -> tuple[int, float] | None:
     """Return place and size of the largest change of values (readings,) beyond noise; None if there is none."""
     total = np.concatenate([[0.0], np.cumsum(values)])
-    longest = max(width, len(values) // FEWEST_MEANS)
+    longest = max(width, len(values) // MIN_MEANS)
     while width <= longest:
         change = np.abs(total[2 * width :] - 2 * total[width:-width] + total[: -2 * width]) / width
         usual = float(np.median(change)) / 0.6745  # of Gaussian changes, half are smaller than 0.6745 deviations

@@ -16,7 +16,7 @@ from beamtouch_models.filters import FloatArray
 
 CHANCE = 1e-12
 """Probability that noise alone makes a channel look stuck."""
-LONGEST_S = 10.0
+MAX_RUN_S = 10.0
 """If the noise is so small that longer runs than this are normal, the channel is not judged by its noise."""
 
 ROUNDING = 1 / math.sqrt(12)
@@ -61,7 +61,7 @@ def longest_run(noise_counts: float, rate_hz: float) -> float:
     if not 0 < repeat < 1:
         return math.inf
     run = math.ceil(math.log(CHANCE) / math.log(repeat))
-    return run if run <= LONGEST_S * rate_hz else math.inf
+    return run if run <= MAX_RUN_S * rate_hz else math.inf
 
 
 def fresh(channels: int) -> FloatArray:

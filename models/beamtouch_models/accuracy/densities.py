@@ -11,7 +11,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats, Indices
 
 MIN_LOG = -700.0
-"""Smallest log density, relative to the maximum; its exponential is still above zero in float64."""
+"""Smallest log density, relative to the maximum. Its exponential is a normal number: subnormal ones take long."""
 
 SHARP = 1.0
 """Change of a log density's slope between cells, times the cell length, beyond which the grid does not resolve it."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 TAIL = 0.01
 """Share of forces that an estimator expects outside the range of its scene, half of them below and half above it."""
-HIGHEST = 10.0
+MAX_FORCE_RATIO = 10.0
 """Largest force that an estimator considers, over the largest of its scene."""
 STEP = 3.0
 """Ratio of forces over which the density of `cautious_forces` changes beyond the range."""
@@ -27,12 +27,12 @@ Forces = tuple[Piece, ...]
 
 
 def forces_of(force_n: tuple[float, float], tail: float = TAIL) -> Forces:
-    """Return the prior of a scene's force: its range, and `tail` of the mass from 0 to HIGHEST times its largest."""
+    """Return a prior of the force: its range, and `tail` of the mass from 0 to MAX_FORCE_RATIO times its end."""
     low, high = force_n
     core = Piece(low, high, 1.0 - tail)
     if not tail:
         return (core,)
-    return Piece(0.0, low, tail / 2), core, Piece(high, HIGHEST * high, tail / 2)
+    return Piece(0.0, low, tail / 2), core, Piece(high, MAX_FORCE_RATIO * high, tail / 2)
 
 
 def cautious_forces(force_n: tuple[float, float]) -> Forces:
@@ -42,7 +42,7 @@ def cautious_forces(force_n: tuple[float, float]) -> Forces:
     there is always a place that a force within the range explains.
     """
     low, high = force_n
-    ends = (0.0, low / STEP, low, high, STEP * high, HIGHEST * high)
+    ends = (0.0, low / STEP, low, high, STEP * high, MAX_FORCE_RATIO * high)
     shares = [
         density * (most - least)
         for density, least, most in zip((*BELOW, 1.0, *ABOVE), ends[:-1], ends[1:], strict=True)

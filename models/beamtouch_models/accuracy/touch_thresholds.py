@@ -31,7 +31,7 @@ BETWEEN = np.log(2.0)
 """Largest excess of a set's threshold over that of its size, in nats: a factor of two in the rate."""
 FLAT = 1e-6
 """Smallest length of a direction; a beam that no sensor sees moving has none."""
-LARGEST_LOG = 700.0
+MAX_LOG = 700.0
 """Largest exponent of float64."""
 
 
@@ -130,7 +130,7 @@ def rest_like_contact(unit: Floats, noise: Floats, rate: float, draws: int, seed
     shift = np.maximum(height - zero @ unit.T, 0.0) / size
     white = rng.normal(size=zero.shape) + np.take_along_axis(shift, at[:, None], axis=1) * along[at]
     drawn = shift * (white @ along.T) - shift**2 / 2 + log_tilt(zero[:, None], tilt, reach)
-    return Rest(zero, white * noise, 1 / np.exp(np.minimum(drawn, LARGEST_LOG)).mean(axis=1))
+    return Rest(zero, white * noise, 1 / np.exp(np.minimum(drawn, MAX_LOG)).mean(axis=1))
 
 
 def touch_threshold(unit: Floats, noise: Floats, rate: float, seed: int) -> float:

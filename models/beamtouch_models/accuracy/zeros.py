@@ -9,7 +9,7 @@ from beamtouch_models.arrays import Floats
 
 DRIFTS = 2.0
 """Farthest a zero lies, in its drifts."""
-LEAST = 1e-6
+MIN_EXPONENT = 1e-6
 """Smallest exponent; below it a tilt makes no difference."""
 
 
@@ -21,7 +21,7 @@ def reach_of(noise: Floats) -> Floats:
 
 def tilted(tilt: Floats, reach: Floats, rng: np.random.Generator) -> Floats:
     """Draw zeros (draws, channels) between -reach and reach with tilts (draws, channels)."""
-    power = np.maximum(np.abs(tilt) * reach, LEAST)
+    power = np.maximum(np.abs(tilt) * reach, MIN_EXPONENT)
     share = rng.random(tilt.shape)
     part = 1 + np.log(share + (1 - share) * np.exp(-2 * power)) / power
     zero: Floats = np.sign(tilt) * part * reach
@@ -30,7 +30,7 @@ def tilted(tilt: Floats, reach: Floats, rng: np.random.Generator) -> Floats:
 
 def log_tilt(zero: Floats, tilt: Floats, reach: Floats) -> Floats:
     """Return the log of the tilted over the even density, for zeros and tilts (..., channels)."""
-    power = np.maximum(np.abs(tilt) * reach, LEAST)
+    power = np.maximum(np.abs(tilt) * reach, MIN_EXPONENT)
     mean = power + np.log(-np.expm1(-2 * power)) - np.log(2 * power)
     log: Floats = (zero * tilt).sum(axis=-1) - mean.sum(axis=-1)
     return log

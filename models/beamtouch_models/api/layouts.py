@@ -54,7 +54,7 @@ def place(
     Raises
     ------
     SceneError
-        No surface can be built of the scene, or its rules allow no layout of so many sensors.
+        No surface can be built of the scene, or its rules allow no layout with this number of sensors.
     """
     at_least_one(sensors, "sensors")
     if criterion not in get_args(Criterion):

@@ -7,9 +7,9 @@ import onnx
 
 from beamtouch_models.building.drawing import drawn_of
 from beamtouch_models.building.failing import placed_of
-from beamtouch_models.building.held_limit import check_held
+from beamtouch_models.building.limit_check import check_at_limit
 from beamtouch_models.building.measured import Measured, measured
-from beamtouch_models.building.placed import Placed, placed
+from beamtouch_models.building.placed import PlacedSensors, placed
 from beamtouch_models.building.sensor_rules import sensor_of
 from beamtouch_models.estimators.estimator import NAMES, Estimator, Name, estimator_of
 from beamtouch_models.export import to_bytes
@@ -100,13 +100,15 @@ def build(
     )
     made = replace(made, graph=choices.finish(made.graph))
     progress("measuring the accuracy against the limit", 0.8)
-    check_held(made, prior, seed + 4)
+    check_at_limit(made, prior, seed + 4)
     found = measured(made, prior, scene, physics.filter, seed)
     metadata = _metadata(name, text, sensors, choices.aim, made, found, seed)
     return Built(to_bytes(made.graph, metadata), metadata, sensors.placement, physics, choices.aim)
 
 
-def _metadata(name: str, text: str, sensors: Placed, aim: Aim, made: Estimator, found: Measured, seed: int) -> Metadata:
+def _metadata(
+    name: str, text: str, sensors: PlacedSensors, aim: Aim, made: Estimator, found: Measured, seed: int
+) -> Metadata:
     """Return the metadata of an estimator of a surface, with the scene's TOML text."""
     physics, scene = sensors.physics, sensors.physics.scene
     return Metadata(

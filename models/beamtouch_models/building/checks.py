@@ -57,14 +57,13 @@ def check_seen(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> N
     least = float(smallest_force_n(prior, threshold, seen_places(prior)).min())
     if least > prior.force_n[1]:
         message = (
-            f"sensors: no contact of the scene is seen, as at least {digits(least, 3)} N is needed and "
-            "contact.force_n ends "
-            f"at {prior.force_n[1]:g} N; state less noise or zero_drift_mm, or allow more false_contacts_per_day"
+            f"sensors: no contact of the scene is seen, as at least {digits(least, 3)} N is needed and contact.force_n "
+            f"ends at {prior.force_n[1]:g} N; state less noise or zero_drift_mm, or allow more false_contacts_per_day"
         )
         raise SceneError(message)
 
 
 def seen_places(prior: Prior) -> Floats:
-    """Return positions along the whole range of contacts."""
+    """Return positions in mm (SEEN_PLACES,) from end to end of the range of contacts."""
     places: Floats = np.linspace(*prior.position_mm, SEEN_PLACES)
     return places

@@ -3,7 +3,7 @@
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.metadata import Metadata, Placed
+from beamtouch_models.metadata import LayoutErrors, Metadata
 from beamtouch_models.placement import Criterion
 
 DRAWS, FEWEST_DRAWS = 4_096, 256
@@ -12,11 +12,11 @@ TOO_MUCH = 2.0
 """Ratio of the error with one sensor failed to that with all from which a build warns."""
 
 
-def placed_of(prior: Prior, criterion: Criterion, spare: int, seed: int) -> Placed:
+def placed_of(prior: Prior, criterion: Criterion, spare: int, seed: int) -> LayoutErrors:
     """Measure how a layout fares with all sensors, and with each one failed."""
     draws = max(FEWEST_DRAWS, DRAWS // prior.channels)
     failed = range(prior.channels if prior.channels > 1 else 0)
-    return Placed(
+    return LayoutErrors(
         criterion=criterion,
         spare=spare,
         limit_percent=accuracy_limit(prior, draws, seed).percent,

@@ -86,7 +86,7 @@ class Answers:
 
 
 def scene_text(answers: Answers, name: str) -> str:
-    """Return the scene as TOML. It may still be refused: whoever writes it has to load it.
+    """Return the scene as TOML. It may still be refused, so load it after writing.
 
     Raises
     ------

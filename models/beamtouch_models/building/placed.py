@@ -20,7 +20,7 @@ from beamtouch_models.scene import Scene
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedSensors:
     """The sensors of a scene."""
 
     physics: Physics
@@ -43,7 +43,7 @@ def placed(
     aim: Aim = DEFAULT_AIM,
     kept_mm: tuple[float, ...] = (),
     progress: Progress = silent,
-) -> Placed:
+) -> PlacedSensors:
     """Check a scene and place its sensors.
 
     Parameters
@@ -79,6 +79,6 @@ def placed(
             progress=progress,
         )
     check_spacing(needed, placement.positions_mm)
-    found = Placed(physics, influence, errors, placement)
+    found = PlacedSensors(physics, influence, errors, placement)
     check_seen(found.prior, needed, physics.filter, seed)
     return found

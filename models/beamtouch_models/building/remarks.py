@@ -5,6 +5,7 @@ from itertools import pairwise
 
 from beamtouch_common.digits import digits
 from beamtouch_models.metadata import Metadata
+from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.scene.materials import MATERIALS
@@ -55,10 +56,11 @@ def crowded(scene: Scene, positions_mm: Sequence[float]) -> str:
     apart_mm, left, right = min(((b - a, a, b) for a, b in pairwise(positions_mm)), default=(HOUSING_MM, 0.0, 0.0))
     if apart_mm >= HOUSING_MM:
         return ""
-    return (
-        f"the sensors at {left:g} and {right:g} mm are only {digits(apart_mm, 3)} mm apart; state the width of their "
-        "housings as sensors.min_distance_mm"
-    )
+    told = f"the sensors at {left:g} and {right:g} mm are only {digits(apart_mm, 3)} mm apart"
+    if {left, right} <= set(scene.sensors.fixed_mm):
+        fits = f"sensors.min_distance_mm = {at_most(apart_mm):g}"
+        return f"{told}; move one in sensors.fixed_mm, or state {fits} if they fit"
+    return f"{told}; state the width of their housings as sensors.min_distance_mm"
 
 
 def missed_requirement(metadata: Metadata, scene: Scene) -> str:

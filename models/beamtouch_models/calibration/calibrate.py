@@ -22,7 +22,7 @@ from beamtouch_models.pricing.noise import floor_of
 from beamtouch_models.progress import Progress
 from beamtouch_models.scene import parse_scene
 
-LARGEST_LEFT = 0.1
+MAX_LEFT = 0.1
 """Largest error of a fit, over the deflections that the scene predicts, and over the length.
 
 Above it, the recording is of another surface.
@@ -68,7 +68,7 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
     found = supported_fit(theory, loads, lambda done: progress("fitting", 0.3 + 0.2 * done))
     expected_mm = theory.measured_mm(np.zeros(theory.size), loads)[np.isfinite(loads.measured_mm)]
     left = found.error_mm / float(np.sqrt((expected_mm**2).mean()))
-    if not left <= LARGEST_LEFT:
+    if not left <= MAX_LEFT:
         raise NotGoodEnoughError(_another_surface(f"leaves {left:.0%} of the expected deflections unexplained"))
     before = errors_of_model(model.metadata, loads)
     after = np.empty(len(loads.number))
@@ -77,7 +77,7 @@ def checked_fit(model: ModelFile, loads: Loads, progress: Progress) -> Checked:
         after[index] = error_without(theory, loads, found, index)
     # A single sample has this error in addition, and the loads themselves stand a little off.
     best = float(np.hypot(limit_mm(theory.prior, loads, model.metadata.seed, draws=100), loads.errors.placing_mm))
-    if not after.mean() <= max(LARGEST_LEFT * model.metadata.length_mm, best):
+    if not after.mean() <= max(MAX_LEFT * model.metadata.length_mm, best):
         raise NotGoodEnoughError(_another_surface(f"locates left-out loads to {digits(after.mean(), 3)} mm"))
     # A fit without departures is right only if the scene itself locates well.
     worse = np.hypot(after.mean(), best) > WORSE * np.hypot(before.mean(), best)
@@ -144,9 +144,8 @@ def _worse(loads: Loads, before: Floats, after: Floats) -> str:
     return (
         "nothing was written: a model fitted to these loads would be worse. A fit locates left-out loads to "
         f"{digits(after.mean(), 4)} mm, the given model to {digits(before.mean(), 4)} mm. The largest error is that "
-        "of load "
-        f"{loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), {digits(after[worst], 3)} "
-        "mm. Keep the model, or check the loads and record more over the whole beam"
+        f"of load {loads.number[worst]} (lines {loads.lines[worst, 0]} to {loads.lines[worst, 1]}), "
+        f"{digits(after[worst], 3)} mm. Keep the model, or check the loads and record more over the whole beam"
     )
 
 

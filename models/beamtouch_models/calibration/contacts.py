@@ -15,7 +15,7 @@ from beamtouch_models.calibration.loads import MAX_DEFLECTIONS
 from beamtouch_models.health.zeros import DRIFT
 from beamtouch_models.metadata import Metadata
 
-MOST = 2000
+MAX_CONTACTS = 2000
 """Largest number of contacts that are used, the newest; it bounds the time of a fit."""
 SURELY = 4.0
 """Deviations of each rest that may be noise."""
@@ -38,7 +38,7 @@ class UnlabelledContacts:
     other_characteristic: int = 0
     """Number of rows that were left out because they have an older characteristic."""
     older: int = 0
-    """Number of rows that were left out because there are more than `MOST` newer ones."""
+    """Number of rows that were left out because there are more than `MAX_CONTACTS` newer ones."""
     rest_mm: Floats | None = None
     """(contacts, 2, channels) mean deflection of the rest before each contact and its deviation, NaN where it was not
     seen; None without any."""
@@ -154,9 +154,9 @@ def _checked(row: dict[str, str], channels: list[str], metadata: Metadata) -> _R
 
 
 def _newest(rows: list[_Row]) -> UnlabelledContacts:
-    """Return the rows with the characteristic of the newest, at most MOST."""
+    """Return the rows with the characteristic of the newest, at most MAX_CONTACTS."""
     same = [row for row in rows if row.characteristic == rows[-1].characteristic]
-    used = same[-MOST:]
+    used = same[-MAX_CONTACTS:]
     names = ("measured_mm", "deviation_mm", "rest_mm")
     measured, deviation, rest = (np.array([getattr(row, name) for row in used]) for name in names)
     return UnlabelledContacts(measured, deviation, len(rows) - len(same), len(same) - len(used), rest)

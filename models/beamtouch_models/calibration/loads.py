@@ -13,10 +13,10 @@ from beamtouch_models.arrays import Bools, Floats, Indices
 from beamtouch_models.calibration.errors import RecordingErrors
 from beamtouch_models.metadata import Metadata
 
-FEWEST_POSITIONS = 4
-SMALLEST_SPREAD = 0.4
+MIN_POSITIONS = 4
+MIN_SPREAD = 0.4
 """Smallest spread of the positions, over the range of positions: of known loads, or of the middle 80 % of contacts."""
-FEWEST_SAMPLES = 5
+MIN_SAMPLES = 5
 MAX_DEFLECTIONS = 100.0
 """Largest sample, over the largest deflection of the model; a larger one cannot be in mm."""
 FORCE_FACTOR = 1000.0
@@ -115,7 +115,7 @@ def _averaged(rows: list[dict[str, str]], channels: list[str], metadata: Metadat
     first = np.array([np.flatnonzero(number == load)[0] for load in loads])
     good = np.array([np.isfinite(measured[number == load]).sum(axis=0) for load in loads])
     sums = np.array([np.nansum(measured[number == load], axis=0) for load in loads])
-    mean = np.where(good >= FEWEST_SAMPLES, sums / np.maximum(good, 1), np.nan)
+    mean = np.where(good >= MIN_SAMPLES, sums / np.maximum(good, 1), np.nan)
     # Samples of a moving average share readings, so their mean is only as good as that of as many readings.
     deviation = metadata.noise.reading_mm / np.sqrt(np.maximum(good, 1))
     last = np.array([np.flatnonzero(number == load)[-1] for load in loads])
@@ -148,16 +148,16 @@ def _check(path: Path, loads: Loads, metadata: Metadata) -> None:
             raise LoadsError(message)
     positions = np.unique(loads.position_mm)
     spread = float(np.ptp(positions)) / (high - low) if len(positions) else 0.0
-    if len(positions) < FEWEST_POSITIONS or spread < SMALLEST_SPREAD:
+    if len(positions) < MIN_POSITIONS or spread < MIN_SPREAD:
         message = (
             f"{path}: {len(positions)} different positions over {spread:.0%} of the range cannot determine a fit; "
-            f"record at least {FEWEST_POSITIONS}, preferably 10, spread over the whole beam"
+            f"record at least {MIN_POSITIONS}, preferably 10, spread over the whole beam"
         )
         raise LoadsError(message)
     for number, (start, end), measured in zip(loads.number, loads.lines, loads.measured_mm, strict=True):
         if np.isnan(measured).all():
             message = (
-                f"{path}: load {number} (lines {start} to {end}) has fewer than {FEWEST_SAMPLES} good samples of each "
+                f"{path}: load {number} (lines {start} to {end}) has fewer than {MIN_SAMPLES} good samples of each "
                 f"channel; record it again, or use --leave-out {number}"
             )
             raise LoadsError(message)

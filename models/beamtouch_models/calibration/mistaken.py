@@ -26,7 +26,7 @@ LIKE_THE_BEST = 2.0
 """A load may be the mistaken one if the rest scatters at most this many times the smallest scatter without it."""
 PAIRED = 3
 """Number of loads that are tried in pairs with every other: those that leave the smallest scatter alone."""
-FEWEST_FOR_PAIRS = 5
+MIN_FOR_PAIRS = 5
 """Largest number of loads for which no pairs are left out, since too few would remain."""
 GRID = 401
 """Number of positions at which a load is searched for."""
@@ -72,7 +72,7 @@ def mistaken(theory: Theory, loads: Loads, progress: Fraction = silent) -> tuple
         singles.append(_without(theory, loads, (index,), rounds=1))
     singles.sort(key=lambda trial: trial.fitted.scatter)
     best = _without(theory, loads, singles[0].left_out)
-    if best.fitted.scatter > AGREED and count > FEWEST_FOR_PAIRS:
+    if best.fitted.scatter > AGREED and count > MIN_FOR_PAIRS:
         pair = _best_pair(theory, loads, [trial.left_out[0] for trial in singles[:PAIRED]], progress)
         if pair.contradicts(loads):
             return tuple(_suspect(pair.fitted, loads, index, certain=True) for index in pair.left_out)

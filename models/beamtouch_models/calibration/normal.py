@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 
 from beamtouch_models.arrays import Floats
 
-LARGEST_STEP = 2.0
+MAX_STEP = 2.0
 """Bound of a step of a departure, in units of plausible ones: far off, the slopes are those of another surface."""
 
 
@@ -31,6 +31,6 @@ class Normal:
     def step(self, low: Floats, high: Floats) -> Floats:
         """Return the best step between bounds."""
         root = np.linalg.cholesky(self.precision)
-        bounds = np.clip(low, -LARGEST_STEP, -1e-9), np.clip(high, 1e-9, LARGEST_STEP)
+        bounds = np.clip(low, -MAX_STEP, -1e-9), np.clip(high, 1e-9, MAX_STEP)
         found: Floats = lsq_linear(root.T, np.linalg.solve(root, self.pull), bounds, method="bvls").x
         return found

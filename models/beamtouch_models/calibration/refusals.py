@@ -7,12 +7,12 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.calibration.held_out import HeldOut
 from beamtouch_models.calibration.left_open import LeftOpen
 from beamtouch_models.calibration.linear import degrees_of
-from beamtouch_models.calibration.loads import SMALLEST_SPREAD
+from beamtouch_models.calibration.loads import MIN_SPREAD
 from beamtouch_models.calibration.theory import FIXITY, Theory
 from beamtouch_models.calibration.unlabelled import ContactFit
 from beamtouch_models.errors import NotGoodEnoughError
 
-FEWEST = 12
+MIN_CONTACTS = 12
 """Smallest number of contacts."""
 MAX_NOT_SINGLE = 1 / 3
 """Largest share of samples that are not a single contact on this surface."""
@@ -32,8 +32,8 @@ def check_contacts(theory: Theory, count: int) -> None:
             "loads"
         )
         raise NotGoodEnoughError(message)
-    if count < FEWEST:
-        message = f"nothing was written: {count} contacts are too few; it takes {FEWEST}, and 200 are better"
+    if count < MIN_CONTACTS:
+        message = f"nothing was written: {count} contacts are too few; it takes {MIN_CONTACTS}, and 200 are better"
         raise NotGoodEnoughError(message)
 
 
@@ -54,7 +54,7 @@ def check_spread(fit: ContactFit) -> None:
     """Raise NotGoodEnoughError if the contacts lie at one place."""
     low, high = fit.theory.prior.position_mm
     first, last = np.quantile(fit.position_mm[fit.single > 0.5], [0.1, 0.9])
-    if last - first < SMALLEST_SPREAD * (high - low):
+    if last - first < MIN_SPREAD * (high - low):
         message = (
             f"nothing was written: most contacts lie between {digits(first, 4)} and {digits(last, 4)} mm, which "
             "determines no fit. Touch the whole beam, or calibrate with known loads"

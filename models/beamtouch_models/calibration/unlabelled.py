@@ -26,7 +26,7 @@ from beamtouch_models.calibration.theory import GAIN, OFFSET_NOISES, Theory
 
 ROUNDS = 12
 """Number of rounds of a fit; after eight, nothing changes by a tenth of its error."""
-SMALLEST_SIZE, LARGEST_SIZE = 0.02, 1.5
+MIN_SIZE, MAX_SIZE = 0.02, 1.5
 """Bounds of the size of the departures, in units of plausible ones."""
 
 
@@ -163,7 +163,7 @@ class _ContactProblem:
         left_error = _left_error(theory, at, left, single, degrees - used / max(single.sum(), 1.0))
         sized = _sized(theory, self.kinds)
         size = float(np.sqrt((((vector - self.start)[free] ** 2 + np.diag(covariance))[sized]).mean()))
-        size = float(np.clip(size, SMALLEST_SIZE, LARGEST_SIZE))
+        size = float(np.clip(size, MIN_SIZE, MAX_SIZE))
         share = float(np.clip(1 - single.mean(), *SHARES))
         return _Estimate(vector, size, left_error, share, single, covariance, about)
 
@@ -179,7 +179,7 @@ def _prior_deviation(theory: Theory, kinds: tuple[str, ...], size: float, zero_m
     about = np.full(theory.size, size)
     about[theory.kinds["offset"]] = zero_mm / (OFFSET_NOISES * theory.prior.noise_mm)
     fitted: Floats = about[free_of(theory, kinds)]
-    return np.maximum(fitted, SMALLEST_SIZE**2)
+    return np.maximum(fitted, MIN_SIZE**2)
 
 
 def _left_error(theory: Theory, at: Linear, left_mm: Floats, single: Floats, degrees: float) -> float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beamtouch_models.accuracy.forces import HIGHEST, TAIL
+from beamtouch_models.accuracy.forces import MAX_FORCE_RATIO, TAIL
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Bools, Floats, Indices
@@ -136,7 +136,7 @@ def exact_intervals_mm(prior: Prior, said: Judged, *, any_force: bool = False) -
     """
     tail = 0.0 if any_force else TAIL
     if any_force:
-        prior = replace(prior, force_n=(0.0, HIGHEST * prior.force_n[1]))
+        prior = replace(prior, force_n=(0.0, MAX_FORCE_RATIO * prior.force_n[1]))
     found = np.full(len(said.said), math.nan)
     answered = np.flatnonzero(said.said != Said.NOTHING)
     if not len(answered):

@@ -24,7 +24,7 @@ from beamtouch_models.commands.aims import aim_of
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.description import unseen
 from beamtouch_models.errors import ModelFileError, SceneError
-from beamtouch_models.metadata import METADATA_PREFIX, Placed
+from beamtouch_models.metadata import METADATA_PREFIX, LayoutErrors
 from beamtouch_models.placement import Aim
 from beamtouch_models.pricing.noise import floor_of, zero_drift_mm
 from beamtouch_models.scene import Scene, load_scene, parse_scene
@@ -108,7 +108,7 @@ def _scene_of(options: argparse.Namespace) -> tuple[Scene, str, str, Choices]:
         entries = {entry.key: entry.value for entry in onnx.load_from_string(loading.read(path)).metadata_props}
         text, name, layout = (json.loads(entries[METADATA_PREFIX + key]) for key in ("scene", "name", "layout"))
         stated = json.loads(entries.get(METADATA_PREFIX + "placed", "null"))
-        before = Placed.model_validate(stated) if stated else EARLIER
+        before = LayoutErrors.model_validate(stated) if stated else EARLIER
         if options.sensors is None and options.criterion is None and options.spare is None:
             kept_mm = tuple(float(channel["position_mm"]) for channel in layout)
             choices = replace(choices, aim=Aim(before.criterion, before.spare), kept_mm=kept_mm)

@@ -19,7 +19,7 @@ from beamtouch_models.commands import calibrate_events
 from beamtouch_models.commands.departures import departures_in_words
 from beamtouch_models.commands.progress import shown_progress
 
-SMALLEST_ERROR, LARGEST_ERROR = 1e-3, 50.0
+MIN_ERROR, MAX_ERROR = 1e-3, 50.0
 """Bounds of the stated errors of the loads, in mm and in percent."""
 
 
@@ -47,8 +47,8 @@ def run(options: argparse.Namespace) -> None:
 def _errors(placing_mm: float, force_percent: float) -> RecordingErrors:
     """Return the stated errors of the loads; InputError if nobody can place or weigh loads so well or so badly."""
     for option, value in (("--placing-mm", placing_mm), ("--force-percent", force_percent)):
-        if not SMALLEST_ERROR <= value <= LARGEST_ERROR:
-            message = f"{option} {value:g} is not from {SMALLEST_ERROR:g} to {LARGEST_ERROR:g}"
+        if not MIN_ERROR <= value <= MAX_ERROR:
+            message = f"{option} {value:g} is not from {MIN_ERROR:g} to {MAX_ERROR:g}"
             raise InputError(message)
     return RecordingErrors(placing_mm, force_percent / 100)
 

@@ -10,7 +10,7 @@ from typing import Any
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.building.failing import placed_of
-from beamtouch_models.building.placed import Placed, placed
+from beamtouch_models.building.placed import PlacedSensors, placed
 from beamtouch_models.building.remarks import crowded, missed_error, remarks
 from beamtouch_models.commands.aims import aim_of_place
 from beamtouch_models.commands.progress import shown_progress
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
     print(json.dumps(found, allow_nan=False) if options.json else _table(found, sensors))
 
 
-def _described(sensors: Placed, aim: Aim, seed: int) -> dict[str, Any]:
+def _described(sensors: PlacedSensors, aim: Aim, seed: int) -> dict[str, Any]:
     """Return everything to print except the time; unknown values are None."""
     placement = sensors.placement
     # Use fresh draws: a layout looks better on the draws that it was chosen by.
@@ -68,7 +68,7 @@ def _described(sensors: Placed, aim: Aim, seed: int) -> dict[str, Any]:
     }
 
 
-def _table(found: dict[str, Any], sensors: Placed) -> str:
+def _table(found: dict[str, Any], sensors: PlacedSensors) -> str:
     """Return the result as text, each number with its unit and reference."""
     score = found["log_eigenvalue_product"]
     leading = (
@@ -88,7 +88,7 @@ def _table(found: dict[str, Any], sensors: Placed) -> str:
     return "\n".join(f"{label:<8} {text}" for label, text in rows)
 
 
-def _limit_line(percent: float, standard_error: float, sensors: Placed) -> str:
+def _limit_line(percent: float, standard_error: float, sensors: PlacedSensors) -> str:
     error_mm, noise_mm = percent / 100 * sensors.influence.length_mm, sensors.errors.noise_mm
     return (
         f"mean error {percent:.3f} % +- {digits(standard_error, 1)} of the length, {digits(error_mm, 3)} mm, at "

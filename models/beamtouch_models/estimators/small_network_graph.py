@@ -18,7 +18,7 @@ import onnx
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph, model
-from beamtouch_models.estimators.posterior.answers import SMALLEST_MASS, Grid, state_answers
+from beamtouch_models.estimators.posterior.answers import MIN_MASS, Grid, state_answers
 from beamtouch_models.estimators.posterior.scoring import Lowest, Whitened, scored, whitened
 from beamtouch_models.estimators.small_network import FAINT, Network
 
@@ -47,7 +47,7 @@ def small_network_graph(prior: Prior, network: Network, *, with_force: bool) -> 
     found = scored(graph, seen, prior.force_n[1], influence, uncertain)
     low, high = prior.position_mm
     share = graph.apply("Mul", width, graph.constant(1 / (high - low)))
-    share = graph.apply("Max", share, graph.constant(SMALLEST_MASS))
+    share = graph.apply("Max", share, graph.constant(MIN_MASS))
     least = graph.apply("ReduceMin", found.misfit, axes=[1, 2], keepdims=1)
     misfit = graph.apply("Mul", least, graph.constant(2.0))
     graph.apply("Squeeze", misfit, graph.ints(1, 2), output="misfit")

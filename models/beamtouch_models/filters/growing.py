@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.filters.means import BEFORE, SMALLEST_MM, FloatArray, Stepped, lone_spikes
+from beamtouch_models.filters.means import BEFORE, MIN_MM, FloatArray, Stepped, lone_spikes
 from beamtouch_models.filters.pairs import differ, differ_of_full, pairs_of
 from beamtouch_models.filters.significance import chi_square_quantile
 from beamtouch_models.filters.splits import SHORT, Sums, best_split, is_sharp, is_step, parts, sharp_changes
@@ -30,7 +30,7 @@ NEVER = 2.0**40
 """Rows since the newest sharp change, if there was none."""
 FINE = 2.0**16
 """Readings are rounded to this part of their noise, so that sums of them are exact however a stream is split."""
-LARGEST = 2.0**50
+MAX_SUM = 2.0**50
 """Sums above it begin anew; those of 2**53 would not be exact."""
 
 
@@ -69,7 +69,7 @@ class GrowingMean:
         self._fewest = min(fewest, longest)
         self._still = calm_readings(slowest_period)
         self._calm = calm_limit(self._still, len(unit_mm)) * FINE**2
-        self._quantum_mm = np.maximum(unit_mm, SMALLEST_MM) / FINE
+        self._quantum_mm = np.maximum(unit_mm, MIN_MM) / FINE
         self._spike_mm = math.inf if spike_mm is None else spike_mm
         self._pairs = pairs_of(longest)
         working = range(len(unit_mm) + 1)
@@ -140,7 +140,7 @@ class GrowingMean:
         following[:kept] = state[:-BEFORE]
         sums, ages = following[:-BEFORE, :, :-1], following[:, 0, -1]
         # Sums of whole numbers are exact, so it does not matter where they began.
-        if abs(sums[kept - 1].ravel()).max() > LARGEST:
+        if abs(sums[kept - 1].ravel()).max() > MAX_SUM:
             sums[:kept] -= state[0, :, :-1]
         np.cumsum(settled, axis=0, out=sums[kept:])
         sums[kept:] += sums[kept - 1]

@@ -14,7 +14,7 @@ FloatArray = NDArray[np.float64]
 
 SPIKE_MEMORY = 2
 LOW_PASS_MEMORY = 1
-SMALLEST_MM = 1e-9
+MIN_MM = 1e-9
 """Readings without noise are compared with this, so that rounding errors are neither a change nor motion."""
 BEFORE = 3
 """Readings that decide which of the last ones are spikes."""

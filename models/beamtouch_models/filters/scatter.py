@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beamtouch_models.filters.excess import Evidence, Excess
 from beamtouch_models.filters.lags import LAGS, drift_lags
-from beamtouch_models.filters.means import SMALLEST_MM, FloatArray, windows
+from beamtouch_models.filters.means import MIN_MM, FloatArray, windows
 from beamtouch_models.filters.significance import chi_square_quantile
 from beamtouch_models.filters.touches import calm_readings, calm_since_touch, still_readings
 from beamtouch_models.filters.view import Looks, Sizes, Tidied, View, decide
@@ -65,7 +65,7 @@ class Scatter:
         self._span = span
         self._still, self._calm = still_readings(slowest_period), calm_readings(slowest_period)
         half = max(1, math.ceil(SCATTER_PART * slowest_period))
-        self._unit_mm = np.maximum(noise_mm, SMALLEST_MM)
+        self._unit_mm = np.maximum(noise_mm, MIN_MM)
         self._looks = Looks(span, self._still, max(2 * span, half), self._unit_mm, lag_readings)
         self._rows = self._looks.rows
         self._means = max(span, half)

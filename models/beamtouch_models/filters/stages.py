@@ -43,7 +43,7 @@ class Stage:
     restarts: bool = False
     """Whether the mean restarts at a step, so that the span is that of the readings in it."""
     fresh: Callable[[int], FloatArray] | None = None
-    """Returns the initial state for so many channels; None: rows of NaN."""
+    """Returns the initial state for this number of channels; None: rows of NaN."""
     lone_spike_mm: float | None = None
     """Distance of a lone spike from the median, if the filter leaves out spikes itself; None: it does not."""
     lag_readings: int | None = None

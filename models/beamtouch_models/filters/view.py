@@ -167,5 +167,5 @@ class Looks:
         return found
 
     def look(self, span: int) -> Look:
-        """Return the contrasts that are tested for a mean of so many readings."""
+        """Return the contrasts that are tested for a mean of this number of readings."""
         return look_at(self.compared(span), self._slope, self.rows, len(self._unit_mm), self._lag_readings)

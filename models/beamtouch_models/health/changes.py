@@ -18,11 +18,11 @@ CERTAIN = 27.0
 (measured: docs/decisions/015). Of more channels, one is the more often wrong by chance."""
 APART = 7.0
 """The ratio of a channel that is named exceeds that of every other channel by this much: odds of 30."""
-LEAST = 3
+MIN_CONTACTS = 3
 """Fewest contacts since a change that is named."""
 NEAR = 2.0
 """Times of a change whose ratios differ by less than this are about as likely."""
-LARGEST = 0.5
+GAIN_CHANGE = 0.5
 """Standard deviation of the prior of a change of a gain; it bounds intervals of channels of which nothing is seen."""
 EXACT = 1e-4
 """Smallest standard deviation of the gain errors of the beginning; a scene may state none."""
@@ -59,7 +59,7 @@ class Gains:
         self._information = np.zeros((1, len(floor), len(floor))) if empty else history.since("information")
         self._score = np.zeros((1, len(floor))) if empty else history.since("score")
         size = len(floor) + len(changes)
-        total = np.diag(np.concatenate([1 / np.maximum(floor, EXACT) ** 2, np.full(len(changes), LARGEST**-2)]))
+        total = np.diag(np.concatenate([1 / np.maximum(floor, EXACT) ** 2, np.full(len(changes), GAIN_CHANGE**-2)]))
         total[: len(floor), : len(floor)] += self._information[0]
         score = np.concatenate([self._score[0], np.zeros(len(changes))])
         for place, change in enumerate(changes, len(floor)):
@@ -99,7 +99,7 @@ class Gains:
             score[:, channel] = self._score[:, channel] - column @ self._means
             explained = np.einsum("ni,ij,nj->n", column, self._covariance, column)
             information[:, channel] = self._information[:, channel, channel] - explained
-        information = np.maximum(information, 0.0) + LARGEST**-2
+        information = np.maximum(information, 0.0) + GAIN_CHANGE**-2
         return ChangeCandidates(score**2 / information, score / information, information)
 
 
@@ -127,7 +127,7 @@ def found_changes(history: History, floor: Floats, known: Sequence[Change] = ())
         others = np.delete(ratio.max(axis=0), best.channel)
         # A contact near a support says little of any gain, so the change may as well have begun before it.
         likely = np.flatnonzero(ratio[:, best.channel] > most - NEAR)
-        if most <= certain or most - others.max(initial=0.0) < APART or after[likely[0]] < LEAST:
+        if most <= certain or most - others.max(initial=0.0) < APART or after[likely[0]] < MIN_CONTACTS:
             break
         changes.append(best)
     return changes

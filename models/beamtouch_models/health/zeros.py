@@ -11,7 +11,7 @@ from beamtouch_models.quantiles import NORMAL_975
 
 NEWEST = 8
 """Newest contacts, whose rests give the present zero."""
-LEAST = 3
+MIN_CONTACTS = 3
 """Fewest contacts since a change."""
 DRIFT = 4.0
 """A zero that moved by less than this many standard deviations of the stated drift has not changed."""
@@ -59,7 +59,7 @@ def zero_of(history: History, channel: int, zero_mm: float) -> tuple[Estimate, i
     before = (total[0] - total) / weight_before
     mean = np.divide(total, weight, out=np.zeros_like(total), where=seen)
     variance = np.divide(1.0, weight, out=np.full_like(weight, np.inf), where=seen)
-    ratio = np.where(after >= LEAST, _beyond(mean - before, zero_mm) ** 2 / (variance + 1 / weight_before), 0.0)
+    ratio = np.where(after >= MIN_CONTACTS, _beyond(mean - before, zero_mm) ** 2 / (variance + 1 / weight_before), 0.0)
     change, newest = int(ratio.argmax()), _last(after, seen, min(NEWEST, after[0] / 2))
 
     def moved(first: int) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from beamtouch_models.metadata.accuracy import Accuracy, Golden
 from beamtouch_models.metadata.calibration import Calibration, Departures
 from beamtouch_models.metadata.drawn import Drawn, DrawnSupport
 from beamtouch_models.metadata.metadata import METADATA_PREFIX, SCHEMA_VERSION, THIS_FILE, Metadata
-from beamtouch_models.metadata.placed import Placed
+from beamtouch_models.metadata.placed import LayoutErrors
 from beamtouch_models.metadata.signature import FORCE_OUTPUTS, INPUTS, POSITION_OUTPUTS
 from beamtouch_models.metadata.surface import Channel, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
 from beamtouch_models.metadata.thresholds import (
@@ -37,9 +37,9 @@ __all__ = [
     "Floor",
     "Golden",
     "Influence",
+    "LayoutErrors",
     "Metadata",
     "Noise",
-    "Placed",
     "Ranges",
     "Sensor",
     "SmallestForce",

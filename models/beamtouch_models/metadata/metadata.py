@@ -12,7 +12,7 @@ from beamtouch_models.metadata.accuracy import Accuracy, Golden
 from beamtouch_models.metadata.calibration import Calibration
 from beamtouch_models.metadata.drawn import Drawn
 from beamtouch_models.metadata.fields import NAME, MetadataPart
-from beamtouch_models.metadata.placed import Placed
+from beamtouch_models.metadata.placed import LayoutErrors
 from beamtouch_models.metadata.surface import Channel, FilterChoice, Floor, Influence, Noise, Ranges, Sensor
 from beamtouch_models.metadata.thresholds import SmallestForce, Thresholds, max_false_per_day
 
@@ -49,7 +49,7 @@ class Metadata(MetadataPart):
     drawn: Drawn
     influence: Influence | None = None
     """None in older files: without it, nothing is known of how the sensors change."""
-    placed: Placed | None = None
+    placed: LayoutErrors | None = None
     """None in older files, which were placed by the eigenvalue product."""
     seed: int
     accuracy: Accuracy

@@ -7,7 +7,7 @@ from pydantic import Field, NonNegativeFloat
 from beamtouch_models.metadata.fields import MetadataPart
 
 
-class Placed(MetadataPart):
+class LayoutErrors(MetadataPart):
     """The placement of a layout; errors are accuracy limits in percent of the length."""
 
     criterion: Literal["position-error", "eigenvalue-product"]

@@ -28,11 +28,11 @@ from beamtouch_models.physics.assembly import nodal_loads
 from beamtouch_models.physics.mesh import Mesh, banded, mesh_of
 from beamtouch_models.scene.beam import Beam
 
-LONGEST = 1 / 256
+MAX_ELEMENT = 1 / 256
 """Longest element, in units of the beam's length."""
 HALVINGS = 40
 """Steps of the search for the critical force, to a relative 1e-12."""
-MOST = 2.0**60
+MAX_FORCE = 2.0**60
 """Largest axial force in units of E I / l^2; no beam buckles that late."""
 
 
@@ -110,7 +110,7 @@ def influence_change(beam: Beam, force_n: float, sensor_mm: Floats, low_mm: Floa
     `force_n` is the force of the stretch where it is largest; compression is positive. The result is (loads, sensors)
     in mm/N; None if the beam buckles.
     """
-    mesh = mesh_of(beam, LONGEST)
+    mesh = mesh_of(beam, MAX_ELEMENT)
     factor = _factor(mesh, _share(mesh, beam), force_n * beam.length_mm / beam.rigidity_n_mm2 * beam.length_mm)
     if factor is None:
         return None
@@ -124,9 +124,9 @@ def influence_change(beam: Beam, force_n: float, sensor_mm: Floats, low_mm: Floa
 @lru_cache(maxsize=16)
 def _critical(beam: Beam) -> float:
     """Return the critical compression in units of E I / l^2."""
-    mesh = mesh_of(beam, LONGEST)
+    mesh = mesh_of(beam, MAX_ELEMENT)
     share, high = _share(mesh, beam), 1.0
-    while high < MOST and _factor(mesh, share, high) is not None:
+    while high < MAX_FORCE and _factor(mesh, share, high) is not None:
         high *= 2
     low = high / 2 if high > 1 else 0.0
     for _ in range(HALVINGS):

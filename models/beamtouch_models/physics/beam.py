@@ -182,8 +182,8 @@ def check_small_angles(scene: Scene) -> None:
     if not slope <= MAX_SLOPE:
         message = (
             f"at {largest_n:g} N the beam slopes by {digits(slope, 3)} rad, beyond the {MAX_SLOPE:g} rad of "
-            "small-angle "
-            f"theory; end contact.force_n at {at_most(largest_n * MAX_SLOPE / slope):g} N, or make the beam stiffer"
+            f"small-angle theory; end contact.force_n at {at_most(largest_n * MAX_SLOPE / slope):g} N, or make the "
+            "beam stiffer"
         )
         raise SceneError(message)
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from beamtouch_models.arrays import Floats, Indices
 
-LONGEST = 0.5
+MAX_ON_FOUNDATION = 0.5
 """Longest element on a foundation, in units of (4 EI / foundation)^(1/4), for which the series converges."""
 TERMS = 18
 MIRROR = np.array([1.0, -1.0])

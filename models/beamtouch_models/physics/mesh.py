@@ -12,13 +12,13 @@ from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 
 from beamtouch_models.arrays import Floats, Indices
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.elements import LONGEST, Elements, elements_of, rigid_forces, stiffness
+from beamtouch_models.physics.elements import MAX_ON_FOUNDATION, Elements, elements_of, rigid_forces, stiffness
 from beamtouch_models.scene.beam import SHEAR_COEFFICIENT, Beam
 
-SHORTEST = 1e-9
+MIN_ELEMENT = 1e-9
 """Shortest element, in units of the beam's length; closer nodes cannot be distinguished."""
 MAX_ELEMENTS = 20_000
-LARGEST_CORRECTION = 1e-10
+MAX_CORRECTION = 1e-10
 """Relative change of the solution in the last refinement, above which the solution is inaccurate."""
 UNEVEN = (
     "beam: its parts are so uneven, or it is held so loosely, that too few digits would be right; "
@@ -84,7 +84,7 @@ def _nodes(beam: Beam, foundation: float, longest: float) -> Floats:
     ends = [section.to_mm for section in beam.sections]
     node = np.unique([0.0, *ends, *(support.at_mm for support in beam.support_list)])
     gaps = np.diff(node)
-    if gaps.min() < SHORTEST * beam.length_mm:
+    if gaps.min() < MIN_ELEMENT * beam.length_mm:
         near = int(gaps.argmin())
         message = f"supports or segments at {node[near]:g} and {node[near + 1]:g} mm are too close to be told apart"
         raise SceneError(message)
@@ -93,7 +93,7 @@ def _nodes(beam: Beam, foundation: float, longest: float) -> Floats:
     softest = min(section.rigidity_n_mm2 for section in beam.sections) / beam.rigidity_n_mm2
     slip = float(_shear_compliance(beam).max())
     steepest = max((foundation / (4 * softest)) ** 0.25, (foundation * slip) ** 0.5)
-    longest = min(longest, LONGEST / steepest) if steepest else longest
+    longest = min(longest, MAX_ON_FOUNDATION / steepest) if steepest else longest
     pieces = np.maximum(np.ceil(gaps / beam.length_mm / longest), 1)
     if not pieces.sum() <= MAX_ELEMENTS:
         raise SceneError(_too_stiff(beam))
@@ -158,7 +158,7 @@ def solve(mesh: Mesh, right: Floats) -> Floats:
         correction = cho_solve_banded((mesh.factor, True), residual)
         solution = solution + correction
     # Numbers below the smallest normal one have few digits. A load that stands nearly on a support gives such numbers.
-    rounding = LARGEST_CORRECTION * np.abs(solution).max() + np.finfo(np.float64).tiny
+    rounding = MAX_CORRECTION * np.abs(solution).max() + np.finfo(np.float64).tiny
     if not np.abs(correction).max() <= rounding:
         raise SceneError(UNEVEN)
     return solution

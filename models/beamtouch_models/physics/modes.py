@@ -22,7 +22,7 @@ from beamtouch_models.scene.beam import Beam
 
 MODES = 24
 """Modes that are followed; of the rest, a sudden load on a slender beam excites less than 1e-4 of its deflection."""
-LEAST = 1e-12
+MIN_SQUARE = 1e-12
 """Smallest square of a period, relative to the longest, that rounding leaves of the flexibility."""
 M_PER_MM = 1e-3
 
@@ -51,7 +51,7 @@ class Modes:
         root = np.sqrt(mass)
         flexibility = influence(beam, place, place) * M_PER_MM * root[:, None] * root
         squares, vectors = np.linalg.eigh((flexibility + flexibility.T) / 2)
-        kept = np.flatnonzero(squares > LEAST * squares[-1])[: -MODES - 1 : -1]
+        kept = np.flatnonzero(squares > MIN_SQUARE * squares[-1])[: -MODES - 1 : -1]
         moved = root[:, None] * vectors[:, kept] / squares[kept]
         return cls(beam, width_mm, place, moved, squares[kept])
 

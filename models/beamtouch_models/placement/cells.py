@@ -2,26 +2,25 @@
 
 import numpy as np
 
+from beamtouch_models.accuracy.densities import MIN_LOG
 from beamtouch_models.arrays import Floats
 
 TINY = float(np.finfo(np.float64).tiny)
-NOTHING = -700.0
-"""Logarithm of a density that counts for nothing. Below it, exp gives subnormal numbers, which take long."""
 
 
 def with_mounting(
     square_force: Floats, shapes: Floats, moved: Floats, sample: Floats, precision: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the sums of a density with the mounting, each (draws, cells).
+    """Return the sums of a density with the mounting, each (contacts, cells).
 
     They are the weighted squares of the shapes, their products with the sample, and the squares of the sample with the
     logarithm of the variances.
 
     Parameters
     ----------
-    square_force : (draws, cells), in N^2
-    shapes, moved : (cells, sensors), deflection per newton, and its variance by the mounting
-    sample, precision : (draws, sensors)
+    square_force : (contacts, cells), in N^2
+    shapes, moved : (cells, sensors), deflection per newton in mm/N, and its variance by the mounting in mm^2/N^2
+    sample, precision : (contacts, sensors), in mm and 1/mm^2
     """
     square, along, others = (np.zeros_like(square_force) for _ in range(3))
     volume = np.ones_like(square_force)
@@ -38,13 +37,19 @@ def with_mounting(
 
 
 def mean_distances(edges_mm: Floats, log_density: Floats) -> Floats:
-    """Return the mean distance from the median, (draws,), of densities (draws, cells) that are even in each cell."""
+    """Return the mean distance from the median in mm (contacts,) of densities that are constant within each cell.
+
+    Parameters
+    ----------
+    edges_mm : (cells + 1,)
+    log_density : (contacts, cells), each row up to a constant
+    """
     width = np.diff(edges_mm)
     # In place: fresh memory for each step takes longer than the step.
-    below = log_density - log_density.max(axis=1, keepdims=True)
-    np.exp(np.maximum(below, NOTHING, out=below), out=below)
-    below *= width
-    np.cumsum(below, axis=1, out=below)
+    work = log_density - log_density.max(axis=1, keepdims=True)
+    np.exp(np.maximum(work, MIN_LOG, out=work), out=work)
+    work *= width
+    below = np.cumsum(work, axis=1, out=work)
     below /= below[:, -1:]
     median = (below >= 0.5).argmax(axis=1)
     rows = np.arange(len(below))

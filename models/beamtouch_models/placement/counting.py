@@ -19,6 +19,7 @@ from beamtouch_models.progress import Progress, silent
 PROBES = 8
 """Equally pitched sensors whose components are counted, as in the paper."""
 COUNT_DRAWS = 1_000
+"""Simulated contacts for the error of each number of sensors that is tried."""
 
 
 def recommended_count(influence: InfluenceFunction, noise_mm: float) -> int:

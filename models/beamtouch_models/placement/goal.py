@@ -15,8 +15,8 @@ SLACK = 0.01
 chance in a hundred loads, and more than a layout that notices none of them could lose."""
 STEPS = 16
 """Layouts that are tried on the way from one to another."""
-FEW = 4
-"""A layout is first compared on the first 1/FEW of the contacts; most are left out by these."""
+FIRST_LOOK = 4
+"""A layout is first compared on one contact in this many; most layouts are rejected there."""
 TIE = 1e-6
 """Weight of the error with all sensors in an objective with a spare: it decides between equals only."""
 GAIN = 1e-9
@@ -30,7 +30,7 @@ class Scored:
     layout: Indices
     """(sensors,), ascending."""
     objective: float
-    """What is to be least: an error in mm, or minus a share that is noticed."""
+    """The quantity that is minimised: an error in mm, or minus a share that is noticed."""
     distances_mm: Floats
     """(contacts,), errors of the sensors that decide: all of them, or with a spare those with the largest error."""
 
@@ -86,7 +86,7 @@ class Goal:
         if not self.surrogate.rules.allowed(layout[None, :])[0]:
             return None
         layout = np.sort(layout)
-        few = len(than.distances_mm) // FEW
+        few = len(than.distances_mm) // FIRST_LOOK
         for sensors in self._working(layout):
             change = self._distances_mm(sensors, few) - than.distances_mm[:few]
             if change.mean() > change.std() / math.sqrt(few):

@@ -27,21 +27,23 @@ from beamtouch_models.placement.search_paper import SearchName, paper_search
 from beamtouch_models.progress import Fraction
 
 STARTS = 2
+"""Layouts that a search starts from."""
 FINALISTS = 6
 """Layouts of a list that the accuracy limit compares."""
 CLEAR = 1.015
-"""Ratio of two scores from which the accuracy limit is not asked which layout is better. Scores are off by 0.2 to 0.6 %
-from layout to layout, and so is a limit from FINAL_DRAWS contacts."""
+"""Ratio of two scores from which they decide without the accuracy limit. The ratio of score to limit scatters by 0.2 to
+0.6 % between layouts, and a limit of FINAL_DRAWS contacts by as much."""
 FINAL_DRAWS = 2_000
 """Simulated contacts by which the finalists are compared; fewer with a spare and many sensors."""
 MAX_LOOKED_AT = 2_000
 """Layouts that a run looks at, after which it tries no smaller step; up to eight sensors seldom need as many."""
 MAX_LIMITS = 5
-"""Accuracy limits of a finalist, with all sensors and with each one failed, that are from FINAL_DRAWS contacts each. If
-there are more, each is from fewer contacts, so that the time is bounded."""
+"""A finalist has an accuracy limit with all sensors and, with a spare, one for each failed sensor. Up to this many
+limits have FINAL_DRAWS contacts each; more of them share that total, which bounds the time."""
 MAX_LISTED = 512
 """Up to this many layouts are all scored, which takes no longer than a search."""
 MAX_EXCHANGES = 200
+"""Exchanges of one sensor, after which the layout of the Cramer-Rao bound is taken as it is."""
 
 
 def searched(
@@ -70,14 +72,7 @@ def searched(
         runs = [SearchRun(best[0], (-goal.scored(best[0]).objective,), evaluations)]
     else:
         plain = goal.towards(reference, equal)
-        rng, runs = np.random.default_rng(seed), []
-        for number, start in enumerate(_starts(goal, reference, plain, equal)):
-            progress(0.7 * number / STARTS)
-            if search == "paper":
-                runs.append(paper_search(goal.scores, rules, start, rng))
-            else:
-                runs.append(first_gains(goal, start, MAX_LOOKED_AT))
-        runs.sort(key=lambda run: -run.score)
+        runs = _runs(goal, _starts(goal, reference, plain, equal), search, seed, lambda part: progress(0.7 * part))
         best = [runs[0].layout, plain]
     # The reference is among them, so that the error is no larger than that of the eigenvalue product.
     finalists = _finalists(goal, [*best, reference])
@@ -107,6 +102,18 @@ def objective(all_percent: float, failed_percent: list[float]) -> float:
 def draws_of(count: int, spare: int) -> int:
     """Return the number of contacts for each accuracy limit of a finalist with this many sensors."""
     return round(FINAL_DRAWS * min(1.0, MAX_LIMITS / (1 + spare * count)))
+
+
+def _runs(goal: Goal, starts: list[Indices], search: SearchName, seed: int, progress: Fraction) -> list[SearchRun]:
+    """Return the runs from each start, the best first."""
+    rng, runs = np.random.default_rng(seed), []
+    for number, start in enumerate(starts):
+        progress(number / len(starts))
+        if search == "paper":
+            runs.append(paper_search(goal.scores, goal.surrogate.rules, start, rng))
+        else:
+            runs.append(first_gains(goal, start, MAX_LOOKED_AT))
+    return sorted(runs, key=lambda run: -run.score)
 
 
 def _listed(goal: Goal, count: int) -> tuple[list[Indices], int]:

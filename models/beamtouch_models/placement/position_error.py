@@ -25,11 +25,10 @@ from beamtouch_models.placement.cells import TINY, mean_distances, with_mounting
 from beamtouch_models.placement.layout import Candidates
 
 CELLS = (256, 1024)
-"""Smallest and largest number of cells; between them, RESOLVED for each mean error of an equal pitch. Twice as many
-change no score by more than its scatter."""
-RESOLVED = 1.0
-DRAWS = {True: 512, False: 128}
-"""For known and open force: contacts, a power of two."""
+"""Smallest and largest number of cells; between them, one for each mean error of an equal pitch. Twice as many change
+no score by more than its scatter."""
+KNOWN_FORCE_CONTACTS, OPEN_FORCE_CONTACTS = 512, 128
+"""Number of contacts, a power of two."""
 AT_ONCE = 64
 """Contacts that are scored at once: their densities stay in the processor's cache."""
 BOUND_CELLS = 64
@@ -52,14 +51,14 @@ class Surrogate:
     """(cells, candidates), deflection per newton at the middles of the cells, in mm/N."""
     uncertain: Floats | None
     """(cells, candidates), its deviation by the mounting of a sensor, in mm/N; None if positions are exact."""
-    clean: Floats
-    """(draws, candidates), deflection in mm."""
-    deviation: Floats
-    """(draws, candidates), standard deviation of a sample of it, in mm."""
+    clean_mm: Floats
+    """(contacts, candidates), deflection."""
+    deviation_mm: Floats
+    """(contacts, candidates), standard deviation of a sample of it."""
     noise: Floats
-    """(draws, sensors), with variance 1, from left to right; 0 if the force is open."""
+    """(contacts, sensors), with variance 1, from left to right; 0 if the force is open."""
     weight: Floats
-    """(draws,), 1 on average."""
+    """(contacts,), 1 on average."""
 
     def distances_mm(self, sensors: Indices, few: int | None = None) -> Floats:
         """Return the errors of sensors (sensors,) at the first few contacts, by default at all of them: (contacts,).
@@ -72,8 +71,8 @@ class Surrogate:
 
     def _distances_mm(self, sensors: Indices, part: slice) -> Floats:
         """Return the errors of sensors (sensors,) at a part of the contacts."""
-        clean = self.clean[part, sensors]
-        sample = clean + self.deviation[part, sensors] * self.noise[part, : len(sensors)]
+        clean_mm = self.clean_mm[part, sensors]
+        sample = clean_mm + self.deviation_mm[part, sensors] * self.noise[part, : len(sensors)]
         precision = 1 / (self.errors.noise_mm**2 + self.errors.zero_mm**2 + (self.errors.gain * sample) ** 2)
         shapes = self.shapes[:, sensors]
         square, along = precision @ (shapes**2).T, (precision * sample) @ shapes.T
@@ -96,7 +95,8 @@ class Surrogate:
         projection = along / np.where(size > 0, size, 1.0)
         fit = (projection**2 - others) / 2
         largest = fit - (projection - np.clip(projection, low * size, high * size)) ** 2 / 2
-        likely = largest >= largest.max(axis=1, keepdims=True) - NEGLIGIBLE  # the integral is less than its integrand
+        # The integral over the force is at most its largest integrand.
+        likely = largest >= largest.max(axis=1, keepdims=True) - NEGLIGIBLE
         density = np.full_like(fit, -np.inf)
         density[likely] = log_likelihood(forces_of(self.force_n, 0.0), size[likely], projection[likely], fit[likely])
         return density
@@ -140,7 +140,8 @@ def surrogate_of(
     """Draw the contacts of a surrogate; `equal` is the allowed layout nearest to equal pitch."""
     prior = Prior.real(influence, rules.position_mm[equal], errors)
     known = prior.force_is_known
-    drawn, force, noise = spread_contacts(prior, DRAWS[known], np.random.default_rng(seed))
+    contacts = KNOWN_FORCE_CONTACTS if known else OPEN_FORCE_CONTACTS
+    drawn, force, noise = spread_contacts(prior, contacts, np.random.default_rng(seed))
     drawn, weight = where_it_errs(prior, drawn)
     edges = _edges_mm(prior)
     middles = (edges[1:] + edges[:-1]) / 2
@@ -167,7 +168,7 @@ def surrogate_of(
 def _edges_mm(prior: Prior) -> Floats:
     """Return the edges of cells, half of them spread evenly and half where the prior tells positions apart."""
     told_apart = 1 / cramer_rao.mean_errors_mm(prior)
-    cells = int(np.clip(RESOLVED * told_apart.mean() * (prior.position_mm[1] - prior.position_mm[0]), *CELLS))
+    cells = int(np.clip(told_apart.mean() * (prior.position_mm[1] - prior.position_mm[0]), *CELLS))
     often = UNIFORM + (1 - UNIFORM) * told_apart / told_apart.mean()
     along = np.concatenate([[0.0], np.cumsum(often)]) / often.sum()
     edges: Floats = np.interp(np.linspace(0, 1, cells + 1), along, np.linspace(*prior.position_mm, len(along)))

@@ -16,7 +16,7 @@ from beamtouch_models.placement.regions import MARGIN, Exploration, Explored, Re
 from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.sweeps import Spread, in_turn
 
-LARGEST_MARGIN = 1e-6
+MAX_MARGIN = 1e-6
 """With a larger margin, no layout counts as proven."""
 MAX_REGIONS = 3_000
 ROUND = 32
@@ -142,7 +142,7 @@ class _Search:
     def stated_gap(self, bound: float) -> float:
         """Return the excess of a bound over the best score: 0 if it is rounding, or the margin if that is large."""
         gap = max(bound - self.score, self.margin)
-        return gap if gap > min(self.margin, LARGEST_MARGIN) else 0.0
+        return gap if gap > min(self.margin, MAX_MARGIN) else 0.0
 
     def root(self) -> Region | None:
         """Return the region of all allowed layouts, without those that the bound excludes."""

@@ -32,7 +32,7 @@ def first_gains(goal: Wanted, start: Indices, most: float) -> SearchRun:
 
     Parameters
     ----------
-    goal : what is to be made least
+    goal : the quantity that is minimised
     start : first layout, allowed
     most : number of layouts looked at, after which no further step is tried
     """

@@ -14,7 +14,7 @@ SPIKE_SIGMAS = 6.0
 """Distance from the median of three, in standard deviations, of a spike; noise reaches it once in 1e8 readings."""
 
 GAIN_ERROR = 0.003
-"""Relative gain error that calibration leaves, if the scene does not state it."""
+"""Relative gain error that is left after calibration, if the scene does not state it."""
 ZERO_SHARE = 0.2
 """Drift of the zero since the last tare over the noise of a reading, if the scene does not state it."""
 

@@ -94,7 +94,7 @@ def _foundation(pricing: Pricing) -> Effect:
     scene = pricing.scene
     if scene.beam.foundation_n_mm2 is None:
         return Effect("foundation", 0.0, "out", "no foundation")
-    reason = f"{scene.beam.foundation_n_mm2:g} N/mm per mm"
+    reason = f"{digits(scene.beam.foundation_n_mm2, 6)} N/mm per mm"
     try:
         lacking = without_foundation(scene)
     except ValidationError:
@@ -122,7 +122,8 @@ def _dynamics(pricing: Pricing) -> Effect:
 def _gain_error(pricing: Pricing) -> Effect:
     gain, _ = floor_of(pricing.scene)
     stated = "" if pricing.scene.sensors.gain_error_percent is not None else ", as the scene states none"
-    reason = f"{gain:.2%} of the deflection that calibration leaves{stated}; it never averages away"
+    left = f"calibration leaves an error of {digits(100 * gain, 3)} % of the deflection"
+    reason = f"{left}{stated}; it never averages away"
     return Effect("gain error", gain * pricing.in_noise(pricing.deflection_mm(pricing.scene)), "floor", reason)
 
 

@@ -18,7 +18,7 @@ POPULATION = 100
 FIRST_INCREMENT_MM = 20.0
 """Half the pitch of eight sensors; the paper says "a slight variation"."""
 SHRINK = 0.5
-SMALLEST_INCREMENT_MM = 0.5
+MIN_INCREMENT_MM = 0.5
 """Half the grid of 1 mm: at smaller increments nothing moves."""
 MAX_GENERATIONS = 200
 OTHER_SEEDS = 20
@@ -49,7 +49,7 @@ def paper_search(count: int, leading: int, seed: int) -> Search:
     score = _scores(matrix, best[None, :], leading)[0]
     increment = FIRST_INCREMENT_MM
     positions, scores = [best], [score]
-    while increment >= SMALLEST_INCREMENT_MM and len(scores) <= MAX_GENERATIONS:
+    while increment >= MIN_INCREMENT_MM and len(scores) <= MAX_GENERATIONS:
         change = np.rint(rng.uniform(-increment, increment, size=(POPULATION, count))).astype(np.intp)
         clones = np.clip(best + change, 1, len(LOADS_MM))
         values = _scores(matrix, clones, leading)

@@ -11,7 +11,7 @@ from beamtouch_models.arrays import Floats
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import changed_beam
-from beamtouch_models.scene.beam_parts import Finite, Fixity, PositiveFinite, Strict
+from beamtouch_models.scene.fields import Finite, Fixity, PositiveFinite, Strict
 
 DampingRatio = Annotated[float, Field(gt=0, lt=1)]
 

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from beamtouch_common.files import load_toml
 from beamtouch_models.errors import SceneError
 from beamtouch_models.scene import Scene
-from beamtouch_models.scene.beam_parts import Finite, Pair, PositiveFinite, Strict
+from beamtouch_models.scene.fields import Finite, Pair, PositiveFinite, Strict
 
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 

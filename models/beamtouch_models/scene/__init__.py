@@ -1,7 +1,8 @@
 """The scene of a surface: what the user states before it is built.
 
-`scene` has the whole and reads it; `beam`, `contact`, `sensors` and `environment` have its tables, and `places` and
-`plausible` find what cannot be meant.
+`scene` has the whole and reads it. `beam` (of `beam_parts` and `materials`), `contact`, `sensors` and `environment`
+have its tables; `fields`, their types. `misplaced` and `other_units` find obvious mistakes: places off the beam,
+numbers in other units.
 """
 
 from beamtouch_models.scene.scene import Requirements, Scene, load_scene, parse_scene

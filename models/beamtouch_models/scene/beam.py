@@ -8,16 +8,8 @@ from pydantic import Field, ValidationError, model_validator
 
 from beamtouch_common.reasons import reason_of
 from beamtouch_models.errors import SceneError
-from beamtouch_models.scene.beam_parts import (
-    END_KINDS,
-    DampingRatio,
-    PositiveFinite,
-    Section,
-    Segment,
-    Strict,
-    Support,
-    Supports,
-)
+from beamtouch_models.scene.beam_parts import END_KINDS, Section, Segment, Support, Supports
+from beamtouch_models.scene.fields import DampingRatio, PositiveFinite, Strict
 from beamtouch_models.scene.materials import MATERIALS, MaterialName
 
 SHEAR_COEFFICIENT = 5 / 6

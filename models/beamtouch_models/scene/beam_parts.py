@@ -1,28 +1,16 @@
-"""Parts of a beam as a scene states them: supports and segments. Validated strictly."""
+"""Parts of a beam as a scene states them: supports and segments."""
 
 from typing import Annotated, Literal, NamedTuple, Self
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-PositiveFinite = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-DampingRatio = Annotated[float, Field(gt=0, lt=1)]
-Fixity = Annotated[float, Field(ge=0, lt=1)]
-Pair = Annotated[tuple[Finite, Finite], Field(strict=False)]
-PositivePair = Annotated[tuple[PositiveFinite, PositiveFinite], Field(strict=False)]
-
+from beamtouch_models.scene.fields import Finite, Fixity, PositiveFinite, Strict
 
 PINNED, CLAMPED = 'kind = "simple", slides = false', 'kind = "fixed"'
 MEANT = {"roller": 'kind = "simple"', "clamped": CLAMPED, "clamp": CLAMPED, "wall": CLAMPED} | dict.fromkeys(
     ("pinned", "pin", "hinge", "hinged"), PINNED
 )
 """Other names of supports, and how a scene states them."""
-
-
-class Strict(BaseModel):
-    """Base class of the parts of a scene: immutable, refuses unknown keys, converts no types."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
 
 class Support(Strict):

@@ -4,7 +4,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from beamtouch_models.scene.beam_parts import Pair, PositiveFinite, PositivePair, Strict
+from beamtouch_models.scene.fields import Pair, PositiveFinite, PositivePair, Strict
 
 
 class Contact(Strict):

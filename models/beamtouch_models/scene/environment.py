@@ -4,7 +4,7 @@ from typing import Self
 
 from pydantic import model_validator
 
-from beamtouch_models.scene.beam_parts import Pair, Strict
+from beamtouch_models.scene.fields import Pair, Strict
 
 FARTHEST_K = 150.0
 """A beam that is always more than this above its mounting temperature was stated in absolute kelvin."""

@@ -9,11 +9,11 @@ from beamtouch_common.digits import digits
 from beamtouch_common.files import parse_toml, read_text
 from beamtouch_models.metadata import MAX_FALSE, max_false_per_day
 from beamtouch_models.scene.beam import Beam
-from beamtouch_models.scene.beam_parts import PositiveFinite, Strict
 from beamtouch_models.scene.contact import Contact
 from beamtouch_models.scene.environment import Environment
-from beamtouch_models.scene.places import misplaced
-from beamtouch_models.scene.plausible import in_other_units
+from beamtouch_models.scene.fields import PositiveFinite, Strict
+from beamtouch_models.scene.misplaced import misplaced
+from beamtouch_models.scene.other_units import in_other_units
 from beamtouch_models.scene.sensors import Sensors
 
 Descriptor = Literal["position", "force"]

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, PositiveInt, model_validator
 
-from beamtouch_models.scene.beam_parts import Finite, Pair, PositiveFinite, PositivePair, Strict
+from beamtouch_models.scene.fields import Finite, Pair, PositiveFinite, PositivePair, Strict
 
 MIN_SENSORS, MAX_SENSORS = 1, 64
 

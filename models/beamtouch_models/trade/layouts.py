@@ -26,7 +26,7 @@ from beamtouch_models.trade.point import Failure
 from beamtouch_models.trade.quantised import quantised
 
 WINDOWS = (1, 2, 4, 8, 16)
-LONGEST_MS = 100.0
+MAX_LATENCY_MS = 100.0
 """Longest filter if the scene states no latency."""
 AROUND = 2
 """If the scene states a number of sensors, fewer ones down to AROUND less are measured, and one more."""
@@ -65,7 +65,7 @@ class Untimed:
 
 def windows_of(scene: Scene) -> list[FilterChoice]:
     """Return the filters to measure: windows that double, up to the scene's latency."""
-    most = (scene.requirements.latency_ms or LONGEST_MS) * scene.sensors.rate_hz / 1000
+    most = (scene.requirements.latency_ms or MAX_LATENCY_MS) * scene.sensors.rate_hz / 1000
     return [window_filter(scene, window) for window in WINDOWS if window == 1 or window <= most + 1e-9]
 
 

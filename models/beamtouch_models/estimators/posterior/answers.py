@@ -15,7 +15,7 @@ from beamtouch_models.metadata import FORCE_OUTPUTS, POSITION_OUTPUTS
 
 QUANTILES = (0.5, 0.025, 0.975)
 """The median, and the ends of the interval."""
-SMALLEST_MASS = 1e-26
+MIN_MASS = 1e-26
 """Keeps the place within an empty cell finite, and avoids subnormal numbers, which are slow."""
 MIN_EXPONENT = -50.0
 """Smallest logarithm of a likelihood over the largest, for the same reason; no quantile depends on smaller ones."""
@@ -63,7 +63,7 @@ def state_answers(
     else:
         likely = _of_open_force(graph, force_n, found, root, exponent, likely, grid, widened)
     posterior = graph.apply("LpNormalization", likely, axis=2, p=1)
-    posterior = graph.apply("Max", posterior, graph.constant(SMALLEST_MASS))
+    posterior = graph.apply("Max", posterior, graph.constant(MIN_MASS))
     contraction = None if widened is None else widened.contraction(posterior, other)
     _state_position(graph, grid, posterior, widened, contraction)
     if not with_force:

@@ -13,10 +13,10 @@ RESOLVABLE = {True: (384.0, 0.36), False: (192.0, 0.28)}
 """For known and open force: up to this many distinguishable positions each gets a cell; beyond it, the number of cells
 grows by this power of their number."""
 LOUDNESS = (60.0, 600.0)
-"""Ratios of the largest deflection to the noise; above each, the ends of the beam need the next number in LEAST."""
-LEAST = (128, 192, 256)
-STEP, MOST = 64, 8192
-"""The number of cells is a multiple of STEP and at most MOST, which a noise of 1e-4 % of the deflection needs."""
+"""Ratios of the largest deflection to the noise; above each, the ends of the beam need the next number in MIN_CELLS."""
+MIN_CELLS = (128, 192, 256)
+STEP, MAX_CELLS = 64, 8192
+"""The number of cells is a multiple of STEP and at most MAX_CELLS, which a noise of 1e-4 % of the deflection needs."""
 RESOLVED_STEP = {True: 1.2, False: 2.5}
 """For known and open force: largest cell, in deviations of the posterior, for which sums need no tempering."""
 UNTEMPERED = 512
@@ -78,7 +78,7 @@ def design_for(prior: Prior) -> Design:
     told_apart = float(path.moved.sum())
     resolvable, power = RESOLVABLE[known]
     wanted = min(told_apart, resolvable) * max(1.0, told_apart / resolvable) ** power
-    least = LEAST[int(np.searchsorted(LOUDNESS, float(path.size.max())))]
+    least = MIN_CELLS[int(np.searchsorted(LOUDNESS, float(path.size.max())))]
     count = _in_steps(max(wanted, least))
     for more in range(count, min(2 * count, UNTEMPERED) + 1, STEP):
         # Without tempering the graph has a third fewer operations, which pays for twice the cells.
@@ -88,7 +88,7 @@ def design_for(prior: Prior) -> Design:
 
 
 def _in_steps(cells: float) -> int:
-    return STEP * int(np.clip(np.ceil(cells / STEP), 2, MOST / STEP))
+    return STEP * int(np.clip(np.ceil(cells / STEP), 2, MAX_CELLS / STEP))
 
 
 def _largest_step(prior: Prior, path: Path, count: int) -> float:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from beamtouch_models.accuracy.forces import HIGHEST, Forces, cautious_forces, forces_of
+from beamtouch_models.accuracy.forces import MAX_FORCE_RATIO, Forces, cautious_forces, forces_of
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.estimators.posterior.scoring import Scored
@@ -86,7 +86,7 @@ def state_force(
     variance = graph.apply("ReduceSum", graph.apply("Mul", posterior, square), axis, keepdims=1)
     both = np.array([0.0, -NORMAL_975, NORMAL_975])[:, None] * (WIDER if contraction else 1.0)
     value = graph.apply("Add", mean, graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both)))
-    value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(HIGHEST * force_n[1]))
+    value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * force_n[1]))
     first = graph.apply("Gather", value, graph.index(0), axis=1)
     graph.apply("Squeeze", first, graph.ints(1), output=FORCE_OUTPUTS[0])
     graph.apply("ReduceMin", value, axes=[1, 2], keepdims=0, output=FORCE_OUTPUTS[1])

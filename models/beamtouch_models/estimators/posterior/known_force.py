@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.accuracy.forces import HIGHEST
+from beamtouch_models.accuracy.forces import MAX_FORCE_RATIO
 from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.estimators.posterior.force import WIDER, known_and_tails
 from beamtouch_models.estimators.posterior.scoring import FLATTEST, Lowest, Scored
@@ -100,6 +100,6 @@ def state_known_force(
     both = np.array([0.0, -NORMAL_975, NORMAL_975]) * (WIDER if contraction else 1.0)
     value = graph.apply("Mul", graph.apply("Sqrt", variance), graph.constant(both))
     value = graph.apply("Add", graph.apply("Add", mean, known), value)
-    value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(HIGHEST * known_n))
+    value = graph.apply("Clip", value, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * known_n))
     for name, result in zip(FORCE_OUTPUTS, graph.split(value, 3, 2), strict=True):
         graph.apply("Squeeze", result, graph.ints(1, 2), output=name)

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beamtouch_models.accuracy.forces import HIGHEST
+from beamtouch_models.accuracy.forces import MAX_FORCE_RATIO
 from beamtouch_models.arrays import Floats
 from beamtouch_models.estimators.onnx_graph import Graph
 from beamtouch_models.metadata import INPUTS
 
-MIN_PRECISION = np.pi / HIGHEST**2
+MIN_PRECISION = np.pi / MAX_FORCE_RATIO**2
 """Added to a, over the square of the largest force: a cell that says nothing of the force has a best force, too."""
 FLATTEST = 1e-26
 """Smallest curvature or square of a change, so that nothing is divided by 0."""
@@ -88,7 +88,7 @@ def _fitted(graph: Graph, sample: str, shape: str, largest_n: float, *, own: boo
     precision = graph.apply("ReduceSumSquare", shape, axes=[1], keepdims=1)
     precision = graph.apply("Add", precision, graph.constant(MIN_PRECISION / largest_n**2))
     force = graph.apply("Div", along, precision)
-    force = graph.apply("Clip", force, graph.constant(0.0), graph.constant(HIGHEST * largest_n))
+    force = graph.apply("Clip", force, graph.constant(0.0), graph.constant(MAX_FORCE_RATIO * largest_n))
     residual = graph.apply("Sub", sample, graph.apply("Mul", force, shape))
     return precision, force, graph.apply("ReduceSumSquare", residual, axes=[1], keepdims=1)
 

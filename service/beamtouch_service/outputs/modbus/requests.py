@@ -19,7 +19,7 @@ MAX_FRAME_BYTES = 260
 _MIN_REST_BYTES = 2
 
 Read = Callable[[int, int], list[int]]
-"""Takes an address and a count and returns so many registers; raises NoSuchRegisterError."""
+"""Takes an address and a count and returns this number of registers; raises NoSuchRegisterError."""
 
 _FRAMER = FramerSocket(DecodePDU(is_server=True))
 

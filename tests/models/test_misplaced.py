@@ -1,4 +1,4 @@
-"""Places and materials of a scene that cannot be meant are refused with what to write instead."""
+"""Obvious mistakes in a scene's places and materials are refused with what to write instead."""
 
 import pytest
 

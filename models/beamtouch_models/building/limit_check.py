@@ -1,4 +1,4 @@
-"""The check of a build: a model at the accuracy limit."""
+"""The check of a built model: it is refused if its error or its coverage misses the accuracy limit."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ SURE = 4.0
 """Number of standard errors by which a bound must be missed."""
 
 
-def check_held(made: Estimator, prior: Prior, seed: int) -> None:
+def check_at_limit(made: Estimator, prior: Prior, seed: int) -> None:
     """Refuse a model with answers that are not finite, and a posterior that misses the limit or its coverage.
 
     Raises
@@ -44,7 +44,7 @@ def check_held(made: Estimator, prior: Prior, seed: int) -> None:
         return
     message = (
         f"nothing was written: with {digits(prior.noise_mm, 3)} mm of noise the model's error is "
-        f"{digits(ratio.value, 3)} times the "
-        f"accuracy limit, and {coverage:.1%} of positions lie in their 95 % intervals; state a larger noise"
+        f"{digits(ratio.value, 3)} times the accuracy limit, and {coverage:.1%} of positions lie in their 95 % "
+        "intervals; state a larger noise"
     )
     raise NotGoodEnoughError(message)

@@ -1,9 +1,13 @@
-"""Numbers as people and files get them: no more digits than the sensor has."""
+"""Rounding of readings to what their sensor resolves."""
 
 import math
 
+from beamtouch_common.digits import digits
+
 MAX_DECIMALS = 6
 """A nanometre: less than any sensor resolves."""
+MAX_FRACTION = 1e6
+"""Counts from which on parts of one are left out."""
 
 
 def decimals_of(step_mm: float, noise_mm: float | None) -> int:
@@ -26,5 +30,8 @@ def rounded(value: float, decimals: int) -> float:
 
 
 def counts_text(counts: float) -> str:
-    """Return counts: whole ones in full, means of several conversions and floating-point values to seven digits."""
-    return f"{counts:.0f}" if counts == int(counts) else f"{counts:.7g}"
+    """Return counts: whole ones in full, means of several conversions and floating-point values to seven digits.
+
+    From a million on, such a mean is rounded to a whole number, because an exponent would take digits away.
+    """
+    return f"{counts:.0f}" if counts == int(counts) or abs(counts) >= MAX_FRACTION else digits(counts, 7)
