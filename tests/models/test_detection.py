@@ -90,7 +90,7 @@ def test_where_the_beam_does_not_move_no_force_is_seen_in_so_many_words(bench: M
     )
     ends = SmallestForce(position_mm=[0.0, 200.0], force_n=[UNSEEN_N, 1.0])
     told = summary(metadata.model_copy(update={"smallest_force": ends}), "bench", bench.outputs)
-    assert "at the ends of the range, none and 1 N;" in told
+    assert "N at the best place, none and 1 N at the ends of the range;" in told
     assert not re.search(r"e\+\d\d", unseen(metadata) + told)
 
 
