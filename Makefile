@@ -9,7 +9,7 @@ PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/
 # of processes.
 WORKERS ?= $(shell expr 3 \* $$(nproc))
 
-.PHONY: help install demo test coverage bench check docs release format deb clean
+.PHONY: help install demo test coverage bench check docs reference release format deb clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -38,11 +38,15 @@ $(PEERS): $(INSTALLED)
 	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev,bench]'
 	touch $@
 
-check: $(INSTALLED)  ## lint, format, types, imports
+check: $(INSTALLED)  ## lint, format, types, imports, reference
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy $(PACKAGES) demo tests docs/generator docs/gallery
 	$(BIN)/lint-imports
+	$(BIN)/python docs/generator/reference.py --check
+
+reference: $(INSTALLED)  ## write the parts of the pages in docs/ that come from the code, and the schemas
+	$(BIN)/python docs/generator/reference.py
 
 docs: $(INSTALLED)  ## build the site in build/site; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet

@@ -7,7 +7,7 @@ from typing import Any
 USED = 42
 """Registers of a block that have a meaning."""
 STATES = {1: "clear", 2: "contact", 3: "unexplained"}
-NOTES = ["overload", "unsteady", "unchecked", "rate", "noise"]
+NOTES = ["overload", "unsteady", "unchecked", "rate", "noise", "degraded", "senders"]
 FIGURES = {
     "position_mm": 8,
     "position_low_mm": 10,

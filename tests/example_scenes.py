@@ -26,6 +26,6 @@ noise_percent_of_max = 2
 
 
 def paper_scene(**sensors: Any) -> Scene:  # noqa: ANN401  # whatever a TOML value may be
-    """The paper's scene, with other values in [sensors]."""
+    """The paper's scene with sensors of no size, as the paper has them, and other values in [sensors]."""
     scene = parse_scene(PAPER, "paper.toml").model_dump()
-    return Scene.model_validate({**scene, "sensors": {**scene["sensors"], **sensors}})
+    return Scene.model_validate({**scene, "sensors": {**scene["sensors"], "size_mm": 0.0, **sensors}})

@@ -38,6 +38,9 @@ def read_text(path: Path) -> str:
     except OSError as error:
         message = f"{path}: {error.strerror}"
         raise InputError(message) from None
+    except ValueError:  # a null character
+        message = f"{str(path)!r} cannot be the path of a file"
+        raise InputError(message) from None
     if len(content) > MAX_BYTES:
         message = f"{path}: larger than {MAX_BYTES >> 20} MiB; is it the right file?"
         raise InputError(message)

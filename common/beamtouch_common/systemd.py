@@ -29,10 +29,10 @@ class ServiceManager:
         """Report that the stop has begun."""
         self._send("STOPPING=1")
 
-    def alive(self) -> None:
+    def alive(self, status: str = "") -> None:
         """Report progress, once the start is complete: the first report starts the manager's clock."""
         if self._is_ready:
-            self._send("WATCHDOG=1")
+            self._send("WATCHDOG=1" + (f"\nSTATUS={status}" if status else ""))
 
     def _send(self, text: str) -> None:
         if not self._address:

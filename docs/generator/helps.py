@@ -1,9 +1,9 @@
-"""What `--help` prints, of every command."""
+"""What commands print: the help of each, and the map of the Modbus registers."""
 
 import io
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 
 from beamtouch_daemon import cli as daemon
 from beamtouch_models import cli as design
@@ -18,6 +18,7 @@ PROGRAMS: dict[str, Main] = {
     "beamtouch-service": service.main,
 }
 _COMMAND = re.compile(r"^    ([a-z][a-z-]+)(?: |$)", re.MULTILINE)
+_VALUE_TWICE = re.compile(r"^  (-\w) (\S+), (--\S+) \2(?=\s)", re.MULTILINE)
 
 
 def all_helps() -> Iterator[tuple[str, str]]:
@@ -30,13 +31,21 @@ def all_helps() -> Iterator[tuple[str, str]]:
 
 
 def help_of(main: Main, *command: str) -> str:
-    """Return what `--help` of a command prints."""
+    """Return what `--help` of a command prints; in words as Python 3.13 and later: an option has its value once."""
+    text = _printed(main, *command, "--help")
+    once = _VALUE_TWICE.sub(lambda found: f"  {found[1]}, {found[3]} {found[2]}".ljust(len(found[0])), text)
+    return re.sub(" +$", "", once, flags=re.MULTILINE)
+
+
+def registers() -> str:
+    """Return the map of the Modbus registers, as Markdown."""
+    return _printed(service.main, "registers").strip()
+
+
+def _printed(main: Main, *arguments: str) -> str:
     printed = io.StringIO()
-    try:
-        with redirect_stdout(printed):
-            main([*command, "--help"])
-    except SystemExit:
-        pass  # argparse ends the program after a help
+    with redirect_stdout(printed), suppress(SystemExit):  # argparse ends the program after a help
+        main(arguments)
     return printed.getvalue()
 
 

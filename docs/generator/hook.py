@@ -1,22 +1,27 @@
-"""The hook of `mkdocs.yml`: fills in the generated parts of the site, and writes the schemas beside its pages."""
+"""The hook of `mkdocs.yml`: addresses, the pages from outside `docs/`, and links that hold on the site."""
 
-import json
-import os
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-from mkdocs.utils import get_relative_url
 
-import facts
 from links import rewritten
-from pages import FILES, PAGES, SHOWN, filled, schema
 from project import ROOT, addresses
 
 ADDRESSES = addresses((ROOT / "pyproject.toml").read_text())
-# Helps are as wide as the line of a page, and have no colours.
-os.environ.update(COLUMNS="96", NO_COLOR="1")
+SHOWN = {
+    "docs/index.md": "README.md",
+    "docs/changelog.md": "CHANGELOG.md",
+    "docs/contributing.md": "CONTRIBUTING.md",
+    "docs/how-to/several-services.md": "deploy/README.md",
+    "docs/reference/daemon.md": "daemon/README.md",
+    "docs/reference/device.md": "firmware_protocol/README.md",
+    "docs/reference/protocol.md": "firmware_protocol/PROTOCOL.md",
+    "docs/reference/service.md": "service/README.md",
+}
+"""Pages that show a file from outside `docs/`, by their path."""
+PAGES = {file: page for page, file in SHOWN.items()}
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -50,25 +55,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Fill in the generated parts of a page, and let its links hold on the site."""
+    """Let the links of a page hold on the site."""
     path = f"docs/{page.file.src_uri}"
-    source = SHOWN.get(path, path)
-    return rewritten(filled(markdown), source, path, PAGES, ADDRESSES, lambda file: (ROOT / file).exists())
-
-
-def on_page_content(html: str, page: Page, **_: object) -> str:
-    """Resolve addresses of files that the build writes beside the pages: `site:schemas/scene.json`."""
-    return html.replace('href="site:', f'href="{get_relative_url("", page.url)}/')
-
-
-def on_post_build(config: MkDocsConfig) -> None:
-    """Write the schemas of files, and the description of the HTTP interface."""
-    folder = Path(config.site_dir) / "schemas"
-    folder.mkdir(exist_ok=True)
-    for name in FILES:
-        _write(folder / f"{name}.json", schema(name, ADDRESSES.site))
-    _write(folder / "openapi.json", facts.openapi())
-
-
-def _write(path: Path, content: object) -> None:
-    path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    return rewritten(markdown, SHOWN.get(path, path), path, PAGES, ADDRESSES, lambda file: (ROOT / file).exists())

@@ -10,17 +10,10 @@ Schema = dict[str, Any]
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
-def editor_schema(model: type[BaseModel], title: str, address: str = "") -> Schema:
-    """Return the JSON Schema of a TOML file, as an editor uses it: TOML has no null, and names need no titles.
-
-    Parameters
-    ----------
-    model : model of the whole file
-    title : title of the schema
-    address : where the schema is published; its `$id`
-    """
+def editor_schema(model: type[BaseModel], title: str) -> Schema:
+    """Return the JSON Schema of a whole TOML file, as an editor uses it: TOML has no null, and names need no titles."""
     schema: Schema = _without_null(model.model_json_schema())
-    return {"$schema": DIALECT} | ({"$id": address} if address else {}) | schema | {"title": title}
+    return {"$schema": DIALECT} | schema | {"title": title}
 
 
 def _without_null(part: Any) -> Any:  # noqa: ANN401  # any JSON value
@@ -128,8 +121,7 @@ def keys_as_markdown(schema: Schema, level: int = 2) -> str:
     parts: list[str] = []
     for number, (name, part) in enumerate(tables_of(schema).items()):
         heading = "The whole file" if number == 0 else name
-        anchor = "" if number == 0 else f" {{#{name.lower()}}}"
-        parts.append(f"{'#' * level} {heading}{anchor}")
+        parts.append(f"{'#' * level} {heading}")
         if part.get("description"):
             parts.append(part["description"])
         parts.append(_table(part, schema.get("$defs", {})))

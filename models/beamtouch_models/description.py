@@ -1,13 +1,15 @@
 """A model file in words, for every command that describes one."""
 
-from collections.abc import Sequence
-from itertools import groupby
+import math
+from collections.abc import Iterator, Sequence
+from itertools import groupby, pairwise
 
 from beamtouch_common.digits import digits
+from beamtouch_models.detection import extremes
 from beamtouch_models.metadata import POSITION_OUTPUTS, Metadata
 
-BLIND = 10.0
-"""Where more than this many times the largest force of a scene is needed, no force is seen: near a support."""
+NARROW = 1 / 64
+"""Share of the range of contacts that a stretch at one of its ends must exceed to be told."""
 
 
 def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
@@ -18,14 +20,16 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
     weak, strong = metadata.ranges.force_n
     force = f"{weak:g} N, known" if weak == strong else f"{weak:g}..{strong:g} N, unknown"
     gap = f"gap {sensor.range_mm[0]:g}..{sensor.range_mm[1]:g} mm, {digits(sensor.standoff_mm, 4)} mm at rest"
-    smoothing = f"{chosen.kind} of {chosen.window} readings, settled after {chosen.settling_ms:g} ms"
+    most = "" if chosen.max_readings == chosen.window else f" to {chosen.max_readings}"
+    smoothing = f"{chosen.kind} of {chosen.window}{most} readings"
     error = f"{accuracy.error_percent:.3f} % +- {digits(accuracy.error_standard_error, 1)}"
     best = f"{accuracy.limit_percent:.3f} % +- {digits(accuracy.limit_standard_error, 1)}"
     ratio = f"{accuracy.ratio:.3f} +- {digits(accuracy.ratio_standard_error, 1)}"
     lacks = ", ".join(lacking(outputs))
+    largest = f"{metadata.length_mm:g} mm, largest deflection {digits(metadata.max_deflection_mm, 4)} mm"
     rows = [
         ("model", f"{identity} ({metadata.estimator}, seed {metadata.seed})"),
-        ("beam", f"{metadata.length_mm:g} mm, largest deflection {digits(metadata.max_deflection_mm, 4)} mm"),
+        ("beam", f"{metadata.beam}: {largest}"),
         ("sensors", f"{layout} mm from the left end; at least {metadata.min_channels} must work"),
         ("contact", f"{low:g}..{high:g} mm, {force}"),
         ("sensor", f"{gap}, {sensor.adc_bits} bits, {sensor.rate_hz:g} Hz"),
@@ -36,8 +40,9 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
         ("touch", _touch(metadata)),
         ("filter", "none" if chosen.kind == "none" else smoothing),
         ("noise", f"{digits(noise.reading_mm, 3)} mm per reading, {digits(noise.sample_mm, 3)} mm per sample"),
-        ("error", f"{error} of the length, on average"),
+        ("error", f"{error} of the length, on average{_of_what(metadata)}"),
         ("limit", f"{best}; error over limit {ratio}"),
+        *(("answer", f"{kind}: error {', '.join(each)}") for kind, each in answers(metadata).items()),
         *_placed(metadata),
         ("outputs", ", ".join(outputs)),
         *([("lacks", f"{lacks}: `design-sensors evaluate` can use it, the service cannot")] if lacks else []),
@@ -45,6 +50,30 @@ def summary(metadata: Metadata, identity: str, outputs: Sequence[str]) -> str:
         *_calibration(metadata),
     ]
     return "\n".join(f"{label:<8} {text}" for label, text in rows)
+
+
+def _of_what(metadata: Metadata) -> str:
+    chosen = metadata.filter
+    return "" if chosen.kind == "none" else f", of the mean of {chosen.window} readings at rest"
+
+
+def answers(metadata: Metadata) -> dict[str, list[str]]:
+    """Return what an answer gives, and when, in words for each kind of touch."""
+    kinds: dict[str, list[str]] = {"touch without ringing": [], "sudden touch": []}
+    for one in metadata.accuracy.since_touch:
+        after = f"after {digits(one.since_ms, 3)} ms"
+        kinds["touch without ringing"].append(f"{_measured(one.error_percent, one.error_standard_error)} {after}")
+        if one.ringing_percent is not None:
+            kinds["sudden touch"].append(f"{_measured(one.ringing_percent, one.ringing_standard_error)} {after}")
+    return {kind: each for kind, each in kinds.items() if each}
+
+
+def _measured(percent: float, standard_error: float | None) -> str:
+    """Return a figure to the digit that its standard error leaves."""
+    if not standard_error:
+        return f"{digits(percent, 2)} %"
+    decimals = max(0, -math.floor(math.log10(standard_error)))
+    return f"{percent:.{decimals}f} % +- {digits(standard_error, 1)}"
 
 
 def lacking(outputs: Sequence[str]) -> list[str]:
@@ -65,47 +94,68 @@ def per_day(rate: float) -> str:
 
 def _touch(metadata: Metadata) -> str:
     seen, often = metadata.smallest_force.force_n, per_day(metadata.thresholds.false_contacts_per_day)
-    most_n = BLIND * metadata.ranges.force_n[1]
-    left, right = (f"{digits(force, 2)} N" if force <= most_n else "none" for force in (seen[0], seen[-1]))
-    needed = (
-        f"smallest force seen: {digits(min(seen), 2)} N at the best place, {left} and {right} at the ends of the range"
+    best, left, right = (
+        "none" if force is None else f"{digits(force, 2)} N" for force in (extremes(seen)[0], seen[0], seen[-1])
     )
+    needed = f"smallest force seen: {best} at the best place, {left} and {right} at the ends of the range"
     return f"{needed}; false contacts at rest: {often}"
 
 
 def unseen(metadata: Metadata) -> str:
-    """Say where the smallest force of the scene is not seen, and where none is; empty if it is seen everywhere.
+    """Say where the smallest force of the scene is not seen, and where nothing is; empty if it is seen everywhere.
 
-    The very ends of the range are not told, because supports often stand there, beside which every force is missed.
+    Right beside a support every force is missed. Where that is only a narrow stretch at an end of the range, with the
+    support outside it, it is not told.
     """
-    weakest, most_n = metadata.ranges.force_n[0], BLIND * metadata.ranges.force_n[1]
-    pairs = list(zip(metadata.smallest_force.position_mm, metadata.smallest_force.force_n, strict=True))
-    missed, blind = _stretches(pairs, weakest), _stretches(pairs, most_n)
-    if not missed:
+    seen, weakest, (low, high) = metadata.smallest_force, metadata.ranges.force_n[0], metadata.ranges.position_mm
+    needed = list(zip(seen.position_mm, seen.force_n, strict=True))
+    where, forces_n = [], []
+    for start, end in _missed(needed, weakest):
+        most = extremes([force for at, force in needed if start <= at <= end])[1]
+        if most is None or end - start > NARROW * (high - low) or low < start < end < high:
+            where.append((start, end))
+            forces_n += [most] if most is not None else []
+    if not where:
         return ""
-    needed = max((force for run in missed for _, force in run if force <= most_n), default=weakest)
-    words = [f"up to {digits(needed, 2)} N is needed there"] if needed > weakest else []
-    where = "there" if blind == missed else f"at {_in_words(blind)}"
-    words += [f"{where} the beam hardly moves, and no force is seen"] if blind else []
+    words = [blind] if (blind := nothing_seen(metadata, needed)) else []
+    words += [f"up to {digits(max(forces_n), 2)} N is needed {'elsewhere' if blind else 'there'}"] if forces_n else []
     return (
-        f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {_in_words(missed)}: "
-        f"{'; '.join(words)}"
+        f"the scene's smallest force, {weakest:g} N, is missed in more than 5 % of samples at {_in_words(where)}: "
+        f"{', and '.join(words)}"
     )
 
 
-Stretch = list[tuple[float, float]]
-"""Neighbouring positions, with the force that is needed at each."""
+Needed = Sequence[tuple[float, float | None]]
+"""Positions with the force that is needed at each; None: nothing is seen there."""
 
 
-def _stretches(needed: Stretch, force_n: float) -> list[Stretch]:
-    """Return the stretches where more than a force is needed to be seen, without single places at either end."""
-    runs = [list(run) for is_missed, run in groupby(needed, lambda pair: pair[1] > force_n) if is_missed]
-    return [run for run in runs if len(run) > 1 or run[0] not in (needed[0], needed[-1])]
+def nothing_seen(metadata: Metadata, needed: Needed) -> str:
+    """Say where nothing is seen: at a support, or elsewhere; empty if there is no such place."""
+    runs = [[at for at, _ in run] for is_blind, run in groupby(needed, lambda pair: pair[1] is None) if is_blind]
+    supports = [support.at_mm for support in metadata.drawn.supports]
+    words = []
+    for run in runs:
+        held = [f"the support at {digits(at, 4)} mm" for at in supports if run[0] <= at <= run[-1]]
+        words += held or [_in_words([(run[0], run[-1])])]
+    return f"nothing is seen at {' and '.join(words)}" if words else ""
 
 
-def _in_words(stretches: list[Stretch]) -> str:
-    ends = [(run[0][0], run[-1][0]) for run in stretches]
-    words = [digits(low, 4) if low == high else f"{digits(low, 4)}..{digits(high, 4)}" for low, high in ends]
+def _missed(needed: Needed, force_n: float) -> Iterator[tuple[float, float]]:
+    """Yield the stretches where more than a force is needed; 1 over the needed force is straight between two places."""
+    seen = [(at, 0.0 if force is None else force_n / force) for at, force in needed]
+    start = seen[0][0]
+    for (left, before), (right, after) in pairwise(seen):
+        if (before < 1) != (after < 1):
+            edge = left + (right - left) * (1 - before) / (after - before)
+            if before < 1:
+                yield start, edge
+            start = edge
+    if seen[-1][1] < 1:
+        yield start, seen[-1][0]
+
+
+def _in_words(stretches: Sequence[tuple[float, float]]) -> str:
+    words = [digits(low, 4) if low == high else f"{digits(low, 4)}..{digits(high, 4)}" for low, high in stretches]
     return " and ".join(f"{one} mm" for one in words)
 
 

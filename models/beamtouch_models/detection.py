@@ -6,6 +6,7 @@ is seen when it passes the threshold in its own direction, so its margin over th
 in other directions adds a little to the odds of a contact, so that slightly fewer are missed.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import erfc, sqrt
 
@@ -16,8 +17,6 @@ from beamtouch_models.metadata import Metadata
 
 SURELY = 1.645
 """Deviations of a sample that a force must exceed the threshold by, so that 95 % of the samples do."""
-UNSEEN_N = float(np.finfo(np.float32).max)
-"""Stands for the smallest force where no sensor moves."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +24,8 @@ class Detection:
     """What a settled sample shows along the beam, with all channels."""
 
     position_mm: list[float]
-    smallest_force_n: list[float]
-    """95 of 100 settled samples at this force are a contact."""
+    smallest_force_n: list[float | None]
+    """95 of 100 settled samples at this force are a contact; None: nothing is seen."""
     force_n: float
     """Smallest force of the scene."""
     missed: list[float]
@@ -35,19 +34,24 @@ class Detection:
     """At rest, as designed."""
 
 
-def missed_shares(force_n: float, smallest_n: Floats, size_per_n: Floats) -> list[float]:
+def extremes(smallest_n: Sequence[float | None]) -> tuple[float | None, float | None]:
+    """Return the least and the largest of smallest forces; None, where nothing is seen, is larger than any."""
+    seen = [force for force in smallest_n if force is not None]
+    return min(seen, default=None), max(seen, default=None) if len(seen) == len(smallest_n) else None
+
+
+def missed_shares(force_n: float, smallest_n: Sequence[float | None], size_per_n: Floats) -> list[float]:
     """Return the share of settled samples of a force that are not a contact, along the beam (positions,).
 
     Parameters
     ----------
     force_n : the force
-    smallest_n : (positions,) force of which 95 % are seen; `UNSEEN_N` or more where no sensor moves
+    smallest_n : (positions,) force of which 95 % are seen; None where nothing is seen
     size_per_n : (positions,) length of the whitened influence, in deviations per newton
     """
-    margin = SURELY + (force_n - np.minimum(smallest_n, UNSEEN_N)) * size_per_n
     return [
-        1.0 if smallest >= UNSEEN_N else erfc(one / sqrt(2)) / 2
-        for one, smallest in zip(margin.tolist(), smallest_n.tolist(), strict=True)
+        1.0 if smallest is None else erfc((SURELY + (force_n - smallest) * size) / sqrt(2)) / 2
+        for smallest, size in zip(smallest_n, size_per_n.tolist(), strict=True)
     ]
 
 
@@ -59,11 +63,10 @@ def detection_of(metadata: Metadata) -> Detection | None:
     size = np.linalg.norm(np.array(metadata.influence.mm_per_n) / rest, axis=1)
     at = np.linspace(*metadata.ranges.position_mm, len(size))
     weakest = metadata.ranges.force_n[0]
-    smallest = np.array(seen.force_n)
     return Detection(
         position_mm=seen.position_mm,
         smallest_force_n=seen.force_n,
         force_n=weakest,
-        missed=missed_shares(weakest, smallest, np.interp(seen.position_mm, at, size)),
+        missed=missed_shares(weakest, seen.force_n, np.interp(seen.position_mm, at, size)),
         false_contacts_per_day=metadata.thresholds.false_contacts_per_day,
     )

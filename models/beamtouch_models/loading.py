@@ -14,13 +14,17 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from beamtouch_models import description, session
-from beamtouch_models.arrays import Floats32
+from beamtouch_models.arrays import Floats, Floats32
 from beamtouch_models.errors import ModelFileError
 from beamtouch_models.metadata import INPUTS, THIS_FILE, Metadata
 from beamtouch_models.session import Answers
+from beamtouch_models.whitening import whitening
 
 GOLDEN_TOLERANCE = 1e-3
 """Largest difference between a golden answer and the file's, in mm, N and nats; float32 needs a tenth of it."""
+
+MAX_RATIO = 100.0
+"""A deflection is out of range beyond this many times the largest one that the scene allows."""
 
 MAX_BYTES = 4 * 1024 * 1024
 """Largest model file; `design-sensors build` writes at most a hundredth of it."""
@@ -41,6 +45,11 @@ class ModelFile:
     def channels(self) -> list[str]:
         """Channel names in input order."""
         return [channel.name for channel in self.metadata.layout]
+
+    @property
+    def largest_mm(self) -> float:
+        """Deflection beyond which a channel takes no part: no load goes that far."""
+        return MAX_RATIO * self.metadata.max_deflection_mm
 
     @property
     def lacks(self) -> list[str]:
@@ -69,6 +78,23 @@ class ModelFile:
     def run(self, deflection_mm: NDArray[np.floating], whitening_per_mm: NDArray[np.floating]) -> Answers:
         """Answer any number of samples of any precision, in chunks; otherwise as `estimate`."""
         return session.run_in_chunks(self.estimate, deflection_mm, whitening_per_mm)
+
+    def answer(self, deflection_mm: Floats, noise_mm: float | None = None) -> dict[str, Floats]:
+        """Answer samples of all channels as the service does, with the floor of the file.
+
+        Parameters
+        ----------
+        deflection_mm : (samples, channels), as the sensors measure them, in the order of the layout
+        noise_mm : standard deviation of their noise; None or 0: that of a settled sample
+
+        Returns
+        -------
+        One array (samples,) per output name.
+        """
+        floor, noise_mm = self.metadata.floor, noise_mm or self.metadata.noise.sample_mm
+        covariance_mm2 = np.eye(len(self.channels)) * noise_mm**2
+        answers = self.run(deflection_mm, whitening(deflection_mm, covariance_mm2, floor.gain, floor.zero_mm))
+        return {name: values.astype(np.float64) for name, values in answers.items()}
 
 
 def load(path: Path) -> ModelFile:
@@ -99,6 +125,11 @@ def read(path: Path) -> bytes:
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
         message = f"{path}: {error.strerror}"
+        raise ModelFileError(message) from None
+    except ModelFileError:
+        raise
+    except ValueError:  # a null character
+        message = f"{str(path)!r} cannot be the path of a file"
         raise ModelFileError(message) from None
     _require_size(len(content), str(path))
     if path.suffix == ".toml":

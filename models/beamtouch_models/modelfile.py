@@ -14,6 +14,7 @@ from beamtouch_models.decision import (
     State,
     Suspects,
     Weighed,
+    Wirings,
     evidence,
     is_odd,
     is_overload,
@@ -37,6 +38,6 @@ from beamtouch_models.session import Answers, GraphError, graph_errors
 __all__ = [
     "INPUTS", "LOG_ODDS", "MISFIT", "Accuracy", "Answers", "BestSample", "Calibration", "ChannelChange", "Drawn",
     "Evidence", "GraphError", "Health", "Hypotheses", "Judgement", "LeftOut", "Memory", "Metadata", "ModelFile",
-    "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Weighed", "evidence", "graph_errors", "is_odd",
-    "is_overload", "is_unchecked", "load", "load_bytes", "memories_after", "read",
+    "ModelFileError", "Noise", "Ranges", "State", "Suspects", "Weighed", "Wirings", "evidence", "graph_errors",
+    "is_odd", "is_overload", "is_unchecked", "load", "load_bytes", "memories_after", "read",
 ]  # fmt: skip

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from beamtouch_common.errors import InputError
+from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import load_toml, validate
 from beamtouch_service.access import Access
 from beamtouch_service.config_sections import RENAMED, ConfigFile, MqttSection, Overrides, SurfaceSection
@@ -41,6 +41,8 @@ def load_settings(config: Path | None, options: Mapping[str, object]) -> Setting
     ------
     InputError
         Something is wrong; the message names the place.
+    FailedError
+        The file of a token or of the password cannot be read; it may come later.
     """
     typed = {f"--{name.replace('_', '-')}": value for name, value in options.items()}
     overrides = validate(Overrides, typed, "command line")
@@ -132,7 +134,10 @@ def _mqtt(section: MqttSection, folder: Path) -> MqttSettings:
 
 
 def load_password(path: Path) -> str:
-    """Read a password, without the end of its line; raises ConfigError if the file holds none."""
+    """Read a password, without the end of its line.
+
+    Raises ConfigError if the file holds none, and FailedError if it cannot be read: it may come later.
+    """
     remedy = "write the password to it, in one line"
     try:
         with path.open("rb") as file:
@@ -140,7 +145,7 @@ def load_password(path: Path) -> str:
         password = content.decode().removesuffix("\n").removesuffix("\r")
     except OSError as error:
         message = f"password file {path}: {error.strerror}; {remedy}"
-        raise ConfigError(message) from None
+        raise FailedError(message) from None
     except UnicodeDecodeError:
         password = ""
     if password.isprintable() and password and len(content) <= _MAX_TOKEN_BYTES:
@@ -162,25 +167,29 @@ def _merge_surfaces(file: ConfigFile, folder: Path, overrides: Overrides) -> tup
             model=model or _path(section.model, folder),
             stale_ms=overrides.stale_ms or section.stale_ms,
             unexplained_after_s=section.unexplained_after_s,
+            degraded_after_s=section.degraded_after_s,
         )
         for name, section in file.surfaces.items()
     ]
     if model and not merged:
         default = SurfaceSection()
         stale_ms = overrides.stale_ms or default.stale_ms
-        merged = [SurfaceSettings("", model, stale_ms, default.unexplained_after_s)]
+        merged = [SurfaceSettings("", model, stale_ms, default.unexplained_after_s, default.degraded_after_s)]
     return tuple(merged)
 
 
 def load_token(path: Path) -> str:
-    """Read a token and strip white space around it; raises ConfigError if the file holds no usable token."""
+    """Read a token and strip white space around it.
+
+    Raises ConfigError if the file holds no usable token, and FailedError if it cannot be read: it may come later.
+    """
     remedy = f"write at least {MIN_TOKEN_CHARACTERS} random characters to it, as `openssl rand -hex 32` prints them"
     try:
         with path.open("rb") as file:
             content = file.read(_MAX_TOKEN_BYTES + 1)
     except OSError as error:
         message = f"token file {path}: {error.strerror}; {remedy}"
-        raise ConfigError(message) from None
+        raise FailedError(message) from None
     token = content.decode("ascii", "replace").strip()
     if len(content) > _MAX_TOKEN_BYTES:
         problem = f"longer than {_MAX_TOKEN_BYTES} bytes"

@@ -15,6 +15,7 @@ _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_doc
 Port = Annotated[int, Field(ge=0, le=65535)]
 StaleMs = Annotated[FiniteFloat, Field(gt=0, le=60_000)]
 _Text = Annotated[str, Field(min_length=1)]
+_Host = Annotated[_Text, AfterValidator(host_name)]
 _File = Annotated[_Text, AfterValidator(file_path)]
 
 RENAMED = {"token_file": "write_token_file", "most_mb": "max_mb"}
@@ -26,7 +27,7 @@ class ServerSection(BaseModel):
 
     model_config = _STRICT
 
-    host: _Text = "127.0.0.1"
+    host: _Host = "127.0.0.1"
     """Address to listen on. Addresses beyond loopback require a write token and a read token."""
     port: Port = 8420
     """0 picks a free port."""
@@ -73,7 +74,7 @@ class ModbusServerSection(BaseModel):
 
     model_config = _STRICT
 
-    host: _Text = "127.0.0.1"
+    host: _Host = "127.0.0.1"
     """Address to listen on. Modbus knows no tokens: everyone who reaches it can read the contacts."""
     port: Port = 502
     """0 picks a free port. Ports below 1024 require a privilege."""
@@ -90,7 +91,7 @@ class MqttSection(BaseModel):
 
     model_config = _STRICT
 
-    host: Annotated[_Text, AfterValidator(host_name)]
+    host: _Host
     """Name or address of the broker."""
     port: Annotated[int, Field(ge=1, le=65535)] | None = None
     """Default: 1883, with TLS 8883."""
@@ -129,6 +130,9 @@ class SurfaceSection(BaseModel):
     """No contact is given from a sample older than this."""
     unexplained_after_s: Annotated[FiniteFloat, Field(gt=0, le=86_400)] = limits.UNEXPLAINED_AFTER_S
     """A state `unexplained` that lasts longer raises a metric and writes a line to the log."""
+    degraded_after_s: Annotated[FiniteFloat, Field(gt=0, le=86_400)] = limits.DEGRADED_AFTER_S
+    """A channel that is missing, stuck, saturated or out of range for longer is out: the contact gets the note
+    `degraded`, and log, metrics, MQTT status and `/health/ready?health=true` say so."""
 
 
 class ConfigFile(BaseModel):
@@ -153,7 +157,7 @@ class Overrides(BaseModel):
 
     model_config = _STRICT | ConfigDict(alias_generator=lambda name: f"--{name.replace('_', '-')}")
 
-    host: _Text | None = None
+    host: _Host | None = None
     port: Port | None = None
     write_token_file: _File | None = None
     read_token_file: _File | None = None

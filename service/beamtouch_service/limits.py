@@ -8,6 +8,8 @@ STALE_MS = 500.0
 """No contact is given from a sample older than this."""
 UNEXPLAINED_AFTER_S = 10.0
 """An unexplained stretch that lasts longer needs attention."""
+DEGRADED_AFTER_S = 10.0
+"""A channel that is not good for longer is out, and needs attention."""
 MAX_BATCHES_PER_S = 2000.0
 """For each surface."""
 MAX_STREAMS = 32

@@ -3,9 +3,10 @@
 A problem is a value. `ProblemError` carries it through the code, and `api.errors` turns it into an answer.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import cast
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -19,9 +20,11 @@ class Kind(Enum):
     NO_SURFACE = ("no-surface", 503, "The service has no surface")
     NO_MODEL = ("no-model", 503, "The surface has no model")
     NO_SAMPLES = ("no-samples", 503, "The surface has no samples yet")
+    OTHER_BEAM = ("other-beam", 503, "The model is of another beam than the samples")
     STALE = ("stale", 503, "The newest sample is too old")
     TOO_FEW_CHANNELS = ("too-few-channels", 503, "Too few working channels")
     UNUSABLE_ESTIMATE = ("unusable-estimate", 503, "The model gave no usable answer")
+    CHANNELS_OUT = ("channels-out", 503, "Sensors of the surface are out")
     CHANGED_CHANNELS = ("changed-channels", 503, "Sensors of the surface have changed")
     NOT_READY = ("not-ready", 503, "The service is not ready")
     UNAUTHORIZED = ("unauthorized", 401, "A valid bearer token is required")
@@ -86,6 +89,12 @@ class Problem:
     surface: str | None = None
     members: Mapping[str, object] = field(default_factory=dict)
     """Further members of the body, JSON values."""
+
+    @property
+    def channels(self) -> list[str]:
+        """The channels that are the cause, if some are."""
+        named = (self.members.get(member, ()) for member in ("bad_channels", "channels_out", "changed_channels"))
+        return [name for names in named for name in cast("Iterable[str]", names)]
 
     def body(self) -> dict[str, object]:
         """Return the members of the answer. `surface` is present only if there is one."""

@@ -8,7 +8,7 @@ import math
 import sys
 from enum import StrEnum
 from operator import le
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
@@ -28,6 +28,7 @@ _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_doc
 ChannelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
 Noise = Annotated[FiniteFloat, Field(gt=0, le=MAX_NOISE_MM)]
 Covariance = Annotated[FiniteFloat, Field(ge=-(MAX_NOISE_MM**2), le=MAX_NOISE_MM**2)]
+BeamIdentity = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
 SurfaceName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
 
 
@@ -46,10 +47,28 @@ class Quality(StrEnum):
 
 
 class Note(StrEnum):
-    """Notes of the sender on the surface."""
+    """All notes on an answer: word, bit of the Modbus register `notes`, meaning. `check-NAME` is not in this list.
 
-    RATE = "rate"
-    """The device does not keep its rate, so filter windows are longer or shorter than configured."""
+    Controllers are programmed against the bits: a note keeps its bit for good.
+    """
+
+    bit: int
+    meaning: str
+
+    def __new__(cls, word: str, bit: int, meaning: str) -> Self:
+        """Return the note of this word."""
+        note = str.__new__(cls, word)
+        note._value_ = word
+        note.bit, note.meaning = bit, meaning
+        return note
+
+    OVERLOAD = "overload", 0, "the force is beyond the range of the scene"
+    UNSTEADY = "unsteady", 1, "the readings move, or do not show the state by themselves"
+    UNCHECKED = "unchecked", 2, "too few channels work to tell a single contact from anything else"
+    RATE = "rate", 3, "the device does not keep its rate"
+    NOISE = "noise", 4, "the daemon states another noise than the model was made for"
+    DEGRADED = "degraded", 5, "a channel has been out for longer than `degraded_after_s`"
+    SENDERS = "senders", 6, "two daemons send samples of the surface"
 
 
 class Sample(BaseModel):
@@ -151,12 +170,15 @@ class Batch(BaseModel):
     service sees which one waited on the way, and counts that to the age. Older senders state none."""
     samples: list[Sample] = Field(min_length=1, max_length=MAX_SAMPLES)
     """The samples, in the order in which they were taken."""
-    notes: list[Annotated[Note, Field(strict=False)]] = Field(default=[], max_length=len(Note))
+    notes: list[Literal["rate"]] = Field(default=[], max_length=1)
     """Notes of the sender while it took these samples. Older senders state none."""
     noise_mm: list[Noise] | None = Field(default=None, max_length=MAX_CHANNELS)
     """Standard deviation of one reading of each channel, as the sender assumes it. Older senders state none."""
     characteristic: str | None = Field(default=None, pattern=r"^[A-Za-z0-9-]{1,64}$")
     """Identity of the sender's characteristics and rest gaps; it changes with either."""
+    beam: BeamIdentity | None = None
+    """Identity of the beam and layout that the sender is configured for. A service whose model is of another beam
+    refuses the batch. Null: the sender does not say, and nothing is compared."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

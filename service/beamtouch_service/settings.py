@@ -19,6 +19,7 @@ class SurfaceSettings:
     model: Path | None
     stale_ms: float
     unexplained_after_s: float
+    degraded_after_s: float
 
 
 @dataclass(frozen=True)

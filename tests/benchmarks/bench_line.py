@@ -68,7 +68,7 @@ def _line(folder: Path, text: str, kind: Kind, mean: str) -> Line:
         stated = re.sub(r"max_mean_ms = .*\n", "", stated.replace('"growing-mean"', '"moving-average"'))
     config.write_text(stated)
     script.write_text(SCRIPT)
-    return Line(folder, scene, model, config, [Surface("bench", kind, script)])
+    return Line(folder, scene, model, config, [Surface("bench", kind, script, ("--no-ringing",))])
 
 
 def _spent(line: Line) -> dict[str, float]:

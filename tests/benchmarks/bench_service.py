@@ -34,15 +34,14 @@ LOAD = Path(__file__).parent / "http_load.py"
 GOALS = {"a bare ASGI answer": "at least 0.6", "a plain FastAPI route": "at least 1.3"}
 
 HOSTED = """
-import socket, sys
+import sys
 from beamtouch_service.api.context import Streams
-from beamtouch_service.host.listener import bind
+from beamtouch_service.host.listener import Address
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_service.host.uvicorn_host import Host, configure
 
 {app}
-listener = bind(socket.AF_INET, "127.0.0.1", 0)
-Host(configure(app), ServiceManager(), Streams()).run(sockets=[listener])
+Host(configure(app), ServiceManager(), Streams(), Address("server", "127.0.0.1", 0)).run()
 """
 BARE = """
 BODY = b"x" * int(sys.argv[1])

@@ -54,7 +54,7 @@ async def stepped(folder: Path, steps: int, batch_ms: float | None) -> list[dict
     path.write_bytes(build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
     token.write_text(TOKEN)
     model = modelfile.load(path)
-    beam, touching, changed_s = VirtualSurface(scene, model.metadata, seed=1), [False], [0.0]
+    beam, touching, changed_s = VirtualSurface(scene, model.metadata, seed=1, rings=False), [False], [0.0]
 
     async def convert(_function: int, _start: int, _address: int, _count: int, now: list[int], _set: object) -> None:
         now[:4] = beam.counts(LOAD if touching[0] else REST, 0.0)

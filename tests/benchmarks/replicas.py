@@ -75,7 +75,10 @@ def plant(folder: Path, surfaces: int, events_url: str) -> PlantLine:
     model.write_bytes(build(scene, text, "bench", count=None, seed=0, progress=lambda _doing, _done: None).content)
     config.write_text(daemon_config(modelfile.load(model).metadata))
     names = [f"s{number}" for number in range(surfaces)]
-    rigs = [Surface(name, "modbus-tcp", script(folder / f"{name}.toml", seed)) for seed, name in enumerate(names)]
+    still = ("--no-ringing",)
+    rigs = [
+        Surface(name, "modbus-tcp", script(folder / f"{name}.toml", seed), still) for seed, name in enumerate(names)
+    ]
     return PlantLine(folder, SCENES / "bench.toml", model, config, rigs, events_url=events_url, services=3)
 
 

@@ -99,7 +99,7 @@ def run(kind: Kind, scene: str, number: int, folder: Path) -> list[dict[str, flo
     touches = touches_of(model, number)
     (folder / "script.toml").write_text(script(touches))
     (folder / "config.toml").write_text(daemon_config(model.metadata))
-    surface = Surface(scene, kind, folder / "script.toml")
+    surface = Surface(scene, kind, folder / "script.toml", ("--no-ringing",))
     seconds = touches[-1].offset_s + REST_S
     with Line(folder, path, folder / "model.onnx", folder / "config.toml", [surface]) as line:
         found = list(answers(line.url, time.time() + seconds))

@@ -87,7 +87,7 @@ def soak(folder: Path, seconds: float, rate_hz: int) -> tuple[Seen, dict[str, in
     scene = parse_scene(text, "scene")
     model_path.write_bytes(build(scene, text, "soak", count=None, seed=0, progress=lambda _doing, _done: None).content)
     config.write_text(daemon_config(modelfile.load(model_path).metadata))
-    line = Line(folder, scene_path, model_path, config, [Surface("soak", "serial")])
+    line = Line(folder, scene_path, model_path, config, [Surface("soak", "serial", rig_options=("--no-ringing",))])
     seen = Seen()
     with line, httpx2.Client(base_url=line.url, trust_env=False) as client:
         wait_until_ready(client)

@@ -29,7 +29,8 @@ for found in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
 MODBUS_SERVER = ("beamtouch_service.host.modbus", "beamtouch_service.outputs.modbus.requests")
 """What needs pymodbus."""
 MQTT = tuple(
-    f"beamtouch_service.outputs.mqtt.{name}" for name in ("connection", "contacts", "events", "messages", "publisher")
+    f"beamtouch_service.outputs.mqtt.{name}"
+    for name in ("connection", "contacts", "events", "messages", "publisher", "statuses")
 )
 """What needs an MQTT client."""
 

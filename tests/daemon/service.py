@@ -2,8 +2,10 @@
 
 import asyncio
 import socket
+import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from pathlib import Path
 from time import monotonic
 
 import uvicorn
@@ -14,7 +16,7 @@ from starlette.routing import Route
 
 from beamtouch_service.samples import Batch, Receipt, Sample
 
-TOKEN = "swordfish-of-the-tests"  # noqa: S105
+TOKEN = "swordfish-of-the-tests-and-longer"  # noqa: S105
 
 
 class Service:
@@ -82,3 +84,20 @@ async def serving(service: Service) -> AsyncIterator[Service]:
         server.should_exit = True
         await asyncio.wait_for(task, 60)
         service.listener.close()
+
+
+@asynccontextmanager
+async def real_service(folder: Path, model: Path, *options: str | Path, port: int = 0) -> AsyncIterator[str]:
+    """Run the real service with the surface that a model is named after; gives its address."""
+    (folder / "token").write_text(TOKEN)
+    program = ["-m", "beamtouch_service.cli", "run", "--model", model, "--write-token-file", folder / "token"]
+    pipe = asyncio.subprocess.PIPE
+    words = [sys.executable, *map(str, [*program, "--port", port, *options])]
+    process = await asyncio.create_subprocess_exec(*words, stdout=pipe, stderr=asyncio.subprocess.DEVNULL)
+    try:
+        assert process.stdout is not None
+        line = await asyncio.wait_for(process.stdout.readline(), 120)
+        yield line.decode().removeprefix("listening on ").strip()
+    finally:
+        process.terminate()
+        await process.wait()

@@ -3,8 +3,6 @@
 import asyncio
 import json
 import sys
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from pathlib import Path
 
 import httpx2
@@ -18,33 +16,15 @@ from . import configs
 from .devices import SerialDevice, pymodbus_server
 from .lines import terminal
 from .process import Outcome, command, free_port, started
+from .service import TOKEN, real_service
 
 pytestmark = pytest.mark.anyio
-
-TOKEN = "swordfish-of-the-tests-and-longer"  # noqa: S105 - of tests
 
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The file of a model of the surface `bench` with four channels."""
     return write_model(tmp_path_factory.mktemp("model"), "bench", channels=4)
-
-
-@asynccontextmanager
-async def service(folder: Path, model: Path, *options: str | Path, port: int = 0) -> AsyncIterator[str]:
-    """Run the real service with the surface `bench`; gives its address."""
-    (folder / "token").write_text(TOKEN)
-    program = ["-m", "beamtouch_service.cli", "run", "--model", model, "--write-token-file", folder / "token"]
-    pipe = asyncio.subprocess.PIPE
-    words = [sys.executable, *map(str, [*program, "--port", port, *options])]
-    process = await asyncio.create_subprocess_exec(*words, stdout=pipe, stderr=asyncio.subprocess.DEVNULL)
-    try:
-        assert process.stdout is not None
-        line = await asyncio.wait_for(process.stdout.readline(), 120)
-        yield line.decode().removeprefix("listening on ").strip()
-    finally:
-        process.terminate()
-        await process.wait()
 
 
 def bench(source: str, channels: int = 4) -> str:
@@ -77,12 +57,12 @@ async def waits_for(config: Path, text: str) -> bool:
         await process.wait()
 
 
-async def test_it_waits_for_the_device_and_for_the_service(tmp_path: Path, model: Path) -> None:
+async def test_it_waits_for_the_device_and_for_the_real_service(tmp_path: Path, model: Path) -> None:
     device, serving = free_port(), free_port()
     config = written(tmp_path, f"http://127.0.0.1:{serving}", configs.tcp(device))
     async with (
         started("check", config, "--wait", "300") as waiting,
-        service(tmp_path, model, port=serving),
+        real_service(tmp_path, model, port=serving),
         pymodbus_server([20_000, 21_000, 20_000, 20_000], port=device),
     ):
         outcome = await waiting.end()
@@ -93,7 +73,7 @@ async def test_it_waits_for_the_device_and_for_the_service(tmp_path: Path, model
 
 async def test_it_waits_for_a_serial_port_that_does_not_exist_yet(tmp_path: Path, model: Path) -> None:
     port = tmp_path / "ttyUSB0"
-    async with service(tmp_path, model) as url:
+    async with real_service(tmp_path, model) as url:
         config = written(tmp_path, url, configs.serial(str(port)))
         with terminal() as line:
             SerialDevice(line, channels=4)
@@ -125,7 +105,7 @@ async def test_what_is_still_wrong_at_the_end_is_reported(tmp_path: Path) -> Non
 async def test_a_service_that_takes_no_samples_is_reported(
     tmp_path: Path, model: Path, channels: int, name: str, token: str, said: str
 ) -> None:
-    async with service(tmp_path, model) as url, pymodbus_server([20_000] * 4) as port:
+    async with real_service(tmp_path, model) as url, pymodbus_server([20_000] * 4) as port:
         config = written(tmp_path, url, configs.patient_tcp(port), channels, token)
         config.write_text(config.read_text().replace("surfaces.bench", f"surfaces.{name}"))
         assert await waits_for(config, said)
@@ -134,7 +114,7 @@ async def test_a_service_that_takes_no_samples_is_reported(
 async def test_it_needs_the_token_that_writes_and_changes_no_answer(tmp_path: Path, model: Path) -> None:
     (tmp_path / "read").write_text("another-token-for-reading")
     async with (
-        service(tmp_path, model, "--read-token-file", tmp_path / "read") as url,
+        real_service(tmp_path, model, "--read-token-file", tmp_path / "read") as url,
         pymodbus_server([20_000] * 4) as port,
     ):
         good = await waited(written(tmp_path, url, configs.patient_tcp(port)), 300)
@@ -149,7 +129,7 @@ async def test_it_needs_the_token_that_writes_and_changes_no_answer(tmp_path: Pa
 
 @pytest.mark.parametrize(("max_n", "is_doubted"), [(20.0, False), (20.0000001, False), (50.0, True)])
 async def test_a_model_of_other_ranges_is_doubted(tmp_path: Path, model: Path, max_n: float, is_doubted: bool) -> None:
-    async with service(tmp_path, model) as url, pymodbus_server([20_000] * 4) as port:
+    async with real_service(tmp_path, model) as url, pymodbus_server([20_000] * 4) as port:
         config = written(tmp_path, url, configs.patient_tcp(port))
         loads = f"[surfaces.bench.loads]\nposition_mm = [1.0, 399.0]\nmax_force_n = {max_n}\n"
         config.write_text(config.read_text() + loads)
@@ -158,13 +138,13 @@ async def test_a_model_of_other_ranges_is_doubted(tmp_path: Path, model: Path, m
     assert ("surfaces.bench.loads 1 to 399 mm and 50 N: is it the model of this surface?" in told.out) is is_doubted
 
 
-async def test_without_wait_the_service_is_not_asked(tmp_path: Path) -> None:
+async def test_without_wait_the_service_is_not_asked_and_check_says_so(tmp_path: Path) -> None:
     async with pymodbus_server([20_000] * 4) as port:
-        outcome = await command(
-            "check", written(tmp_path, f"http://127.0.0.1:{free_port()}", configs.patient_tcp(port)), "--json"
-        )
-    assert outcome.code == 0
-    assert "service" not in json.loads(outcome.out)["surfaces"]["bench"]
+        config = written(tmp_path, f"http://127.0.0.1:{free_port()}", configs.patient_tcp(port))
+        outcome, told = await command("check", config, "--json"), await command("check", config)
+    assert (outcome.code, told.code) == (0, 0)
+    assert json.loads(outcome.out)["surfaces"]["bench"]["service"] is None
+    assert told.out.endswith("The service was not asked whether it takes these samples; check --wait 5 asks it.\n")
 
 
 async def test_json_has_no_more_digits_than_the_sensor(tmp_path: Path) -> None:

@@ -79,12 +79,12 @@ def test_any_split_of_the_stream_gives_the_same_to_the_bit(
     assert np.isnan(whole.mean_mm)[np.isnan(values)].all()
 
 
-def test_an_average_begins_when_three_quarters_of_its_window_are_there() -> None:
+def test_an_average_begins_when_half_of_its_window_is_there() -> None:
     chain = Chain(stages(MovingAverage(kind="moving-average", window=8), RATE_HZ, NOISE), 1)
     values = np.arange(10.0)[:, np.newaxis]
     values[7] = np.nan
     filtered = chain.apply(values).mean_mm[:, 0]
-    np.testing.assert_array_equal(filtered[:6], [np.nan] * 5 + [2.5])
+    np.testing.assert_array_equal(filtered[:6], [np.nan] * 3 + [1.5, 2.0, 2.5])
     np.testing.assert_array_equal(filtered[6:], [3.0, np.nan, (36 - 7) / 7, (45 - 8) / 7])
 
 

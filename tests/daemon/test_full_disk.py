@@ -105,7 +105,7 @@ async def test_the_loss_is_reported_if_the_disk_is_full_from_the_start_and_the_s
                 await more_readings(device, 200)
                 outcome = await daemon.stop()
             assert outcome.code == 0
-            assert "the disk is full; undelivered samples are kept in memory until there is room" in outcome.err
+            assert "the disk is full; until it can be, undelivered samples are kept in memory" in outcome.err
             counts = summary_of(tmp_path)["bench"]
             assert counts["samples_dropped"] == counts["readings"] > 100
             assert f"{counts['readings']} samples dropped: neither" in outcome.err

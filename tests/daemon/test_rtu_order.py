@@ -8,7 +8,7 @@ import pytest
 from beamtouch_daemon.sources.configured import Buses
 from beamtouch_daemon.sources.reading import NoAnswerError, Reading, SourceError
 from beamtouch_daemon.sources.registers import Block
-from beamtouch_daemon.sources.rtu_exchange import Query
+from beamtouch_daemon.sources.rtu_unit import Request
 
 from .devices import NumberingUnit, Pieces, StampingUnit, rtu_units, with_crc
 from .lines import terminal
@@ -42,7 +42,7 @@ async def test_an_answer_to_an_earlier_program_in_the_silence_of_a_start_is_foll
 
     def late(_number: int, frame: bytes) -> Pieces:
         sent.append("value" if is_value(frame) else "probe")
-        if sent.count("probe") > 2 or sent[-1] == "value":
+        if sent.count("probe") > 4 or sent[-1] == "value":
             return [(0.0, frame)]
         sent.append("foreign")
         return [(0.0, frame), (0.02, foreign)]
@@ -51,8 +51,11 @@ async def test_an_answer_to_an_earlier_program_in_the_silence_of_a_start_is_foll
         async with rtu_units(line, {1: NumberingUnit(late)}):
             readings, errors = await take_across_sessions(source_in({}, table(line.path, 1), PLACES, 20.0), 5)
     assert errors == []
-    assert sent[:7] == ["value", "probe", "foreign", "probe", "foreign", "probe", "probe"]
-    assert [reading.counts for reading in readings] == [(number,) * REGISTERS for number in range(5, 10)]
+    first = sent.index("value", 1)
+    # Both probes are found, both prove, and both prove again after what came in the silence.
+    assert sent[:first] == ["value", *["probe", "foreign"] * 4, "probe", "probe"]
+    begin = first - sent[:first].count("foreign")
+    assert [reading.counts for reading in readings] == [(begin + number,) * REGISTERS for number in range(5)]
 
 
 async def test_a_unit_that_gets_other_registers_while_a_request_waits_is_probed_first() -> None:
@@ -64,21 +67,22 @@ async def test_a_unit_that_gets_other_registers_while_a_request_waits_is_probed_
             for unit in (1, 2):
                 source_in(buses, table(line.path, unit), PLACES, 20.0)
             (bus,) = buses.values()
-            one, other = (Query(bus.unit(unit, READ, ()), READ, Block(0, REGISTERS), TIMEOUT_S) for unit in (1, 2))
+            request = Request(READ, Block(0, REGISTERS))
+            one, other = (bus.unit(unit, READ, ()) for unit in (1, 2))
             async with bus.used():
-                await bus.read(one)
-                await bus.read(other)
-                asked, begun = quick.requests, slow.requests
-                holds = asyncio.create_task(bus.read(other))
+                await bus.read(one, request, TIMEOUT_S)
+                await bus.read(other, request, TIMEOUT_S)
+                begun = slow.requests
+                holds = asyncio.create_task(bus.read(other, request, TIMEOUT_S))
                 await until(lambda: slow.requests > begun)
-                waits = asyncio.create_task(bus.read(one))
+                waits = asyncio.create_task(bus.read(one, request, TIMEOUT_S))
                 await asyncio.sleep(0)  # it now waits for the other's answer
                 bus.unit(1, READ, [Block(0, REGISTERS + 2)])  # as a new configuration does
                 with pytest.raises(NoAnswerError, match="other registers are read"):
                     await waits
                 await holds
-                assert quick.requests == asked
-                await bus.read(one)
+                asked = quick.requests
+                await bus.read(one, request, TIMEOUT_S)
                 assert quick.requests >= asked + 3  # two probes and the values
 
 

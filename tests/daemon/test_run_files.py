@@ -36,5 +36,5 @@ async def test_files_of_the_command_line_override_the_configuration_also_after_a
 async def test_a_token_file_of_the_command_line_that_is_missing_is_named(tmp_path: Path) -> None:
     config = configs.write(tmp_path, configs.surface())
     outcome = await command("run", config, "--token-file", tmp_path / "none")
-    assert outcome.code == 2
+    assert outcome.code == 1
     assert str(tmp_path / "none") in outcome.complaint()

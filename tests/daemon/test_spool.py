@@ -92,9 +92,13 @@ def test_a_damaged_file_is_put_aside_and_not_lost(tmp_path: Path) -> None:
     assert aside.read_bytes().startswith(b"this is no database")
 
 
-def test_a_missing_folder_is_an_error_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(SpoolError, match="cannot be opened"):
-        Spool(tmp_path / "absent" / "spool", ROOM)
+def test_a_missing_folder_is_an_error_in_one_line_until_it_comes(tmp_path: Path) -> None:
+    with Spool(tmp_path / "absent" / "spool", ROOM) as spool:
+        with pytest.raises(SpoolError, match="cannot be opened"):
+            spool.open()
+        (tmp_path / "absent").mkdir()
+        spool.open()
+        assert spool.is_open
 
 
 FULL_DISK = """

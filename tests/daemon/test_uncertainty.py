@@ -114,15 +114,15 @@ def test_a_channel_with_fewer_readings_than_the_others_states_its_larger_varianc
     np.testing.assert_allclose(matrix_of(sample), expected, rtol=1e-3)
 
 
-def test_after_a_gap_nothing_before_it_makes_a_sample_doubtful() -> None:
-    surface = surface_of()
-    pipeline = Pipeline(surface)
+def test_after_a_long_gap_a_deflected_beam_is_doubtful_until_it_was_seen_to_rest() -> None:
+    pipeline = Pipeline(surface_of())
     level = [Reading(1.0 + index / RATE_HZ, (20_000.0,) * 4) for index in range(50)]
-    later = [Reading(9.0 + index / RATE_HZ, (25_000.0,) * 4) for index in range(50)]
-    (*_, last), after = pipeline.process(level, 0.0), pipeline.process(later, 0.0)
+    first, *others = [Reading(9.0 + index / RATE_HZ, (25_000.0,) * 4) for index in range(50)]
+    (*_, last), after = pipeline.process(level, 0.0), pipeline.process([first._replace(lost=750), *others], 0.0)
     assert last.sample.covariance_mm2 is None
-    assert all(one.sample.covariance_mm2 is None for one in after if one.sample.readings == 4)
-    assert after[0].sample.readings == 3
+    assert after[0].sample.readings == 2
+    assert matrix_of(after[0].sample).min(where=np.eye(4, dtype=bool), initial=np.inf) > 100 * NOISE_MM**2
+    assert all(one.sample.covariance_mm2 is None for one in after[8:])
 
 
 def test_without_a_stated_noise_a_sample_says_nothing() -> None:

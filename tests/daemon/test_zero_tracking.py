@@ -91,10 +91,11 @@ def test_a_channel_that_is_not_good_holds_all_zeros_and_for_a_second_more() -> N
     assert np.all(np.isfinite(state.zero_mm))
 
 
-def test_a_disturbance_keeps_the_zeros_and_restarts_the_second() -> None:
+@pytest.mark.parametrize(("gap", "waits"), [(RULES.calm - 1, 0), (RULES.calm, RULES.calm - 1)])
+def test_a_gap_keeps_the_zeros_and_only_one_of_a_second_restarts_the_second(gap: int, waits: int) -> None:
     _, state = track(np.full((50, 1), 0.004), fresh(1), RULES)
-    zeros, _ = track(np.full((30, 1), 0.004), state.disturbed(), RULES)
-    assert np.flatnonzero(np.diff(zeros[:, 0])).tolist() == list(range(19, 29))
+    zeros, _ = track(np.full((30, 1), 0.004), state, RULES, [gap, *[0] * 29])
+    assert np.flatnonzero(np.diff(zeros[:, 0])).tolist() == list(range(waits, 29))
     assert zeros[0] == state.zero_mm
 
 

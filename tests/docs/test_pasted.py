@@ -17,6 +17,7 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 TUTORIAL = "docs/tutorial/index.md"
 GUIDES = {
     "docs/how-to/calibrate.md": [r"gain +s1 \+[234]\..*, s2 -[234]\..*, s3 -[123]\..*, s4 \+[123]\."],
+    "docs/how-to/commissioning.md": [r"\nposition_mm 1[0-4]\d\.", r"\nposition_mm 2[3-6]\d\."],
     "docs/how-to/design.md": ["zero drift", "the best layout on the grid, proven", "golden   9 answers reproduced"],
     "docs/how-to/several-surfaces.md": ['"surface":"left"', '"surface":"right"'],
     "docs/how-to/two-hosts.md": ['"surface":"strip"', "urn:beamtouch:problem:unauthorized"],
@@ -27,6 +28,9 @@ GUIDES = {
 """What the guides print, among other things; patterns."""
 SAMPLES = ("json", "text")
 """Words of the fences of what commands print."""
+TROUBLES = "docs/how-to/troubleshooting.md"
+PROGRAMS = "curl|sudo|systemctl|journalctl|beamtouch-|design-"
+"""What commands begin with."""
 RUN_ELSEWHERE = {"docs/how-to/calibrate-without-loads.md": "tests/system/test_self_calibration.py"}
 CONSOLE = {
     "README.md": 3,  # installation, and the commands of make
@@ -34,8 +38,10 @@ CONSOLE = {
     "docs/how-to/debian.md": 8,  # packages, systemd and root
     "docs/how-to/design.md": 3,  # minutes on all cores, and a cluster
     "docs/how-to/mqtt.md": 2,  # a broker
+    "docs/how-to/troubleshooting.md": 1,  # systemd
     "docs/how-to/two-hosts.md": 4,  # systemd and root
     "docs/how-to/upgrade.md": 1,  # systemd and root
+    "docs/reference/rig.md": 2,  # they run until a person stops them
 }
 """Numbers of blocks that cannot run in a test."""
 
@@ -85,13 +91,31 @@ def test_a_guide_runs_after_the_tutorial(page: str, strip: Path) -> None:
     assert_samples_are_like(printed, page)
 
 
+def test_the_programs_say_what_troubleshooting_quotes(strip: Path) -> None:
+    text = "".join((ROOT / TROUBLES).read_text().split("```")[::2])
+    quoted = [" ".join(words.split()) for words in re.findall(r"`([^`]+)`", text)]
+    sentences = [words for words in quoted if len(words) > 30 and " " in words and not re.match(PROGRAMS, words)]
+
+    printed = paste(TROUBLES, strip)
+
+    line = " ".join(printed.split())
+    assert len(sentences) > 10
+    assert [one for one in sentences if not re.search(any_figures(one), line)] == [], printed
+    assert_samples_are_like(printed, TROUBLES)
+
+
+def any_figures(sentence: str) -> str:
+    """Return the pattern of a sentence with other figures, addresses and times."""
+    return " ".join(r"\S+" if re.search(r"\d", word) else re.escape(word) for word in sentence.split())
+
+
 def test_every_page_with_commands_is_run_by_a_test() -> None:
     pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
     names = [str(page.relative_to(ROOT)) for page in pages]
     with_commands = {name for name in names if any(block.word == COMMANDS for block in blocks_of(name))}
     console = {name: sum(block.word == "console" for block in blocks_of(name)) for name in names}
 
-    assert with_commands == {"README.md", TUTORIAL, *GUIDES, *RUN_ELSEWHERE}
+    assert with_commands == {"README.md", TUTORIAL, TROUBLES, *GUIDES, *RUN_ELSEWHERE}
     assert {name: number for name, number in console.items() if number} == CONSOLE
     for name in (name for name in names if name.startswith(("README", "docs/tutorial", "docs/how-to"))):
         assert all(block.word for block in blocks_of(name)), f"{name}: a block without a word"

@@ -12,8 +12,8 @@ from pydantic import BaseModel
 
 from beamtouch_service.problems import Kind
 from helps import all_helps
-from pages import ANSWERS, FILES, filled, schema
 from pasted import ROOT
+from reference import ANSWERS, FILES
 from schemas import editor_schema, keys_of
 
 from .html_page import HtmlPage
@@ -36,21 +36,6 @@ EXAMPLES = {
 
 def pages_of(site: Path) -> dict[Path, HtmlPage]:
     return {path: HtmlPage(path) for path in site.rglob("*.html")}
-
-
-def test_the_table_of_commands_has_every_command() -> None:
-    """Readers of the file itself have nothing else."""
-    table = (ROOT / "docs" / "reference" / "commands.md").read_text()
-    names = [name for name, _ in all_helps() if " " in name]
-    assert len(names) > 15
-    assert [name for name in names if f"| `{name}" not in table] == []
-
-
-def test_what_is_generated_takes_the_place_of_the_words_for_readers_of_the_file() -> None:
-    for path in (ROOT / "docs" / "reference").glob("*.md"):
-        text = path.read_text()
-        assert text.count("<!-- generate: ") == text.count("<!-- generated -->"), path
-        assert "writes this part" not in filled(text), path
 
 
 def test_every_internal_link_leads_somewhere(site: Path) -> None:
@@ -115,11 +100,10 @@ def test_every_problem_stands_on_the_site(site: Path) -> None:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_the_schemas_on_the_site_are_those_of_the_code(site: Path, name: str) -> None:
+def test_the_schemas_are_on_the_site(site: Path, name: str) -> None:
     published = json.loads((site / "schemas" / f"{name}.json").read_text())
 
     jsonschema.Draft202012Validator.check_schema(published)
-    assert {**published, "$id": ""} == {**schema(name, ""), "$id": ""}
     assert "null" not in json.dumps(published)
 
 

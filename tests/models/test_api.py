@@ -131,9 +131,14 @@ def test_a_spare_costs_error_and_saves_some_when_a_sensor_fails(scene: api.Scene
         (lambda scene, _: api.influence_matrix(scene, [10], []), "load_mm: must be one number, or a list of them"),
         (lambda scene, _: api.influence_matrix(scene, ["a"], [10]), "sensor_mm: must be numbers"),
         (lambda scene, _: api.accuracy_limit(scene, [np.nan]), r"sensor_mm: must be finite .* \(given: nan\)"),
-        (lambda scene, _: api.accuracy_limit(scene, [100, 300], draws=0), "draws = 0: give 1 or more"),
+        (lambda scene, _: api.accuracy_limit(scene, [100, 300], draws=0), "draws = 0: give a whole number, 1 or more"),
+        (lambda scene, _: api.accuracy_limit(scene, [100], noise_mm=np.nan), r"noise_mm: must be finite \(given: nan"),
+        (lambda scene, _: api.accuracy_limit(scene, [100], noise_mm=0), "noise_mm = 0: must be more than 0"),
         (lambda scene, _: api.error_along_mm(scene, [100, 300], [-5]), "position_mm: must be finite from 1 to 399"),
-        (lambda scene, _: api.place(scene, 0), "sensors = 0: give 1 or more"),
+        (lambda scene, _: api.place(scene, 0), "sensors = 0: give a whole number, 1 or more"),
+        (lambda scene, _: api.place(scene, cast("Any", "3")), "sensors = '3': give a whole number, 1 or more"),
+        (lambda scene, _: api.place(scene, 3, seed=-1), "seed = -1: give a whole number, 0 or more"),
+        (lambda *_: api.place(cast("Any", "bench.toml"), 3), "scene: give what read_scene returns, not str 'bench"),
         (
             lambda scene, _: api.place(scene, 4, criterion=cast("Any", "best")),
             "criterion = 'best' must be one of position-",
@@ -150,6 +155,9 @@ def test_a_spare_costs_error_and_saves_some_when_a_sensor_fails(scene: api.Scene
             "deflection_mm: give finite numbers, 4 for each sample: s1",
         ),
         (lambda _, model: api.estimate(model, [[1, 2, 3, np.nan]]), "deflection_mm: give finite numbers, 4 for each"),
+        (lambda _, model: api.estimate(model, [1, 2, 3, 1e30]), "deflection_mm: no load deflects this beam by more"),
+        (lambda _, model: api.estimate(model, cast("Any", ["1", "2", "3", "4"])), "deflection_mm: must be numbers"),
+        (lambda *_: api.load_model("a\0b"), r"'a\\x00b' cannot be the path of a file"),
     ],
 )
 def test_a_wrong_argument_is_refused_in_one_line(

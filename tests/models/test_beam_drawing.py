@@ -56,6 +56,14 @@ def test_a_thin_beam_is_drawn_thicker_by_the_stated_factor_and_keeps_its_steps(b
     assert "3 mm thick" in drawn(bench, scene_with("")).text
 
 
+def test_sensors_are_as_wide_as_their_housings(bench: ModelFile) -> None:
+    scale = (WIDTH - 2 * MARGIN) / 400
+    for size_mm in (5, 30):
+        boxes = drawn(bench, scene_with("", f"size_mm = {size_mm}")).of("rect", "sensor")
+        assert [float(box["width"]) for box in boxes] == pytest.approx([size_mm * scale] * 2, abs=0.06)
+        assert float(boxes[0]["x"]) + float(boxes[0]["width"]) / 2 == pytest.approx(MARGIN + 100 * scale, abs=0.1)
+
+
 @pytest.mark.parametrize("ends", ["simply-supported", "cantilever", "propped"])
 def test_the_bent_beam_has_the_shape_of_the_model(bench: ModelFile, ends: str) -> None:
     scene = parse_scene(PAPER.replace("[beam]", f'[beam]\nsupports = "{ends}"').replace("10.0", "1.0"), "x.toml")
@@ -74,11 +82,16 @@ def test_the_bent_beam_has_the_shape_of_the_model(bench: ModelFile, ends: str) -
 
 def test_every_colour_has_its_words(bench: ModelFile) -> None:
     plain = drawn(bench, scene_with("")).text
-    assert "sensor" in plain
-    assert not {"sensor, fixed by the scene", "no sensors here", "elastic foundation"} & set(plain)
+    assert "sensor, 8 mm wide" in plain
+    assert not {"sensor, 8 mm wide, fixed by the scene", "no sensors here", "elastic foundation"} & set(plain)
     rules = "fixed_mm = [100]\nkeep_out_mm = [[200, 220]]"
     words = drawn(bench, scene_with("foundation_n_mm2 = 0.01", rules)).text
-    assert {"sensor", "sensor, fixed by the scene", "no sensors here", "elastic foundation"} <= set(words)
+    assert {
+        "sensor, 8 mm wide",
+        "sensor, 8 mm wide, fixed by the scene",
+        "no sensors here",
+        "elastic foundation",
+    } <= set(words)
 
 
 def test_the_file_of_a_model_says_which_supports_slide(bench: ModelFile) -> None:

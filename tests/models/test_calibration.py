@@ -55,6 +55,7 @@ def test_ten_loads_bring_the_error_to_the_limit(bench: ModelFile, calibrated: Ca
     real = imperfections(4, bench.metadata)
     before, _ = error_over_limit(bench, real)
     fresh = modelfile.load_bytes(calibrated.content, "calibrated")
+    assert fresh.metadata.beam == bench.metadata.beam
     after, held = error_over_limit(fresh, real)
     assert before > 2
     assert after < 1.1  # measured over twenty surfaces: 0.98 to 1.05

@@ -41,8 +41,9 @@ def test_build_writes_a_model_and_a_daemon_config_and_prints_one_json_object(tmp
     assert len(described["thresholds"]["touch"]) == 3
     assert described["accuracy"]["ratio"] < 1.3
     assert modelfile.load(model).identity == described["model"]
-    channels = tomllib.loads(config.read_text())["surfaces"]["paper"]["channels"]
-    assert [channel["name"] for channel in channels] == described["channels"]
+    surface = tomllib.loads(config.read_text())["surfaces"]["paper"]
+    assert [channel["name"] for channel in surface["channels"]] == described["channels"]
+    assert surface["beam"] == described["beam"]
     token = tmp_path / "beamtouch.token"
     assert token.stat().st_mode & 0o777 == 0o600
     assert len(token.read_text().strip()) >= 32
@@ -63,15 +64,19 @@ def _without_misfits(thresholds: str) -> str:
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("key", "written"), [("schema_version", lambda _: "1"), ("thresholds", _without_misfits)], ids=["schema", "nulls"]
+    ("key", "written"),
+    [("schema_version", lambda _: "1"), ("thresholds", _without_misfits), ("beam", None)],
+    ids=["schema", "nulls", "no beam"],
 )
 def test_an_old_model_is_refused_with_the_command_that_rebuilds_it(
-    bench_model: Path, tmp_path: Path, key: str, written: Callable[[str], str]
+    bench_model: Path, tmp_path: Path, key: str, written: Callable[[str], str] | None
 ) -> None:
     old = onnx.load(bench_model)
-    for entry in old.metadata_props:
-        if entry.key == f"beamtouch.{key}":
-            entry.value = written(entry.value)
+    (entry,) = (entry for entry in old.metadata_props if entry.key == f"beamtouch.{key}")
+    if written is None:
+        old.metadata_props.remove(entry)
+    else:
+        entry.value = written(entry.value)
     path = tmp_path / "bench.onnx"
     onnx.save(old, path)
     refused = design_sensors("inspect", path)

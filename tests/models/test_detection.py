@@ -8,19 +8,11 @@ import numpy as np
 import pytest
 
 from beamtouch_models.accuracy.evaluation import at_noise, estimates
-from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.seen_along import seen_along
-from beamtouch_models.accuracy.touch_thresholds import size_per_n, smallest_force_n
-from beamtouch_models.building.checks import seen_places
+from beamtouch_models.accuracy.touch_thresholds import size_per_n
 from beamtouch_models.building.model_prior import prior_of_model
-from beamtouch_models.building.sensor_rules import sample_errors
-from beamtouch_models.description import summary, unseen
-from beamtouch_models.detection import UNSEEN_N, detection_of, missed_shares
-from beamtouch_models.metadata import SmallestForce
+from beamtouch_models.detection import detection_of, extremes, missed_shares
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.scene import load_scene
-from example_scenes import SCENES
 from in_process import Command
 
 DRAWS = 4096
@@ -33,24 +25,26 @@ def test_the_graph_misses_as_many_as_stated(bench: ModelFile, share: float) -> N
     stated, rng = detection_of(metadata), np.random.default_rng(7)
     assert stated is not None
     at, position = [0, 5, 12, 24], np.array(stated.position_mm)
-    smallest, size = np.array(stated.smallest_force_n), size_per_n(prior, position)
+    smallest, size = stated.smallest_force_n, size_per_n(prior, position)
     for index in at:
-        force = share * smallest[index]
-        expected = missed_shares(force, smallest[[index]], size[[index]])[0]
+        least = smallest[index]
+        assert least is not None
+        force = share * least
+        expected = missed_shares(force, [least], size[[index]])[0]
         clean = np.tile(force * prior.table(position[[index]]), (DRAWS, 1))
         zero, noise = rng.normal(size=(2, DRAWS, prior.channels)) * [[prior.zero_mm], [np.full(4, prior.noise_mm)]]
         odds = estimates(bench, prior, clean + zero + noise)["contact_log_odds"]
         missed = float((odds <= metadata.thresholds.touch[-1]).mean())
         # Noise beside the contact's own direction adds to its odds: fewer are missed, by up to half a deviation.
         assert missed < expected + 0.02
-        assert missed > missed_shares(force + 0.5 / size[index], smallest[[index]], size[[index]])[0] - 0.02
+        assert missed > missed_shares(force + 0.5 / size[index], [least], size[[index]])[0] - 0.02
 
 
 def test_at_the_smallest_force_one_of_twenty_is_missed_and_without_any_force_nearly_all() -> None:
-    smallest, size = np.array([2.0, 5.0, UNSEEN_N]), np.array([10.0, 4.0, 0.0])
-    assert missed_shares(2.0, smallest, size) == pytest.approx([0.05, 1.0, 1.0], abs=1e-4)
+    size = np.array([10.0, 4.0, 0.0])
+    assert missed_shares(2.0, [2.0, 5.0, None], size) == pytest.approx([0.05, 1.0, 1.0], abs=1e-4)
     # Abramowitz & Stegun, table 26.1: Phi(-1.645 - 2) = 1.337e-4.
-    assert missed_shares(2.2, smallest[:1], size[:1]) == pytest.approx([1.337e-4], rel=1e-3)
+    assert missed_shares(2.2, [2.0], size[:1]) == pytest.approx([1.337e-4], rel=1e-3)
 
 
 @pytest.mark.usefixtures("few_at_rest")
@@ -71,27 +65,53 @@ def test_build_and_evaluate_state_the_same_along_the_beam(
     assert evaluated["smallest_force_n"] == [min(found["smallest_force_n"]), max(found["smallest_force_n"])]
 
 
-def test_where_the_beam_does_not_move_no_force_is_seen_in_so_many_words(bench: ModelFile) -> None:
-    """The middle support of two spans is one of the places at which the smallest force is stated."""
-    scene, _ = load_scene(SCENES / "two-spans.toml")
-    prior = Prior.real(influence_of(scene), np.array([150.0, 300.0, 450.0, 600.0, 800.0]), sample_errors(scene, 0.001))
-    places = seen_places(prior)
-    forces = np.minimum(smallest_force_n(prior, 20.0, places), UNSEEN_N)
-    assert places[32] == pytest.approx(500)
-    assert forces[32] > 1e6
-    seen = SmallestForce(position_mm=places.tolist(), force_n=forces.tolist())
-    ranges = bench.metadata.ranges.model_copy(update={"force_n": scene.contact.force_range_n})
-    metadata = bench.metadata.model_copy(update={"smallest_force": seen, "ranges": ranges})
-    assert unseen(metadata).endswith("at 500 mm the beam hardly moves, and no force is seen")
-    heavy = metadata.ranges.model_copy(update={"force_n": (300.0, 1000.0)})
-    assert forces[31] < 300
-    assert unseen(metadata.model_copy(update={"ranges": heavy})).endswith(
-        "at 500 mm: there the beam hardly moves, and no force is seen"
-    )
-    ends = SmallestForce(position_mm=[0.0, 200.0], force_n=[UNSEEN_N, 1.0])
-    told = summary(metadata.model_copy(update={"smallest_force": ends}), "bench", bench.outputs)
-    assert "N at the best place, none and 1 N at the ends of the range;" in told
-    assert not re.search(r"e\+\d\d", unseen(metadata) + told)
+ROLLER = """
+[beam]
+length_mm = 800
+material = "steel"
+width_mm = 25
+thickness_mm = 4
+supports = [{ at_mm = 0 }, { at_mm = 403 }, { at_mm = 800 }]
+
+[contact]
+force_n = [2, 40]
+position_mm = [40, 800]
+
+[sensors]
+count = 4
+noise_mm = 0.002
+range_mm = [1, 8]
+gain_error_percent = 0.3
+zero_drift_mm = 0.0004
+grid_mm = 8
+"""
+
+
+@pytest.mark.usefixtures("few_at_rest", "short_limit")
+def test_at_a_support_nothing_is_seen_and_every_command_says_so(design_sensors_here: Command, tmp_path: Path) -> None:
+    """A roller that is not among evenly spaced places, and one at the end of the range."""
+    scene, model, report = (tmp_path / name for name in ("roller.toml", "roller.onnx", "report.html"))
+    scene.write_text(ROLLER)
+    built = design_sensors_here("build", scene, "-o", model, "--report", report)
+    assert built.returncode == 0, built.stderr
+    said = "nothing is seen at the support at 403 mm and the support at 800 mm"
+    assert f": {said}\n" in built.stderr
+    assert "none at the ends of the range" in built.stdout
+    assert said in report.read_text()
+    stated = json.loads(design_sensors_here("inspect", model, "--json").stdout)
+    evaluated = design_sensors_here("evaluate", model, "--draws", 200)
+    assert f"along the range; {said}" in " ".join(evaluated.stdout.split())
+    (found,) = json.loads(design_sensors_here("evaluate", model, "--draws", 200, "--json").stdout)["evaluations"]
+    assert found["smallest_force_n"][1] is None
+    for along in (stated["detection"], found["detection"]):
+        forces = dict(zip(along["position_mm"], along["smallest_force_n"], strict=True))
+        shares = dict(zip(along["position_mm"], along["missed"], strict=True))
+        assert [at for at, force in forces.items() if force is None] == [403, 800]
+        assert shares[403] == shares[800] == 1
+        # The note names the whole stretch, to less than a millimetre, and not only the places in it.
+        beside = [at for at, share in shares.items() if 340 < at < 470 and share > 0.05]
+        low, high = (float(end) for end in re.findall(r"at ([\d.]+)\.\.([\d.]+) mm and", built.stderr)[0])
+        assert low < beside[0] < 403 < beside[-1] < high
 
 
 def test_more_noise_misses_more(bench: ModelFile) -> None:
@@ -100,5 +120,6 @@ def test_more_noise_misses_more(bench: ModelFile) -> None:
     assert usual is not None
     assert noisy is not None
     assert max(noisy.missed) > max(usual.missed)
-    assert min(noisy.smallest_force_n) > 10 * min(usual.smallest_force_n)
+    least, most = (extremes(one.smallest_force_n)[0] for one in (usual, noisy))
+    assert (most or 0) > 10 * (least or np.inf)
     assert seen_along(bench, at_noise(prior, 0.0)) is None

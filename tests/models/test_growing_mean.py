@@ -216,8 +216,8 @@ def test_drifts_lag_by_half_of_the_way_since_as_many_readings_before() -> None:
     lags = drift_lags(units, 1 / np.array([4, 10, 40, 4, 10]), limit=0.0)
     expected = np.array([1.5, 4.5, 19.5, 1.5e-3])[:, np.newaxis] * slope
     np.testing.assert_allclose(lags[:4], expected)
-    # A channel that lacks a reading has no lag; the other one keeps its own.
-    np.testing.assert_allclose(lags[4], [13.5, 0.0])
+    # A channel that lacks a reading counts with its others: those before are 0, 1, 2, 4 ... 9.
+    np.testing.assert_allclose(lags[4], [13.5, -0.45 * (14.5 - 42 / 9)])
     assert not drift_lags(units[3:4], 1 / np.array([4.0]), limit=1.0).any()
 
 

@@ -28,7 +28,7 @@ def refusal(in_place_of: str, stated: str) -> str:
         (
             "count = 4",
             "count = 4\nfixed_mm = [99]\nkeep_out_mm = [[90, 110]]",
-            "99 mm, within [90, 110] of keep_out_mm",
+            "fixed_mm has 99 mm, where a housing of size_mm = 12 reaches into [90, 110] of keep_out_mm; move",
         ),
         ("[1, 399]", "[1, 399]\nwidth_mm = 400", "contact.width_mm = 400 must be less than beam.length_mm = 400"),
         ("count = 4", "count = [5, 3]", "sensors.count = [5, 3]: the first must not exceed the second"),
@@ -61,7 +61,7 @@ def test_a_heavier_density_than_that_of_osmium_is_refused() -> None:
 @pytest.mark.parametrize(
     ("in_place_of", "stated"),
     [
-        ("count = 4", "count = 4\nfixed_mm = [90]\nkeep_out_mm = [[90, 110]]"),
+        ("count = 4", "count = 4\nfixed_mm = [84]\nkeep_out_mm = [[90, 110]]"),
         ("count = 4", "count = 4\nkeep_out_mm = [[-9, 30], [390, 480]]"),
         ("[1, 399]", "[0, 0.5]"),
         ("[1, 399]", "[1, 399]\nwidth_mm = 399"),

@@ -172,6 +172,14 @@ def test_swapped_channels_are_named(bench: ModelFile) -> None:
         checked_fit(bench, loads, silent)
 
 
+def test_an_inverted_channel_is_named(bench: ModelFile) -> None:
+    rng = np.random.default_rng(3)
+    loads = recorded(bench.metadata, random_imperfections(bench.metadata, rng), rng)
+    loads = dataclasses.replace(loads, measured_mm=loads.measured_mm * [1, 1, -1, 1])
+    with pytest.raises(LoadsError, match="s3 seems to be inverted; check the wiring"):
+        checked_fit(bench, loads, silent)
+
+
 @pytest.mark.parametrize("name", ["bench", "conveyor"])
 def test_channels_in_reverse_order_are_named(name: str, built_model: Callable[[str], Path]) -> None:
     model, rng = modelfile.load(built_model(name)), np.random.default_rng([0, 1])

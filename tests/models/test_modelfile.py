@@ -142,7 +142,7 @@ def test_metadata_that_is_wrong_is_named(
 @pytest.mark.parametrize(
     ("name", "values", "said"),
     [
-        ("touch", [-5, -5, -5, -5], r"thresholds\.touch\.0: .* at least 1"),
+        ("touch", [-5, -5, -5, -5], r"thresholds\.touch\.0: .* at least 0"),
         ("rest", [1e-300, 30, 30, 30], r"thresholds\.rest\.0: .* at least 1"),
         ("rest", [30, 30, 30, 1e300], r"thresholds\.rest\.3: .* at most"),
         (

@@ -111,7 +111,7 @@ def test_a_gain_error_and_a_tolerance_change_the_layout(monkeypatch: pytest.Monk
 
 def test_neighbours_stand_farther_apart_than_their_tolerance() -> None:
     stated, _ = load_scene(SCENES / "cantilever.toml")
-    scene = changed(stated, "sensors", mounting_tolerance_mm=2.0, min_distance_mm=0.0)
+    scene = changed(stated, "sensors", mounting_tolerance_mm=2.0, size_mm=0.0)
     positions = placed(scene, choose_filter(scene)).placement.positions_mm
     assert min(np.diff(positions)) > 2
     with pytest.raises(SceneError, match="mounting_tolerance_mm"):

@@ -7,8 +7,10 @@ from scipy import stats
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.arrays import Floats
+from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, place_by_position_error
 from beamtouch_models.placement.goal import SLACK
+from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.placement.noticing import FORCES, MISTAKEN, PLACES, OtherLoads, other_loads
 from beamtouch_models.pricing.removal import changed
 from beamtouch_models.scene import Scene
@@ -90,7 +92,7 @@ def test_two_sensors_notice_nothing_however_precise_they_are() -> None:
 
 
 def test_one_sensor_and_a_sensor_on_a_support_notice_nothing() -> None:
-    influence, rules = problem_in(scene_of(fixed_mm=[0]))
+    influence, rules = influence_of(scene_of()), Candidates(np.array([0.0, 200.0]), np.array([], dtype=np.intp), 0.0)
     others = other_loads(influence, rules, ERRORS)
     for layout in ([200.0], [0.0], [0.0, 200.0]):
         assert others.noticed(np.searchsorted(rules.position_mm, layout)) == pytest.approx([MISTAKEN] * 2, rel=0.1)

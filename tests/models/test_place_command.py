@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -92,10 +93,10 @@ def test_a_spare_is_stated_with_the_error_without_each_sensor(
 
 
 @pytest.mark.usefixtures("short_limit")
-def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: Command) -> None:
-    done = design_sensors_here(
-        "place", SCENES / "paper.toml", "--sensors", 8, "--components", 4, "--search", "paper", "--prove"
-    )
+def test_the_table_shows_the_layout_of_the_papers_figure_5(design_sensors_here: Command, tmp_path: Path) -> None:
+    points = tmp_path / "points.toml"  # the paper's sensors have no size
+    points.write_text((SCENES / "paper.toml").read_text().replace("[sensors]", "[sensors]\nsize_mm = 0"))
+    done = design_sensors_here("place", points, "--sensors", 8, "--components", 4, "--search", "paper", "--prove")
     assert done.returncode == 0, done.stderr
     assert "68, 69, 156, 157, 243, 244, 331, 332 mm" in done.stdout
     assert "ln -52.6760 (4 leading eigenvalues" in done.stdout
@@ -189,31 +190,75 @@ def test_a_scene_that_cannot_be_placed_gives_one_line_and_exit_2(
     assert done.stdout == ""
 
 
-@pytest.mark.parametrize(
-    ("rules", "told"),
-    [
-        (
-            "fixed_mm = [100, 102.67]",
-            "100 and 102.67 mm are only 2.67 mm apart; move one in sensors.fixed_mm, or state "
-            "sensors.min_distance_mm = 2.6 if they fit",
-        ),
-        ("fixed_mm = [100, 102.67]\nmin_distance_mm = 2.6", None),
-        ("fixed_mm = [100, 108]", None),
-        (
-            "fixed_mm = [100]\nkeep_out_mm = [[0, 99], [102.3, 400]]\ngrid_mm = 2",
-            "100 and 102 mm are only 2 mm apart; state the width of their housings as sensors.min_distance_mm",
-        ),
-    ],
-)
-def test_sensors_that_are_too_close_to_mount_are_told_unless_the_scene_says_how_close_they_may_be(
-    design_sensors_here: Command, tmp_path: Path, rules: str, told: str | None
+CLAMPED = """
+[beam]
+length_mm = 300
+material = "steel"
+width_mm = 20
+thickness_mm = 3
+supports = [{ at_mm = 300, kind = "fixed" }]
+
+[contact]
+force_n = [0.5, 4]
+position_mm = [5, 280]
+
+[sensors]
+count = 3
+noise_mm = 0.005
+range_mm = [1, 20]
+"""
+
+
+@pytest.mark.parametrize("criterion", ["position-error", "eigenvalue-product"])
+def test_sensors_that_are_all_fixed_stay_where_they_are(
+    design_sensors_here: Command, tmp_path: Path, criterion: str
 ) -> None:
     scene = tmp_path / "scene.toml"
-    scene.write_text(PAPER.replace("[sensors]", f"[sensors]\n{rules}"))
-    said = "" if told is None else f"note:    the sensors at {told}\n"
-    for command in (("place", scene), ("build", scene, "-o", tmp_path / "model.onnx")):
-        done = design_sensors_here(*command)
-        assert done.returncode == 0
-        assert [line for line in done.stderr.splitlines(keepends=True) if "mm apart" in line] == (
-            [said] if said else []
-        )
+    scene.write_text(f"{CLAMPED}fixed_mm = [100, 180, 260]\n")
+    done = design_sensors_here("place", scene, "--criterion", criterion, "--json")
+    assert json.loads(done.stdout)["positions_mm"] == [100, 180, 260]
+
+
+@pytest.mark.parametrize(
+    ("rules", "said"),
+    [
+        ("fixed_mm = [4, 12]", None),
+        ("fixed_mm = [3.9]", "fixed_mm has 3.9 mm, where a housing of size_mm = 8 reaches beyond the end of the beam"),
+        ("fixed_mm = [297]", "fixed_mm has 297 mm, where a housing of size_mm = 8 reaches beyond the end of the beam"),
+        ("fixed_mm = [0, 290]\nsize_mm = 0", None),
+        ("fixed_mm = [300]\nsize_mm = 0", "a housing of size_mm = 0 stands on the support at 300 mm"),
+        ("fixed_mm = [100, 107]", "fixed_mm has 100 and 107 mm, 7 mm apart, less than size_mm = 8; move one"),
+        ("fixed_mm = [100, 107]\nsize_mm = 7", None),
+        ("fixed_mm = [100, 107]\nsize_mm = 7\nmin_distance_mm = 9", "less than min_distance_mm = 9; move one"),
+        ("fixed_mm = [100]\nkeep_out_mm = [[103, 120]]", "size_mm = 8 reaches into [103, 120] of keep_out_mm"),
+        ("fixed_mm = [100]\nkeep_out_mm = [[104, 120]]", None),
+        ("size_mm = 300", "sensors.size_mm = 300 must be less than beam.length_mm = 300"),
+        ("size_mm = 110", "no layout of 3 sensors keeps the rules of sensors (size_mm, "),
+    ],
+)
+def test_a_housing_keeps_off_ends_supports_keep_outs_and_other_housings(
+    design_sensors_here: Command, tmp_path: Path, rules: str, said: str | None
+) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(f"{CLAMPED}{rules}\ngrid_mm = 4\n")
+    done = design_sensors_here("place", scene, "--criterion", "eigenvalue-product")
+    assert done.returncode == (0 if said is None else 2), done.stderr
+    assert (said or "") in done.stderr
+    assert done.stderr.count("\n") == (0 if said is None else 1)
+
+
+@pytest.mark.parametrize("arguments", [(), ("--spare", 1), ("--prove",), ("--search", "paper")])
+def test_layouts_of_every_search_leave_room_for_the_housings(
+    design_sensors_here: Command, tmp_path: Path, arguments: tuple[object, ...]
+) -> None:
+    """On two spans with a keep-out; as points, each search puts two of the sensors side by side."""
+    rules = "size_mm = 34\nkeep_out_mm = [[90, 116]]\nfixed_mm = [133]\ngrid_mm = 3\ncount = 4"
+    supports = "supports = [{ at_mm = 0 }, { at_mm = 180 }, { at_mm = 400 }]"
+    scene = tmp_path / "scene.toml"
+    scene.write_text(PAPER.replace("count = 2", rules).replace("[beam]", f"[beam]\n{supports}"))
+    done = design_sensors_here("place", scene, *arguments, "--json")
+    assert done.returncode == 0, done.stderr
+    places = json.loads(done.stdout)["positions_mm"]
+    assert 133 in places
+    taken = sorted([(-17, 0), (180, 180), (400, 417), (90, 116), *((at - 17, at + 17) for at in places)])
+    assert all(end <= start for (_, end), (start, _) in pairwise(taken))

@@ -98,7 +98,7 @@ def test_rules_that_allow_no_layout_are_refused() -> None:
     refused = {
         "more than the 1 to be placed": (paper_scene(fixed_mm=[100, 200]), 1),
         "min_distance_mm": (paper_scene(min_distance_mm=300), 4),
-        "no layout of 3 sensors": (paper_scene(fixed_mm=[100, 101], min_distance_mm=2), 3),
+        "no layout of 3 sensors": (paper_scene(fixed_mm=[100], size_mm=150), 3),
         "no layout of 5 sensors": (paper_scene(grid_mm=80), 5),
         "fewer than two positions": (paper_scene(keep_out_mm=[(0, 400)]), 2),
         "more than 20000 positions": (paper_scene(grid_mm=1e-6), 2),

@@ -10,6 +10,7 @@ from beamtouch_models.accuracy.prior import Prior, SampleErrors
 from beamtouch_models.errors import SceneError
 from beamtouch_models.physics.beam import influence_of
 from beamtouch_models.placement import place, place_by_position_error, recommended_count
+from beamtouch_models.placement.layout import Candidates
 from beamtouch_models.scene import Scene
 from example_scenes import paper_scene
 from stated_problems import problem_in
@@ -20,7 +21,7 @@ def scaled_scene(length_mm: float, rigidity: float, position: tuple[float, float
         {
             "beam": {"length_mm": 1.0, "flexural_rigidity_n_mm2": rigidity},
             "contact": {"force_n": 1.0, "position_mm": position},
-            "sensors": {"count": 2, "noise_percent_of_max": 2, "grid_mm": 1 / 400},
+            "sensors": {"count": 2, "noise_percent_of_max": 2, "grid_mm": 1 / 400, "size_mm": 0},
         }
     )
     # Scaled after the checks: a scene may not state beams of less than a millimetre.
@@ -71,15 +72,18 @@ def test_sensors_next_to_each_other_and_nowhere_else() -> None:
 
 
 def test_a_fixed_sensor_on_a_support_measures_nothing() -> None:
+    """A scene refuses it; a structure that is measured may have places that do not move."""
+    influence = influence_of(paper_scene())
+    rules, coarse = (Candidates(np.arange(0.0, 400.0, step), np.array([0], dtype=np.intp), 0.0) for step in (1, 40))
     for search in ("exact", "paper"):
         with pytest.raises(SceneError, match="leave no 2 positions with independent readings"):
-            place(*problem_in(paper_scene(fixed_mm=[0])), 2, 0, search=search)
+            place(influence, rules, 2, 0, search=search)
         with pytest.raises(SceneError, match="leave no 1 positions with independent readings"):
-            place(*problem_in(paper_scene(fixed_mm=[0])), 1, 0, search=search)
+            place(influence, rules, 1, 0, search=search)
     with pytest.raises(SceneError, match="nothing moves at 0 mm"):
-        place_by_position_error(*problem_in(paper_scene(fixed_mm=[0], grid_mm=40)), 2, 0, SampleErrors(0.01))
+        place_by_position_error(influence, coarse, 2, 0, SampleErrors(0.01))
     # It adds no component: the other two sensors stand where two sensors alone would.
-    assert place(*problem_in(paper_scene(fixed_mm=[0])), 3, 0, leading=2).positions_mm == (0, 122, 278)
+    assert place(influence, rules, 3, 0, leading=2).positions_mm == (0, 122, 278)
 
 
 def test_all_sensors_fixed() -> None:

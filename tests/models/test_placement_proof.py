@@ -23,15 +23,16 @@ from stated_problems import problem_in
 
 def best_by_enumeration(scene: Scene, count: int, leading: int) -> float | None:
     """Return the largest log product over all allowed layouts, by numpy's singular values; None if there is none."""
-    sensors = scene.sensors
+    sensors, half = scene.sensors, scene.sensors.size_mm / 2
     grid = np.arange(1, np.ceil(400 / sensors.grid_mm)) * sensors.grid_mm
-    for start, end in sensors.keep_out_mm:
-        grid = grid[(grid <= start) | (grid >= end)]
+    for start, end in [*sensors.keep_out_mm, (0, 0), (400, 400)]:
+        grid = grid[(grid + half <= start) | (grid - half >= end)]
     grid = np.union1d(grid, sensors.fixed_mm)
+    apart = max(sensors.min_distance_mm, sensors.size_mm)
     layouts = [
         layout
         for layout in combinations(grid, count)
-        if set(sensors.fixed_mm) <= set(layout) and np.all(np.diff(layout) >= sensors.min_distance_mm)
+        if set(sensors.fixed_mm) <= set(layout) and np.all(np.diff(layout) >= apart)
     ]
     if not layouts:
         return None
@@ -47,6 +48,7 @@ def best_by_enumeration(scene: Scene, count: int, leading: int) -> float | None:
     grid_mm=st.sampled_from([20, 25, 32]),
     count=st.integers(2, 4),
     fewer=st.integers(0, 2),
+    size_mm=st.sampled_from([0, 24, 30]),
     min_distance_mm=st.sampled_from([0, 30, 64, 90]),
     keep_out_mm=st.lists(st.sampled_from([(90, 135), (200, 260), (330, 399)]), max_size=2, unique=True),
     fixed_mm=st.lists(st.sampled_from([47.0, 150.0, 301.0]), max_size=2, unique=True),

@@ -35,9 +35,10 @@ CASES = {
         "not even 2 sensors reach requirements.position_error_mm = 0.01: the accuracy limit is",
     ),
     "nothing is seen": ("noise_percent_of_max = 2", "noise_percent_of_max = 90", "no contact of the scene is seen"),
+    "housings": ("count = 2", "count = 2\nfixed_mm = [200, 207]", "fixed_mm has 200 and 207 mm, 7 mm apart, less than"),
     "neighbours": (
         "count = 2",
-        "count = 2\nfixed_mm = [200, 203]\nmounting_tolerance_mm = 4",
+        "count = 2\nfixed_mm = [200, 209]\nmounting_tolerance_mm = 10",
         "no layout of 2 sensors keeps the rules",
     ),
 }

@@ -16,7 +16,7 @@ from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.ringing import Mode, Ringing, ringing_of
 from beamtouch_models.rig.script import Load
-from beamtouch_models.rig.surface import VirtualSurface
+from beamtouch_models.rig.surface import PERFECT, VirtualSurface
 from beamtouch_models.scene import Scene, load_scene
 from example_scenes import SCENES, paper_scene
 
@@ -82,10 +82,12 @@ def test_two_conversions_at_the_same_time_measure_the_same() -> None:
     assert ringing.at(0.01, np.ones(1)) == ringing.at(0.01, np.ones(1))
 
 
-def mean_deflection(model: Path, imperfections: Imperfections, times: Floats) -> Floats:
+def mean_deflection(
+    model: Path, times: Floats, imperfections: Imperfections = PERFECT, *, rings: bool = True
+) -> Floats:
     """Deflection over the static one, averaged over channels; the load comes right after the first conversion."""
     metadata = modelfile.load(model).metadata
-    surface, sensor = VirtualSurface(scene, metadata, 1, imperfections), metadata.sensor
+    surface, sensor = VirtualSurface(scene, metadata, 1, imperfections, rings=rings), metadata.sensor
     loads = [Load(None, 0.0)] + [Load(200.0, 8.0)] * (len(times) - 1)
     counts = np.array([surface.counts(load, float(time)) for load, time in zip(loads, times, strict=True)])
     deflection = sensor.standoff_mm - (sensor.offset_mm + sensor.gain_mm_per_count * counts)
@@ -94,23 +96,27 @@ def mean_deflection(model: Path, imperfections: Imperfections, times: Floats) ->
     return mean
 
 
-def test_a_surface_with_a_damping_ratio_rings_about_its_static_deflection(bench_model: Path) -> None:
+@pytest.mark.parametrize(("imperfections", "damping"), [(PERFECT, 0.01), (Imperfections(damping_ratio=0.05), 0.05)])
+def test_a_surface_rings_about_its_static_deflection_with_the_damping_of_its_scene_unless_told_otherwise(
+    bench_model: Path, imperfections: Imperfections, damping: float
+) -> None:
+    """The bench states no damping, so that of a bare metal beam is assumed."""
     times = np.arange(2000) / 200.0
     frequency = first_frequency_hz(scene.beam) or 0.0
-    expected = after_a_step(Mode(frequency, 0.01), times)
-    found = mean_deflection(bench_model, Imperfections(damping_ratio=0.01), times)
+    expected = after_a_step(Mode(frequency, damping), times)
+    found = mean_deflection(bench_model, times, imperfections)
     np.testing.assert_allclose(found, expected, atol=0.03)  # six times the noise of a mean of four channels
-    assert found.max() > 1.8
+    assert found.max() > 1.7
     np.testing.assert_allclose(found[-100:], 1.0, atol=0.03)
 
 
-def test_without_a_damping_ratio_a_surface_follows_at_once(bench_model: Path) -> None:
-    found = mean_deflection(bench_model, Imperfections(), np.arange(50) / 200.0)
+def test_a_surface_that_does_not_ring_follows_at_once(bench_model: Path) -> None:
+    found = mean_deflection(bench_model, np.arange(50) / 200.0, rings=False)
     np.testing.assert_allclose(found[1:], 1.0, atol=0.03)
 
 
-def ringing(scene: Scene) -> Ringing | None:
-    return ringing_of(scene, choose_filter(scene), 0.01)
+def ringing(scene: Scene, damping_ratio: float | None = None) -> Ringing | None:
+    return ringing_of(scene, choose_filter(scene), damping_ratio)
 
 
 def test_a_scene_rings_unless_its_noise_makes_ringing_negligible() -> None:
@@ -119,8 +125,9 @@ def test_a_scene_rings_unless_its_noise_makes_ringing_negligible() -> None:
     heavy_noise["sensors"]["noise_percent_of_max"] = None
     heavy_noise["sensors"]["noise_mm"] = 100.0
     assert ringing(type(scene).model_validate(heavy_noise)) is None
+    assert ringing(paper_scene()) is None
     with pytest.raises(SceneError, match="density_kg_m3"):
-        ringing(paper_scene())
+        ringing(paper_scene(), 0.01)
 
 
 def test_without_noise_every_beam_rings() -> None:

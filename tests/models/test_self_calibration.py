@@ -73,6 +73,7 @@ def test_200_contacts_bring_the_error_to_the_limit(
 
 def test_the_file_says_what_was_fitted(bench: ModelFile, found: tuple[SelfCalibrated, Imperfections]) -> None:
     metadata = modelfile.load_bytes(found[0].content, "calibrated").metadata
+    assert metadata.beam == bench.metadata.beam
     calibration = metadata.calibration
     assert calibration is not None
     assert (calibration.loads, calibration.contacts, calibration.error_after_mm) == (0, 200, None)

@@ -27,7 +27,7 @@ from beamtouch_models.trade.layouts import counts_of, windows_of
 from beamtouch_models.trade.physics import EffectLeftOut, Question, errors_left_out, physics_trade
 from beamtouch_models.trade.point import Point, Trade
 from beamtouch_models.trade.quantised import quantised
-from beamtouch_models.trade.since_touch import Curve, Touches, curve
+from beamtouch_models.trade.since_touch import Curve, CurveTask, curve
 from beamtouch_models.trade.timing import Times
 from example_scenes import PAPER, SCENES
 from in_process import Command
@@ -178,7 +178,7 @@ def test_noise_from_the_adc_alone_has_a_row_for_each_other_effect() -> None:
 def test_a_curve_is_of_the_filter_that_build_writes() -> None:
     stated, _ = load_scene(SCENES / "bench.toml")
     scene = changed(stated, "requirements", max_mean_ms=10.0)  # less than the latency of 20 ms
-    found = curve(Touches(scene, 2, 4, 0))
+    found = curve(CurveTask(scene, 2, 4, 0))
     assert isinstance(found, Curve)
     assert found.readings[-1] == choose_filter(scene).max_readings == 4
 

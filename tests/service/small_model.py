@@ -27,6 +27,8 @@ from beamtouch_models.metadata import (
 from beamtouch_models.session import session_options
 
 Rows = list[list[float]]
+BEAM = "beam-1"
+"""Identity of the beam of these models, unless a test gives another."""
 
 
 def _graph(channels: int, outputs: tuple[str, ...]) -> onnx.ModelProto:
@@ -102,10 +104,11 @@ def _golden(model: onnx.ModelProto, channels: int) -> Golden:
 
 
 @cache
-def _content(name: str, channels: int, min_channels: int, outputs: tuple[str, ...], prefix: str) -> bytes:
+def _content(name: str, channels: int, min_channels: int, outputs: tuple[str, ...], prefix: str, beam: str) -> bytes:
     model = _graph(channels, outputs)
     metadata = Metadata(
         name=name,
+        beam=beam,
         estimator="tiny",
         length_mm=400,
         layout=[Channel(name=f"{prefix}{i + 1}", position_mm=min(100.0 * (i + 1), 400.0)) for i in range(channels)],
@@ -147,8 +150,9 @@ def write_model(
     min_channels: int = 2,
     outputs: tuple[str, ...] = POSITION_OUTPUTS + FORCE_OUTPUTS,
     prefix: str = "s",
+    beam: str = BEAM,
 ) -> Path:
     """Write a model file with channels s1, s2, ... (or of another prefix) on a beam of 400 mm."""
     path = folder / f"{name}.onnx"
-    path.write_bytes(_content(name, channels, min_channels, outputs, prefix))
+    path.write_bytes(_content(name, channels, min_channels, outputs, prefix, beam))
     return path

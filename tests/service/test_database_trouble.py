@@ -12,7 +12,7 @@ import psycopg
 import pytest
 
 from beamtouch_service.events import database
-from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.file import EventsAwayError
 from beamtouch_service.events.losses import Losses
 from beamtouch_service.events.segments import End, Segment
 from beamtouch_service.events.selection import Selection

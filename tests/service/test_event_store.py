@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from beamtouch_models.modelfile import State
-from beamtouch_service.events.file import EventStoreError
+from beamtouch_service.events.file import EventsAwayError, EventStoreError
 from beamtouch_service.events.findings import Finish
 from beamtouch_service.events.segments import Begin, End, EventKind, Segment
 from beamtouch_service.events.selection import Selection
@@ -158,8 +158,12 @@ def test_an_unusable_file_is_refused_with_the_reason(tmp_path: Path, path: Path)
     (tmp_path / "text").write_text("not a database, and long enough to be sure of it\n" * 40)
     with pytest.raises(EventStoreError, match="file is not a database"):
         EventStore(tmp_path / "text", DAY_S, 1_000_000)
-    with pytest.raises(EventStoreError, match="unable to open"):
-        EventStore(tmp_path / "no" / "folder" / "events.db", DAY_S, 1_000_000)
+    late = EventStore(tmp_path / "no" / "folder" / "events.db", DAY_S, 1_000_000)
+    with pytest.raises(EventsAwayError, match="unable to open"):
+        late.used_bytes()
+    (tmp_path / "no" / "folder").mkdir(parents=True)
+    assert late.used_bytes() > 0
+    late.close()
     with sqlite3.connect(path) as database:
         database.execute("PRAGMA user_version = 9")
     database.close()

@@ -1,4 +1,4 @@
-"""The register map: complete, without overlaps, and the same in the code, the command and the documentation."""
+"""The register map: complete, without overlaps, and the same in the code and the command."""
 
 from __future__ import annotations
 
@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING
 from beamtouch_models.modelfile import State
 from beamtouch_service import cli
 from beamtouch_service.api import contact
-from beamtouch_service.outputs.modbus.registers import BLOCK, NOTES, REGISTERS, STATES
+from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note, Quality
-from beamtouch_service.surfaces.contact import Doubt
 
 if TYPE_CHECKING:
     import pytest
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "reference" / "registers.md"
 CONFIG = """
 [modbus_server]
 word_order = "little"
@@ -44,16 +42,9 @@ def test_every_state_and_every_problem_of_a_surface_has_a_code() -> None:
 
 
 def test_every_note_has_a_bit_and_every_quality_has_registers() -> None:
-    assert set(NOTES) == {*Doubt, *Note}
-    assert sorted(bit for bit, _ in NOTES.values()) == list(range(len(NOTES)))
+    assert [note.bit for note in Note] == list(range(len(Note)))
     named = {one.name.replace("_", "-") for one in REGISTERS}
     assert named >= {quality.value for quality in Quality if quality is not Quality.GOOD}
-
-
-def test_the_document_holds_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["registers"]) == 0
-
-    assert capsys.readouterr().out in DOCUMENT.read_text()
 
 
 def test_the_command_lists_the_blocks_of_a_configuration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from typing import TYPE_CHECKING
 
 import onnx
 import pytest
 
-from beamtouch_models.metadata import METADATA_PREFIX
 from beamtouch_service.access import Access
 from beamtouch_service.host import model_watch
+from beamtouch_service.problems import ProblemError
 from beamtouch_service.surfaces.surface import Surface
 from service.conftest import ADMIN_TOKEN, TOKEN
 from service.kept_model import NO_FORCE, identity, polls, put
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from beamtouch_service.host.model_watch import ModelKeeper
     from beamtouch_service.samples import Batch
@@ -94,79 +92,35 @@ async def test_a_model_for_channels_that_do_not_arrive_is_refused(
     kept.surface.receive(parse_batch(), arrival_s=10.0)
     put(kept.path, build_model(channels=5).read_bytes())
 
-    assert await kept.reload(other_beam=True) is False
+    assert await kept.reload() is False
     assert "it needs s4, s5, but the samples of this surface lack them" in str(kept.surface.model_error)
     assert kept.surface.contact(10.0).position_mm == 150.0
 
 
-def restated(path: Path, **entries: object) -> bytes:
-    """A model file with other metadata entries."""
-    model = onnx.load(path)
-    for entry in model.metadata_props:
-        name = entry.key.removeprefix(METADATA_PREFIX)
-        if name in entries:
-            entry.value = json.dumps(entries[name])
-    content: bytes = model.SerializeToString()
-    return content
-
-
-def layout(*places: float, names: str = "s1 s2 s3") -> list[dict[str, object]]:
-    return [{"name": name, "position_mm": at} for name, at in zip(names.split(), places, strict=True)]
-
-
-@pytest.mark.parametrize(
-    ("entries", "complaint"),
-    [
-        ({"length_mm": 603.0}, "its beam is 603 mm long, the one in use 400 mm"),
-        ({"layout": layout(100, 250, 300)}, "its s2 is at 250 mm, in the one in use at 200 mm"),
-        ({"layout": layout(200, 100, 300, names="s2 s1 s3")}, None),
-        ({"layout": layout(200, 100, 300)}, "its s2 is at 100 mm, in the one in use at 200 mm"),
-        ({"layout": layout(104.1, 200, 300)}, "its s1 is at 104.1 mm, in the one in use at 100 mm"),
-        ({"layout": layout(103.9, 198, 300), "length_mm": 400.3}, None),
-        ({"name": "other", "layout": layout(100, 200, 300)}, None),
-    ],
-)
-async def test_a_model_of_another_beam_is_used_only_when_it_is_asked_for(
-    kept: ModelKeeper, entries: dict[str, object], complaint: str | None, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize(("stated", "whose"), [(None, "the model in use is"), ("beam-1", "the samples are")])
+async def test_a_model_of_another_beam_waits_for_samples_of_that_beam(
+    kept: ModelKeeper,
+    build_model: BuildModel,
+    parse_batch: ParseBatch,
+    stated: str | None,
+    whose: str,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     old = identity(kept)
-    put(kept.path, restated(kept.path, **entries))
+    kept.surface.receive(parse_batch().model_copy(update={"beam": stated}), arrival_s=10.0)
+    put(kept.path, build_model(beam="beam-2", outputs=NO_FORCE).read_bytes())
     await polls(kept, 5)
-    if complaint is None:
-        assert (identity(kept) != old, kept.surface.model_error) == (True, None)
-        return
     assert identity(kept) == old
-    assert complaint in str(kept.surface.model_error)
-    assert [complaint in record.getMessage() for record in caplog.records] == [True]
+    assert f"it is of beam beam-2, {whose} of beam beam-1; to switch to another" in str(kept.surface.model_error)
+    assert len(caplog.records) == 1
 
-    assert await kept.reload(other_beam=True) is True
-    assert identity(kept) != old
-    assert kept.surface.model_error is None
-
-
-async def test_permission_for_another_beam_ends_when_another_file_takes_its_place(
-    kept: ModelKeeper, build_model: BuildModel, parse_batch: ParseBatch
-) -> None:
-    old, good = identity(kept), kept.path.read_bytes()
-    kept.surface.receive(parse_batch(), arrival_s=10.0)
-    five = build_model(name="five", channels=5).read_bytes()
-    put(kept.path, five)
-    assert await kept.reload(other_beam=True) is False
-    put(kept.path, good)
+    other = parse_batch(boot_id="boot-0002").model_copy(update={"beam": "beam-2"})
+    with pytest.raises(ProblemError):
+        kept.surface.receive(other, arrival_s=10.1)
     await polls(kept)
-    kept.surface.receive(parse_batch([0.5] * 5, boot_id="boot-0002"), arrival_s=10.1)
-    put(kept.path, five)
-    await polls(kept)
-    assert identity(kept) == old
-    assert "to switch to a model of another beam, send" in str(kept.surface.model_error)
-
-    # It also ends once the model was in use.
-    assert await kept.reload(other_beam=True) is True
-    put(kept.path, good)
-    assert await kept.reload(other_beam=True) is True
-    put(kept.path, five)
-    assert await kept.reload() is False
-    assert identity(kept) == old
+    assert (identity(kept) != old, kept.surface.model_error) == (True, None)
+    kept.surface.receive(other, arrival_s=10.2)
+    assert kept.surface.contact(10.2).model == identity(kept)
 
 
 async def test_a_model_whose_answers_take_long_is_refused(

@@ -50,7 +50,7 @@ async def test_a_model_that_waits_for_its_channels_is_used_once_they_arrive(
     old = identity(kept)
     kept.surface.receive(parse_batch(), arrival_s=10.0)
     put(kept.path, build_model(name="five", channels=5).read_bytes())
-    assert await kept.reload(other_beam=True) is False
+    assert await kept.reload() is False
     await polls(kept)
     kept.surface.receive(parse_batch([0.5] * 4, sequence=2), arrival_s=10.1)
     await polls(kept)

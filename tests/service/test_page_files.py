@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from beamtouch_service.samples import Note
 from tags import Tags
 
 if TYPE_CHECKING:
@@ -70,3 +71,8 @@ def test_nothing_comes_from_elsewhere_and_nothing_is_inline(bench: Bench) -> Non
 
 def test_the_page_is_no_part_of_the_interface_for_programs(bench: Bench) -> None:
     assert not {"/", "/page.js"} & set(bench.get("/openapi.json").json()["paths"])
+
+
+def test_the_page_has_words_for_every_note() -> None:
+    words = (resources.files("beamtouch_service") / "page" / "notes.js").read_text()
+    assert [note for note in Note if f"\n  {note}: " not in words] == []

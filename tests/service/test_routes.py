@@ -156,11 +156,17 @@ def test_the_summary_of_a_surface(bench: Bench, make_batch: MakeBatch) -> None:
     assert str(summary.pop("model")).startswith("press-7@")
     assert summary == {
         "name": "press-7",
+        "beam": "beam-1",
         "channels": ["s1", "s2", "s3"],
         "stale_ms": 500.0,
         "age_ms": 0.0,
         "state": "contact",
+        "problem": None,
         "notes": [],
+        "misfit": 0.0,
+        "misfit_limit": 30.0,
+        "channels_out": {},
+        "wiring": None,
         "model_error": None,
         "samples": {"accepted": 1, "repeated": 0, "lost": 0},
         "health": None,
@@ -187,8 +193,8 @@ def test_a_failure_inside_is_a_problem_without_its_traceback(make_bench: type[Be
             message = f"secret at {now_s}"
             raise RuntimeError(message)
 
-        def receive(self, batch: Batch, arrival_s: float) -> Receipt:
-            message = f"secret at {arrival_s} in {batch}"
+        def receive(self, batch: Batch, arrival_s: float, address: str = "") -> Receipt:
+            message = f"secret at {arrival_s} from {address} in {batch}"
             raise RuntimeError(message)
 
     bench = make_bench(Broken("press-7"))

@@ -11,8 +11,7 @@ import psycopg
 import pytest
 
 from beamtouch_models.modelfile import Memory, State
-from beamtouch_service.events.database import EventsAwayError
-from beamtouch_service.events.file import EventStoreError
+from beamtouch_service.events.file import EventsAwayError, EventStoreError
 from beamtouch_service.events.findings import Command, Edge, Finish
 from beamtouch_service.events.segments import End, EventKind, Segment
 from beamtouch_service.events.selection import Selection

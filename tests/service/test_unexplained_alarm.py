@@ -100,9 +100,7 @@ def test_without_a_suspect_the_line_says_what_to_look_for(
         # The stretch has ended by the end of the batch.
         Story(bench, make_batch, [RESTING, *[ODD] * 50, *[RESTING] * 5]).deliver(0, 56)
     (line,) = caplog.messages
-    assert line.endswith(
-        "look for a second load, for anything that touches the beam from below, and for a damaged sensor"
-    )
+    assert line.endswith("anything that touches the beam from below, for swapped cables, and for a damaged sensor")
 
 
 def test_summary_stream_and_counters_carry_the_state(soon: Bench, make_batch: MakeBatch) -> None:

@@ -105,7 +105,7 @@ def test_ten_recorded_loads_make_a_model_of_the_real_surface(bench_model: Path, 
         surface["source"], surface["rate_hz"] = beam.source, RATE_HZ
         path = tmp_path / "daemon.toml"
         path.write_text(tomli_w.dumps(config))
-        tare: list[str | Path] = [PROGRAMS / "beamtouch-daemon", "tare", path]
+        tare: list[str | Path] = [PROGRAMS / "beamtouch-daemon", "tare", path, "--accept-change"]
         subprocess.run(tare, check=True, capture_output=True, timeout=60)
         record(path, tmp_path / "loads.csv", beam)
     calibrate: list[str | Path] = [PROGRAMS / "design-sensors", "calibrate", bench_model, tmp_path / "loads.csv"]

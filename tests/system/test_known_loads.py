@@ -75,6 +75,15 @@ def test_a_beam_under_load_is_not_tared(bench_model: Path, tmp_path: Path, is_ta
     assert (tare.read_bytes() if tare.exists() else None) == before
 
 
+@pytest.mark.parametrize("place_mm", [40, 200])
+def test_little_more_than_the_smallest_force_is_not_tared(bench_model: Path, tmp_path: Path, place_mm: int) -> None:
+    light = f"[[step]]\nseconds = 10\nposition_mm = {place_mm}\nforce_n = 2.5\n"
+    for script, code, what in ((light, 1, "from its rest_gap_mm"), (REST, 0, ""), (light, 1, "from the last tare")):
+        with rig(tmp_path, bench_model, script) as config:
+            done = daemon("tare", config)
+        assert (done.returncode, what in done.stderr) == (code, True)
+
+
 def test_a_tare_at_rest_agrees_with_the_configuration_and_with_the_next(bench_model: Path, tmp_path: Path) -> None:
     with rig(tmp_path, bench_model, REST) as config:
         assert [daemon("tare", config).returncode for _ in range(2)] == [0, 0]

@@ -57,7 +57,8 @@ def start(tmp_path: Path, bench_model: Path, generated_config: Path) -> Iterator
 
     def start_line(kind: Kind, script: str) -> Line:
         (tmp_path / "script.toml").write_text(script)
-        line = Line(tmp_path, SCENE, bench_model, generated_config, [Surface("bench", kind, tmp_path / "script.toml")])
+        surface = Surface("bench", kind, tmp_path / "script.toml", ("--no-ringing",))  # it rests sooner
+        line = Line(tmp_path, SCENE, bench_model, generated_config, [surface])
         line.__enter__()
         started.append(line)
         return line

@@ -11,7 +11,7 @@ from beamtouch_common.commands import DONE, FAILED
 from beamtouch_daemon.commands.check_text import ChannelState, SurfaceState, as_json, lines
 from beamtouch_daemon.commands.resolution import decimals_of
 from beamtouch_daemon.config import tare_file
-from beamtouch_daemon.config.file import load_config, require_ports
+from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.delivery.client import ServiceClient
 from beamtouch_daemon.delivery.readiness import doubt_of, refusal_of
@@ -24,22 +24,22 @@ from beamtouch_daemon.sources.reading import Reading, SourceError, first_reading
 PAUSE_S = 0.5
 """Pause between two attempts of --wait."""
 
+NOT_ASKED = "The service was not asked whether it takes these samples; check --wait 5 asks it."
+
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; InputError if the configuration, a tare file or the token cannot be used."""
     settings = load_config(arguments.config)
     wait_s: float | None = arguments.wait
-    if wait_s is None:
-        require_ports(settings)
-        states = asyncio.run(check(settings))
-    else:
-        states = asyncio.run(wait(settings, wait_s))  # a port may still appear
+    states = asyncio.run(check(settings) if wait_s is None else wait(settings, wait_s))
     is_good = all(state.is_good for state in states)
     if arguments.json:
         surfaces = {state.surface: as_json(state, asked=wait_s is not None) for state in states}
         print(json.dumps({"good": is_good, "surfaces": surfaces}))
     else:
         print("\n".join(lines(states, with_files=bool(settings.include))))
+        if wait_s is None:
+            print(NOT_ASKED)
     for state in states:
         for text in state.complaints:
             complain(f"{state.surface}: {text}")
@@ -68,8 +68,8 @@ async def wait(config: Config, wait_s: float) -> list[SurfaceState]:
 
 
 async def _ask(client: ServiceClient, state: SurfaceState, surface: Surface) -> SurfaceState:
-    refusal = await refusal_of(client, state.surface, surface.channel_names)
-    doubt = None if refusal else await doubt_of(client, state.surface, surface.loads)
+    refusal = await refusal_of(client, state.surface, surface)
+    doubt = None if refusal else await doubt_of(client, state.surface, surface)
     return dataclasses.replace(state, refusal=refusal, doubt=doubt)
 
 

@@ -16,7 +16,7 @@ _NUMBERS = (2, 3, 4)
 _CAUSES = {
     Quality.OUT_OF_RANGE: "the gap is outside range_mm; take everything off the beam, or correct the characteristic",
     Quality.SATURATED: "the counts stand at an end of the ADC; check the wiring, and adc_bits or counts_range",
-    Quality.MISSING: "the device sent no value; check unit and register",
+    Quality.MISSING: "the device sent no value; check unit and register, which counts from 0",
 }
 """Qualities that a single reading can have beside good, with their usual causes."""
 
@@ -90,9 +90,9 @@ def as_json(state: SurfaceState, *, asked: bool) -> dict[str, object]:
         "channels": channels,
         "limits": state.limits,
     }
-    if asked:
-        said["service"] = state.refusal or "takes samples"
-        said["doubt"] = state.doubt
+    # Null: not asked.
+    said["service"] = (state.refusal or "takes samples") if asked else None
+    said["doubt"] = state.doubt
     return said
 
 

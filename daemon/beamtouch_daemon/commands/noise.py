@@ -17,7 +17,7 @@ from beamtouch_common.errors import InputError
 from beamtouch_daemon.commands import noise_text
 from beamtouch_daemon.commands.noise_text import Measured
 from beamtouch_daemon.config import tare_file
-from beamtouch_daemon.config.file import load_config, require_ports
+from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Surface
 from beamtouch_daemon.exits import complain
 from beamtouch_daemon.processing.noise_keys import keys_of
@@ -65,7 +65,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(message)
     names = [chosen] if chosen else list(config.surfaces)
     seconds = {name: _seconds(arguments.seconds, config.surfaces[name]) for name in names}
-    require_ports(config)
     answers = asyncio.run(_measure(config, seconds))
     done = [answer for answer in answers if isinstance(answer, Measured)]
     refused = [answer for answer in answers if isinstance(answer, Refused)]

@@ -11,7 +11,7 @@ from beamtouch_daemon.commands.load_recorder import LoadRecorder, LoadRefusedErr
 from beamtouch_daemon.commands.record_dialogue import ACCEPT, HELP, Dialogue, Undo, load_of
 from beamtouch_daemon.commands.record_table import Load, Table, table
 from beamtouch_daemon.config import tare_file
-from beamtouch_daemon.config.file import load_config, require_ports
+from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.config.settings import Config, Loads
 from beamtouch_daemon.sources.reading import SourceError
 from beamtouch_daemon.tasks import cancel
@@ -38,7 +38,6 @@ def run(arguments: argparse.Namespace) -> int:
     except (ValueError, LoadRefusedError) as error:
         message = f"--at: {error}"
         raise InputError(message) from None
-    require_ports(settings)
     return _record_to_file(settings, name, given, arguments)
 
 

@@ -14,7 +14,6 @@ from beamtouch_common.commands import DONE, FAILED
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_daemon.commands import scan_text
 from beamtouch_daemon.commands.scan_plan import LinePlan, NetworkPlan, duration, plan_of
-from beamtouch_daemon.config.file import require_port
 from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.exits import complain
 from beamtouch_daemon.sources import port
@@ -78,7 +77,9 @@ def _require_line(path: str) -> None:
     if not path.startswith(("/", ".")) and not Path(path).exists():
         message = f"{path!r} is neither a serial port nor an address; give /dev/ttyUSB0, for example, or tcp://HOST"
         raise InputError(message)
-    require_port(path)
+    if not Path(path).exists():
+        message = f"{path} does not exist; plug the device in or correct the path"
+        raise InputError(message)
 
 
 def _report(plan: LinePlan | NetworkPlan, found: Found, *, as_json: bool) -> None:

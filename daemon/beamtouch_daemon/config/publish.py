@@ -7,7 +7,7 @@ from urllib.parse import SplitResult, urlsplit
 
 from pydantic import AfterValidator, Field, FiniteFloat
 
-from beamtouch_common.errors import InputError
+from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.hosts import host_name
 from beamtouch_daemon.config.sources import RelativePath, Strict
 
@@ -59,12 +59,15 @@ class Publish(Strict):
 
 
 def read_certificates(path: Path) -> str:
-    """Return the certificates in a file (PEM); InputError if they cannot be used."""
+    """Return the certificates in a file (PEM).
+
+    InputError if they cannot be used; FailedError if the file cannot be read, as it may come later.
+    """
     try:
         pem = path.read_text(encoding="ascii")
     except (OSError, UnicodeDecodeError) as error:
         message = f"publish.certificate_file: cannot read {path} ({_reason(error)})"
-        raise InputError(message) from error
+        raise (FailedError if isinstance(error, OSError) else InputError)(message) from error
     try:
         ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=pem)
     except (ssl.SSLError, ValueError) as error:
@@ -74,12 +77,15 @@ def read_certificates(path: Path) -> str:
 
 
 def read_token(path: Path) -> str:
-    """Return the bearer token in a file; InputError if it cannot be read."""
+    """Return the bearer token in a file.
+
+    InputError if there is none in it; FailedError if the file cannot be read, as it may come later.
+    """
     try:
         token = path.read_text(encoding="ascii").strip()
     except (OSError, UnicodeDecodeError) as error:
         message = f"publish.token_file: cannot read {path} ({_reason(error)}); it must contain the service's token"
-        raise InputError(message) from error
+        raise (FailedError if isinstance(error, OSError) else InputError)(message) from error
     if not token or not token.isprintable() or " " in token:
         message = f"publish.token_file: {path} must contain the service's token and nothing else"
         raise InputError(message)

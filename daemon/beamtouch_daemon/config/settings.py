@@ -12,7 +12,7 @@ from beamtouch_daemon.config.places import place_of
 from beamtouch_daemon.config.publish import Publish, read_certificates, read_token
 from beamtouch_daemon.config.signal import Channel, Filter, GrowingMean, LowPass, NoFilter, Pair, Positive, ZeroTracking
 from beamtouch_daemon.config.sources import ModbusRtu, ModbusTcp, NetworkPort, RelativePath, SerialLine, Source, Strict
-from beamtouch_service.samples import MAX_CHANNELS, SurfaceName
+from beamtouch_service.samples import MAX_CHANNELS, BeamIdentity, SurfaceName
 
 MAX_PERIOD_READINGS = 4000
 """Limit of the readings in a slowest period: every sample is compared with half of them."""
@@ -41,6 +41,9 @@ class Surface(Strict):
 
     rate_hz: Annotated[FiniteFloat, Field(gt=0, le=10_000)]
     """Readings per second."""
+    beam: BeamIdentity | None = None
+    """Identity of the beam and its layout, as `design-sensors build` writes it; the service refuses samples of another
+    beam than that of its model. Default: not stated, and a model of another beam passes unnoticed."""
     tare_file: RelativePath | None = None
     """Rest gaps that `tare` measured; default: NAME.tare.json beside the configuration."""
     noise_mm: Positive | None = None
@@ -49,6 +52,9 @@ class Surface(Strict):
     If successive readings are alike, that of white readings whose filtered values would scatter as much: `noise`
     measures it. `tare` refuses a surface that moves more. It also determines after how many equal readings a channel is
     stuck. Samples state their covariance only if it is given.
+    """
+    zero_drift_mm: Annotated[FiniteFloat, Field(ge=0)] = 0.0
+    """Standard deviation of each rest gap since the last tare, from drift and warmth; `tare` allows four times as much.
     """
     slowest_period_ms: Annotated[FiniteFloat | None, Field(gt=0, le=60_000)] = None
     """Period of the slowest motion of the beam; readings that scatter within it show that the beam moves.
@@ -189,10 +195,10 @@ class Config(Strict):
         return self._directory / (self.surfaces[name].tare_file or f"{name}.tare.json")
 
     def read_certificates(self) -> str | None:
-        """Return the certificates to trust (PEM), None for those of the system; InputError if they cannot be used."""
+        """Return the certificates to trust (PEM), None for those of the system; errors as `publish` raises them."""
         file = self.publish.certificate_file
         return None if file is None else read_certificates(self._directory / file)
 
     def read_token(self) -> str:
-        """Return the bearer token; InputError if it cannot be read."""
+        """Return the bearer token; errors as `publish.read_token` raises them."""
         return read_token(self._directory / self.publish.token_file)

@@ -118,6 +118,9 @@ class Channel(Strict):
     """[counts, gap] points instead of gain and offset, joined by straight lines; out-of-range beyond the ends."""
     rest_gap_mm: FiniteFloat
     """Gap with nothing on the beam; the tare file overrides it."""
+    smallest_force_mm: Positive | None = None
+    """Deflection here under the model's smallest force, where it moves this sensor most. `tare` refuses a rest gap that
+    differs by a tenth of it. Default: a load shows only beyond a part of `range_mm`."""
     range_mm: Pair
     """Linear range of the sensor; gaps outside it are out-of-range."""
     adc_bits: Annotated[int, Field(ge=1, le=16)] = 16

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
 
-from beamtouch_common.errors import InputError
+from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.files import write_atomically
 from beamtouch_service.samples import ChannelName, SurfaceName
 
@@ -35,12 +35,18 @@ def save(path: Path, surface: str, readings: int, rest_gap_mm: dict[str, float])
 
 
 def load(path: Path, channels: Sequence[str]) -> dict[str, float]:
-    """Return the rest gaps [mm] by channel name; empty without a file. InputError if the file cannot be used."""
+    """Return the rest gaps [mm] by channel name; empty without a file.
+
+    InputError if the file cannot be used; FailedError if it cannot be read now.
+    """
     try:
         content = TareFile.model_validate_json(path.read_bytes())
     except FileNotFoundError:
         return {}
-    except (OSError, ValidationError) as error:
+    except OSError as error:
+        message = f"{path}: {error.strerror}"
+        raise FailedError(message) from error
+    except ValidationError as error:
         message = f"{path}: not a tare file; delete it or run beamtouch-daemon tare again"
         raise InputError(message) from error
     if set(content.rest_gap_mm) != set(channels):

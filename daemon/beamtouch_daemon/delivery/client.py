@@ -13,12 +13,13 @@ from yarl import URL
 from beamtouch_daemon.delivery.unreachable import unreachable
 
 REQUEST_TIMEOUT_S = 2.0
-MAX_DETAIL = 200
+MAX_DETAIL = 400
 """Longest explanation of the service in the log, in characters."""
 
 PROBLEM = "urn:beamtouch:problem:"
 TOO_LARGE = PROBLEM + "too-large"
 MISSING_CHANNELS = PROBLEM + "missing-channels"
+OTHER_BEAM = PROBLEM + "other-beam"
 INVALID_REQUEST = PROBLEM + "invalid-request"
 NEVER_ACCEPTED = {PROBLEM + "malformed-json", INVALID_REQUEST}
 """Problem types that decide the fate of a batch. Only the service sends them, never a proxy in front of it."""
@@ -78,7 +79,7 @@ class Answer:
             return Verdict.TAKEN
         if self.status == HTTPStatus.REQUEST_ENTITY_TOO_LARGE:
             return Verdict.TOO_LARGE
-        if self.type == MISSING_CHANNELS:
+        if self.type in {MISSING_CHANNELS, OTHER_BEAM}:
             return Verdict.UNFIT
         if self.type in NEVER_ACCEPTED:
             return Verdict.NEVER

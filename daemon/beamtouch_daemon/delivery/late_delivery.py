@@ -1,7 +1,8 @@
 """Delivery of one surface's spooled samples, alongside new ones and never ahead of them.
 
-Batches are sent oldest first. The service may refuse some of them for now: those for a model with other channels, or
-one that it answers with an error. They are passed over, and the first of each kind is tried again now and then.
+Batches are sent oldest first. The service may refuse some of them for now: those for a model of another beam or with
+other channels, or one that it answers with an error. They are passed over, and the first of each kind is tried again
+now and then.
 """
 
 import asyncio
@@ -37,7 +38,7 @@ ODD_ANSWERS = 3
 """A batch is passed over after this many unexpected answers in a row."""
 
 _log = logging.getLogger(__name__)
-_Kind = tuple[str, ...] | int
+_Kind = tuple[str | None, ...] | int
 
 
 class LateDelivery:
@@ -103,7 +104,7 @@ class LateDelivery:
         oldest = await self._oldest(self._cursor)
         if oldest is None:
             return max(self._pace_s, IDLE_S)
-        if tuple(oldest.batch.channels) in self._passed:
+        if _needs(oldest.batch) in self._passed:
             self._cursor = oldest.number
             return 0.0
         verdict = await self._send(oldest)
@@ -127,7 +128,7 @@ class LateDelivery:
         if len(self._passed) >= MAX_PASSED:
             return None
         if verdict is Verdict.UNFIT:
-            return tuple(oldest.batch.channels)
+            return _needs(oldest.batch)
         return oldest.number if self._odd >= ODD_ANSWERS else None
 
     async def _try_passed(self) -> float:
@@ -187,6 +188,11 @@ class LateDelivery:
         else:
             self._sweep_s = monotonic() + SWEEP_S
             self._disk_fault.recovered()
+
+
+def _needs(batch: Batch) -> tuple[str | None, ...]:
+    """Return what a model must fit for the batch to be taken: its beam and its channels."""
+    return (batch.beam, *batch.channels)
 
 
 def _part(spooled: Spooled, samples: Sequence[Sample]) -> Batch:

@@ -21,7 +21,7 @@ from beamtouch_daemon.delivery.spooler import Disk, Spooler
 from beamtouch_daemon.faults import BACKOFF_MIN_S, Backoff, Fault
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.uptime import uptime_s
-from beamtouch_service.samples import MAX_SAMPLES, Batch
+from beamtouch_service.samples import MAX_SAMPLES, Batch, Note
 
 MAX_BATCH = min(1000, MAX_SAMPLES)
 MAX_BATCH_VALUES = 40_000
@@ -43,6 +43,8 @@ class Sender:
     """Standard deviation of one reading of each channel, if it is known."""
     characteristic: str | None = None
     """Identity of the characteristics and rest gaps."""
+    beam: str | None = None
+    """Identity of the beam and layout, if the configuration states it."""
 
 
 class Publisher:
@@ -144,7 +146,8 @@ class Publisher:
             newest_age_ms=max(0.0, (now_s - samples[-1].monotonic_s) * 1e3),
             sent_us=math.floor(now_s * 1e6),
             samples=[taken.sample for taken in samples],
-            notes=sorted({note for taken in samples for note in taken.notes}),
+            notes=["rate"] if any(Note.RATE in taken.notes for taken in samples) else [],
             noise_mm=self._sender.noise_mm,
             characteristic=self._sender.characteristic,
+            beam=self._sender.beam,
         )

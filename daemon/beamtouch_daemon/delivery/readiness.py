@@ -1,10 +1,10 @@
 """Whether the service takes the samples of a surface. Asks without sending a sample, so no answer of it changes."""
 
-from collections.abc import Sequence
+from typing import Literal
 
 from pydantic import BaseModel, ValidationError
 
-from beamtouch_daemon.config.settings import Loads
+from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.delivery.client import INVALID_REQUEST, ServiceClient
 from beamtouch_daemon.delivery.unreachable import UnreachableError
 
@@ -14,6 +14,16 @@ class _Summary(BaseModel):
 
     channels: list[str]
     """Channels that the model needs."""
+    beam: str | None = None
+    """Identity of the beam and layout that the model is of; null without a model."""
+
+
+class _Contact(BaseModel):
+    """What counts here of the service's answer to `GET /contact`."""
+
+    state: Literal["clear", "contact", "unexplained"]
+    position_mm: float | None
+    force_n: float | None
 
 
 class _Ranges(BaseModel):
@@ -27,19 +37,35 @@ class _ModelSummary(BaseModel):
     """What counts here of the service's description of a model."""
 
     identity: str
+    beam: str
     ranges: _Ranges
 
 
-async def refusal_of(client: ServiceClient, surface: str, channels: Sequence[str]) -> str | None:
-    """Return why the service does not take samples of a surface with these channels; None if it takes them.
+async def contact_on(client: ServiceClient, surface: str) -> str | None:
+    """Return what the service sees on a surface now, in words: empty for a beam at rest, None if it cannot tell."""
+    try:
+        answer = await client.get(f"/surfaces/{surface}/contact")
+        contact = _Contact.model_validate_json(answer.content)
+    except (UnreachableError, ValidationError):  # a problem is no contact either
+        return None
+    if contact.state == "clear":
+        return ""
+    if contact.position_mm is None:
+        return "something that it cannot explain"
+    force = "" if contact.force_n is None else f" of {contact.force_n:.3g} N"
+    return f"a contact{force} at {contact.position_mm:.0f} mm"
+
+
+async def refusal_of(client: ServiceClient, name: str, surface: Surface) -> str | None:
+    """Return why the service does not take the samples of a surface; None if it takes them.
 
     The service refuses an empty batch as incomplete only after the token and the surface are found right.
     """
     try:
-        answer = await client.post_samples(surface, b"{}")
+        answer = await client.post_samples(name, b"{}")
         if answer.type != INVALID_REQUEST:
             return f"the service at {client.url} takes no samples: {answer.explanation}"
-        summary = await client.get(f"/surfaces/{surface}")
+        summary = await client.get(f"/surfaces/{name}")
     except UnreachableError as error:
         advice = (
             error.advice or "does it run, is publish.url right (http or https?), and does a firewall let it through?"
@@ -48,33 +74,52 @@ async def refusal_of(client: ServiceClient, surface: str, channels: Sequence[str
     if not summary.is_success:
         return f"the service at {client.url}: {summary.explanation}"
     try:
-        needed = _Summary.model_validate_json(summary.content).channels
+        model = _Summary.model_validate_json(summary.content)
     except ValidationError:
         return f"{client.url} is not a beamtouch service, or another version; correct publish.url"
-    missing = [name for name in needed if name not in channels]
+    return _mismatch_of(model, name, surface)
+
+
+def _mismatch_of(model: _Summary, name: str, surface: Surface) -> str | None:
+    """Return why samples of a surface do not fit the service's model; None if they do."""
+    if surface.beam is not None and model.beam not in {None, surface.beam}:
+        return (
+            f"the service's model is of beam {model.beam}, but surfaces.{name}.beam is {surface.beam}: give the "
+            f"service the model of {surface.beam}, or use the configuration that was built with its model"
+        )
+    missing = [channel for channel in model.channels if channel not in surface.channel_names]
     if missing:
-        return f"the service's model needs channels {', '.join(needed)}; {', '.join(missing)} not in the configuration"
+        needed = ", ".join(model.channels)
+        return f"the service's model needs channels {needed}; {', '.join(missing)} not in the configuration"
     return None
 
 
-async def doubt_of(client: ServiceClient, surface: str, loads: Loads | None) -> str | None:
-    """Return why the service's model seems to be that of another surface; None if nothing says so.
+async def doubt_of(client: ServiceClient, name: str, surface: Surface) -> str | None:
+    """Return why the service's model may be that of another surface; None if nothing says so.
 
-    `build` writes the ranges of the model into the daemon's configuration, as the loads that `record` accepts.
+    `build` writes the beam and the ranges of the model into the daemon's configuration, the ranges as the loads that
+    `record` accepts.
     """
-    if loads is None:
+    loads = surface.loads
+    if loads is None and surface.beam is not None:
         return None
     try:
-        answer = await client.get(f"/surfaces/{surface}/model")
+        answer = await client.get(f"/surfaces/{name}/model")
         model = _ModelSummary.model_validate_json(answer.content)
     except (UnreachableError, ValidationError):  # `refusal_of` says what is wrong
         return None
+    unnoticed = (
+        f"surfaces.{name} states no beam, so a model of another beam would pass unnoticed; "
+        f'if the service\'s model {model.identity} is the right one, write beam = "{model.beam}"'
+    )
+    if loads is None:
+        return unnoticed
     (first_mm, last_mm), (_, max_n) = model.ranges.position_mm, model.ranges.force_n
     covers = f"{first_mm:g} to {last_mm:g} mm and {max_n:g} N"
     records = f"{loads.position_mm[0]:g} to {loads.position_mm[1]:g} mm and {loads.max_force_n:g} N"
     if covers == records:  # a smaller difference is a rounding of the file
-        return None
+        return unnoticed if surface.beam is None else None
     return (
-        f"the service's model {model.identity} covers {covers}, surfaces.{surface}.loads {records}: "
+        f"the service's model {model.identity} covers {covers}, surfaces.{name}.loads {records}: "
         "is it the model of this surface?"
     )

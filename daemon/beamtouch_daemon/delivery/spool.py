@@ -43,7 +43,7 @@ class Spool:
     Raises
     ------
     SpoolError
-        It cannot be opened or created, or another process uses it.
+        It is the file of another program. Anything else is tried again at each call.
     """
 
     def __init__(self, path: Path, max_bytes: int) -> None:
@@ -73,7 +73,7 @@ class Spool:
 
     @property
     def is_open(self) -> bool:
-        """Whether the file is open; on a full disk a new one can be created only once there is room."""
+        """Whether the file is open; its disk may be full, or come later."""
         return self._file.is_open
 
     def open(self) -> None:

@@ -17,12 +17,12 @@ class SpoolError(Exception):
     """The spool cannot be used now; the text is one line for the log."""
 
 
-class SpoolFullError(SpoolError):
-    """The disk has no room to create the spool."""
+class ForeignFileError(SpoolError):
+    """The file belongs to another program: only another path helps."""
 
 
 class SpoolConnection:
-    """Transactions on the file. On a full disk it may not be open or writable yet; each access tries again.
+    """Transactions on the file. It may not be open or writable yet; each access tries again.
 
     Parameters
     ----------
@@ -39,8 +39,8 @@ class SpoolConnection:
 
     Raises
     ------
-    SpoolError
-        It cannot be opened or created, or another process uses it.
+    ForeignFileError
+        It is the file of another program.
     """
 
     def __init__(
@@ -63,12 +63,14 @@ class SpoolConnection:
         self._database: sqlite3.Connection | None = None
         try:
             self._connect()
-        except SpoolFullError as error:  # new samples can still be delivered
-            _log.error("%s; undelivered samples are kept in memory until there is room", error)
+        except ForeignFileError:
+            raise
+        except SpoolError as error:  # new samples can still be delivered
+            _log.error("%s; until it can be, undelivered samples are kept in memory", error)
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a connection; there is none while the disk is full, or once damage was found."""
+        """Whether there is a connection; there is none until it can be opened, or once damage was found."""
         return self._database is not None
 
     @property
@@ -154,8 +156,9 @@ class SpoolConnection:
         if code == sqlite3.SQLITE_BUSY:
             return SpoolError(f"{self._path} is in use by another process")
         if code == sqlite3.SQLITE_FULL:
-            return SpoolFullError(f"{self._path} cannot be created: the disk is full")
-        return SpoolError(f"{self._path} cannot be opened ({error}); choose a file in a writable folder")
+            return SpoolError(f"{self._path} cannot be created: the disk is full")
+        kind = ForeignFileError if isinstance(error, spool_file.ForeignError) else SpoolError
+        return kind(f"{self._path} cannot be opened ({error}); choose a file in a writable folder")
 
 
 def _identity_of(path: Path) -> tuple[int, int] | None:

@@ -48,6 +48,10 @@ _DAMAGE = {
 }
 
 
+class ForeignError(sqlite3.DatabaseError):
+    """The file is the database of another program."""
+
+
 class DamagedError(sqlite3.DatabaseError):
     """The file is damaged, in its structure or by a bad sector."""
 
@@ -109,7 +113,7 @@ def _require_own(database: sqlite3.Connection) -> None:
     names = {name for (name,) in database.execute("SELECT name FROM sqlite_master")}
     if names and names.isdisjoint(_OWN):
         message = "it is the database of another program"
-        raise sqlite3.DatabaseError(message)
+        raise ForeignError(message)
 
 
 def _prepare(database: sqlite3.Connection, path: Path, aside: Iterable[tuple[int, bytes]] = ()) -> None:

@@ -1,8 +1,7 @@
 """Turns readings into samples: characteristic, quality, zero, filter, covariance, sequence number."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +10,10 @@ from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.processing import stuck, zero_tracking
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_daemon.processing.filters import chain_of
-from beamtouch_daemon.processing.uncertainty import UNKNOWN, Uncertainty, uncertainties
+from beamtouch_daemon.processing.uncertainty import Uncertainty, uncertainties
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.filters import FloatArray
 from beamtouch_service.samples import Note, Quality, Sample
-
-GAP_PERIODS = 3.0
-"""The filter restarts if two readings are further apart than this many periods."""
 
 _GOOD = QUALITIES.index(Quality.GOOD)
 _MISSING = QUALITIES.index(Quality.MISSING)
@@ -51,10 +47,11 @@ def counts_of(readings: Sequence[Reading]) -> FloatArray:
 class Pipeline:
     """Turns the readings of one surface into samples, in order.
 
-    A channel that is not good passes with its unfiltered deflection, for the record, and never enters the filter. After
-    a gap in the readings the filter restarts, so that no old value passes for a new one. The states of the stuck check
-    and of the zeros survive the gap. A channel is missing until its filter has enough readings. No samples are emitted
-    until at least one channel's filter has filled, so the newest sample before a short gap stays in use until then.
+    A channel that is not good passes with its unfiltered deflection, for the record, and never enters the filter. Lost
+    readings are counted by whoever takes them, because times jitter on a busy machine. The filter, the stuck check and
+    the zeros continue over a gap with what they knew; only a gap as long as they look back makes them begin anew. A
+    channel is missing until its filter has enough readings. No samples are emitted until at least one channel's filter
+    has filled, so the newest sample before a gap stays in use until then.
     """
 
     def __init__(self, surface: Surface, rest_gap_mm: Mapping[str, float] | None = None) -> None:
@@ -69,15 +66,7 @@ class Pipeline:
         tracking = surface.zero_tracking
         self._zero_rules = None if tracking is None else zero_tracking.Rules.of(tracking, surface.rate_hz)
         self._zero = zero_tracking.fresh(channels)
-        self._gap_s = GAP_PERIODS / surface.rate_hz
-        self._last_s: float | None = None
         self._sequence = 0
-
-    def restart(self) -> None:
-        """Restart the filter, as after a gap; sequence numbers continue."""
-        self._chain.restart()
-        self._zero = self._zero.disturbed()
-        self._last_s = None
 
     def process(
         self, readings: Sequence[Reading], unix_minus_monotonic_s: float, notes: tuple[Note, ...] = ()
@@ -97,10 +86,7 @@ class Pipeline:
         gap_mm = self._characteristic.gap(counts)
         codes = self._quality(counts, gap_mm)
         raw = self._characteristic.deflection(gap_mm)
-        values = np.empty_like(raw)
-        stated = [UNKNOWN] * len(raw)
-        for part in self._without_gaps([reading.monotonic_s for reading in readings]):
-            values[part], stated[part] = self._values(raw[part], codes[part] == _GOOD)
+        values, stated = self._values(raw, codes == _GOOD, [reading.lost for reading in readings])
         unsettled = (codes == _GOOD) & np.isnan(values)  # the filter has too few readings
         waits = [False] * len(readings)
         if unsettled.any():
@@ -120,23 +106,14 @@ class Pipeline:
             codes[(codes == _GOOD) & (lengths > self._longest_runs)] = _STUCK
         return codes
 
-    def _without_gaps(self, times: list[float]) -> Iterator[slice]:
-        """Yield the parts between gaps in the readings; restart the filter before each."""
-        before = times[0] if self._last_s is None else self._last_s
-        self._last_s = times[-1]
-        starts = [at for at, (one, other) in enumerate(pairwise([before, *times])) if other - one > self._gap_s]
-        for start, end in pairwise([*sorted({0, *starts}), len(times)]):
-            if start in starts:
-                self._chain.restart()
-                self._zero = self._zero.disturbed()
-            yield slice(start, end)
-
-    def _values(self, raw: FloatArray, good: NDArray[np.bool_]) -> tuple[FloatArray, list[Uncertainty]]:
-        """Return the deflections to publish, of readings without a gap, and their uncertainty."""
+    def _values(
+        self, raw: FloatArray, good: NDArray[np.bool_], lost: Sequence[int]
+    ) -> tuple[FloatArray, list[Uncertainty]]:
+        """Return the deflections to publish, and their uncertainty; `lost` is the readings lost before each."""
         if self._zero_rules is not None:
-            zeros, self._zero = zero_tracking.track(np.where(good, raw, np.nan), self._zero, self._zero_rules)
+            zeros, self._zero = zero_tracking.track(np.where(good, raw, np.nan), self._zero, self._zero_rules, lost)
             raw = raw - zeros
-        filtered = self._chain.apply(np.where(good, raw, np.nan))
+        filtered = self._chain.apply(np.where(good, raw, np.nan), lost)
         return np.where(good, filtered.mean_mm, raw), uncertainties(filtered)
 
     def _sample(self, unix_s: float, values: list[float], codes: list[int], uncertainty: Uncertainty) -> Sample:

@@ -1,7 +1,8 @@
 """Measures the rate of the readings and compares it with the configured one. Pure.
 
-Filter windows, zero tracking, and the limits for stuck channels and gaps are sized by the configured rate. At another
-rate they last longer or shorter than configured, and the samples are not what the model was made for.
+Filter windows, zero tracking and the limits for stuck channels are sized by the configured rate. At another rate of the
+device they last longer or shorter than configured. If the daemon polls and misses slots, means are of fewer readings.
+Either way, the samples are not what the model was made for.
 """
 
 from dataclasses import dataclass
@@ -81,12 +82,15 @@ class RateMeter:
 def complaint(verdict: Verdict, configured_hz: float, *, polled: bool) -> str:
     """Return one line: the measured rate, the configured rate, and what to set."""
     measured_hz = verdict.measured_hz
-    windows = "longer" if measured_hz < configured_hz else "shorter"
+    times = digits(max(configured_hz / measured_hz, measured_hz / configured_hz), 2)
     if polled:
-        done = f"only {digits(measured_hz, 4)} of {configured_hz:g} readings per second could be polled"
-        remedy = f"set rate_hz to {digits(0.95 * measured_hz, 2)} or less"
-    else:
-        done = f"the device sends {digits(measured_hz, 4)} readings per second, rate_hz is {configured_hz:g}"
-        remedy = f"set rate_hz = {max(1, round(measured_hz))} or correct the device"
-    times = max(configured_hz / measured_hz, measured_hz / configured_hz)
-    return f"{done}: filter windows last {digits(times, 2)} times {windows} than configured; {remedy}"
+        return (
+            f"only {digits(measured_hz, 4)} of {configured_hz:g} readings per second could be polled: means are of "
+            f"{times} times fewer readings than configured; set rate_hz to {digits(0.95 * measured_hz, 2)} or less"
+        )
+    windows = "longer" if measured_hz < configured_hz else "shorter"
+    return (
+        f"the device sends {digits(measured_hz, 4)} readings per second, rate_hz is {configured_hz:g}: "
+        f"filter windows last {times} times {windows} than configured; "
+        f"set rate_hz = {max(1, round(measured_hz))} or correct the device"
+    )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from beamtouch_common.digits import digits
 from beamtouch_daemon.config.settings import Surface
+from beamtouch_daemon.config.signal import Channel
 from beamtouch_daemon.processing.characteristic import QUALITIES, Characteristic
 from beamtouch_service.samples import Quality
 
@@ -24,6 +25,11 @@ MOUNTED_WITHIN = 0.1
 """Largest difference from the configured rest gap, which may be nominal, as a part of the linear range."""
 DRIFTS_WITHIN = 0.02
 """Largest difference between two tares, from warmth and settling, as a part of the linear range."""
+LOAD_SHARE = 0.1
+"""The same for both, as a part of what the smallest force causes where it moves the channel most. Smaller parts would
+refuse ordinary settling. With it, the smallest force shows everywhere but within a few percent of the supports."""
+STATED_DEVIATIONS = 4.0
+"""A difference within this many standard deviations of the stated drift is never refused."""
 
 
 class TareRefusedError(Exception):
@@ -88,11 +94,22 @@ def motion(gap_mm: NDArray[np.float64], step_mm: float, noise_mm: float | None) 
     return f"standard deviation {digits(spread, 2)} mm, drift {digits(drift, 2)} mm, noise {digits(noise, 2)} mm"
 
 
+def allowed_mm(channel: Channel, surface: Surface, *, first: bool) -> float:
+    """Return the largest difference [mm] of a rest gap from the last tare, or in the first tare from `rest_gap_mm`."""
+    share = MOUNTED_WITHIN if first else DRIFTS_WITHIN
+    largest = share * (channel.range_mm[1] - channel.range_mm[0])
+    if channel.smallest_force_mm is not None:
+        largest = min(largest, LOAD_SHARE * channel.smallest_force_mm)
+    followed = surface.zero_tracking.max_mm if surface.zero_tracking else 0.0
+    drift = max(followed, STATED_DEVIATIONS * surface.zero_drift_mm)
+    return max(largest, drift) + (surface.noise_mm or 0.0)
+
+
 def contradictions(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface) -> list[str]:
     """Return a phrase for each channel whose rest gap contradicts the last tare or the configuration.
 
-    A rest gap is compared with the last tare, if there is one. It is also compared with the configuration, which may be
-    nominal, unless the last tare already differed from it.
+    A rest gap is compared with the last tare; without one, with the configuration. Later tares must not creep away from
+    a configuration that the last tare agreed with, either.
 
     Parameters
     ----------
@@ -103,17 +120,30 @@ def contradictions(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float
     surface
         The configuration.
     """
-    noise = surface.noise_mm or 0.0
-    followed = surface.zero_tracking.max_mm if surface.zero_tracking else 0.0
     found = []
     for channel in surface.channels:
-        gap, width = rest_gap_mm[channel.name], channel.range_mm[1] - channel.range_mm[0]
-        last = last_mm.get(channel.name)
-        mounted, drifted = MOUNTED_WITHIN * width + noise, max(DRIFTS_WITHIN * width, followed) + noise
-        if last is not None and abs(gap - last) > drifted:
+        gap, last = rest_gap_mm[channel.name], last_mm.get(channel.name)
+        mounted = MOUNTED_WITHIN * (channel.range_mm[1] - channel.range_mm[0]) + (surface.noise_mm or 0.0)
+        if last is None:
+            mounted = allowed_mm(channel, surface, first=True)
+        elif abs(gap - last) > allowed_mm(channel, surface, first=False):
             found.append(f"{channel.name} {gap - last:+.3f} mm from the last tare")
             continue
         agreed = last is None or abs(last - channel.rest_gap_mm) <= mounted
         if agreed and abs(gap - channel.rest_gap_mm) > mounted:
             found.append(f"{channel.name} {gap - channel.rest_gap_mm:+.3f} mm from its rest_gap_mm")
     return found
+
+
+def comparison(rest_gap_mm: Mapping[str, float], last_mm: Mapping[str, float], surface: Surface) -> str:
+    """Describe what accepted rest gaps were compared with, and how closely; arguments as `contradictions`."""
+    first, smallest = not last_mm, min(allowed_mm(one, surface, first=not last_mm) for one in surface.channels)
+    differences = {
+        one.name: abs(rest_gap_mm[one.name] - last_mm.get(one.name, one.rest_gap_mm)) for one in surface.channels
+    }
+    name = max(differences, key=lambda one: differences[one])
+    what = "first tare, compared with rest_gap_mm" if first else "compared with the last tare"
+    text = f"{what}: {name} differs most, by {digits(differences[name], 2)} mm; {digits(smallest, 2)} mm are allowed"
+    if all(one.smallest_force_mm is None for one in surface.channels):
+        return f"{text}; a load that moves less is not noticed, as the channels state no smallest_force_mm"
+    return text

@@ -2,7 +2,8 @@
 
 It follows the rule of weighing instruments (OIML R 76-1): near zero, when stable, slowly, within a limit. When
 all channels have been good and within a band for a second, the zero of each channel moves towards its deflection, at a
-limited rate and up to a limited total. Anything else stops all zeros until a second after it. So a sudden contact that
+limited rate and up to a limited total. Anything else stops all zeros until a second after it. Lost readings are no
+disturbance, and prove no calm; only a gap of a second is like one. So a sudden contact that
 deflects any channel by more than the band never counts as drift, however long it lasts. A contact that stays within the
 band in all channels does, and so does one that grows as slowly as the rate, until the total is reached.
 
@@ -11,6 +12,7 @@ noise exceeds 4.5 standard deviations once in 150 000 readings. A wider band mis
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,17 +52,15 @@ class State:
     calm: int = 0
     """Readings within the band since the last disturbance."""
 
-    def disturbed(self) -> "State":
-        """Return the state after a disturbance, such as a gap in the readings."""
-        return State(self.zero_mm)
-
 
 def fresh(channels: int) -> State:
     """Return the initial state."""
     return State(np.zeros(channels))
 
 
-def track(deflection: FloatArray, state: State, rules: Rules) -> tuple[FloatArray, State]:
+def track(
+    deflection: FloatArray, state: State, rules: Rules, lost: Sequence[int] | None = None
+) -> tuple[FloatArray, State]:
     """Return the zero to subtract from each deflection [mm], and the state after them.
 
     A zero depends only on earlier readings, and any split of the stream gives the same zeros. Steps of a limited size
@@ -74,11 +74,15 @@ def track(deflection: FloatArray, state: State, rules: Rules) -> tuple[FloatArra
         State after the previous readings.
     rules
         Rules for the zeros.
+    lost
+        Number of readings lost before each, shape (readings,); None: none.
     """
     zeros = np.empty_like(deflection)
     zero, calm = state.zero_mm, state.calm
-    for row, value in enumerate(deflection):
+    for row, (value, gap) in enumerate(zip(deflection, lost or [0] * len(deflection), strict=True)):
         zeros[row] = zero
+        if gap >= rules.calm:
+            calm = 0
         left = value - zero
         if not np.all(np.abs(left) <= rules.band_mm):  # NaN, a channel that is not good, is outside the band too
             calm = 0

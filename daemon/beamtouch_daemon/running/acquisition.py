@@ -14,7 +14,7 @@ from beamtouch_daemon.processing.pipeline import Pipeline, Taken
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_daemon.uptime import uptime_s
-from beamtouch_service.samples import Note
+from beamtouch_service.samples import Note, Quality
 
 REOPEN_S = 0.5
 """Longest wait before a source is opened again; opening costs other users nothing."""
@@ -33,10 +33,14 @@ class Acquisition:
         """Taken."""
         self.lost = 0
         """Due but not taken."""
+        self.is_missing = True
+        """No reading comes: the device is not there yet, or gone."""
         self.last_s: float | None = None
         """Time of the newest reading, by the clock of `uptime_s`."""
         self.turned_s = time.monotonic()
         """Time of the last progress on the monotonic clock: a reading, or a session that ended with an error."""
+        self.quality: list[Quality] = []
+        """Of each channel in the newest sample; empty before the first."""
         self._name = name
         self._rate_hz = surface.rate_hz
         self._polled = not isinstance(surface.source, SerialLine)
@@ -57,30 +61,33 @@ class Acquisition:
             try:
                 await self._session()
             except SourceError as error:
+                self.is_missing = True
                 self._fault.failed(f"{error}; trying again")
             self.turned_s = time.monotonic()
             await asyncio.sleep(self._backoff.next())
 
     async def _session(self) -> None:
         self._outbox.settle()
-        self._pipeline.restart()
         self.meter.restart()
         is_first = True
         async with aclosing(self._source.readings()) as stream:
             async for readings in stream:
                 if is_first:
-                    self._resume(readings[0])
+                    readings[0] = self._resume(readings[0])
                     is_first = False
                 self._take(readings)
 
-    def _resume(self, reading: Reading) -> None:
-        """Count the readings that were lost between two sessions, by the clock."""
+    def _resume(self, reading: Reading) -> Reading:
+        """Return the first reading of a session with the number of those lost since the last one, by the clock."""
         if self.last_s is None:
             _log.info("%s: reading", self._name)
         else:
-            self._count_lost(max(0, round((reading.monotonic_s - self.last_s) * self._rate_hz) - 1))
+            lost = max(0, round((reading.monotonic_s - self.last_s) * self._rate_hz) - 1)
+            reading = reading._replace(lost=lost)
+        self.is_missing = False
         self._fault.recovered()
         self._backoff.reset()
+        return reading
 
     def _take(self, readings: list[Reading]) -> None:
         self.readings += len(readings)
@@ -97,14 +104,17 @@ class Acquisition:
         """Return the samples of the readings that wait for it."""
         readings, self._unprocessed = self._unprocessed, []
         notes = () if self.meter.fits else (Note.RATE,)
-        return self._pipeline.process(readings, time.time() - uptime_s(), notes)
+        taken = self._pipeline.process(readings, time.time() - uptime_s(), notes)
+        self.quality = taken[-1].sample.quality if taken else self.quality
+        return taken
 
     def _watch_rate(self, readings: list[Reading]) -> None:
         verdict = self.meter.add(readings)
         if verdict is None:
             return
         if verdict.fits:
-            _log.info("%s: %.4g readings per second, as configured", self._name, verdict.measured_hz)
+            words = "%s: %.4g readings per second, within %g %% of rate_hz = %g"
+            _log.info(words, self._name, verdict.measured_hz, 100 * rate.TOLERANCE, self._rate_hz)
         else:
             _log.warning("%s: %s", self._name, rate.complaint(verdict, self._rate_hz, polled=self._polled))
 

@@ -3,18 +3,23 @@
 The final summary needs the same counts, so the workers keep them, and a collector of prometheus_client reads them.
 """
 
+import asyncio
+import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 
 from prometheus_client import CollectorRegistry, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
-from beamtouch_common.errors import InputError
+from beamtouch_common.listening import remedy
+from beamtouch_daemon.faults import Backoff, Fault
 from beamtouch_daemon.running.surface_worker import SurfaceWorker
+from beamtouch_service.samples import Quality
 
 LOOPBACK = "127.0.0.1"
+
+_log = logging.getLogger(__name__)
 
 Workers = Callable[[], Iterable[SurfaceWorker]]
 """Returns the workers that run now."""
@@ -41,6 +46,9 @@ class WorkerCollector(Collector):
         waiting = GaugeMetricFamily(
             "beamtouch_samples_waiting", "Samples not yet delivered.", labels=["surface", "where"]
         )
+        missing = GaugeMetricFamily(
+            "beamtouch_source_missing", "1 while no reading comes from the device.", labels=["surface"]
+        )
         age = GaugeMetricFamily("beamtouch_reading_age_seconds", "Age of the newest reading.", labels=["surface"])
         measured = GaugeMetricFamily(
             "beamtouch_readings_per_second", "Measured rate of the readings.", labels=["surface"]
@@ -48,6 +56,9 @@ class WorkerCollector(Collector):
         wrong = GaugeMetricFamily(
             "beamtouch_rate_wrong", "1 while the measured rate is not the configured one.", labels=["surface"]
         )
+        words = "1 for the quality of a channel in the newest sample."
+        labels = ["surface", "channel", "quality"]
+        qualities = GaugeMetricFamily("beamtouch_channel_quality", words, labels=labels)
         for worker in list(self._workers()):
             surface, counts = [worker.name], worker.summary()
             readings.add_metric(surface, counts.readings)
@@ -57,38 +68,40 @@ class WorkerCollector(Collector):
             aside.add_metric(surface, counts.samples_set_aside)
             waiting.add_metric([worker.name, "memory"], len(worker.outbox))
             waiting.add_metric([worker.name, "disk"], counts.samples_spooled)
+            missing.add_metric(surface, worker.acquisition.is_missing)
             if (age_s := worker.age_s()) is not None:
                 age.add_metric(surface, age_s)
             meter = worker.acquisition.meter
-            if (measured_hz := meter.measured_hz) is not None:
-                measured.add_metric(surface, measured_hz)
             wrong.add_metric(surface, 0 if meter.fits else 1)
+            # While no reading comes, nothing is known of its rate or its channels.
+            is_known = not worker.acquisition.is_missing
+            if is_known and (measured_hz := meter.measured_hz) is not None:
+                measured.add_metric(surface, measured_hz)
+            found = worker.acquisition.quality if is_known else []
+            for name, quality in zip(worker.surface.channel_names, found, strict=True) if found else ():
+                for one in Quality:
+                    qualities.add_metric([worker.name, name, one.value], quality is one)
         for name, samples in self._spooled_elsewhere().items():
             waiting.add_metric([name, "disk"], samples)
-        yield from (readings, lost, published, dropped, aside, waiting, age, measured, wrong)
+        yield from (readings, lost, published, dropped, aside, waiting, missing, age, measured, wrong, qualities)
 
 
-@contextmanager
-def served(port: int | None, workers: Workers, spooled_elsewhere: Spooled) -> Iterator[None]:
-    """Answer GET /metrics on a loopback port during the block; without a port, do nothing.
-
-    Raises
-    ------
-    InputError
-        The port cannot be used.
-    """
-    if port is None:
-        yield
-        return
+async def serve(port: int, workers: Workers, spooled_elsewhere: Spooled) -> None:
+    """Answer GET /metrics on a loopback port, as soon as it is free, until cancelled."""
     registry = CollectorRegistry()
     registry.register(WorkerCollector(workers, spooled_elsewhere))
+    fault, backoff = Fault(_log, "metrics"), Backoff()
+    while True:
+        try:
+            server, thread = start_http_server(port, LOOPBACK, registry)
+            break
+        except OSError as error:
+            reason = f"port {port} on {LOOPBACK}: {remedy(error, 'metrics.port')}"
+            fault.failed(f"{reason}; trying again")
+            await asyncio.sleep(backoff.next())
+    fault.recovered()
     try:
-        server, thread = start_http_server(port, LOOPBACK, registry)
-    except OSError as error:
-        message = f"metrics.port: cannot listen on {LOOPBACK}:{port} ({error.strerror}); choose another port"
-        raise InputError(message) from error
-    try:
-        yield
+        await asyncio.Event().wait()
     finally:
         server.shutdown()
         server.server_close()

@@ -12,9 +12,8 @@ from typing import Any
 
 from pymodbus.exceptions import ModbusException
 
-from beamtouch_common.errors import InputError
+from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.systemd import ServiceManager
-from beamtouch_daemon.config.file import require_ports
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.delivery.spool_connection import SpoolError
@@ -45,10 +44,11 @@ async def run(load: Callable[[], Config]) -> Ended:
     Raises
     ------
     InputError
-        The configuration, or a file or port that it names, cannot be used; nothing was read or published.
+        The configuration, or a file that it names, cannot be used; nothing was read or published.
+    FailedError
+        A file that it names cannot be read; it may come later.
     """
     config = load()
-    require_ports(config)
     stop, reload = asyncio.Event(), asyncio.Event()
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(_on_loop_error)
@@ -61,16 +61,15 @@ async def run(load: Callable[[], Config]) -> Ended:
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, on_signal, number)
     loop.add_signal_handler(signal.SIGHUP, reload.set)
-    failure: InputError | None = None
+    failure: InputError | FailedError | None = None
     with _disk(config) as disk:
         async with asyncio.TaskGroup() as group:
             supervisor = Supervisor(group, disk)
             try:
-                with metrics.served(config.metrics.port, lambda: supervisor.workers, supervisor.spooled_elsewhere):
-                    await supervisor.apply(config)
-                    summaries = await _serve(load, config, supervisor, group, (stop, reload))
-                    return Ended(summaries, signals[0] is signal.SIGINT)
-            except InputError as error:
+                await supervisor.apply(config)
+                summaries = await _serve(load, config, supervisor, group, (stop, reload))
+                return Ended(summaries, signals[0] is signal.SIGINT)
+            except (InputError, FailedError) as error:
                 failure = error  # raised here, it would be wrapped in an exception group
     raise failure
 
@@ -85,11 +84,14 @@ async def _serve(
     """Keep the workers running until the stop event."""
     stop, reload = events
     manager = ServiceManager()
-    manager.ready(_status(config))
+    manager.ready(_status(supervisor))
     helpers = {
         group.create_task(_watch(supervisor, manager)),
         group.create_task(_reload_on_event(load, config, supervisor, manager, reload)),
     }
+    if config.metrics.port is not None:
+        answer = metrics.serve(config.metrics.port, lambda: supervisor.workers, supervisor.spooled_elsewhere)
+        helpers.add(group.create_task(answer))
     await stop.wait()
     manager.stopping()
     await cancel(helpers)
@@ -104,7 +106,7 @@ async def _watch(supervisor: Supervisor, manager: ServiceManager) -> None:
         if hanging:
             _log.error("no progress on %s", ", ".join(hanging))
         else:
-            manager.alive()
+            manager.alive(_status(supervisor))
         await asyncio.sleep(pause_s)
 
 
@@ -122,17 +124,16 @@ async def _reload_on_event(
         manager.reloading()
         try:
             new = load()
-            require_ports(new)
             changed = _needing_restart(config, new)
             started = await supervisor.apply(new)
-        except InputError as error:
+        except (InputError, FailedError) as error:
             _log.error("the new configuration is wrong, the old one stays in use: %s", error)
         else:
             _log.info("configuration read again; restarted: %s", ", ".join(started) or "nothing")
             if changed:
                 _log.warning("changes that need a restart of the daemon: %s", ", ".join(changed))
             config = new
-        manager.ready(_status(config))
+        manager.ready(_status(supervisor))
 
 
 def _needing_restart(old: Config, new: Config) -> list[str]:
@@ -145,13 +146,18 @@ def _needing_restart(old: Config, new: Config) -> list[str]:
     return [name for name, differs in changed.items() if differs]
 
 
-def _status(config: Config) -> str:
-    return f"reading {', '.join(config.surfaces)}"
+def _status(supervisor: Supervisor) -> str:
+    """Return which surfaces are read, and which have no device yet."""
+    names: dict[bool, list[str]] = {False: [], True: []}
+    for worker in supervisor.workers:
+        names[worker.acquisition.is_missing].append(worker.name)
+    words = {"reading": names[False], "waiting for the device of": names[True]}
+    return "; ".join(f"{word} {', '.join(found)}" for word, found in words.items() if found)
 
 
 @contextmanager
 def _disk(config: Config) -> Iterator[Disk | None]:
-    """Open the spool for a block; None without one. InputError if it cannot be used."""
+    """Open the spool for a block; None without one. InputError if it can never be used."""
     if not config.publish.spool_mb:
         yield None
         return

@@ -52,8 +52,8 @@ class Supervisor:
 
         Raises
         ------
-        InputError
-            The token or a tare file cannot be used; nothing changed.
+        InputError, FailedError
+            The token or a tare file cannot be used, or cannot be read now; nothing changed.
         """
         secrets = config.read_token(), config.read_certificates()
         rest = {name: tare_file.load(config.tare_file(name), s.channel_names) for name, s in config.surfaces.items()}

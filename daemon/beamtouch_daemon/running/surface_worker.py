@@ -66,7 +66,8 @@ class SurfaceWorker:
         # A restarted worker numbers its samples from 0 again, so it needs a boot id of its own.
         noise_mm = None if surface.noise_mm is None else [surface.noise_mm] * len(surface.channels)
         characteristic = Characteristic.of(surface.channels, rest_gap_mm).identity
-        sender = Sender(name, surface.channel_names, str(uuid.uuid4()), noise_mm, characteristic)
+        boot_id = str(uuid.uuid4())
+        sender = Sender(name, surface.channel_names, boot_id, noise_mm, characteristic, surface.beam)
         self.publisher = Publisher(shared.client, sender, self.outbox, shared.publish.batch_ms / 1e3, shared.disk)
         self._spool = shared.disk and shared.disk.spool
         # The spool's counts continue when a worker is restarted.

@@ -1,7 +1,11 @@
 """Links to Modbus units: on a serial bus, and over TCP."""
 
+import asyncio
 from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, suppress
+from ipaddress import ip_address
+from socket import SOCK_STREAM
+from typing import Any
 
 from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
@@ -10,9 +14,8 @@ from beamtouch_daemon.config.sources import ModbusTcp
 from beamtouch_daemon.sources.reading import NoAnswerError
 from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.sources.rtu_bus import RtuBus
-from beamtouch_daemon.sources.rtu_exchange import Query, forgotten_s
 from beamtouch_daemon.sources.rtu_frame import EXCEPTION, Answer
-from beamtouch_daemon.sources.rtu_unit import Unit
+from beamtouch_daemon.sources.rtu_unit import Request, Unit, forgotten_s
 from beamtouch_daemon.sources.tcp_frame import AnswerHeaders
 from beamtouch_daemon.uptime import uptime_s
 
@@ -57,7 +60,7 @@ class RtuLink:
 
     async def read(self, block: Block) -> tuple[Answer, float, float]:
         """Read registers, in turn with the other users of the bus."""
-        return await self._bus.read(Query(self._unit, self._function, block, self.timeout_s))
+        return await self._bus.read(self._unit, Request(self._function, block), self.timeout_s)
 
 
 class TcpLink:
@@ -78,6 +81,8 @@ class TcpLink:
         self._reads_holding = self._function == READ_HOLDING_REGISTERS
         self._headers = AnswerHeaders(unit)
         self._client: AsyncModbusTcpClient | None = None
+        self._lookup: asyncio.Future[list[Any]] | None = None
+        """The running question for the address of the host."""
 
     @property
     def limits(self) -> tuple[str, ...]:
@@ -122,7 +127,7 @@ class TcpLink:
             return self._client
         self._close()
         client = AsyncModbusTcpClient(
-            self._host,
+            await self._address(),
             port=self._port,
             timeout=self.timeout_s,
             retries=0,
@@ -140,6 +145,31 @@ class TcpLink:
             raise NoAnswerError(message)
         self._client = client
         return client
+
+    async def _address(self) -> str:
+        """Return the address of the host. Each attempt waits for the same question to the name server.
+
+        A name server that is away keeps a thread busy for many seconds: of one question each, the others need theirs.
+        """
+        with suppress(ValueError):
+            return str(ip_address(self._host))
+        if self._lookup is None:
+            self._lookup = asyncio.ensure_future(
+                asyncio.get_running_loop().getaddrinfo(self._host, self._port, type=SOCK_STREAM)
+            )
+        reason = "the name server does not answer"
+        try:
+            async with asyncio.timeout(self.timeout_s):
+                (_, _, _, _, address), *_ = await asyncio.shield(self._lookup)
+        except TimeoutError:
+            pass
+        except OSError as error:
+            self._lookup, reason = None, error.strerror or "no such name"
+        else:
+            self._lookup = None
+            return str(address[0])
+        message = f"{self._host} does not resolve ({reason}); is the name right, and is its name server there?"
+        raise NoAnswerError(message)
 
     def _close(self) -> None:
         if self._client is not None:

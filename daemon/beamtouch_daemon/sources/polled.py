@@ -13,13 +13,14 @@ from contextlib import AsyncExitStack
 from beamtouch_daemon.faults import Fault
 from beamtouch_daemon.sources.part import GIVEN_UP_AFTER, Part
 from beamtouch_daemon.sources.reading import NoAnswerError, Reading, Schedule, SourceError
+from beamtouch_daemon.sources.registers import Block
 from beamtouch_daemon.tasks import cancel
 from beamtouch_daemon.uptime import uptime_s
 
 _EXCEPTIONS = {
     1: "it does not know this function",
-    2: "it has no such register",
-    3: "it refuses that many registers",
+    2: "it has no such register: asked for {registers}; addresses count from 0, so a manual's 30001 or 40001 is 0",
+    3: "it refuses that many registers: asked for {registers}",
     4: "device failure",
     6: "device busy",
     10: "gateway path unavailable",
@@ -101,20 +102,21 @@ class PolledSource:
         The delay of an answer is unknown, so the time of the request is the latest safe time stamp.
         """
         contents: dict[int, int] = {}
-        refusal, begin_s = 0, None
+        refusal: tuple[int, Block] | None = None
+        begin_s = None
         try:
             for block in part.blocks:
                 answer, asked_s, _ = await part.link.read(block)
                 begin_s = asked_s if begin_s is None else begin_s
-                refusal = answer.exception or refusal
+                if answer.exception:
+                    refusal = answer.exception, block
                 contents.update(enumerate(answer.registers, block.first))
         except NoAnswerError as error:
             part.failures = 0 if error.lives else part.failures
             self._failed(part, str(error))
             return None
         if not contents or begin_s is None:
-            reason = _EXCEPTIONS.get(refusal, "an error")
-            self._failed(part, f"{part.link.name} answers with exception {refusal}: {reason}")
+            self._failed(part, f"{part.link.name} answers with {_refusal_text(refusal)}")
             return None
         if part.failures:
             part.failures = 0
@@ -141,3 +143,12 @@ class PolledSource:
 
     async def _end_attempts(self) -> None:
         await cancel(part.attempt for part in self._parts if part.attempt is not None)
+
+
+def _refusal_text(refusal: tuple[int, Block] | None) -> str:
+    if refusal is None:
+        return "no registers"
+    exception, block = refusal
+    last = block.first + block.count - 1
+    registers = f"{block.first}" if block.count == 1 else f"{block.first} to {last}"
+    return f"exception {exception}: {_EXCEPTIONS.get(exception, 'an error').format(registers=registers)}"

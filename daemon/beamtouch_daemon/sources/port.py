@@ -18,6 +18,7 @@ _IN_USE = "another program uses it: stop that one"
 _ADVICE = {
     errno.EAGAIN: _IN_USE,  # of the lock
     errno.EBUSY: _IN_USE,
+    errno.ENOTTY: "correct the path",
     errno.ENOENT: "plug the device in or correct the path",
     errno.EACCES: "this user needs the right to use it, usually as a member of the group dialout",
 }

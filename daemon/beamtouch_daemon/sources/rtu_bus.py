@@ -2,33 +2,36 @@
 
 Answers carry no number: only order, unit, function and length tell them apart. A client that continues after a late
 answer assigns every answer to the wrong request, without an error. Serial clients of libraries do that, so this one is
-written by hand. It has at most one request on the bus. A unit that may owe an answer must answer probes (`rtu_unit`)
-before it is asked for values: at the beginning of a session, after a missing answer, and after an unexpected one. A
-unit that answers no probe is left alone for a long time instead.
+written by hand. It has at most one request on the bus, and removes echoes; `rtu_unit` proves which answers are new.
 """
 
 import asyncio
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import AsyncIterator, Collection
 from contextlib import asynccontextmanager
 
 from beamtouch_daemon.config.sources import ModbusRtu
-from beamtouch_daemon.sources.reading import NoAnswerError
+from beamtouch_daemon.sources import rtu_frame
 from beamtouch_daemon.sources.registers import Block
-from beamtouch_daemon.sources.rtu_exchange import Query, RtuExchange, forgotten_s
 from beamtouch_daemon.sources.rtu_frame import Answer
-from beamtouch_daemon.sources.rtu_proof import Proof
-from beamtouch_daemon.sources.rtu_unit import AFTER_A_FAILURE, AT_A_START, EXPLORE_S, READ_FUNCTIONS, Probe, Unit
+from beamtouch_daemon.sources.rtu_port import RtuPort
+from beamtouch_daemon.sources.rtu_unit import READ_FUNCTIONS, Request, Unit
 from beamtouch_daemon.uptime import uptime_s
 
+BITS_PER_CHARACTER = 11
+MIN_SILENCE_S = 0.00175
+"""Silence between frames: 3.5 characters, or this long above 19200 baud."""
 QUIET_S = (0.1, 0.5)
 """Bounds of the silence that a proof needs at the start of a session; in between, it is one timeout."""
-PROOFS = 3
-"""Number of proofs for a unit that sends unexpected answers. Then it is suspect: another master may be asking it."""
-LEARNING_S = 5.0
-"""Time limit for trying the probes of an unknown unit; a longer wait would look like a hanging daemon."""
-SUSPECT_S = 10.0
-"""After an unexpected answer, a probe precedes every value for this long."""
+DAMAGED_AFTER_S = 0.05
+"""A damaged answer ends when no byte comes for this long: three latency timers (16 ms) of a USB adapter."""
+
+
+def silence_s(settings: ModbusRtu) -> float:
+    """Return the silence between two frames on a bus [s]."""
+    if settings.silence_ms is not None:
+        return settings.silence_ms / 1e3
+    return max(MIN_SILENCE_S if settings.baud > 19_200 else 0.0, 3.5 * BITS_PER_CHARACTER / settings.baud)
 
 
 class RtuBus:
@@ -37,13 +40,16 @@ class RtuBus:
     def __init__(self, settings: ModbusRtu) -> None:
         self.line = settings.line
         """Line settings of all its users."""
-        self._exchange = RtuExchange(settings)
+        self.port = RtuPort(settings)
+        self._silence_s = silence_s(settings)
         self._lock = asyncio.Lock()
         """Held for one request and its answer."""
         self._turns: defaultdict[int, asyncio.Lock] = defaultdict(asyncio.Lock)
         """Held while a unit is read, by address; other units may be asked between two requests."""
         self._users = 0
         self._units: dict[int, Unit] = {}
+        self._sent: deque[bytes] = deque(maxlen=2)
+        self._free_s = 0.0
 
     def unit(self, address: int, function: int, blocks: Collection[Block]) -> Unit:
         """Return the unit at an address, which will be asked for `blocks`; all its users share it."""
@@ -54,18 +60,18 @@ class RtuBus:
     @asynccontextmanager
     async def used(self) -> AsyncIterator[None]:
         """Keep the port open during the block; SourceError if it cannot be opened."""
-        if self._exchange.port.open():
+        if self.port.open():
             for unit in self._units.values():
-                unit.require_probes(AT_A_START)  # earlier requests are unknown
+                unit.restart()
         self._users += 1
         try:
             yield
         finally:
             self._users -= 1
             if not self._users:
-                self._exchange.port.close()
+                self.port.close()
 
-    async def read(self, query: Query) -> tuple[Answer, float, float]:
+    async def read(self, unit: Unit, request: Request, timeout_s: float) -> tuple[Answer, float, float]:
         """Read registers; return the answer, and the times of request and answer on the monotonic clock [s].
 
         Raises
@@ -75,120 +81,100 @@ class RtuBus:
         SourceError
             The port is gone.
         """
-        unit = query.unit
         async with self._turns[unit.address]:
-            begin_s = uptime_s()
-            if begin_s < unit.suspect_until_s and not unit.is_unprovable:
-                unit.require_probes(AFTER_A_FAILURE)
-            was_needed = unit.probes_needed
-            if was_needed and not (unit.is_unprovable and begin_s - unit.explored_s < EXPLORE_S):
-                refusal = await self._bring_in_step(query)
-                if refusal is not None:
-                    return refusal, begin_s, uptime_s()
-            if not unit.probes_needed:
-                return await self._read(query, lives=bool(was_needed))
-        await self._leave_alone(query)
-        return await self.read(query)
+            line = UnitLine(self, unit.address, timeout_s)
+            answer = await unit.read(line, request)
+            return answer, line.asked_s, uptime_s()
 
-    async def _bring_in_step(self, query: Query) -> Answer | None:
-        """Prove that a unit owes no value; return its refusal if it refuses every request.
+    @asynccontextmanager
+    async def turn(self) -> AsyncIterator[bytes]:
+        """Hold the line for one request, once it has been silent for long enough; give what came unexpectedly."""
+        async with self._lock:
+            await asyncio.sleep(max(0.0, self._free_s - uptime_s()))
+            self.port.read()
+            unexpected = self.received
+            for unit in self._units.values():
+                if any(rtu_frame.begins(unexpected, unit.address, *asked) for asked in unit.asked):
+                    unit.take_unexpected()
+            self.port.received.clear()
+            try:
+                yield unexpected
+            finally:
+                self._free_s = uptime_s() + self._silence_s
+                self.port.received.clear()
 
-        A unit that answers only requests for values cannot be proven. NoAnswerError if the unit does not answer.
-        """
-        unit = query.unit
-        is_start = unit.probes_needed >= AT_A_START or not unit.is_known
-        refusal = await self._prove(query)
-        for _ in range(PROOFS - 1):
-            if not is_start or unit.probes_needed or await self._is_quiet(query):
-                return refusal
-            unit.require_probes(AT_A_START)
-            refusal = await self._prove(query)
-        unit.suspect_until_s = uptime_s() + SUSPECT_S
-        return refusal
+    @property
+    def received(self) -> bytes:
+        """Received bytes that are not used yet, without echoes."""
+        for frame in self._sent:
+            while (begin := self.port.received.find(frame)) >= 0:
+                del self.port.received[begin : begin + len(frame)]
+        return bytes(self.port.received)
 
-    async def _is_quiet(self, query: Query) -> bool:
+    def send(self, frame: bytes) -> None:
+        """Send a request."""
+        self._sent.append(frame)
+        self.port.send(frame)
+
+
+class UnitLine:
+    """The way to one unit on a bus."""
+
+    def __init__(self, bus: RtuBus, address: int, timeout_s: float) -> None:
+        self.timeout_s = timeout_s
+        self.complaint = ""
+        """Why the last request has no answer."""
+        self.asked_s = 0.0
+        """Time of the last request."""
+        self.strays = bytearray()
+        """Received bytes that were no answer in time."""
+        self._bus = bus
+        self._address = address
+
+    async def ask(self, request: Request) -> Answer | None:
+        """Send a request; return its answer or refusal, None if neither comes intact within the timeout."""
+        block = request.block
+        async with self._bus.turn() as unexpected:
+            self.asked_s = uptime_s()
+            self._bus.send(rtu_frame.request(self._address, request.function, block.first, block.count))
+            answer = await self._answer(request)
+            late = b"" if answer else self._bus.received
+            self.complaint = self._complaint(late)
+            self.strays += unexpected + late
+            return answer
+
+    async def is_quiet(self) -> bool:
         """Listen for answers to an earlier program; return whether none came."""
-        async with self._lock:
-            await self._exchange.listen(min(max(query.timeout_s, QUIET_S[0]), QUIET_S[1]))
-            has_come = self._exchange.has_come_from(query.unit, READ_FUNCTIONS)
-            self._exchange.discard()
-            return not has_come
+        async with self._bus.turn():
+            until_s = uptime_s() + min(max(self.timeout_s, QUIET_S[0]), QUIET_S[1])
+            while (left_s := until_s - uptime_s()) > 0:
+                await self._bus.port.more(left_s)
+            return not self._has_come(self._bus.received)
 
-    async def _prove(self, query: Query) -> Answer | None:
-        """Send probes until the unit owes no value to this program; return its refusal, if any."""
-        unit, refusal = query.unit, None
-        begin_s = uptime_s()
-        proof = Proof(unit, begin_s, forgotten_s(query.timeout_s))
-        if proof.is_held_back:
-            raise self._left_alone(query)
-        if not unit.is_known:  # any working unit answers this; the answer is not used as a value: it may be late
-            answer = await self._ask(query, None)
-            proof.lives = answer is not None
-            refusal = answer if answer is not None and answer.exception else None
-        while (unit.is_known or uptime_s() - begin_s < LEARNING_S) and (probe := proof.next()) is not None:
-            answer = await self._ask(query, probe)
-            is_refused = answer is not None and bool(answer.exception)
-            refusal = answer if is_refused else refusal
-            proof.take(probe, lives=answer is not None, answered=answer is not None and not is_refused)
-        proof.end(uptime_s())
-        if not unit.probes_needed or unit.is_unprovable:
-            return None
-        if refusal is not None:
-            return refusal
-        if proof.lives:
-            message = f"unit {unit.address} answers too late; it is asked for values again when it owes no answer"
-            raise NoAnswerError(message)
-        raise self._no_answer(query)
+    async def wait(self, for_s: float) -> None:
+        """Send nothing to the unit for a time [s]."""
+        await asyncio.sleep(for_s)
 
-    async def _leave_alone(self, query: Query) -> None:
-        """Wait until an unprovable unit owes nothing: the first time here, later with NoAnswerError until then."""
-        unit, has_waited, silence_s = query.unit, query.unit.has_waited, forgotten_s(query.timeout_s)
-        unit.has_waited = True
-        while unit.probes_needed and (left_s := unit.asked_s + silence_s - uptime_s()) > 0:
-            if has_waited or silence_s > LEARNING_S:
-                raise self._left_alone(query)
-            await asyncio.sleep(left_s)
-        unit.is_in_step(uptime_s())
+    async def _answer(self, request: Request) -> Answer | None:
+        count = None if request.any_length else request.block.count
+        while True:
+            received = self._bus.received
+            answer = rtu_frame.find_answer(received, self._address, request.function, count)
+            if answer is not None:
+                return answer
+            left_s = self.asked_s + self.timeout_s - uptime_s()
+            if count and rtu_frame.is_damaged(received, self._address, request.function, count):
+                left_s = min(left_s, DAMAGED_AFTER_S)
+            if left_s <= 0 or not await self._bus.port.more(left_s):
+                return None
 
-    async def _read(self, query: Query, *, lives: bool) -> tuple[Answer, float, float]:
-        """Ask a unit that owes no answer for values."""
-        async with self._lock:
-            await self._pause()
-            if query.unit.probes_needed:  # while this waited for its turn
-                message = f"unit {query.unit.address} is probed again: the port was opened, or other registers are read"
-                raise NoAnswerError(message, lives=lives)
-            begin_s = uptime_s()
-            answer = await self._exchange.ask(query, None)
-        if answer is None:
-            raise self._no_answer(query, lives=lives)
-        query.unit.is_in_step(uptime_s())
-        return answer, begin_s, uptime_s()
+    def _has_come(self, received: bytes) -> bool:
+        """Return whether the received bytes contain the start of any answer of the unit."""
+        codes = [code for function in READ_FUNCTIONS for code in (function, function | rtu_frame.EXCEPTION)]
+        return any(bytes([self._address, code]) in received for code in codes)
 
-    async def _ask(self, query: Query, probe: Probe | None) -> Answer | None:
-        """Send one request of a proof; other units may be asked between two of them."""
-        async with self._lock:
-            await self._pause()
-            return await self._exchange.ask(query.of(probe) if probe else query, probe)
-
-    def _no_answer(self, query: Query, *, lives: bool = False) -> NoAnswerError:
-        damaged = " intact" if self._exchange.received else ""
-        message = f"unit {query.unit.address} does not answer{damaged} within {query.timeout_s * 1e3:.0f} ms"
-        return NoAnswerError(message, lives=lives)
-
-    def _left_alone(self, query: Query) -> NoAnswerError:
-        silence_s = forgotten_s(query.timeout_s)
-        reason = "so that no late answer counts as a new one"
-        return NoAnswerError(f"unit {query.unit.address} is left alone for {silence_s:g} s, {reason}")
-
-    async def _pause(self) -> None:
-        """Wait until a request may be sent. Discard unexpected answers; a unit that owed none becomes suspect."""
-        exchange = self._exchange
-        await exchange.pause()
-        if not exchange.received:
-            return
-        for unit in self._units.values():
-            if not unit.probes_needed and exchange.has_come_from(unit, {function for function, _ in unit.asked}):
-                unit.suspect_until_s = uptime_s() + SUSPECT_S
-            found = {probe: exchange.find_probe(unit, probe) for probe in unit.unsure}
-            unit.learn(probe for probe, answer in found.items() if answer is not None and not answer.exception)
-        exchange.discard()
+    def _complaint(self, received: bytes) -> str:
+        within = f"within {self.timeout_s * 1e3:.0f} ms"
+        if any(rtu_frame.find_answer(received, self._address, function, None) for function in READ_FUNCTIONS):
+            return f"answers, but not {within}: its answers come late"
+        return f"does not answer{' intact' if received else ''} {within}"

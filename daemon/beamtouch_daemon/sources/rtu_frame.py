@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 from pymodbus.framer.rtu import FramerRTU
 
+from beamtouch_daemon.sources.registers import Block
+
 EXCEPTION = 0x80
 """Added to the function code in a refusal."""
 EXCEPTION_BYTES = 5
@@ -40,21 +42,9 @@ def answer_bytes(count: int) -> int:
     return ENVELOPE_BYTES + 2 * count
 
 
-def find_frame(buffer: bytes, unit: int, function: int) -> bool:
-    """Return whether a buffer contains an answer of any length from a unit to a function, or its refusal."""
-    refusal = bytes([unit, function | EXCEPTION])
-    answer = bytes([unit, function])
-    for begin in range(len(buffer) - EXCEPTION_BYTES + 1):
-        if buffer.startswith(refusal, begin):
-            length = EXCEPTION_BYTES
-        elif buffer.startswith(answer, begin):
-            length = ENVELOPE_BYTES + buffer[begin + 2]
-        else:
-            continue
-        frame = buffer[begin : begin + length]
-        if len(frame) == length and with_checksum(frame[:-2]) == frame:
-            return True
-    return False
+def begins(buffer: bytes, unit: int, function: int, block: Block) -> bool:
+    """Return whether a buffer contains the start of an answer of a unit to a request for a block, or of its refusal."""
+    return bytes([unit, function, 2 * block.count]) in buffer or bytes([unit, function | EXCEPTION]) in buffer
 
 
 def is_damaged(buffer: bytes, unit: int, function: int, count: int) -> bool:
@@ -63,19 +53,31 @@ def is_damaged(buffer: bytes, unit: int, function: int, count: int) -> bool:
     return begin >= 0 and len(buffer) - begin >= answer_bytes(count)
 
 
-def find_answer(buffer: bytes, unit: int, function: int, count: int) -> Answer | None:
-    """Return the first answer of a unit with `count` registers, or its refusal, in a buffer; None if none."""
-    whole = bytes([unit, function, 2 * count])
-    refusal = bytes([unit, function | EXCEPTION])
+def find_answer(buffer: bytes, unit: int, function: int, count: int | None) -> Answer | None:
+    """Return the first intact answer of a unit to a function, or its refusal, in a buffer; None if none.
+
+    Parameters
+    ----------
+    buffer
+        Received bytes.
+    unit, function
+        Of the request.
+    count
+        Registers in the answer; None for an answer of any length, whose registers are left out.
+    """
+    answer, refusal = bytes([unit, function]), bytes([unit, function | EXCEPTION])
     for begin in range(len(buffer) - EXCEPTION_BYTES + 1):
-        if buffer.startswith(whole, begin) and _is_intact(buffer[begin : begin + answer_bytes(count)], count):
-            return Answer(struct.unpack_from(f">{count}H", buffer, begin + len(whole)))
         if buffer.startswith(refusal, begin):
             frame = buffer[begin : begin + EXCEPTION_BYTES]
-            if with_checksum(frame[:-2]) == frame:
+            if _is_intact(frame, EXCEPTION_BYTES):
                 return Answer(exception=frame[2])
+        elif buffer.startswith(answer, begin) and (count is None or buffer[begin + 2] == 2 * count):
+            length = ENVELOPE_BYTES + buffer[begin + 2]
+            frame = buffer[begin : begin + length]
+            if _is_intact(frame, length):
+                return Answer(() if count is None else struct.unpack_from(f">{count}H", frame, 3))
     return None
 
 
-def _is_intact(frame: bytes, count: int) -> bool:
-    return len(frame) == answer_bytes(count) and with_checksum(frame[:-2]) == frame
+def _is_intact(frame: bytes, length: int) -> bool:
+    return len(frame) == length and with_checksum(frame[:-2]) == frame

@@ -5,9 +5,9 @@ from collections.abc import AsyncGenerator, Sequence
 from beamtouch_daemon.config.sources import ModbusRtu
 from beamtouch_daemon.sources.reading import SourceError
 from beamtouch_daemon.sources.registers import Block
-from beamtouch_daemon.sources.rtu_exchange import Query, RtuExchange, silence_s
-from beamtouch_daemon.sources.rtu_frame import Answer, find_frame
-from beamtouch_daemon.sources.rtu_unit import Unit
+from beamtouch_daemon.sources.rtu_bus import RtuBus, UnitLine, silence_s
+from beamtouch_daemon.sources.rtu_frame import Answer, find_answer
+from beamtouch_daemon.sources.rtu_unit import Request
 from beamtouch_daemon.sources.scanned_unit import FUNCTIONS, Asked, FoundUnit, Function, registers_of
 from beamtouch_daemon.sources.serial_line import introduce
 from beamtouch_daemon.sources.serial_port import SerialPort
@@ -27,35 +27,26 @@ async def scan_units(settings: ModbusRtu, units: Sequence[int]) -> AsyncGenerato
     SourceError
         The port cannot be opened with these settings, or is gone.
     """
-    exchange = RtuExchange(settings)
-    exchange.port.open()
-    try:
+    bus = RtuBus(settings)
+    async with bus.used():
         silent: list[int] = []
         for number in units:
-            unit, unused = Unit(number), bytearray()
+            line = UnitLine(bus, number, settings.timeout_ms / 1e3)
 
-            async def ask(
-                function: Function, block: Block, unit: Unit = unit, unused: bytearray = unused
-            ) -> Answer | None:
-                await exchange.pause()
-                unused.extend(exchange.received)  # perhaps answers to earlier requests
-                exchange.discard()
-                answer = await exchange.ask(Query(unit, function, block, settings.timeout_ms / 1e3), None)
-                unused.extend(exchange.received)
-                exchange.discard()
-                return answer
+            async def ask(function: Function, block: Block, line: UnitLine = line) -> Answer | None:
+                return await line.ask(Request(function, block))
 
             registers = await registers_of(ask)
             found = None if registers is None else FoundUnit(number, registers, settings.baud, settings.parity)
             silent = [*silent[-1:], *([] if found else [number])]
-            yield Asked(number, found, len(unused), _answered(silent, bytes(unused)))
-    finally:
-        exchange.port.close()
+            yield Asked(number, found, len(line.strays), _answered(silent, bytes(line.strays)))
 
 
 def _answered(units: Sequence[int], received: bytes) -> frozenset[int]:
     """Return which units have sent an answer, in time or not."""
-    return frozenset(unit for unit in units if any(find_frame(received, unit, function) for function in FUNCTIONS))
+    return frozenset(
+        unit for unit in units if any(find_answer(received, unit, function, None) for function in FUNCTIONS)
+    )
 
 
 async def scan_board(path: str, baud: int) -> Hello | None:

@@ -16,7 +16,7 @@ from beamtouch_models.accuracy.touch_thresholds import (
     rest_like_contact,
 )
 from beamtouch_models.arrays import Floats
-from beamtouch_models.detection import Detection
+from beamtouch_models.detection import Detection, extremes
 from beamtouch_models.loading import ModelFile
 from beamtouch_models.progress import Fraction, silent
 from beamtouch_models.sweeps import Spread, in_turn
@@ -65,8 +65,9 @@ class Evaluation:
     """Share of contacts that are not detected."""
     false_alarms: Measurement | None
     """Share of samples at rest that are taken for a contact."""
-    smallest_force_n: tuple[float, float] | None
-    """Smallest force of which 95 % of settled samples are a contact: where it is least, and where it is largest."""
+    smallest_force_n: tuple[float | None, float | None] | None
+    """Smallest force of which 95 % of settled samples are a contact: where it is least, and where it is largest; None:
+    nothing is seen there."""
     detection: Detection | None
     """What a settled sample shows along the beam, at the threshold of the model."""
     unexplained: Measurement | None
@@ -112,7 +113,7 @@ def evaluate(
         if "contact_log_odds" in answers
         else None,
         false_alarms=_false_alarms(model, prior, seed + 1),
-        smallest_force_n=None if along is None else (min(along.smallest_force_n), max(along.smallest_force_n)),
+        smallest_force_n=None if along is None else extremes(along.smallest_force_n),
         detection=along,
         unexplained=_unexplained(model, answers, counts),
     )
@@ -127,11 +128,7 @@ def at_noise(prior: Prior, noise_mm: float) -> Prior:
 
 def estimates(model: ModelFile, prior: Prior, deflection_mm: Floats) -> dict[str, Floats]:
     """Return the answers to deflections (samples, channels) that are linear in the force; all channels are valid."""
-    reading = prior.measured(deflection_mm)
-    # Without noise any small covariance will do.
-    noise_mm = prior.noise_mm or model.metadata.noise.sample_mm
-    answers = model.run(reading, at_noise(prior, noise_mm).whitening(reading))
-    return {name: values.astype(np.float64) for name, values in answers.items()}
+    return model.answer(prior.measured(deflection_mm), prior.noise_mm)
 
 
 def _errors(error: Floats, best: Floats | None, weight: Floats, worst: Floats) -> Errors:

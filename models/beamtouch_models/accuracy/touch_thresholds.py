@@ -10,6 +10,7 @@ doi 10.1287/opre.1.5.263): zero and noise are drawn about c u(x), with x spread 
 demands. A sample with more noise than a settled one exceeds the threshold about as often, as its zero counts for less.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -17,10 +18,10 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from beamtouch_models.accuracy.prior import Prior
-from beamtouch_models.accuracy.zeros import log_tilt, reach_of, tilted
+from beamtouch_models.accuracy.zeros import exceeded_with, log_tilt, reach_of, tilted
 from beamtouch_models.arrays import Floats
 from beamtouch_models.detection import SURELY
-from beamtouch_models.metadata import MAX_FALSE, SECONDS_PER_DAY
+from beamtouch_models.metadata import MAX_FALSE, SECONDS_PER_DAY, SmallestForce
 
 PLACES = 129
 """Positions at which a contact is looked for; the odds change little between them."""
@@ -29,8 +30,12 @@ MAX_SETS = 40
 """Up to this many sets of channels of one size are all simulated; of more, an even choice."""
 BETWEEN = np.log(2.0)
 """Largest excess of a set's threshold over that of its size, in nats: a factor of two in the rate."""
-FLAT = 1e-6
-"""Smallest length of a direction; a beam that no sensor sees moving has none."""
+BLIND = 10.0
+"""Where more than this many times the largest force is needed, nothing is seen: at a support, or right beside it."""
+FLAT = 1e-9
+"""Deflection over the largest one below which a place does not move: a support, where only rounding is left."""
+MIN_NOISE = 1e-5
+"""Smallest part of the noise in the error of a sample; below it, the zeros alone decide what rest exceeds."""
 MAX_LOG = 700.0
 """Largest exponent of float64."""
 
@@ -95,14 +100,14 @@ def shapes_at_rest(prior: Prior) -> Floats:
 
 def noise_at_rest(prior: Prior) -> Floats:
     """Return the deviation (channels,) of the noise of a whitened sample; the rest of its unit variance is the zero."""
-    share: Floats = prior.noise_mm / prior.deviation_mm(np.zeros((1, prior.channels)))[0]
+    share: Floats = np.maximum(prior.noise_mm / prior.deviation_mm(np.zeros((1, prior.channels)))[0], MIN_NOISE)
     return share
 
 
 def directions(shapes: Floats) -> Floats:
     """Return the unit vectors (places, channels) of shapes; zero where nothing moves."""
     size = np.linalg.norm(shapes, axis=1, keepdims=True)
-    unit: Floats = np.divide(shapes, size, out=np.zeros_like(shapes), where=size > 0)
+    unit: Floats = np.divide(shapes, size, out=np.zeros_like(shapes), where=size > FLAT * size.max(initial=0.0))
     return unit
 
 
@@ -117,14 +122,18 @@ def log_odds(unit: Floats, sample: Floats) -> Floats:
 def rest_like_contact(unit: Floats, noise: Floats, rate: float, draws: int, seed: int) -> Rest:
     """Draw whitened samples at rest so that about half of them exceed what rest exceeds with probability `rate`.
 
-    `unit` are directions (places, channels), `noise` the deviations of the noise (channels,).
+    `unit` are directions (places, channels), `noise` the deviations of the noise (channels,). A place that does not
+    move looks like rest, so nothing is drawn about it.
     """
     rng = np.random.default_rng([seed, unit.shape[1]])
-    height, reach = -float(ndtri(rate)), reach_of(noise)
-    size = np.maximum(np.linalg.norm(unit * noise, axis=1), FLAT)
+    unit, reach = unit[unit.any(axis=1)], reach_of(noise)
+    if not len(unit):
+        zero = reach * rng.uniform(-1, 1, size=(draws, len(noise)))
+        return Rest(zero, rng.normal(size=zero.shape) * noise, np.ones(draws))
+    size = np.linalg.norm(unit * noise, axis=1)
     along = unit * noise / size[:, None]
-    # The likeliest zeros take about half of what they can of the height.
-    tilt = (np.maximum(height - np.abs(unit) @ reach / 2, height / 2) / size**2)[:, None] * unit
+    height, tilts = exceeded_with(rate, np.abs(unit) * reach, size)
+    tilt = tilts[:, None] * unit
     at = np.linspace(0, len(unit) - 1, draws).round().astype(np.intp)
     zero = tilted(tilt[at], reach, rng)
     shift = np.maximum(height - zero @ unit.T, 0.0) / size
@@ -148,7 +157,7 @@ def smallest_force_n(prior: Prior, threshold: float, position_mm: Floats) -> Flo
     It is infinite where no sensor moves.
     """
     unit = directions(shapes_at_rest(prior))
-    shape = prior.table(position_mm) / prior.deviation_mm(np.zeros((1, prior.channels)))
+    shape = prior.influence_at(position_mm) / prior.deviation_mm(np.zeros((1, prior.channels)))
     low, high = np.zeros(len(position_mm)), np.full(len(position_mm), 2 * np.sqrt(2 * threshold) + 8)
     along = directions(shape)
     for _ in range(30):
@@ -160,11 +169,23 @@ def smallest_force_n(prior: Prior, threshold: float, position_mm: Floats) -> Flo
     return force
 
 
+def smallest_forces(prior: Prior, threshold: float, supports_mm: Iterable[float]) -> SmallestForce:
+    """Return the smallest force along the range of contacts; the supports within it are among the places.
+
+    Between two places, 1 over the force is nearly straight: it falls to 0 at a support.
+    """
+    low, high = prior.position_mm
+    within = [at for at in supports_mm if low <= at <= high]
+    places = np.unique(np.concatenate([np.linspace(low, high, PLACES), within]))
+    forces, most_n = smallest_force_n(prior, threshold, places).tolist(), BLIND * prior.force_n[1]
+    return SmallestForce(position_mm=places.tolist(), force_n=[force if force <= most_n else None for force in forces])
+
+
 def size_per_n(prior: Prior, position_mm: Floats) -> Floats:
     """Return the length of the whitened influence at positions (positions,), in deviations of a sample at rest per N.
 
     All channels work.
     """
-    shape = prior.table(position_mm) / prior.deviation_mm(np.zeros((1, prior.channels)))
+    shape = prior.influence_at(position_mm) / prior.deviation_mm(np.zeros((1, prior.channels)))
     size: Floats = np.linalg.norm(shape, axis=1)
     return size

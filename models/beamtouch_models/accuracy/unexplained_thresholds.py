@@ -44,6 +44,9 @@ WINDOWS = 2, 64
 """Windows that are simulated. Samples of single readings are odd together less often than means of two. In longer
 windows than the largest, false stretches are as frequent per window."""
 DRAWS = 8192
+MIN_NOISE = 0.1
+"""Smallest part of the noise in the error of a sample. Below it the zeros decide: thresholds fall by less than a sixth,
+and too few draws come near them."""
 MAX_SETS = 8
 """Number of sets of channels of one size that are simulated; they hardly differ."""
 PLACES = 4
@@ -74,7 +77,7 @@ def unexplained_thresholds(prior: Prior, rate_hz: float, window: int, seed: int)
     simulated = int(np.clip(window, *WINDOWS))
     per_sample = max(1.0, window / simulated) / (SECONDS_PER_DAY * rate_hz)
     rate, often = (min(per_day * per_sample, MAX_RATE_PER_SAMPLE) for per_day in (PER_DAY, PER_DAY_OF_CONTACT))
-    noise, whole = noise_at_rest(prior), shapes_at_rest(prior)[::PLACES]
+    noise, whole = np.maximum(noise_at_rest(prior), MIN_NOISE), shapes_at_rest(prior)[::PLACES]
 
     @cache  # sets of channels with the same noise have the same sequences
     def still(deviations: tuple[float, ...]) -> Sequences:

@@ -4,6 +4,7 @@ Importance sampling tilts their density by exp(tilt . zero).
 """
 
 import numpy as np
+from scipy.special import log_ndtr, ndtri
 
 from beamtouch_models.arrays import Floats
 
@@ -26,6 +27,38 @@ def tilted(tilt: Floats, reach: Floats, rng: np.random.Generator) -> Floats:
     part = 1 + np.log(share + (1 - share) * np.exp(-2 * power)) / power
     zero: Floats = np.sign(tilt) * part * reach
     return zero
+
+
+def exceeded_with(rate: float, reach: Floats, noise: Floats) -> tuple[Floats, Floats]:
+    """Return the heights (sums,) that sums of zeros and noise exceed with probability `rate`, and their tilts.
+
+    A tilt makes the sum that height on average. Both are those of the saddlepoint approximation, which is exact without
+    zeros (Daniels, Saddlepoint approximations in statistics, 1954, doi 10.1214/aoms/1177728652).
+
+    Parameters
+    ----------
+    rate : probability, below a half
+    reach : (sums, channels), farthest zeros, which are uniform
+    noise : (sums,), standard deviation of the noise in a sum; positive
+    """
+    low, high = np.zeros(len(noise)), -ndtri(rate) / noise
+    for _ in range(50):
+        tilt = (low + high) / 2
+        height, log_share = _saddlepoint(tilt, reach, noise)
+        low, high = np.where(log_share > np.log(rate), tilt, low), np.where(log_share > np.log(rate), high, tilt)
+    return height, tilt
+
+
+def _saddlepoint(tilt: Floats, reach: Floats, noise: Floats) -> tuple[Floats, Floats]:
+    """Return the mean (sums,) of tilted sums, and the log of the probability that sums exceed it."""
+    power = np.maximum(tilt[:, None] * reach, MIN_EXPONENT)
+    log_mean = power + np.log(-np.expm1(-2 * power)) - np.log(2 * power)
+    middle = 1 / np.tanh(power) - 1 / power
+    spread = 1 + 1 / power**2 - 1 / np.tanh(power) ** 2
+    height = (reach * middle).sum(axis=1) + tilt * noise**2
+    deviation = tilt * np.sqrt((reach**2 * spread).sum(axis=1) + noise**2)
+    log_share = log_mean.sum(axis=1) + (tilt * noise) ** 2 / 2 - tilt * height + deviation**2 / 2
+    return height, log_share + log_ndtr(-deviation)
 
 
 def log_tilt(zero: Floats, tilt: Floats, reach: Floats) -> Floats:

@@ -9,15 +9,15 @@ from numpy.typing import ArrayLike
 from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior, SampleErrors
-from beamtouch_models.api.numbers import at_least_one, numbers, places_in
+from beamtouch_models.api.numbers import number, numbers, places_in, require, whole
 from beamtouch_models.arrays import Floats
 from beamtouch_models.building.checks import check_scene
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
 from beamtouch_models.errors import SceneError
-from beamtouch_models.physics.beam import influence_of
+from beamtouch_models.physics.beam import influence_of, max_deflection_mm
 from beamtouch_models.placement import DEFAULT_AIM, Aim, Criterion, place_as
 from beamtouch_models.pricing.effects import required
-from beamtouch_models.pricing.noise import choose_filter
+from beamtouch_models.pricing.noise import check_scale, choose_filter
 from beamtouch_models.scene import Scene
 
 
@@ -56,11 +56,11 @@ def place(
     SceneError
         No surface can be built of the scene, or its rules allow no layout with this number of sensors.
     """
-    at_least_one(sensors, "sensors")
+    sensors, seed = whole(sensors, "sensors", 1), whole(seed, "seed", 0)
     if criterion not in get_args(Criterion):
         message = f"criterion = {criterion!r} must be one of {', '.join(get_args(Criterion))}"
         raise SceneError(message)
-    if spare not in {0, 1} or (spare and (criterion != "position-error" or sensors == 1)):
+    if spare not in (0, 1) or (spare and (criterion != "position-error" or sensors == 1)):
         message = f"spare = {spare}: give 0, or 1 with two or more sensors and the criterion position-error"
         raise SceneError(message)
     built, errors = _checked(scene, sensors)
@@ -85,7 +85,7 @@ def accuracy_limit(
     SceneError
         No surface can be built of the scene, or the noise is 0.
     """
-    at_least_one(draws, "draws")
+    draws, seed = whole(draws, "draws", 1), whole(seed, "seed", 0)
     prior = _prior(scene, sensor_mm, noise_mm)
     found = limit.accuracy_limit(prior, draws, seed)
     mm = prior.length_mm / 100
@@ -107,7 +107,7 @@ def error_along_mm(
     -------
     (positions,) in mm. Errors as `accuracy_limit`.
     """
-    at_least_one(draws, "draws")
+    draws, seed = whole(draws, "draws", 1), whole(seed, "seed", 0)
     prior, rng = _prior(scene, sensor_mm, None), np.random.default_rng(seed)
     low, high = scene.contact.position_mm
     places = np.repeat(numbers(position_mm, "position_mm", least=low, most=high), draws)
@@ -119,6 +119,7 @@ def error_along_mm(
 
 def _checked(scene: Scene, sensors: int) -> tuple[Scene, SampleErrors]:
     """Return the scene with the physics that it requires, and the errors of its samples."""
+    require(scene, Scene, "scene", "what read_scene returns")
     chosen = choose_filter(scene)
     check_scene(scene, chosen, sensors)
     physics = required(scene, chosen)
@@ -127,7 +128,14 @@ def _checked(scene: Scene, sensors: int) -> tuple[Scene, SampleErrors]:
 
 
 def _prior(scene: Scene, sensor_mm: ArrayLike, noise_mm: float | None) -> Prior:
+    require(scene, Scene, "scene", "what read_scene returns")
     sensors = places_in(sensor_mm, "sensor_mm", scene.beam.length_mm)
     built, errors = _checked(scene, len(sensors))
-    used = sample_errors(built, noise_mm) if noise_mm is not None else errors
-    return Prior.real(influence_of(built), sensors, used)
+    if noise_mm is not None:
+        stated_mm = number(noise_mm, "noise_mm")
+        if stated_mm <= 0:
+            message = f"noise_mm = {stated_mm:g}: must be more than 0; without noise there is no accuracy limit"
+            raise SceneError(message)
+        check_scale(stated_mm, max_deflection_mm(built))
+        errors = sample_errors(built, stated_mm)
+    return Prior.real(influence_of(built), sensors, errors)

@@ -1,4 +1,4 @@
-"""The numbers that scripts give, checked."""
+"""The arguments that scripts give, checked."""
 
 import math
 
@@ -11,11 +11,7 @@ from beamtouch_models.errors import SceneError
 
 def numbers(values: ArrayLike, name: str, *, least: float = -math.inf, most: float = math.inf) -> Floats:
     """Return numbers as an array (values,); SceneError unless they are finite and from `least` to `most`."""
-    try:
-        found = np.atleast_1d(np.asarray(values, dtype=np.float64))
-    except (TypeError, ValueError):
-        message = f"{name}: must be numbers"
-        raise SceneError(message) from None
+    found = np.atleast_1d(array_of(values, name))
     if found.ndim != 1 or found.size == 0:
         message = f"{name}: must be one number, or a list of them that is not empty"
         raise SceneError(message)
@@ -29,13 +25,43 @@ def numbers(values: ArrayLike, name: str, *, least: float = -math.inf, most: flo
     return found
 
 
+def array_of(values: ArrayLike, name: str) -> Floats:
+    """Return values as an array of any shape; SceneError unless they are numbers, in rows of one length."""
+    try:
+        given = np.asarray(values)
+        if given.dtype.kind in "biuf":
+            return given.astype(np.float64)
+    except (TypeError, ValueError):  # rows of several lengths
+        pass
+    message = f"{name}: must be numbers"
+    raise SceneError(message)
+
+
+def number(value: object, name: str) -> float:
+    """Return a number; SceneError unless it is a single one, and finite."""
+    found = numbers(value, name)  # type: ignore[arg-type]  # it says what is wrong with others
+    if found.size != 1:
+        message = f"{name}: must be one number"
+        raise SceneError(message)
+    return float(found[0])
+
+
 def places_in(values: ArrayLike, name: str, length_mm: float) -> Floats:
     """Return places on a beam of this length as an array (places,); SceneError if one is not on it."""
     return numbers(values, name, least=0.0, most=length_mm)
 
 
-def at_least_one(value: int, name: str) -> None:
-    """Raise SceneError unless a number of things is 1 or more."""
-    if value < 1:
-        message = f"{name} = {value}: give 1 or more"
+def whole(value: object, name: str, least: int) -> int:
+    """Return a whole number; SceneError unless it is one, and at least `least`."""
+    found = int(value) if isinstance(value, int | np.integer) and not isinstance(value, bool) else None
+    if found is None or found < least:
+        message = f"{name} = {value!r}: give a whole number, {least} or more"
+        raise SceneError(message)
+    return found
+
+
+def require(value: object, kind: type, name: str, wanted: str) -> None:
+    """Raise SceneError unless an argument is of this kind; `wanted` says in words which."""
+    if not isinstance(value, kind):
+        message = f"{name}: give {wanted}, not {type(value).__name__} {str(value)[:40]!r}"
         raise SceneError(message)

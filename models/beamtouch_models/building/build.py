@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
 import onnx
 
 from beamtouch_models.building.drawing import drawn_of
@@ -19,7 +20,7 @@ from beamtouch_models.placement import DEFAULT_AIM, Aim, Placement
 from beamtouch_models.pricing.effects import Physics
 from beamtouch_models.pricing.noise import choose_filter
 from beamtouch_models.progress import Progress
-from beamtouch_models.scene import Scene
+from beamtouch_models.scene import Scene, identity_of
 
 
 @dataclass(frozen=True)
@@ -101,21 +102,23 @@ def build(
     made = replace(made, graph=choices.finish(made.graph))
     progress("measuring the accuracy against the limit", 0.8)
     check_at_limit(made, prior, seed + 4)
-    found = measured(made, prior, scene, physics.filter, seed)
-    metadata = _metadata(name, text, sensors, choices.aim, made, found, seed)
+    found = measured(made, prior, scene, np.array(sensors.placement.positions_mm), physics.filter, seed)
+    metadata = _metadata(scene, name, text, sensors, choices.aim, made, found, seed)
     return Built(to_bytes(made.graph, metadata), metadata, sensors.placement, physics, choices.aim)
 
 
 def _metadata(
-    name: str, text: str, sensors: PlacedSensors, aim: Aim, made: Estimator, found: Measured, seed: int
+    stated: Scene, name: str, text: str, sensors: PlacedSensors, aim: Aim, made: Estimator, found: Measured, seed: int
 ) -> Metadata:
-    """Return the metadata of an estimator of a surface, with the scene's TOML text."""
+    """Return the metadata of an estimator of a surface, with the scene as stated and its TOML text."""
     physics, scene = sensors.physics, sensors.physics.scene
+    layout = [Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(sensors.placement.positions_mm, start=1)]
     return Metadata(
         name=name,
+        beam=identity_of(stated.beam, {channel.name: channel.position_mm for channel in layout}),
         estimator=made.name,
         length_mm=scene.beam.length_mm,
-        layout=[Channel(name=f"s{i}", position_mm=x) for i, x in enumerate(sensors.placement.positions_mm, start=1)],
+        layout=layout,
         min_channels=made.min_channels,
         ranges=Ranges(position_mm=scene.contact.position_mm, force_n=scene.contact.force_range_n),
         max_deflection_mm=max_deflection_mm(scene),

@@ -5,6 +5,7 @@ import numpy as np
 from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.touch_thresholds import (
+    PLACES,
     directions,
     noise_at_rest,
     rate_per_sample,
@@ -12,7 +13,6 @@ from beamtouch_models.accuracy.touch_thresholds import (
     smallest_force_n,
     touch_threshold,
 )
-from beamtouch_models.arrays import Floats
 from beamtouch_models.building.sensor_rules import sensor_of, sensor_rules
 from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import FilterChoice
@@ -20,9 +20,6 @@ from beamtouch_models.physics.beam import check_small_angles
 from beamtouch_models.placement.problem import equal_layout
 from beamtouch_models.pricing.noise import check_errors, noise_of
 from beamtouch_models.scene import Scene
-
-SEEN_PLACES = 65
-"""Number of positions for which the smallest force is stated, from end to end of the range of contacts."""
 
 
 def check_scene(scene: Scene, chosen: FilterChoice, count: int | None = None) -> None:
@@ -54,16 +51,10 @@ def check_seen(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> N
     """Raise SceneError if no contact of a scene is seen by a model with this prior, filter and seed."""
     rate = rate_per_sample(scene.requirements.false_contacts_per_day, scene.sensors.rate_hz, chosen.window)
     threshold = touch_threshold(directions(shapes_at_rest(prior)), noise_at_rest(prior), rate, seed + 1)
-    least = float(smallest_force_n(prior, threshold, seen_places(prior)).min())
+    least = float(smallest_force_n(prior, threshold, np.linspace(*prior.position_mm, PLACES)).min())
     if least > prior.force_n[1]:
         message = (
             f"sensors: no contact of the scene is seen, as at least {digits(least, 3)} N is needed and contact.force_n "
             f"ends at {prior.force_n[1]:g} N; state less noise or zero_drift_mm, or allow more false_contacts_per_day"
         )
         raise SceneError(message)
-
-
-def seen_places(prior: Prior) -> Floats:
-    """Return positions in mm (SEEN_PLACES,) from end to end of the range of contacts."""
-    places: Floats = np.linspace(*prior.position_mm, SEEN_PLACES)
-    return places

@@ -1,12 +1,14 @@
 """The daemon's configuration for a model, ready to run against the rig. The daemon owns and checks the format."""
 
 import json
+import math
 import secrets
 from pathlib import Path
 
 from beamtouch_common.files import write_atomically
 from beamtouch_models.metadata import FilterChoice, Metadata
 from beamtouch_models.physics.dynamics import slowest_period_ms
+from beamtouch_models.pricing.noise import temperature_drift_mm, zero_drift_mm
 from beamtouch_models.scene import parse_scene
 
 TOKEN_FILE = "beamtouch.token"  # noqa: S105  # the name of a file, not a secret
@@ -44,8 +46,9 @@ url = "{SERVICE_URL}"
 token_file = "{TOKEN_FILE}"        # the file that `beamtouch-service run --write-token-file` uses
 
 [surfaces.{name}]
+{f"beam = {json.dumps(metadata.beam)}":<38}# beam and layout; a model of another beam gets no samples
 rate_hz = {metadata.sensor.rate_hz!r}
-{_noise(metadata)}{_period(metadata)}
+{_noise(metadata)}{_drift(metadata)}{_period(metadata)}
 [surfaces.{name}.source]
 kind = "modbus-tcp"                   # the rig: beamtouch-rig ... --modbus-tcp 127.0.0.1:{RIG_PORT}
 host = "127.0.0.1"
@@ -69,6 +72,13 @@ def _noise(metadata: Metadata) -> str:
         f"{f'noise_mm = {metadata.noise.reading_mm!r}':<38}# of a reading; `tare` refuses a surface that moves more,\n"
         "                                      # and a channel whose counts repeat for too long counts as stuck\n"
     )
+
+
+def _drift(metadata: Metadata) -> str:
+    """Return the line with the drift of a rest gap since the last tare; empty if the scene has none."""
+    scene = parse_scene(metadata.scene, f"the scene in {metadata.name}")
+    drift_mm = math.hypot(zero_drift_mm(scene), temperature_drift_mm(scene))
+    return f"{f'zero_drift_mm = {drift_mm:.3g}':<38}# of a rest gap since the last tare\n" if drift_mm else ""
 
 
 def _period(metadata: Metadata) -> str:
@@ -108,6 +118,12 @@ max_force_n = {metadata.ranges.force_n[1]!r}
 
 def _channel(metadata: Metadata, index: int) -> str:
     sensor, channel = metadata.sensor, metadata.layout[index]
+    seen = metadata.influence
+    most = max((abs(row[index]) for row in seen.mm_per_n), default=0.0) if seen else 0.0
+    smallest_mm = metadata.ranges.force_n[0] * most
+    smallest = (
+        f"{f'smallest_force_mm = {smallest_mm:.4g}':<38}# deflection here under {metadata.ranges.force_n[0]:g} N\n"
+    )
     return f"""\
 [[surfaces.{json.dumps(metadata.name)}.channels]]
 {f"name = {json.dumps(channel.name)}":<38}# mounted {channel.position_mm:g} mm from the left end
@@ -115,6 +131,6 @@ register = {index}
 gain_mm_per_count = {sensor.gain_mm_per_count!r}
 offset_mm = {sensor.offset_mm!r}
 rest_gap_mm = {sensor.standoff_mm!r}
-range_mm = [{sensor.range_mm[0]!r}, {sensor.range_mm[1]!r}]
+{smallest if smallest_mm else ""}range_mm = [{sensor.range_mm[0]!r}, {sensor.range_mm[1]!r}]
 adc_bits = {sensor.adc_bits}
 """

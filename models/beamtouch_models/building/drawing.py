@@ -25,4 +25,5 @@ def drawn_of(scene: Scene) -> Drawn:
         at_mm=at.tolist(),
         load_mm=load.tolist(),
         deflection_mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in shape],
+        sensor_mm=scene.sensors.size_mm,
     )

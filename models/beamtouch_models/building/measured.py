@@ -8,10 +8,10 @@ from beamtouch_models.accuracy import limit
 from beamtouch_models.accuracy.contacts import simulated_enough
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import mean_of, ratio_of
-from beamtouch_models.accuracy.touch_thresholds import rate_per_sample, smallest_force_n, touch_thresholds
+from beamtouch_models.accuracy.touch_thresholds import PLACES, rate_per_sample, smallest_forces, touch_thresholds
 from beamtouch_models.accuracy.unexplained_thresholds import unexplained_thresholds
-from beamtouch_models.building.checks import seen_places
-from beamtouch_models.detection import UNSEEN_N
+from beamtouch_models.arrays import Floats
+from beamtouch_models.building.since_touch import errors_since_touch
 from beamtouch_models.estimators.estimator import Estimator
 from beamtouch_models.export import to_bytes
 from beamtouch_models.metadata import Accuracy, FilterChoice, Floor, Golden, Influence, SmallestForce, Thresholds
@@ -24,9 +24,6 @@ GOLDEN_DRAWS = 6
 MAX_ALIKE = 24
 """Readings in a growing mean that make false stretches about as frequent as they become: successive samples share most
 of their readings, and stretches still begin often."""
-INFLUENCE_PLACES = 129
-"""Positions of the table of the influence. Cubic interpolation is off by at most 6e-4 of the largest influence of any
-shipped scene, at the kink that shear makes, and by 3e-5 elsewhere."""
 DIGITS = 7
 """Significant digits in this table."""
 
@@ -43,25 +40,34 @@ class Measured:
     golden: Golden
 
 
-def measured(estimator: Estimator, prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -> Measured:
-    """Measure an estimator on simulated samples of its prior, using the three seeds after `seed`."""
+def measured(
+    estimator: Estimator, prior: Prior, scene: Scene, sensor_mm: Floats, chosen: FilterChoice, seed: int
+) -> Measured:
+    """Measure an estimator on simulated samples of its prior, using the three seeds after `seed`.
+
+    `sensor_mm` (channels,) are the positions of the sensors of the prior.
+    """
     run = runner(to_bytes(estimator.graph))
     thresholds = thresholds_of(prior, scene, chosen, seed + 1)
-    places = seen_places(prior)
-    seen = np.minimum(smallest_force_n(prior, thresholds.touch[-1], places), UNSEEN_N)
+    supports_mm = [support.at_mm for support in scene.beam.support_list]
     gain, zero_mm = (np.broadcast_to(value, prior.channels).tolist() for value in (prior.gain, prior.zero_mm))
     return Measured(
         thresholds,
-        SmallestForce(position_mm=places.tolist(), force_n=seen.tolist()),
+        smallest_forces(prior, thresholds.touch[-1], supports_mm),
         Floor(gain=gain, zero_mm=zero_mm),
         _influence(prior),
-        _accuracy(prior, run, seed + 2),
+        _accuracy(prior, run, scene, sensor_mm, chosen, seed + 2),
         _golden(prior, run, seed + 3),
     )
 
 
 def _influence(prior: Prior) -> Influence:
-    table = prior.influence_at(np.linspace(*prior.position_mm, INFLUENCE_PLACES))
+    """Return the influence at `PLACES`.
+
+    Cubic interpolation is off by at most 6e-4 of the largest influence of any shipped scene, at the kink that shear
+    makes, and by 3e-5 elsewhere.
+    """
+    table = prior.influence_at(np.linspace(*prior.position_mm, PLACES))
     return Influence(mm_per_n=[[float(f"{value:.{DIGITS}g}") for value in row] for row in table])
 
 
@@ -83,7 +89,7 @@ def thresholds_of(prior: Prior, scene: Scene, chosen: FilterChoice, seed: int) -
     )
 
 
-def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
+def _accuracy(prior: Prior, run: Run, scene: Scene, sensor_mm: Floats, chosen: FilterChoice, seed: int) -> Accuracy:
     """Return the error of the exported graph and the accuracy limit, on the same contacts."""
     contacts = simulated_enough(prior, ACCURACY_DRAWS, seed)
     best, weight = contacts.deviation_mm, contacts.weight
@@ -94,6 +100,7 @@ def _accuracy(prior: Prior, run: Run, seed: int) -> Accuracy:
     error = contacts.mean_error_mm(run(deflection, prior.whitening(deflection))["position_mm"])
     reached, least = (mean_of(values, weight).scaled(100 / prior.length_mm) for values in (error, best))
     return Accuracy(
+        since_touch=errors_since_touch(prior, run, scene, sensor_mm, chosen, reached, seed),
         error_percent=reached.value,
         error_standard_error=reached.standard_error,
         limit_percent=least.value,

@@ -51,7 +51,7 @@ range_mm = [{range_mm[0]:.12g}, {range_mm[1]:.12g}]  # gaps over which the senso
 # zero_drift_mm = 0.001  # of each sensor's zero since the last tare, likewise
 # mounting_tolerance_mm = 0.5  # of each sensor's position, likewise
 # drift_um_per_k = 0.2  # needs temperature_range_k
-# min_distance_mm = 30  # between two sensors, for their housings
+# size_mm = 8  # width of a housing along the beam; it keeps housings apart, and off supports and ends
 # keep_out_mm = [[{middle_mm[0]:.12g}, {middle_mm[1]:.12g}]]  # no sensors here
 
 [requirements]

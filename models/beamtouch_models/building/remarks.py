@@ -1,17 +1,12 @@
 """Remarks on a scene that can be built, and on a model that misses what its scene requires: one line each."""
 
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Iterator
 
 from beamtouch_common.digits import digits
 from beamtouch_models.metadata import Metadata
-from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.scene.materials import MATERIALS
-
-HOUSING_MM = 8.0
-"""Width of the narrowest usual housing, M8; sensors that are closer together can hardly be mounted."""
 
 
 def remarks(scene: Scene) -> list[str]:
@@ -44,23 +39,6 @@ def _assumed(beam: Beam) -> Iterator[str]:
             f"{beam.material} is taken with {beam.modulus_gpa:g} GPa; real pieces have {low:g} to {high:g}, and forces "
             "are wrong by as much: calibrate, or state youngs_modulus_gpa"
         )
-
-
-def crowded(scene: Scene, positions_mm: Sequence[float]) -> str:
-    """Say which sensors of a layout are too close to mount; empty if none are, or the scene has a smallest distance.
-
-    `positions_mm` are from the left end, ascending.
-    """
-    if "min_distance_mm" in scene.sensors.model_fields_set:
-        return ""
-    apart_mm, left, right = min(((b - a, a, b) for a, b in pairwise(positions_mm)), default=(HOUSING_MM, 0.0, 0.0))
-    if apart_mm >= HOUSING_MM:
-        return ""
-    told = f"the sensors at {left:g} and {right:g} mm are only {digits(apart_mm, 3)} mm apart"
-    if {left, right} <= set(scene.sensors.fixed_mm):
-        fits = f"sensors.min_distance_mm = {at_most(apart_mm):g}"
-        return f"{told}; move one in sensors.fixed_mm, or state {fits} if they fit"
-    return f"{told}; state the width of their housings as sensors.min_distance_mm"
 
 
 def missed_requirement(metadata: Metadata, scene: Scene) -> str:

@@ -22,10 +22,11 @@ BEYOND = 1.001
 def sensor_rules(scene: Scene) -> Candidates:
     """Return the allowed sensor positions of a scene; raises SceneError if its rules leave fewer than two.
 
-    Neighbours are farther apart than their mounting tolerance, so that they do not change places.
+    Housings do not overlap, and neighbours are farther apart than their mounting tolerance: they do not change places.
     """
     position = sensor_positions_mm(scene)
-    distance_mm = max(scene.sensors.min_distance_mm, BEYOND * scene.sensors.mounting_tolerance_mm)
+    sensors = scene.sensors
+    distance_mm = max(sensors.size_mm, sensors.min_distance_mm, BEYOND * sensors.mounting_tolerance_mm)
     return Candidates(position, np.searchsorted(position, np.unique(scene.sensors.fixed_mm)), distance_mm)
 
 

@@ -27,7 +27,9 @@ def rebuilt(metadata: Metadata, prior: Prior, calibration: Calibration, progress
     made = remade(metadata, prior, calibration, lambda done: progress("making the estimator", 0.7 + 0.1 * done))
     progress("measuring the accuracy against the limit", 0.85)
     scene = parse_scene(metadata.scene, metadata.name)
-    fields = measured(made, prior, scene, metadata.filter, metadata.seed)
+    layout_mm = np.array([channel.position_mm for channel in metadata.layout])
+    sensor_mm = np.clip(layout_mm + calibration.departures.position_offset_mm, 0.0, metadata.length_mm)
+    fields = measured(made, prior, scene, sensor_mm, metadata.filter, metadata.seed)
     before = metadata.placed
     fresh = metadata.model_copy(
         update={

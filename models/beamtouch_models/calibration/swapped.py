@@ -1,14 +1,14 @@
-"""The search for swapped channels, and for swapped ends of the beam."""
+"""The search for swapped channels, an inverted one, and swapped ends of the beam."""
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
 from beamtouch_models.calibration.fit import fit
 from beamtouch_models.calibration.loads import Loads
 from beamtouch_models.calibration.theory import Theory
+from beamtouch_models.decision import Wiring, wirings
 
 POOR_NOISES = 8.0
 """Residual, in noises of a sample, below which loads agree with the channels as they are."""
@@ -22,7 +22,7 @@ OTHER_END = (
 
 
 def swapped(theory: Theory, loads: Loads, names: list[str]) -> str | None:
-    """Say what seems swapped: two channels, the order of all, or the ends of the beam; None if nothing does."""
+    """Say what seems swapped or inverted: channels, the order of all, or the ends of the beam; None if nothing does."""
     kinds = tuple(theory.kinds)
     asis = fit(theory, loads, kinds)
     if asis.residual_mm <= POOR_NOISES * theory.prior.noise_mm:
@@ -34,19 +34,15 @@ def swapped(theory: Theory, loads: Loads, names: list[str]) -> str | None:
 
 def _swaps(theory: Theory, loads: Loads, names: list[str]) -> Iterator[tuple[str, Loads]]:
     """Yield each possible swap: its message, and the loads without the swap."""
-    count = len(names)
-    for first, second in combinations(range(count), 2):
-        order = list(range(count))
-        order[first], order[second] = second, first
-        message = f"{names[first]} and {names[second]} seem to be swapped"
-        yield f"{message}; check their wiring and the order in the daemon's config", _ordered(loads, order)
-    if count > 3:  # the reverse order of fewer channels is the swap of two
-        yield OTHER_END, _ordered(loads, list(range(count))[::-1])
+    for wiring in wirings(names):
+        message = f"{wiring.text}; check the wiring and the order in the daemon's config"
+        yield OTHER_END if wiring.is_reversed else message, _corrected(loads, wiring)
     mirrored_mm = theory.prior.length_mm - loads.position_mm
     low, high = theory.prior.position_mm
     if ((low <= mirrored_mm) & (mirrored_mm <= high)).all():
         yield OTHER_END, replace(loads, position_mm=mirrored_mm)
 
 
-def _ordered(loads: Loads, order: list[int]) -> Loads:
-    return replace(loads, measured_mm=loads.measured_mm[:, order], deviation_mm=loads.deviation_mm[:, order])
+def _corrected(loads: Loads, wiring: Wiring) -> Loads:
+    measured_mm = loads.measured_mm[:, wiring.order] * np.array(wiring.signs)
+    return replace(loads, measured_mm=measured_mm, deviation_mm=loads.deviation_mm[:, wiring.order])

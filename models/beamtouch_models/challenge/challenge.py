@@ -14,6 +14,7 @@ from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.challenge.faults import fault_cases
 from beamtouch_models.challenge.honest import honest_cases
 from beamtouch_models.challenge.judge import judge
+from beamtouch_models.challenge.lost import lossy_cases
 from beamtouch_models.challenge.naming import naming
 from beamtouch_models.challenge.play import Case, Play
 from beamtouch_models.challenge.power import distances, power_of_noise, power_of_shift
@@ -96,7 +97,7 @@ def _challenged(content: bytes) -> _Challenged:
         # What has settled is the mean of as many readings as the filter takes. The simulated sensors stand in place.
         noise_mm = model.metadata.noise.reading_mm / math.sqrt(model.metadata.filter.max_readings)
         prior = replace(prior, noise_mm=noise_mm, uncertain_at=None)
-    cases = (*honest_cases(surface), *error_cases(surface), *fault_cases())
+    cases = (*honest_cases(surface), *error_cases(surface), *fault_cases(), *lossy_cases(surface))
     return _Challenged(model, surface, prior, cases)
 
 
@@ -120,7 +121,10 @@ def rows_of(
     play = case.make(surface, draws, rng)
     readings = surface.readings(play.deflection_mm, play.errors, rng)
     first = max(0, min(reading for _, reading in play.rows) - surface.decided)
-    said = judge(surface.stating(play.stated) if play.stated else surface, model.run, readings, first)
+    if prior is not None:
+        prior = replace(prior, noise_mm=prior.noise_mm / math.sqrt(play.came))
+    stating = surface.stating(play.stated) if play.stated else surface
+    said = judge(stating, model.run, readings, first, lost=play.lost)
     found = []
     for name in dict.fromkeys(name for name, _ in play.rows):
         at = [reading for other, reading in play.rows if other == name]

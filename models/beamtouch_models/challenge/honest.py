@@ -8,7 +8,7 @@ import numpy as np
 from beamtouch_models.arrays import Floats
 from beamtouch_models.challenge.motion import BEGINS, KEEPS, SPEEDS_MM_PER_S, moves
 from beamtouch_models.challenge.noises import coarse, coloured
-from beamtouch_models.challenge.play import Case, Make, Play, drawn, settled
+from beamtouch_models.challenge.play import Case, Make, Play, drawn, lateness, settled
 from beamtouch_models.challenge.surface import SimulatedSurface
 from beamtouch_models.physics.dynamics import GRAVITY, damping_of
 from beamtouch_models.physics.modes import Swings, swings
@@ -64,11 +64,22 @@ def rested(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> P
 
 
 def rings(
-    surface: SimulatedSurface, draws: int, rng: np.random.Generator, *, weighs: bool = False, lasting_s: float = 0.0
+    surface: SimulatedSurface,
+    draws: int,
+    rng: np.random.Generator,
+    *,
+    weighs: bool = False,
+    lasting_s: float = 0.0,
+    late: float = 0.0,
 ) -> Play:
-    """Return loads that set the beam ringing: a force, or a weight that swings with it, at once or growing evenly."""
+    """Return loads that set the beam ringing: a force, or a weight that swings with it, at once or growing evenly.
+
+    `late` is the mean lateness of the readings, in periods.
+    """
     position, force = drawn(surface, draws, rng)
     before, readings, seconds = _since(surface, draws, rng)
+    periods, lost = lateness(draws, seconds.shape[1], late, rng, [before + reading for reading in readings])
+    seconds = seconds + periods / surface.metadata.sensor.rate_hz
     grown = np.clip(seconds / lasting_s, 0.0, 1.0) if lasting_s else (seconds >= 0).astype(np.float64)
     kind = "weight laid on" if weighs else f"force in {1e3 * lasting_s:.0f} ms" if lasting_s else "sudden force"
     ringing = _swings(surface, position, force, weighs=weighs).ringing_mm(seconds, damping_of(surface.beam), lasting_s)
@@ -77,6 +88,7 @@ def rings(
         truth_mm=np.where(seconds >= 0, position[:, None], np.nan),
         errors=surface.honest(draws, rng),
         rows=tuple((f"{kind}, {ms} ms", before + reading) for ms, reading in zip(SINCE_MS, readings, strict=True)),
+        lost=lost,
     )
 
 

@@ -20,8 +20,9 @@ from beamtouch_models.decision import (
     is_overload,
     is_unchecked,
 )
-from beamtouch_models.filters import Chain, chosen_stages, unit_of
+from beamtouch_models.filters import Chain
 from beamtouch_models.metadata import Metadata
+from beamtouch_models.pricing.noise import chain_of
 from beamtouch_models.session import Run
 
 
@@ -83,43 +84,49 @@ class Judged:
 
 def _chain_of(surface: SimulatedSurface) -> Chain:
     """Return the filters of a surface's model."""
-    chosen, noise_mm = surface.metadata.filter, surface.metadata.noise.reading_mm
-    step_mm = surface.metadata.sensor.gain_mm_per_count
-    stages = chosen_stages(
-        chosen.kind,
-        window=chosen.window,
-        longest=chosen.max_readings,
-        spike_mm=chosen.spike_mm,
-        unit_mm=unit_of(noise_mm, step_mm, surface.channels),
-        slowest_period=surface.slowest_period,
-    )
-    return Chain(stages, surface.channels, noise_mm, surface.slowest_period, step_mm)
+    stated = surface.metadata
+    per_count_mm = stated.sensor.gain_mm_per_count
+    return chain_of(stated.filter, surface.channels, stated.noise.reading_mm, per_count_mm, surface.slowest_period)
 
 
-def judge(surface: SimulatedSurface, run: Run, readings_mm: Floats, first: int = 0, *, naming: bool = False) -> Judged:
+def judge(
+    surface: SimulatedSurface,
+    run: Run,
+    readings_mm: Floats,
+    first: int = 0,
+    *,
+    lost: Bools | None = None,
+    naming: bool = False,
+) -> Judged:
     """Return the statements of a surface's model on each reading (draws, readings, channels); draws begin anew.
 
-    There is none on the readings before number `first`. With `naming`, suspects are sought as in the service, which
-    takes time.
+    There is none on the readings before number `first`, and on those that are `lost` (draws, readings). With `naming`,
+    suspects are sought as in the service, which takes time.
     """
     metadata, chain = surface.metadata, _chain_of(surface)
+    came = np.ones(readings_mm.shape[:2], np.bool_) if lost is None else ~lost
     filtered = []
-    for readings in readings_mm:
+    for readings, there in zip(readings_mm, came, strict=True):
         chain.restart()
-        filtered.append(chain.apply(readings))
-    mean = np.array([one.mean_mm for one in filtered])
+        skipped = np.diff(np.flatnonzero(there), prepend=-1) - 1
+        filtered.append(chain.apply(readings[there], skipped.tolist()))
+    mean, variance = np.full(readings_mm.shape, np.nan), np.full(readings_mm.shape, np.nan)
+    covariance = np.zeros((*readings_mm.shape, surface.channels))
+    mean[came] = np.concatenate([one.mean_mm for one in filtered])
+    variance[came] = np.concatenate([one.relative_variance for one in filtered])
+    covariance[came] = np.concatenate([one.covariance_mm2 for one in filtered])
     # A channel whose newest reading is not good takes no part, whatever its filter still holds.
     valid = ~(np.isnan(mean) | np.isnan(readings_mm))
     mean = np.where(valid, mean, 0.0)
     samples = Weighed(
         np.concatenate(mean),
-        np.concatenate([one.covariance_mm2 for one in filtered]),
-        np.nan_to_num(np.concatenate([one.relative_variance for one in filtered])) * metadata.noise.reading_mm**2,
+        np.concatenate(covariance),
+        np.nan_to_num(np.concatenate(variance)) * metadata.noise.reading_mm**2,
         np.concatenate(valid),
     )
     rows: list[JudgedSample] = [SILENT] * len(samples.valid)
     asked = np.arange(len(samples.valid)) % readings_mm.shape[1] >= first
-    enough = np.flatnonzero(asked & (samples.valid.sum(axis=1) >= metadata.min_channels))
+    enough = np.flatnonzero(asked & came.ravel() & (samples.valid.sum(axis=1) >= metadata.min_channels))
     length, before, decider = readings_mm.shape[1], -1, Decider(metadata.thresholds)
     found = evidence(metadata, run, samples.part(enough)) if len(enough) else []
     for index, one in zip(enough.tolist(), found, strict=True):

@@ -34,6 +34,10 @@ class Play:
     """(draws, channels), what sensors without noise and without honest errors measure of a fault."""
     stated: Stated | None = None
     """The user's statement on the sensors; None: they are as the model assumes."""
+    lost: Bools | None = None
+    """(draws, readings), which readings are lost; None: none."""
+    came: float = 1.0
+    """Share of the readings of a settled mean that came."""
     naming: bool = False
     """Whether the naming of a channel is scored."""
     wrong: Indices | None = None
@@ -58,6 +62,25 @@ def drawn(surface: SimulatedSurface, draws: int, rng: np.random.Generator) -> tu
     """Return positions and forces (draws,) from the ranges of the model."""
     ranges = surface.metadata.ranges
     return rng.uniform(*ranges.position_mm, size=draws), rng.uniform(*ranges.force_n, size=draws)
+
+
+def lateness(
+    draws: int, readings: int, late: float, rng: np.random.Generator, judged: list[int]
+) -> tuple[Floats, Bools | None]:
+    """Return how late readings are, (draws, readings) in periods, and which are lost because they would be in the next.
+
+    Parameters
+    ----------
+    draws, readings, rng : how many courses of how many readings, and the random numbers
+    late : mean lateness in periods; 0: all readings are in time
+    judged : readings that are not lost
+    """
+    if not late:
+        return np.zeros((draws, 1)), None
+    periods = rng.exponential(late, (draws, readings))
+    lost = periods >= 1
+    lost[:, judged] = False
+    return periods % 1, lost
 
 
 def settled(

@@ -16,7 +16,7 @@ from beamtouch_models import loading
 from beamtouch_models.building.build import Built, Choices, build
 from beamtouch_models.building.daemon_config import daemon_config, write_token_if_absent
 from beamtouch_models.building.failing import weak_spot
-from beamtouch_models.building.remarks import crowded, missed_requirement, remarks
+from beamtouch_models.building.remarks import missed_requirement, remarks
 from beamtouch_models.building.report.facts import gather
 from beamtouch_models.building.report.page import page
 from beamtouch_models.commands import inspect
@@ -80,8 +80,7 @@ def _say_floor(scene: Scene) -> None:
 
 def _say_what_is_missed(scene: Scene, built: Built) -> None:
     """Say what the scene asks for and the model does not give, and what one failed sensor costs."""
-    positions_mm = [channel.position_mm for channel in built.metadata.layout]
-    for note in (crowded(scene, positions_mm), missed_requirement(built.metadata, scene), unseen(built.metadata)):
+    for note in (missed_requirement(built.metadata, scene), unseen(built.metadata)):
         if note:
             print(f"note:    {note}", file=sys.stderr)
     if weak := weak_spot(built.metadata):

@@ -21,7 +21,7 @@ from beamtouch_models.accuracy.statistics import Measurement
 from beamtouch_models.building.model_prior import prior_of_model
 from beamtouch_models.building.remarks import missed_requirement, remarks
 from beamtouch_models.commands.progress import shown_progress
-from beamtouch_models.description import BLIND, unseen
+from beamtouch_models.description import nothing_seen, unseen
 from beamtouch_models.pricing.noise import check_scale
 from beamtouch_models.scene import parse_scene
 from beamtouch_models.workers import spread_over
@@ -124,13 +124,12 @@ def _lines(found: Evaluation, model: loading.ModelFile) -> list[tuple[str, str, 
     lines = [
         (label, _text(value.scaled(factor)), remark) for label, value, remark, factor in share if value is not None
     ]
-    if found.smallest_force_n is not None:
-        least, most = found.smallest_force_n
-        is_blind = most > BLIND * model.metadata.ranges.force_n[1]
-        forces = f"{digits(least, 3)} and more" if is_blind else f"{digits(least, 3)}..{digits(most, 3)}"
-        where = "; none where the beam hardly moves" if is_blind else ""
-        lines.append(("smallest force", forces, f"N, seen in 95 % of samples along the range{where}"))
-    if found.detection is not None:
+    if found.smallest_force_n is not None and found.detection is not None:
+        best, worst = ("" if force is None else digits(force, 3) for force in found.smallest_force_n)
+        forces = f"{best}..{worst}" if worst else f"{best} and more" if best else "-"
+        needed = list(zip(found.detection.position_mm, found.detection.smallest_force_n, strict=True))
+        words = "N, seen in 95 % of samples along the range", nothing_seen(model.metadata, needed)
+        lines.append(("smallest force", forces, "; ".join(filter(None, words))))
         most = 100 * max(found.detection.missed)
         lines.append(
             ("missed at most", digits(most, 3), f"% of samples of {found.detection.force_n:g} N, where it is worst")

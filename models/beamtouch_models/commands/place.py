@@ -11,7 +11,7 @@ from beamtouch_common.digits import digits
 from beamtouch_models.accuracy.limit import accuracy_limit
 from beamtouch_models.building.failing import placed_of
 from beamtouch_models.building.placed import PlacedSensors, placed
-from beamtouch_models.building.remarks import crowded, missed_error, remarks
+from beamtouch_models.building.remarks import missed_error, remarks
 from beamtouch_models.commands.aims import aim_of_place
 from beamtouch_models.commands.progress import shown_progress
 from beamtouch_models.placement import Aim, recommended_count
@@ -36,10 +36,8 @@ def run(options: argparse.Namespace) -> None:
         progress("measuring the accuracy limit", 0.95)
         found = _described(sensors, aim, options.seed)
     found["wall_s"] = time.perf_counter() - started
-    missed = missed_error("accuracy limit", found["accuracy_limit_percent"], scene)
-    for note in (crowded(scene, found["positions_mm"]), missed):
-        if note:
-            print(f"note:    {note}", file=sys.stderr)
+    if missed := missed_error("accuracy limit", found["accuracy_limit_percent"], scene):
+        print(f"note:    {missed}", file=sys.stderr)
     print(json.dumps(found, allow_nan=False) if options.json else _table(found, sensors))
 
 

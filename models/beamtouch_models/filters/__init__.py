@@ -6,8 +6,8 @@ result, to the bit, and nothing drifts: the growing mean keeps running sums of w
 other value is computed from the same rows in the same order.
 
 NaN marks a reading of a channel that is not good. Its result is NaN, and it never affects a later value: a moving
-average and an adaptive mean continue with the good readings in the window, and a low-pass restarts at the next good
-reading.
+average and an adaptive mean continue with the good readings in the window, and a low-pass gives the next good reading
+the weight of those that are missing. A lost reading is a row of NaN in all channels.
 """
 
 from beamtouch_models.filters.chain import Chain

@@ -1,5 +1,8 @@
 """Several filters in succession: the means of the readings, and the covariance of these means."""
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 
 from beamtouch_models.filters import means
@@ -54,8 +57,10 @@ class Chain:
                 spike_mm=averaging.lone_spike_mm,
                 lag_readings=averaging.lag_readings,
             )
-        longest = max([1, *(stage.memory for stage in chosen), self._scatter.memory if self._scatter else 0])
-        self._block = max(1, BLOCK_VALUES // (longest * channels))
+        self._longest = max(
+            [1, *(max(stage.memory, stage.span) for stage in chosen), self._scatter.memory if self._scatter else 0]
+        )
+        self._block = max(1, BLOCK_VALUES // (self._longest * channels))
         self.restart()
 
     def restart(self) -> None:
@@ -67,20 +72,36 @@ class Chain:
         if self._scatter:
             self._past = self._scatter.fresh(self._channels)
 
-    def apply(self, values: FloatArray) -> Filtered:
-        """Filter readings, shape (readings, channels), and keep the state after them."""
+    def apply(self, values: FloatArray, lost: Sequence[int] | None = None) -> Filtered:
+        """Filter readings, and keep the state after them.
+
+        What was known before a gap is as true after it, and what was not seen proves nothing: each lost reading is a
+        row of NaN. Only a gap as long as the filters look back leaves nothing that is known, and they begin anew.
+
+        Parameters
+        ----------
+        values
+            The readings that came, shape (readings, channels).
+        lost
+            Number of readings lost before each of them, shape (readings,); None: none.
+        """
+        if lost is None or not any(lost):
+            return self._in_blocks(values)
+        skipped, parts = np.array(lost), []
+        anew = np.flatnonzero(skipped >= self._longest)
+        for start, end in pairwise(sorted({0, *anew.tolist(), len(values)})):
+            if skipped[start] >= self._longest:
+                self.restart()
+                skipped[start] = 0
+            places = np.arange(end - start) + np.cumsum(skipped[start:end])
+            rows = np.full((places[-1] + 1, self._channels), np.nan)
+            rows[places] = values[start:end]
+            parts.append(self._in_blocks(rows).at(places))
+        return Filtered.joined(parts)
+
+    def _in_blocks(self, values: FloatArray) -> Filtered:
         starts = range(0, max(1, len(values)), self._block)
-        parts = [self._apply(values[start : start + self._block]) for start in starts]
-        if len(parts) == 1:
-            return parts[0]
-        return Filtered(
-            np.concatenate([part.mean_mm for part in parts]),
-            np.concatenate([part.relative_variance for part in parts]),
-            self._noise_mm,
-            np.concatenate([part.moves for part in parts]),
-            np.concatenate([part.lags for part in parts]),
-            np.concatenate([part.excess_mm2 for part in parts]),
-        )
+        return Filtered.joined([self._apply(values[start : start + self._block]) for start in starts])
 
     def _apply(self, values: FloatArray) -> Filtered:
         signal = cleaned = unfiltered = means.signal_of(values)

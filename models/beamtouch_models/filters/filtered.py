@@ -1,6 +1,8 @@
 """Means of readings with their uncertainty: what a chain of filters gives."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,32 @@ class Filtered:
     """Whether the newest readings are apart from a long mean that does not move, shape (readings,)."""
     excess_mm2: FloatArray
     """Covariance beyond that of the noise, of the means that move or lag, shape (uncertain, channels, channels)."""
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Return the means of successive readings as one."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            np.concatenate([part.mean_mm for part in parts]),
+            np.concatenate([part.relative_variance for part in parts]),
+            parts[0].noise_mm,
+            np.concatenate([part.moves for part in parts]),
+            np.concatenate([part.lags for part in parts]),
+            np.concatenate([part.excess_mm2 for part in parts]),
+        )
+
+    def at(self, rows: NDArray[np.intp]) -> Self:
+        """Return some of the means, by their ascending rows."""
+        kept = np.isin(np.flatnonzero(self.uncertain), rows)
+        return replace(
+            self,
+            mean_mm=self.mean_mm[rows],
+            relative_variance=self.relative_variance[rows],
+            moves=self.moves[rows],
+            lags=self.lags[rows],
+            excess_mm2=self.excess_mm2[kept] if len(kept) else self.excess_mm2,
+        )
 
     @property
     def uncertain(self) -> NDArray[np.bool_]:

@@ -30,24 +30,24 @@ def lags_of(
     squares
         Their squares, summed over the channels, shape (means, numbers).
     numbers
-        How many newest readings they are, shape (numbers,).
+        How many newest readings they are, shape (means, numbers), or (1, numbers) if that is the same for all.
     limits
         Squares that noise explains, shape (means,), or the same for all.
     variance
         Relative variance of the noise of each mean, shape (means,).
     """
     lags = np.zeros((len(projected), projected.shape[2]))
-    if not len(numbers):
+    if not numbers.shape[1]:
         return lags
     # A mean shares its newest readings with those that it is compared with.
-    own = 1 - numbers * variance[:, np.newaxis]
+    own = np.maximum(1 - numbers * variance[:, np.newaxis], np.finfo(np.float64).tiny)
     explained = np.reshape(limits, (-1, 1)) * own
     above = squares > explained
     if above.any():
         above &= own > 1 - SHARED
         ratio = np.where(above, squares / np.where(above, explained, 1.0), 1.0)
         best, at = ratio.argmax(axis=1), np.arange(len(ratio))
-        part = np.sqrt((1 - 1 / ratio[at, best]) / numbers[best])
+        part = np.sqrt((1 - 1 / ratio[at, best]) / np.broadcast_to(numbers, ratio.shape)[at, best])
         lags[:] = projected[at, best] * part[:, np.newaxis]
     return lags
 
@@ -55,7 +55,7 @@ def lags_of(
 def drift_lags(units: FloatArray, variance: FloatArray, limit: float) -> FloatArray:
     """Return the lags of means of readings that drift, in units of the noise, shape (means, channels).
 
-    They are 0 where noise explains the drift, and for a channel that lacks readings.
+    They are 0 where noise explains the drift.
 
     Parameters
     ----------
@@ -68,11 +68,19 @@ def drift_lags(units: FloatArray, variance: FloatArray, limit: float) -> FloatAr
     """
     lags, sizes = np.zeros((len(units), units.shape[2])), np.rint(1 / variance).astype(np.intp)
     compared = np.minimum(sizes, units.shape[1] // 2)
+    known = ~np.isnan(units)
+    units, seen = np.where(known, units, 0.0), np.any(known, axis=2)
     for number in set(compared.tolist()):
         at = compared == number
-        drift = np.nan_to_num(units[at, -number:].mean(axis=1) - units[at, -2 * number : -number].mean(axis=1))
-        square = np.maximum((drift * drift).sum(axis=1) * number / 2, limit)
-        # A steady drift moves by `drift` in `number` readings; the middle of the mean is (size - 1) / 2 readings old.
-        part = np.sqrt(1 - limit / square) * (sizes[at] - 1) / (2 * number)
+        new, old = (slice(-number, None), slice(-2 * number, -number))
+        few, many = known[at, new].sum(axis=1), known[at, old].sum(axis=1)
+        drift = units[at, new].sum(axis=1) / np.maximum(few, 1) - units[at, old].sum(axis=1) / np.maximum(many, 1)
+        weight = few * many / np.maximum(few + many, 1)
+        drift = np.where(weight > 0, drift, 0.0)
+        square = np.maximum((drift * drift * weight).sum(axis=1), np.maximum(limit, np.finfo(np.float64).tiny))
+        # A steady drift moves by `drift` in `number` rows. The middle of the mean is (size - 1) / 2 rows old, or older
+        # if some of them are lost.
+        rows = sizes[at] * 2 * number / np.maximum(seen[at, -2 * number :].sum(axis=1), 1)
+        part = np.sqrt(1 - limit / square) * (rows - 1) / (2 * number)
         lags[at] = drift * part[:, np.newaxis]
     return lags

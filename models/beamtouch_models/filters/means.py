@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 SPIKE_MEMORY = 2
-LOW_PASS_MEMORY = 1
+LOW_PASS_MEMORY = 2
 MIN_MM = 1e-9
 """Readings without noise are compared with this, so that rounding errors are neither a change nor motion."""
 BEFORE = 3
@@ -84,19 +84,24 @@ def smoothing(cutoff_hz: float, rate_hz: float) -> float:
 
 
 def low_pass(signal: FloatArray, state: FloatArray, factor: float) -> Stepped:
-    """Apply y += a (x - y) with a = `factor`; `state` holds the last y.
+    """Apply y += a (x - y) with a = `factor`; `state` holds the last y, and how many readings ago it was.
 
     The variance of white noise approaches a / (2 - a) of its own. After n readings, (1 - a)**n of a step remains. The
-    first good reading passes unchanged.
+    first good reading passes unchanged. After k bad ones, the next counts as k + 1 would: y += (1 - (1 - a)**(k + 1))
+    (x - y).
     """
-    smoothed = np.empty_like(signal)
-    last, variance = state[0]
+    smoothed = np.full_like(signal, np.nan)
+    (last, variance), (ages, _) = state
+    ages = np.where(np.isnan(ages), 0.0, ages)
     for row, (value, own) in enumerate(signal):
-        begins = np.isnan(last)
-        last = np.where(begins, value, last + factor * (value - last))
-        variance = np.where(begins, own, (1 - factor) ** 2 * variance + factor**2 * own)
-        smoothed[row] = last, variance
-    return Stepped(smoothed, np.stack([last, variance])[np.newaxis])
+        good, begins = ~np.isnan(value), np.isnan(last)
+        ages = ages + 1
+        rest = np.where(begins, 0.0, (1 - factor) ** ages)
+        last = np.where(good, np.where(begins, value, value + rest * (last - value)), last)
+        variance = np.where(good, np.where(begins, own, rest**2 * variance + (1 - rest) ** 2 * own), variance)
+        smoothed[row] = np.where(good, (last, variance), np.nan)
+        ages = np.where(good, 0.0, ages)
+    return Stepped(smoothed, np.stack([(last, variance), (ages, ages)]))
 
 
 def spike(signal: FloatArray, state: FloatArray, limit_mm: float) -> Stepped:

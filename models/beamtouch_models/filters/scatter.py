@@ -66,7 +66,7 @@ class Scatter:
         self._still, self._calm = still_readings(slowest_period), calm_readings(slowest_period)
         half = max(1, math.ceil(SCATTER_PART * slowest_period))
         self._unit_mm = np.maximum(noise_mm, MIN_MM)
-        self._looks = Looks(span, self._still, max(2 * span, half), self._unit_mm, lag_readings)
+        self._looks = Looks(span, self._still, max(2 * span, half), self._unit_mm, lag_readings, restarts=restarts)
         self._rows = self._looks.rows
         self._means = max(span, half)
         self._restarts = restarts
@@ -112,8 +112,10 @@ class Scatter:
         """
         rows, means = np.concatenate([past.readings, readings]), np.concatenate([past.means, mean])
         tidied = Tidied.of(rows, past.cleaned, cleaned, self._spike_mm)
-        sizes = Sizes.of(variance, self._span, restarts=self._restarts)
+        sizes = Sizes.of(variance, self._span, rows, restarts=self._restarts)
         moves, view, unfair, moved = self._moves(rows, tidied, mean, sizes, moved=past.moved)
+        unproven = self._unproven(rows, mean, sizes)
+        moves = moves | unproven
         lags = view.found.lags * self._unit_mm
         if drifts is not None and drifts.any():
             units = windows(tidied.rows, self._rows)[drifts] / self._unit_mm
@@ -130,8 +132,25 @@ class Scatter:
                 sizes_there = np.rint(1 / sizes.variance[moving]).astype(np.intp)
                 touches = calm_since_touch(units, sizes_there, self._still, self._calm)
                 excess[of[touches]] = np.diag(self._unit_mm**2)
+            # A beam that nobody has seen rest may swing as far as it is deflected.
+            far_mm2 = (np.nan_to_num(mean[moving]) ** 2).sum(axis=1) * unproven[moving]
+            excess[of] += far_mm2[:, np.newaxis, np.newaxis] * np.eye(mean.shape[1])
         kept = slice(len(rows) - self._rows + 1, None)
         return moves, lagging, excess, Past(rows[kept], tidied.rows[kept], means[len(means) - self._means :], moved)
+
+    def _unproven(self, rows: FloatArray, mean: FloatArray, sizes: Sizes) -> NDArray[np.bool_]:
+        """Return which means are of a deflected beam, and of too few readings to show that it rests, shape (means,).
+
+        That is so when the readings begin, and after a gap that leaves nothing to look at.
+        """
+        compared = self._looks.compared(self._span)
+        seen = np.concatenate([[0], np.cumsum((~np.isnan(rows)).any(axis=1))])
+        known = np.maximum(seen[self._rows :] - seen[: -self._rows], sizes.readings)
+        unproven: NDArray[np.bool_] = known < compared
+        if unproven.any():
+            square = np.nansum((mean / self._unit_mm) ** 2 / np.maximum(sizes.variance[:, np.newaxis], 1e-9), axis=1)
+            unproven &= square > self._looks.look(self._span).newest[(~np.isnan(mean)).sum(axis=1)]
+        return unproven
 
     def _of_moving(
         self,
@@ -172,13 +191,14 @@ class Scatter:
         moves, all readings count as they came.
         """
         clean, changed, newest = tidied
+        absent: NDArray[np.bool_] = np.all(np.isnan(mean), axis=1)  # lost, or without a good channel
         spiky = bool(changed.any() or newest.any())
         raw = self._looks.view(windows(rows, self._rows), mean, sizes, moved=moved or spiky)
         moves = raw.found.moves
         if not spiky:
             if moved or moves.any():
-                for index, lingers in enumerate(raw.found.lingers.tolist()):
-                    moved = moves[index] = bool(moves[index]) or (moved and lingers)
+                for index in np.flatnonzero(~absent).tolist():
+                    moved = moves[index] = bool(moves[index] or (moved and raw.found.lingers[index]))
             return moves, raw, np.full(len(mean), self._restarts), moved
         window = windows(changed.astype(np.float64), self._rows)[:, -self._looks.compared(self._span) : -1]
         near = window.sum(axis=1) + newest
@@ -188,5 +208,5 @@ class Scatter:
         replaced[:, -1] = rows[len(rows) - len(mean) :]  # what took the place of the newest reading may hide a touch
         tidy = self._looks.view(replaced, mean, sizes, moved=True)
         as_came = near > LONE
-        moves, moved = decide(raw.found, tidy.found, as_came, newest, moved=moved)
+        moves, moved = decide(raw.found, tidy.found, as_came, newest, absent, moved=moved)
         return moves, raw.or_else(tidy, as_came), (as_came & (near > 0)) | self._restarts, moved

@@ -100,7 +100,13 @@ class Look:
     """Squares of their distance that noise explains, shape (channels + 1,)."""
 
     def find(
-        self, deviations: FloatArray, working: NDArray[np.intp] | int, variance: FloatArray, *, moved: bool
+        self,
+        deviations: FloatArray,
+        working: NDArray[np.intp] | int,
+        variance: FloatArray,
+        seen: NDArray[np.bool_] | None = None,
+        *,
+        moved: bool,
     ) -> Found:
         """Return what the tests find.
 
@@ -112,6 +118,8 @@ class Look:
             Number of working channels, shape (samples,), or the same for all.
         variance
             Relative variance of the mean's noise, shape (samples,).
+        seen
+            Which rows hold a reading, shape (samples, rows); None: all.
         moved
             Whether something was found before these samples. If not, nothing lingers before anything moves.
         """
@@ -125,7 +133,12 @@ class Look:
         about = total[:, 1:] - squares[:, 1 : 1 + slopes] - tested[:, :slopes]
         tested[:, :slopes] *= about < self.linear[working]
         moves = self.surely.passed(within, tested, working)
-        lags = lags_of(projected[:, first:], squares[:, first:], self.numbers, self.lagging[working], variance)
+        newest, far, numbers = projected[:, first:], squares[:, first:], self.numbers[np.newaxis]
+        if seen is not None:
+            there = np.maximum(seen[:, ::-1].cumsum(axis=1)[:, self.numbers.astype(np.intp) - 1], 1)
+            share, numbers = there / numbers, there.astype(np.float64)
+            newest, far = newest / np.sqrt(share)[:, :, np.newaxis], far / share
+        lags = lags_of(newest, far, numbers, self.lagging[working], variance)
         if not moved and not moves.any():
             return Found(moves, moves, within, np.zeros_like(projected[:, 0]), lags)
         best, at = tested[:, :slopes].argmax(axis=1), np.arange(len(tested))

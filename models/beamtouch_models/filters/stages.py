@@ -14,11 +14,11 @@ from beamtouch_models.filters.means import FloatArray, Stepped
 
 ROUNDING = 1e-6
 """Part of a reading by which a time may fall short of a whole number of readings, as it was rounded."""
-MIN_FILL = 0.75
+MIN_FILL = 0.5
 """Part of the averaging window that good readings must fill before a channel has a value.
 
-The noise of that first value is at most 1.15 times that of a full window. A single reading would be noisier still, and
-could make a beam at rest look touched.
+The noise of that first value is at most 1.4 times that of a full window. A single reading would be noisier still, and
+could make a beam at rest look touched; a larger part would leave no value where a third of the readings is lost.
 """
 LOW_PASS_SPAN = 8
 """A low-pass spans this many times 1 / a readings: exp(-8) of a step remains after them, a sixth of the noise of a

@@ -3,7 +3,7 @@
 `metadata` has the whole, `fields` the types of its fields, and every other module some of its parts.
 """
 
-from beamtouch_models.metadata.accuracy import Accuracy, Golden
+from beamtouch_models.metadata.accuracy import Accuracy, Golden, SinceTouch
 from beamtouch_models.metadata.calibration import Calibration, Departures
 from beamtouch_models.metadata.drawn import Drawn, DrawnSupport
 from beamtouch_models.metadata.metadata import METADATA_PREFIX, SCHEMA_VERSION, THIS_FILE, Metadata
@@ -42,6 +42,7 @@ __all__ = [
     "Noise",
     "Ranges",
     "Sensor",
+    "SinceTouch",
     "SmallestForce",
     "Thresholds",
     "max_false_per_day",

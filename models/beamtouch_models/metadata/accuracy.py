@@ -5,6 +5,20 @@ from pydantic import Field, FiniteFloat
 from beamtouch_models.metadata.fields import MetadataPart
 
 
+class SinceTouch(MetadataPart):
+    """The error of an answer by the time since a touch, behind the filter of the model."""
+
+    since_ms: float
+    """Time in which this many readings of the touch have come."""
+    readings: int
+    error_percent: float
+    """Mean |position error| in percent of the length if the beam follows the touch at once."""
+    error_standard_error: float | None = None
+    ringing_percent: float | None = None
+    """The same after a sudden force, which rings; None if the scene does not state the beam's mass."""
+    ringing_standard_error: float | None = None
+
+
 class Accuracy(MetadataPart):
     """Mean |position error| in percent of the length (eq. 5 of the paper), over the scene's ranges."""
 
@@ -14,6 +28,8 @@ class Accuracy(MetadataPart):
     limit_standard_error: float
     ratio_standard_error: float
     """Standard error of `ratio`, whose terms share their contacts."""
+    since_touch: list[SinceTouch] = Field(default_factory=list)
+    """From the first answer to the longest mean; all figures above are those of a mean of `filter.window` readings."""
 
     @property
     def ratio(self) -> float:

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, NonNegativeFloat, model_validator
 
 from beamtouch_models.metadata.fields import MetadataPart
 
@@ -27,6 +27,8 @@ class Drawn(MetadataPart):
     """Positions of the contact for which it is given."""
     deflection_mm_per_n: list[list[FiniteFloat]]
     """For each position of the contact, the deflection along the beam."""
+    sensor_mm: NonNegativeFloat | None = None
+    """Width of a sensor's housing along the beam; None in older files."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -30,6 +30,8 @@ class Metadata(MetadataPart):
     schema_version: Literal[2] = SCHEMA_VERSION
     name: str = Field(pattern=NAME)
     """Name of the scene, and of the surface unless a configuration gives another."""
+    beam: str = Field(pattern=NAME)
+    """Identity of the beam with its layout: the same for every model of it, calibrated or not."""
     estimator: str
     length_mm: PositiveFloat
     layout: Annotated[list[Channel], Field(min_length=1)]
@@ -148,6 +150,8 @@ class Metadata(MetadataPart):
             # These include numbers and nesting beyond what the parser takes.
             message = "its metadata is not JSON"
             raise ModelFileError(message) from None
+        if "beam" not in values:
+            raise _old("from before models named their beam")
         if _lacks_thresholds(values.get("thresholds")):
             raise _old("from before one channel and two had a threshold of their own")
         try:

@@ -15,6 +15,7 @@ from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.rounding import at_most
 from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import SMALLEST_NORMAL, Beam
+from beamtouch_models.scene.misplaced import ROUNDING, taken_mm
 
 MAX_SENSOR_POSITIONS = 20_000
 MAX_SLOPE = 0.1
@@ -121,7 +122,7 @@ def load_positions_mm(scene: Scene) -> Floats:
 
 
 def sensor_positions_mm(scene: Scene) -> Floats:
-    """Return the positions that a sensor may take, ascending: the grid without its keep-outs, plus the fixed sensors.
+    """Return the positions that a sensor may take, ascending: those of the grid with room for a housing, and the fixed.
 
     Raises
     ------
@@ -135,29 +136,19 @@ def sensor_positions_mm(scene: Scene) -> Floats:
         )
         raise SceneError(message)
     fixed_mm = np.unique(np.asarray(sensors.fixed_mm, dtype=np.float64))
-    grid = _grid_mm(scene)
-    for start, end in sensors.keep_out_mm:
+    grid = np.minimum(np.arange(np.floor(length / sensors.grid_mm + ROUNDING) + 1) * sensors.grid_mm, length)
+    for _, start, end in taken_mm(scene.beam, sensors):
         grid = grid[(grid <= start) | (grid >= end)]
-    # 3 * 0.1 and 0.3 are the same position; a fixed sensor keeps the digits of the scene.
-    apart = np.abs(grid[:, None] - fixed_mm).min(axis=1, initial=np.inf) > 1e-9 * length
+    # A fixed sensor keeps the digits of the scene.
+    apart = np.abs(grid[:, None] - fixed_mm).min(axis=1, initial=np.inf) > ROUNDING * length
     position = np.union1d(grid[apart], fixed_mm)
     if len(position) < 2:
-        message = "sensors: grid_mm and keep_out_mm leave fewer than two positions; keep out less, or refine the grid"
+        message = (
+            "sensors: grid_mm, size_mm and keep_out_mm leave fewer than two positions; keep out less, refine the grid, "
+            "or correct size_mm"
+        )
         raise SceneError(message)
     return position
-
-
-def _grid_mm(scene: Scene) -> Floats:
-    """Return the multiples of the grid along the beam, with the ends where the beam moves."""
-    step, length = scene.sensors.grid_mm, scene.beam.length_mm
-    inner = np.arange(1, np.ceil(length / step)) * step
-    inner = inner[inner < length * (1 - 1e-12)]
-    matrix = influence(scene.beam, np.linspace(0, length, 17), np.linspace(*scene.contact.position_mm, 9))
-    moves = np.abs(matrix).max(axis=0)
-    free_left, free_right = moves[[0, -1]] > 1e-9 * moves.max()
-    on_grid = abs(length / step - round(length / step)) < 1e-9
-    ends = [0.0] * bool(free_left), [length] * bool(free_right and on_grid)
-    return np.concatenate([ends[0], inner, ends[1]])
 
 
 def travel_mm(scene: Scene) -> tuple[float, float]:

@@ -26,8 +26,8 @@ class Candidates:
     @cached_property
     def gap_mm(self) -> float:
         """Smallest distance between neighbours, minus a tolerance for rounding of the grid's multiples."""
-        step = float(np.diff(self.position_mm).min())
-        return max(self.min_distance_mm - 1e-9 * step, step / 2)
+        step, span = float(np.diff(self.position_mm).min()), float(np.ptp(self.position_mm))
+        return max(self.min_distance_mm - 1e-9 * span, step / 2)
 
     @cached_property
     def last_before(self) -> Indices:

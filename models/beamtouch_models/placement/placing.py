@@ -7,7 +7,7 @@ import numpy as np
 
 from beamtouch_models.accuracy.prior import SampleErrors
 from beamtouch_models.arrays import Floats, Indices
-from beamtouch_models.errors import SceneError
+from beamtouch_models.errors import NotGoodEnoughError, SceneError
 from beamtouch_models.physics.influence import InfluenceFunction
 from beamtouch_models.placement.components import log_eigenvalue_product
 from beamtouch_models.placement.layout import Candidates
@@ -164,4 +164,10 @@ def _total(runs: list[SearchRun]) -> int:
 def _placement(
     rules: Candidates, layout: Indices, score: float, run: SearchRun, evaluations: int, gap: float | None
 ) -> Placement:
-    return Placement(tuple(np.sort(rules.position_mm[layout]).tolist()), score, evaluations, run.scores, gap)
+    """Return the result of every placement, after a last look at the rules; NotGoodEnoughError if it breaks one."""
+    positions_mm = tuple(np.sort(rules.position_mm[layout]).tolist())
+    if not rules.allowed(layout[None, :])[0]:
+        places = ", ".join(f"{position:g}" for position in positions_mm)
+        message = f"the search ended at {places} mm, against the rules of sensors; please report this scene as a defect"
+        raise NotGoodEnoughError(message)
+    return Placement(positions_mm, score, evaluations, run.scores, gap)

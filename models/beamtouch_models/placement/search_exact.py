@@ -67,6 +67,8 @@ def exchange(problem: Problem, start: Indices) -> SearchRun:
     scores, evaluations = [score], gains.size
     for _ in range(MAX_EXCHANGES):
         k, chosen = np.unravel_index(int(gains.argmax()), gains.shape)
+        if not gains[k, chosen] > 0:  # the rules forbid every exchange, as where all sensors are fixed
+            break
         changed = layout.copy()
         changed[k] = chosen
         changed.sort()

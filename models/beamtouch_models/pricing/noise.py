@@ -4,7 +4,7 @@ import math
 
 from beamtouch_common.digits import digits
 from beamtouch_models.errors import SceneError
-from beamtouch_models.filters import readings_within
+from beamtouch_models.filters import Chain, chosen_stages, readings_within, unit_of
 from beamtouch_models.metadata import FilterChoice, Noise
 from beamtouch_models.physics.beam import max_deflection_mm
 from beamtouch_models.pricing.rounding import rounding_of
@@ -143,6 +143,19 @@ def window_filter(scene: Scene, window: int) -> FilterChoice:
     spike = SPIKE_SIGMAS * reading_noise_mm(scene) or None
     settling_ms = window * 1000 / scene.sensors.rate_hz
     return FilterChoice(kind="moving-average", window=window, spike_mm=spike, settling_ms=settling_ms)
+
+
+def chain_of(chosen: FilterChoice, channels: int, noise_mm: float, per_count_mm: float, slowest_period: float) -> Chain:
+    """Return the filter of a model as the daemon runs it; arguments as those of `Chain`, `per_count_mm` its step."""
+    stages = chosen_stages(
+        chosen.kind,
+        window=chosen.window,
+        longest=chosen.max_readings,
+        spike_mm=chosen.spike_mm,
+        unit_mm=unit_of(noise_mm, per_count_mm, channels),
+        slowest_period=slowest_period,
+    )
+    return Chain(stages, channels, noise_mm, slowest_period, per_count_mm)
 
 
 def noise_of(scene: Scene, chosen: FilterChoice) -> Noise:

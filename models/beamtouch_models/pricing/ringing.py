@@ -1,4 +1,4 @@
-"""How long a beam rings after a touch and after a lift, and when the first sharp answer comes.
+"""How long a beam rings after a touch and after a lift.
 
 A load that comes or goes at once leaves the lowest mode swinging about the new deflection, with an amplitude of the
 load's whole deflection over sqrt(1 - zeta^2) at first and of exp(-zeta omega t) of that after a time t (Blevins,
@@ -11,17 +11,13 @@ weight and that of the bare beam.
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from beamtouch_common.digits import digits
 from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import max_deflection_mm
-from beamtouch_models.physics.dynamics import damping_of, first_frequency_hz, laden_period_s, ringing_after_filter
+from beamtouch_models.physics.dynamics import damping_of, first_frequency_hz, laden_period_s
 from beamtouch_models.pricing.noise import noise_of
 from beamtouch_models.scene import Scene
 
-BETWEEN = 1000
-"""Frequencies between the laden and the bare beam that are tried; the mean passes them very differently."""
 ASSUMED = " (assumed; with a tenth of it, all times are ten times as long: measure it, and state beam.damping_ratio)"
 
 
@@ -38,10 +34,6 @@ class Ringing:
     """Time from the touch of that weight until the ringing is under the noise of a reading."""
     after_lift_s: float
     """The same from its lift."""
-    sharp_answer_s: float
-    """Time from a touch, by hand or by weight, until the ringing left in a settled sample is under the noise of the
-    sample: from then on an answer has the accuracy that the model is made for. Before, its interval is as wide as the
-    readings scatter."""
     damping_is_assumed: bool
     """Whether the scene states no damping; all times are inversely proportional to it."""
 
@@ -59,21 +51,12 @@ def ringing_of(scene: Scene, chosen: FilterChoice) -> Ringing | None:
         return None
     noise, damping_ratio = noise_of(scene, chosen), damping_of(scene.beam)
     deflection_mm, laden_hz = max_deflection_mm(scene), 1 / laden_s
-    ratio, settled_s = deflection_mm / noise.sample_mm, chosen.settling_ms / 1000
-
-    def left_s(swings_hz: float) -> float:
-        left = ringing_after_filter(swings_hz, damping_ratio, chosen, scene.sensors.rate_hz)
-        return decay_s(left * ratio, swings_hz, damping_ratio)
-
     return Ringing(
         frequency_hz=frequency_hz,
         laden_frequency_hz=laden_hz,
         damping_ratio=damping_ratio,
         after_touch_s=decay_s(deflection_mm / noise.reading_mm, laden_hz, damping_ratio),
         after_lift_s=decay_s(deflection_mm / noise.reading_mm, frequency_hz, damping_ratio),
-        # The mean blots out some frequencies, and none of them is known well enough to count on. A mean also holds the
-        # larger swings at the beginning of its readings, as if it began to decay when they end.
-        sharp_answer_s=2 * settled_s + max(map(left_s, np.linspace(laden_hz, frequency_hz, BETWEEN).tolist())),
         damping_is_assumed=scene.beam.damping_ratio is None,
     )
 
@@ -96,6 +79,6 @@ def told(found: Ringing) -> list[str]:
         f"critical{assumed}",
         f"after a touch it rings for {digits(found.after_touch_s, 2)} s, after a lift for "
         f"{digits(found.after_lift_s, 2)} s, until the ringing is under the noise of a reading",
-        f"the first sharp answer comes {digits(found.sharp_answer_s, 2)} s after a touch at the latest; before, the "
-        "interval is as wide as the readings scatter",
+        "meanwhile the interval of an answer is as wide as the readings scatter; `build` says how large its error is, "
+        "and when",
     ]

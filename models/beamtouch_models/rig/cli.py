@@ -35,7 +35,7 @@ def _parser() -> Parser:
         "--modbus-tcp",
         type=_address,
         metavar="HOST:PORT",
-        help="serve Modbus TCP, unit 1; port 0 picks a free port",
+        help="serve Modbus TCP; port 0 picks a free port",
     )
     device.add_argument(
         "--modbus-rtu",
@@ -53,6 +53,23 @@ def _parser() -> Parser:
         metavar=("BOARD", "ELF"),
         help="with --serial: run this firmware on the simulated board",
     )
+    module = parser.add_argument_group("registers of the Modbus module, as in the daemon's configuration")
+    module.add_argument("--unit", type=whole_number(0, 255), metavar="N", help="unit (default: 1)")
+    module.add_argument(
+        "--function", type=int, choices=(3, 4), help="3: holding registers; 4: input registers (default: 4)"
+    )
+    module.add_argument(
+        "--register",
+        type=whole_number(0, 2**16 - 1),
+        metavar="N",
+        help="register of the first sensor, counted from 0; the others follow (default: 0)",
+    )
+    module.add_argument(
+        "--type", choices=("u16", "i16", "u32", "i32", "f32"), help="data type of a value (default: u16)"
+    )
+    module.add_argument(
+        "--byte-order", choices=("ABCD", "CDAB", "BADC", "DCBA"), help="order of the bytes (default: ABCD)"
+    )
     touching = parser.add_mutually_exclusive_group()
     touching.add_argument(
         "--script", type=Path, metavar="FILE", help="loads over time (TOML; default: a built-in script)"
@@ -60,11 +77,26 @@ def _parser() -> Parser:
     touching.add_argument(
         "--by-hand",
         action="store_true",
-        help="take loads from standard input: a position in mm and a force in N per line; an empty line lifts",
+        help="take loads from standard input: a position in mm and a force in N per line; an empty line lifts. A line "
+        "may also be a fault as with --fault, without times, or mend, which ends all faults",
+    )
+    parser.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="FAULT",
+        help="unplugged:s1, stuck:s1, inverted:s1 (a sensor); swapped:s1,s2 (the cables of two); lost:10 (percent of "
+        "the replies), late:80 (ms that each takes longer), pause (the device does nothing). @10..20 puts it on from "
+        "10 to 20 s after the start, @10.. from 10 s on, and @0..0.06/0.4 for 0.06 s every 0.4 s. May be repeated",
     )
     parser.add_argument("--truth", type=Path, metavar="FILE.csv", help="write the true position and force every 10 ms")
     parser.add_argument(
         "--imperfections", type=Path, metavar="FILE", help="differences of the real surface from the scene (TOML)"
+    )
+    parser.add_argument(
+        "--no-ringing",
+        action="store_true",
+        help="let the beam follow a load at once. By default it rings, with the damping that the scene states",
     )
     parser.add_argument(
         "--seed", type=whole_number(0, 2**32 - 1), default=0, metavar="S", help="seed of the noise (default: 0)"

@@ -32,10 +32,8 @@ class Imperfections(Strict):
     rigidity: PositiveFinite = 1.0
     """Factor on E I."""
     damping_ratio: DampingRatio | None = None
-    """Damping ratio of the first mode, in which the beam then rings if ringing has more than a negligible price.
-
-    Without it deflections follow the load at once, as if every load changed slowly compared to the first period.
-    """
+    """Damping ratio of the first mode, in which the beam rings unless the price of ringing is negligible. Default: the
+    scene's `beam.damping_ratio`."""
 
     def check_channels(self, channels: int) -> None:
         """Raise SceneError unless every list is empty or has one entry per channel."""

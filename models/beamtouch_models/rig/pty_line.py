@@ -5,10 +5,11 @@ import os
 import termios
 import tty
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from beamtouch_models.errors import SceneError
+from beamtouch_models.rig.relay import Pass, Relay
 
 _CHUNK = 4096
 
@@ -45,15 +46,15 @@ def named_line(path: Path) -> Iterator[int]:
 
 
 @contextmanager
-def joined_line(path: Path) -> Iterator[str]:
+def joined_line(path: Path, relay: Relay) -> Iterator[str]:
     """Join two pseudo-terminals to one line: others open `path`, this process opens the yielded path.
 
-    For libraries that open a path themselves. Needs a running event loop.
+    For libraries that open a path themselves. Needs a running event loop. What others send are requests to the relay.
     """
     with _raw_pty() as (near, near_name), named_line(path) as far:
         loop = asyncio.get_running_loop()
-        loop.add_reader(near, _copy, near, far)
-        loop.add_reader(far, _copy, far, near)
+        loop.add_reader(near, _copy, near, far, relay.reply)
+        loop.add_reader(far, _copy, far, near, relay.request)
         try:
             yield near_name
         finally:
@@ -79,8 +80,15 @@ def _link(path: Path, target: str) -> None:
         raise SceneError(message) from None
 
 
-def _copy(source: int, target: int) -> None:
+def _copy(source: int, target: int, pass_on: Pass) -> None:
     try:
-        os.write(target, os.read(source, _CHUNK))
+        data = os.read(source, _CHUNK)
     except BlockingIOError:
-        return  # the other end is full because nobody reads it; a real line would lose the bytes, too
+        return
+    pass_on(lambda: write(target, data))
+
+
+def write(line: int, data: bytes) -> None:
+    """Write to a line; bytes that it cannot take because nobody reads it are lost, as on a real line."""
+    with suppress(BlockingIOError):
+        os.write(line, data)

@@ -65,16 +65,23 @@ class Ringing:
         return deflection
 
 
-def ringing_of(scene: Scene, chosen: FilterChoice, damping_ratio: float) -> Ringing | None:
-    """Return the ringing of a scene; None if its price behind a filter is negligible, and deflections follow at once.
+def ringing_of(scene: Scene, chosen: FilterChoice, damping_ratio: float | None = None) -> Ringing | None:
+    """Return the ringing of a scene, with the damping that the scene states or assumes unless another one is given.
+
+    Returns
+    -------
+    None, and deflections follow at once, if the price of ringing behind the filter is negligible, or if the scene does
+    not give density, width and thickness, which set the frequency.
 
     Raises
     ------
     SceneError
-        The scene does not state density, width and thickness, which set the frequency.
+        A damping ratio is given, and the frequency is not known.
     """
     frequency = dynamics.first_frequency_hz(scene.beam)
     if frequency is None:
+        if damping_ratio is None:
+            return None
         message = (
             "damping_ratio needs beam.density_kg_m3 or beam.material, beam.width_mm and beam.thickness_mm in the scene"
         )
@@ -83,4 +90,4 @@ def ringing_of(scene: Scene, chosen: FilterChoice, damping_ratio: float) -> Ring
         (priced,) = (effect for effect in effects_of(scene, chosen) if effect.name == "dynamics")
         if priced.verdict == "out":
             return None
-    return Ringing(Mode(frequency, damping_ratio))
+    return Ringing(Mode(frequency, dynamics.damping_of(scene.beam) if damping_ratio is None else damping_ratio))

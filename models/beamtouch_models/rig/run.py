@@ -7,7 +7,7 @@ import socket
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,8 +17,11 @@ from beamtouch_common.listening import remedy
 from beamtouch_models.errors import SceneError
 from beamtouch_models.rig import modbus_device
 from beamtouch_models.rig.by_hand import ByHand
+from beamtouch_models.rig.faults import Faults
 from beamtouch_models.rig.firmware import Firmware, FirmwareDevice
+from beamtouch_models.rig.modbus_device import Module
 from beamtouch_models.rig.pty_line import joined_line, named_line
+from beamtouch_models.rig.relay import Relay
 from beamtouch_models.rig.script import Load, Script
 from beamtouch_models.rig.serial_device import SerialDevice
 from beamtouch_models.rig.surface import VirtualSurface
@@ -43,10 +46,19 @@ class Device:
     modbus_rtu: Path | None = None
     serial: Path | None = None
     firmware: Firmware | None = None
+    module: Module = field(default_factory=Module)
+
+    @property
+    def own_line(self) -> bool:
+        """Whether the rig passes each reply on itself, so that it can delay it or leave it out."""
+        on_a_port = self.modbus_rtu is not None and self.modbus_rtu.is_char_device()
+        return self.firmware is None and not on_a_port
 
 
-async def run(surface: VirtualSurface, script: Script | ByHand, device: Device, truth: Path | None) -> bool:
-    """Serve until SIGINT or SIGTERM; returns whether it was SIGINT.
+async def run(
+    surface: VirtualSurface, script: Script | ByHand, device: Device, faults: Faults, truth: Path | None
+) -> bool:
+    """Serve until SIGINT or SIGTERM; returns whether it was SIGINT. `faults` delay replies and leave them out.
 
     Raises
     ------
@@ -57,8 +69,11 @@ async def run(surface: VirtualSurface, script: Script | ByHand, device: Device, 
     """
     started = time.monotonic()
 
+    def clock() -> float:
+        return time.monotonic() - started
+
     def touching() -> Touching:
-        seconds = time.monotonic() - started
+        seconds = clock()
         return Touching(script.at(seconds), seconds)
 
     stop = asyncio.Event()
@@ -72,9 +87,9 @@ async def run(surface: VirtualSurface, script: Script | ByHand, device: Device, 
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop_on, number)
     with ExitStack() as resources:
-        serve = await _device(device, surface, touching, resources)
+        serve = await _device(device, surface, touching, Relay(faults, clock), resources)
         if isinstance(script, ByHand):
-            script.follow()
+            script.follow(clock)
         tasks: list[asyncio.Future[Any]] = [asyncio.ensure_future(serve)]
         if truth is not None:
             tasks.append(asyncio.ensure_future(_write_truth(truth, touching)))
@@ -89,7 +104,7 @@ async def run(surface: VirtualSurface, script: Script | ByHand, device: Device, 
 
 
 async def _device(
-    device: Device, surface: VirtualSurface, touching: Callable[[], Touching], resources: ExitStack
+    device: Device, surface: VirtualSurface, touching: Callable[[], Touching], relay: Relay, resources: ExitStack
 ) -> Awaitable[None]:
     """Open the device, print its address, and return the awaitable that serves it."""
 
@@ -99,16 +114,19 @@ async def _device(
     if device.modbus_tcp is not None:
         host, port = device.modbus_tcp
         _require_free(host, port)
-        tcp = modbus_device.tcp_server(convert, surface.channels, host, port)
+        # The relay delays replies, not the server: pymodbus gives a reply the number of the newest request.
+        tcp = modbus_device.tcp_server(convert, surface.channels, device.module, "127.0.0.1", 0)
         await _listen(tcp, f"{host}:{port}")
-        if isinstance(tcp.transport, asyncio.Server):  # with port 0 the system chooses: print its choice
-            port = tcp.transport.sockets[0].getsockname()[1]
-        _announce(f"modbus-tcp {host}:{port}")
+        front = await relay.listen(host, port, _port_of(tcp.transport))
+        resources.callback(front.close)
+        _announce(f"modbus-tcp {host}:{_port_of(front)}")
         return tcp.serving
     if device.modbus_rtu is not None:
-        rtu = modbus_device.rtu_server(convert, surface.channels, _port(device.modbus_rtu, resources))
-        await _listen(rtu, str(device.modbus_rtu))
-        _announce(f"modbus-rtu {device.modbus_rtu}")
+        path = device.modbus_rtu
+        port_name = str(path) if path.is_char_device() else resources.enter_context(joined_line(path, relay))
+        rtu = modbus_device.rtu_server(convert, surface.channels, device.module, port_name)
+        await _listen(rtu, str(path))
+        _announce(f"modbus-rtu {path}")
         return rtu.serving
     if device.serial is not None and device.firmware is not None:
         board = await FirmwareDevice.started(device.firmware, device.serial)
@@ -117,7 +135,7 @@ async def _device(
     if device.serial is not None:
         line = resources.enter_context(named_line(device.serial))
         _announce(f"serial {device.serial}")
-        return SerialDevice(line, convert, surface.channels, surface.sensor.adc_bits).serve()
+        return SerialDevice(line, convert, surface.channels, surface.sensor.adc_bits, relay).serve()
     message = "no device given"
     raise AssertionError(message)
 
@@ -141,9 +159,13 @@ async def _listen(server: ModbusTcpServer | ModbusSerialServer, where: str) -> N
         raise SceneError(message) from None
 
 
-def _port(path: Path, resources: ExitStack) -> str:
-    """Return the path that the Modbus server opens: the serial device itself, or this end of a virtual line."""
-    return str(path) if path.is_char_device() else resources.enter_context(joined_line(path))
+def _port_of(server: object) -> int:
+    """Return the port of a server; with port 0 the system chooses it."""
+    if not isinstance(server, asyncio.Server):
+        message = "the server does not listen"
+        raise AssertionError(message)
+    port: int = server.sockets[0].getsockname()[1]
+    return port
 
 
 def _announce(where: str) -> None:

@@ -6,6 +6,8 @@ import secrets
 import time
 from collections.abc import Callable
 
+from beamtouch_models.rig.pty_line import write
+from beamtouch_models.rig.relay import Relay
 from beamtouch_protocol.framing import DELIMITER, Decoder, encode
 from beamtouch_protocol.messages import (
     PROTOCOL_VERSION,
@@ -32,10 +34,11 @@ class SerialDevice:
     line : descriptor of the device's end of the line
     convert : converts all channels now and returns their counts
     channels, adc_bits : stated in the hello
+    relay : passes frames on
     """
 
-    def __init__(self, line: int, convert: Callable[[], list[int]], channels: int, adc_bits: int) -> None:
-        self._line = line
+    def __init__(self, line: int, convert: Callable[[], list[int]], channels: int, adc_bits: int, relay: Relay) -> None:
+        self._line, self._relay = line, relay
         self._convert = convert
         self._hello = Hello(PROTOCOL_VERSION, SCHEMA_HASH, secrets.randbits(32), channels, adc_bits, MAX_RATE_HZ)
         self._max_oversampling = 65535 // (2**adc_bits - 1)
@@ -61,6 +64,9 @@ class SerialDevice:
             data = os.read(self._line, _CHUNK)
         except BlockingIOError:
             return
+        self._relay.request(lambda: self._take(data))
+
+    def _take(self, data: bytes) -> None:
         for message in self._decoder.feed(data):
             self._handle(message)
 
@@ -87,18 +93,17 @@ class SerialDevice:
         return round((time.monotonic() - self._boot) * 1e6) % 2**32
 
     async def _send_readings(self, rate_hz: int, oversampling: int) -> None:
-        """Send readings on a schedule without drift; missed slots are skipped."""
+        """Send readings on a schedule without drift; missed slots are skipped, and their numbers with them."""
         start, slot = time.monotonic(), 0
         while True:
+            await self._relay.idle()
             device_us = self._device_us()
             sums = map(sum, zip(*(self._convert() for _ in range(oversampling)), strict=True))
             self._send(Reading(self._sequence, device_us, oversampling, tuple(sums)))
-            self._sequence = (self._sequence + 1) % 2**16
-            slot = max(slot + 1, int((time.monotonic() - start) * rate_hz))
+            before, slot = slot, max(slot + 1, int((time.monotonic() - start) * rate_hz))
+            self._sequence = (self._sequence + slot - before) % 2**16
             await asyncio.sleep(max(0.0, start + slot / rate_hz - time.monotonic()))
 
     def _send(self, message: Message) -> None:
-        try:
-            os.write(self._line, encode(message))
-        except BlockingIOError:
-            return  # the line is full because nobody reads it: the frame is lost, as on a real line
+        frame = encode(message)
+        self._relay.reply(lambda: write(self._line, frame))

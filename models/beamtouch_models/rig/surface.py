@@ -8,6 +8,7 @@ from beamtouch_models.errors import SceneError
 from beamtouch_models.metadata import Metadata, Sensor
 from beamtouch_models.physics.beam import scene_influence
 from beamtouch_models.pricing.noise import sensor_noise_mm
+from beamtouch_models.rig.faults import Faults
 from beamtouch_models.rig.imperfections import Imperfections
 from beamtouch_models.rig.ringing import Ringing, ringing_of
 from beamtouch_models.rig.script import Load
@@ -19,7 +20,16 @@ PERFECT = Imperfections()
 class VirtualSurface:
     """A beam with its sensors, their characteristic and noise, and an ADC; SceneError if they do not fit together."""
 
-    def __init__(self, scene: Scene, model: Metadata, seed: int, imperfections: Imperfections = PERFECT) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        model: Metadata,
+        seed: int,
+        imperfections: Imperfections = PERFECT,
+        *,
+        faults: Faults | None = None,
+        rings: bool = True,
+    ) -> None:
         self.sensor = model.sensor
         self.channels = len(model.layout)
         imperfections.check_channels(self.channels)
@@ -31,9 +41,9 @@ class VirtualSurface:
             raise SceneError(message)
         self._noise_mm = sensor_noise_mm(scene)
         self._rng = np.random.default_rng(seed)
-        damping_ratio = imperfections.damping_ratio
+        self._faults = faults or Faults([channel.name for channel in model.layout])
         self._ringing: Ringing | None = (
-            None if damping_ratio is None else ringing_of(self._scene, model.filter, damping_ratio)
+            ringing_of(self._scene, model.filter, imperfections.damping_ratio) if rings else None
         )
 
     def counts(self, load: Load, seconds: float) -> list[int]:
@@ -41,11 +51,14 @@ class VirtualSurface:
 
         `seconds` must not lie before the previous conversion.
         """
-        return [int(count) for count in counts_of_gap(self.sensor, self._noisy_gap_mm(load, seconds))]
+        outputs = np.array(self.outputs(load, seconds))
+        return [int(count) for count in _converted(self.sensor, outputs)]
 
     def outputs(self, load: Load, seconds: float) -> list[float]:
         """Return the sensor outputs (channels,) under a load, 0 to 1 of the ADC's scale; arguments as `counts`."""
-        return [float(output) for output in output_of_gap(self.sensor, self._noisy_gap_mm(load, seconds))]
+        outputs = output_of_gap(self.sensor, self._noisy_gap_mm(load, seconds))
+        changed: list[float] = self._faults.change(outputs, seconds).tolist()
+        return changed
 
     def _noisy_gap_mm(self, load: Load, seconds: float) -> Floats:
         static = self._static_mm(load)
@@ -63,9 +76,7 @@ class VirtualSurface:
 
 def counts_of_gap(sensor: Sensor, gap_mm: Floats) -> NDArray[np.int64]:
     """Return the counts of a proximity sensor with its ADC."""
-    full_scale = 2**sensor.adc_bits - 1
-    counts: NDArray[np.int64] = np.rint(output_of_gap(sensor, gap_mm) * full_scale).astype(np.int64)
-    return counts
+    return _converted(sensor, output_of_gap(sensor, gap_mm))
 
 
 def output_of_gap(sensor: Sensor, gap_mm: Floats) -> Floats:
@@ -78,3 +89,9 @@ def output_of_gap(sensor: Sensor, gap_mm: Floats) -> Floats:
     inside = np.clip(linear, 0.1, 0.9)
     levelled: Floats = inside + 0.1 * np.tanh((linear - inside) / 0.1)
     return levelled
+
+
+def _converted(sensor: Sensor, outputs: Floats) -> NDArray[np.int64]:
+    """Return the counts of an ADC for outputs of 0 to 1."""
+    counts: NDArray[np.int64] = np.rint(outputs * (2**sensor.adc_bits - 1)).astype(np.int64)
+    return counts

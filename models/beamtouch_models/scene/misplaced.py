@@ -1,12 +1,17 @@
 """Mistaken places in a scene: off the beam, in contradiction to each other, or in metres."""
 
+import math
 from collections.abc import Iterator
+from itertools import pairwise
 
+from beamtouch_common.digits import digits
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.scene.contact import Contact
 from beamtouch_models.scene.sensors import Sensors
 
 MM_PER_M = 1000
+ROUNDING = 1e-9
+"""Share of the beam's length by which sensors may be too close to something: 3 * 0.1 and 0.3 are the same position."""
 
 
 def misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> str:
@@ -26,9 +31,44 @@ def _misplaced(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:
     for start, end in sensors.keep_out_mm:
         if end <= 0 or start >= length:
             yield f"sensors.keep_out_mm has [{start:g}, {end:g}], off {on_the_beam}; correct it, or remove it"
-        for place in sensors.fixed_mm:
+    if sensors.size_mm >= length:
+        yield f"sensors.size_mm = {sensors.size_mm:g} must be less than beam.length_mm = {length:g}"
+    yield from _fixed_too_close(beam, sensors)
+
+
+def _fixed_too_close(beam: Beam, sensors: Sensors) -> Iterator[str]:
+    """Yield what to change where a fixed sensor is too close to something that `taken_mm` names, or to another one."""
+    for place in sensors.fixed_mm:
+        for words, start, end in taken_mm(beam, sensors):
             if start < place < end:
-                yield f"sensors: fixed_mm has {place:g} mm, within [{start:g}, {end:g}] of keep_out_mm; change one"
+                yield (
+                    f"sensors: fixed_mm has {place:g} mm, where a housing of size_mm = {sensors.size_mm:g} {words}; "
+                    "move that sensor, or correct size_mm"
+                )
+    key = "size_mm" if sensors.size_mm >= sensors.min_distance_mm else "min_distance_mm"
+    least_mm = max(sensors.size_mm, sensors.min_distance_mm)
+    for left, right in pairwise(sorted(sensors.fixed_mm)):
+        if right - left < least_mm - ROUNDING * beam.length_mm:
+            yield (
+                f"sensors: fixed_mm has {left:g} and {right:g} mm, {digits(right - left, 3)} mm apart, less than {key} "
+                f"= {least_mm:g}; move one, or correct {key}"
+            )
+
+
+def taken_mm(beam: Beam, sensors: Sensors) -> Iterator[tuple[str, float, float]]:
+    """Yield where no sensor may stand: what a housing would do there, and the stretch of its centre, without its ends.
+
+    The stretches are shorter by what is rounding.
+    """
+    length, half = beam.length_mm, sensors.size_mm / 2
+    near = ROUNDING * length
+    yield "reaches beyond the end of the beam at 0 mm", -math.inf, half - near
+    yield f"reaches beyond the end of the beam at {length:g} mm", length - half + near, math.inf
+    for support in beam.support_list:
+        at, beside = support.at_mm, max(half - near, near)  # nothing moves at a support: no point stands there either
+        yield f"stands on the support at {at:g} mm", at - beside, at + beside
+    for start, end in sensors.keep_out_mm:
+        yield f"reaches into [{start:g}, {end:g}] of keep_out_mm", start - half + near, end + half - near
 
 
 def _in_metres(beam: Beam, contact: Contact, sensors: Sensors) -> Iterator[str]:

@@ -38,12 +38,17 @@ class Sensors(Strict):
     """Bits of the ADC; by default its steps are not modelled. Rounding that the noise does not average out stays."""
     drift_um_per_k: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
     """Largest drift of a sensor's zero with the temperature. It adds to `zero_drift_mm`."""
+    size_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 8.0
+    """Width of a sensor's housing along the beam. Housings do not overlap each other, a support or a keep-out, and do
+    not reach beyond an end of the beam, a free one included: half a target would change the characteristic. 0: sensors
+    are points, and may stand at a free end."""
     min_distance_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Smallest distance between two sensors, from centre to centre."""
+    """Smallest distance between two sensors, from centre to centre; it holds beside `size_mm`."""
     keep_out_mm: list[Pair] = Field(default_factory=list)
-    """Stretches of the beam without sensors; a sensor may stand at their ends."""
+    """Stretches of the beam that no housing may reach into; it may touch their ends."""
     fixed_mm: list[Finite] = Field(default_factory=list)
-    """Positions of sensors that are already decided."""
+    """Positions of sensors that are already decided, from the left end to the centre of the housing. They keep the same
+    rules as other sensors."""
     grid_mm: PositiveFinite = 1.0
     """Sensors are placed at multiples of this, from the left end of the beam."""
 

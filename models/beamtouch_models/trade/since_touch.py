@@ -10,17 +10,16 @@ from beamtouch_models.accuracy.posterior import posterior_quantiles
 from beamtouch_models.accuracy.prior import Prior
 from beamtouch_models.accuracy.statistics import Measurement, mean_of
 from beamtouch_models.building.sensor_rules import sample_errors, sensor_rules
+from beamtouch_models.building.since_touch import FIRST, Course, Touches
 from beamtouch_models.errors import SceneError
 from beamtouch_models.estimators.posterior.cells import design_for
 from beamtouch_models.estimators.posterior.graph import posterior_graph
-from beamtouch_models.filters import Chain, chosen_stages, unit_of
+from beamtouch_models.metadata import FilterChoice
 from beamtouch_models.physics.beam import influence_of
-from beamtouch_models.physics.dynamics import slowest_period_ms
 from beamtouch_models.placement import place
 from beamtouch_models.pricing.effects import required
 from beamtouch_models.pricing.noise import (
     SPIKE_SIGMAS,
-    adc_step_mm,
     choose_filter,
     longest_mean,
     noise_of,
@@ -28,14 +27,9 @@ from beamtouch_models.pricing.noise import (
 )
 from beamtouch_models.scene import Scene
 from beamtouch_models.session import runner
-from beamtouch_models.whitening import whitening
 
-BEFORE = 40
-"""Readings at rest before a touch."""
 CONTACTS = 256
 """Most contacts of a curve; each runs through the filters reading by reading."""
-FIRST = 2
-"""Readings in the first answer: the first one alone may be a spike."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +47,8 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Touches:
-    """The touches of a curve, as a task that can be sent."""
+class CurveTask:
+    """A curve to measure, as a task that can be sent."""
 
     scene: Scene
     sensors: int
@@ -62,13 +56,13 @@ class Touches:
     seed: int
 
 
-def curve(touches: Touches) -> Curve | SceneError:
+def curve(task: CurveTask) -> Curve | SceneError:
     """Measure a curve; the beam follows each touch at once.
 
     An error is returned: a layout cannot be found, or the noise is too large or too small for a model.
     """
     try:
-        return _curve(touches.scene, touches.sensors, touches.draws, touches.seed)
+        return _curve(task.scene, task.sensors, task.draws, task.seed)
     except SceneError as error:
         return error
 
@@ -108,40 +102,13 @@ def _limit(prior: Prior, draws: int, seed: int) -> Measurement:
 
 
 def _errors(scene: Scene, prior: Prior, readings: tuple[int, ...], draws: int, seed: int) -> list[Measurement]:
-    """Return the mean errors in mm after each number of readings, behind the filters of the daemon."""
-    reading_mm, channels = reading_noise_mm(scene), prior.channels
-    period = (slowest_period_ms(scene) or 0.0) * scene.sensors.rate_hz / 1e3
-    step_mm = adc_step_mm(scene)
-    stages = chosen_stages(
-        "growing-mean",
-        window=choose_filter(scene).window,
-        longest=readings[-1],
-        spike_mm=SPIKE_SIGMAS * reading_mm,
-        unit_mm=unit_of(reading_mm, step_mm, channels),
-        slowest_period=period,
+    """Return the mean errors in mm after each number of readings, behind the filter that `build` writes."""
+    reading_mm, window, longest = reading_noise_mm(scene), choose_filter(scene).window, readings[-1]
+    chosen = FilterChoice(
+        kind="growing-mean", window=window, longest=longest, spike_mm=SPIKE_SIGMAS * reading_mm or None
     )
-    chain = Chain(stages, channels, reading_mm, period, step_mm)
-    design = design_for(replace(prior, noise_mm=reading_mm / math.sqrt(readings[-1])))
+    design = design_for(replace(prior, noise_mm=reading_mm / math.sqrt(longest)))
     run = runner(posterior_graph(prior, with_force=False, design=design).SerializeToString())
-    drawn, rng = draw_evenly(prior, draws, seed + 1), np.random.default_rng([seed, channels])
-    # What stays wrong with the sensors, as long as a contact lasts.
-    clean, lasting = replace(prior, noise_mm=0.0).sampled(drawn.position_mm, drawn.force_n)
-    measured = clean + lasting * rng.normal(size=clean.shape)
-    at = BEFORE - 1 + np.array(readings)
-    there = np.arange(at[-1] + 1) >= BEFORE
-    mean, covariance = [], []
-    for one in measured:
-        chain.restart()
-        white = reading_mm * rng.normal(size=(len(there), channels))
-        filtered = chain.apply(there[:, np.newaxis] * one + white)
-        mean.append(filtered.mean_mm[at])
-        covariance.append(filtered.covariances_mm2(at))
-    found = []
-    for index in range(len(readings)):
-        sample = np.array([one[index] for one in mean])
-        matrices = np.array([one[index] for one in covariance])
-        weights = whitening(sample, matrices, prior.gain, prior.zero_mm)
-        answer = run(sample.astype(np.float32), weights.astype(np.float32))["position_mm"]
-        error = np.abs(answer.astype(np.float64) - drawn.position_mm)
-        found.append(mean_of(error, np.broadcast_to(drawn.weight, len(error))))
-    return found
+    touches = Touches.draw(prior, reading_mm, draws, seed + 1)
+    errors_mm = Course.draw(touches, scene, chosen, longest, seed).errors_mm(run, readings)
+    return [mean_of(one, touches.weight) for one in errors_mm]

@@ -14,7 +14,7 @@ from beamtouch_models.trade.layouts import counts_of, layouts_of, measured
 from beamtouch_models.trade.physics import EffectLeftOut, Question, errors_left_out, physics_trade
 from beamtouch_models.trade.point import Trade
 from beamtouch_models.trade.points import Points, planned
-from beamtouch_models.trade.since_touch import Curve, Touches, curve
+from beamtouch_models.trade.since_touch import Curve, CurveTask, curve
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Sweep:
         layouts = layouts_of(scene, estimators, draws=draws, seed=seed)
         self.planned = planned(layouts)
         self._points = Points(layouts, spread(measured, layouts))
-        self._curves = spread(curve, [Touches(scene, count, draws, seed) for count in counts_of(scene)])
+        self._curves = spread(curve, [CurveTask(scene, count, draws, seed) for count in counts_of(scene)])
         self._ratios = spread(errors_left_out, [Question(scene, draws, seed)])
         self._results: Results | None = None
         self._left_out: list[Measurement] = []

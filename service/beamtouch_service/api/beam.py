@@ -36,7 +36,8 @@ class Beam(BaseModel):
 )
 async def get_beam(context: ContextParameter, name: SurfaceInPath) -> Beam:
     """Return the supports of the beam, and its deflection per newton for positions of the contact along it."""
-    model = context.registry.named(name).model
+    surface = context.registry.named(name)
+    model = surface.model
     if model is None:
-        raise ProblemError(refusals.no_model(name))
+        raise ProblemError(refusals.no_model(name, surface.model_error))
     return Beam(model=model.identity, length_mm=model.metadata.length_mm, drawn=model.metadata.drawn)

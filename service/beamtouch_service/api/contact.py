@@ -14,6 +14,7 @@ from beamtouch_service.surfaces.contact import Contact
 PROBLEMS = (
     Kind.STALE,
     Kind.NO_SAMPLES,
+    Kind.OTHER_BEAM,
     Kind.NO_MODEL,
     Kind.NO_SURFACE,
     Kind.UNKNOWN_SURFACE,

@@ -15,7 +15,7 @@ from starlette.types import Scope
 from beamtouch_service.access import Access, Role
 from beamtouch_service.api.counts import Counts
 from beamtouch_service.api.encoded import EncodedContacts
-from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.file import EventsAwayError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.events.store import EventStore
 from beamtouch_service.limits import MAX_BATCHES_PER_S, MAX_STREAMS, Bucket
@@ -38,7 +38,7 @@ def boot_clock() -> float:
 class ModelKeeper(Protocol):
     """Keeps the model of one surface in step with its file."""
 
-    async def reload(self, *, other_beam: bool = False) -> bool:
+    async def reload(self) -> bool:
         """Read the file again; return whether the surface has another model now."""
 
 
@@ -77,7 +77,13 @@ class Context:
     keepers: Mapping[str, ModelKeeper] = field(default_factory=dict)
     """By surface name, for surfaces that have a model file."""
     max_batches_per_s: float = MAX_BATCHES_PER_S
+    missing: dict[str, str] = field(default_factory=dict)
+    """Section of the configuration -> why its address or broker is not there; empty while it is."""
     buckets: dict[str, Bucket] = field(default_factory=dict)
+
+    def reasons(self) -> dict[str, str]:
+        """Return `missing`, with the record of events."""
+        return self.missing | {"events": self.recorder.writer.away_because}
 
     def require_all(self, instead: str) -> None:
         """Refuse a question about all surfaces; raises ProblemError (421) if other services have some of them."""

@@ -9,12 +9,24 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, disable_cre
 from beamtouch_models.modelfile import State
 from beamtouch_service.limits import Seldom
 from beamtouch_service.problems import Kind
+from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.contact import rfc3339
 from beamtouch_service.surfaces.surface import Surface
 from beamtouch_service.surfaces.timings import Timings
 
 REFUSALS = frozenset({Kind.UNAUTHORIZED, Kind.FORBIDDEN, Kind.TOO_MANY_REQUESTS})
 """Requests that were refused for their token or their rate."""
+
+_OUT = {
+    Quality.MISSING: ("missing", "check its cable, its supply and its module"),
+    Quality.STUCK: ("stuck", "its counts do not change: check its cable and the sensor"),
+    Quality.SATURATED: (
+        "saturated",
+        "its counts stand at the end of the ADC: check its wiring, its supply and its gap",
+    ),
+    Quality.OUT_OF_RANGE: ("out of range", "check whether the sensor has moved, or something lies on the beam"),
+}
+"""How a channel is out, and what to look at."""
 
 _INFERENCE_S = (10e-6, 20e-6, 50e-6, 100e-6, 200e-6, 500e-6, 1e-3, 2e-3, 5e-3, 10e-3)
 _BATCH_S = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 0.1, 0.2, 0.5, 1.0, 10.0)
@@ -44,8 +56,11 @@ class Counts:
         for kind in REFUSALS:
             # An alarm cannot watch a series that does not exist yet.
             self._refusals.labels(kind.slug)
-        self._seldom = Seldom()
+        self._seldom, self._hourly = Seldom(), Seldom(3600.0)
+        self._rivalled: set[str] = set()
+        """Surfaces with two daemons, as it was logged."""
         self._clock = clock
+        self._wiring: dict[str, str | None] = {}
 
     def watch(self, surface: Surface) -> None:
         """Measure how long this surface takes, and start its counts at zero."""
@@ -60,16 +75,60 @@ class Counts:
         if times:
             _log.info("surface %s: the sender changed to %s (changes since the last line: %d)", surface, boot_id, times)
 
+    def other_beam(self, surface: str, detail: str) -> None:
+        """Log that the samples of a surface are of another beam than its model, once per minute and surface."""
+        if self._seldom.due(f"beam of {surface}", self._clock()):
+            _log.error("surface %s: its samples are refused: %s", surface, detail)
+
     def unexplained(self, surface: Surface) -> None:
         """Log a stretch that lasts too long, once per stretch."""
         overdue = surface.stretches.take_overdue()
         if overdue is None:
             return
-        look = "look for a second load, for anything that touches the beam from below, and for a damaged sensor"
+        look = "look for a second load, for anything that touches the beam from below, for swapped cables, and for a "
+        look += "damaged sensor"
         if overdue.suspect:
             look = f"check sensor {overdue.suspect}: without it, everything is explained"
+        if surface.wiring:
+            look = f"{surface.wiring}; check the wiring, and the order in the daemon's config"
         words = "surface %s: since %s neither rest nor a single contact explains the samples (over %g s); %s"
         _log.warning(words, surface.name, rfc3339(overdue.since_us), surface.stretches.after_s, look)
+
+    def wiring(self, surface: Surface) -> None:
+        """Log a finding on the wiring once, and that it holds no longer."""
+        before, found = self._wiring.get(surface.name), surface.wiring
+        if found == before:
+            return
+        self._wiring[surface.name] = found
+        if found:
+            advice = "that explains its last contacts; check the wiring, and the order in the daemon's config"
+            _log.warning("surface %s: %s; %s", surface.name, found, advice)
+        else:
+            _log.info("surface %s: the wiring seems to be right again", surface.name)
+
+    def channels_out(self, surface: Surface) -> None:
+        """Log the channels that went out, and those that are back, once each."""
+        for name, out, is_back in surface.channels_out.take_turns():
+            word, advice = _OUT[out.quality]
+            if is_back:
+                _log.info(
+                    "surface %s: channel %s is good again; it had been %s since %s", surface.name, name, word, out.since
+                )
+            else:
+                words = "surface %s: channel %s has been %s since %s (over %g s); %s"
+                _log.warning(words, surface.name, name, word, out.since, surface.channels_out.after_s, advice)
+
+    def rivals(self, surface: Surface, now_s: float) -> None:
+        """Log that two daemons send samples at `now_s` [s]: at once, then once an hour; and that one does again."""
+        pair = surface.rivals.at(now_s)
+        if pair is None:
+            if surface.name in self._rivalled:
+                self._rivalled.discard(surface.name)
+                _log.info("surface %s: one daemon sends its samples again", surface.name)
+        elif self._hourly.due(surface.name, now_s):
+            self._rivalled.add(surface.name)
+            words = "surface %s: two daemons send its samples, from %s and from %s; stop one of them"
+            _log.warning(words, surface.name, *pair)
 
     def eviction(self, client: str) -> None:
         """Count a connection from this address that was closed to make room; log it once per minute."""

@@ -11,7 +11,7 @@ from starlette.types import Scope
 
 from beamtouch_service.access import Role
 from beamtouch_service.api.context import context_of
-from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.file import EventsAwayError
 from beamtouch_service.problems import MEDIA_TYPE, Kind, Problem, ProblemError
 
 NO_STORE = {"Cache-Control": "no-store"}

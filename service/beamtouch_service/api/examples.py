@@ -26,12 +26,13 @@ CONTACT = {
 _FIGURES = [name for name in CONTACT if name.startswith(("position_", "force_"))]
 CLEAR = CONTACT | dict.fromkeys(_FIGURES) | {"state": "clear"}
 UNEXPLAINED = CLEAR | {"state": "unexplained", "misfit": 412.7, "notes": ["check-s3"]}
-DEGRADED = CONTACT | {"quality": "degraded", "degraded_channels": ["s3"]}
+DEGRADED = CONTACT | {"quality": "degraded", "degraded_channels": ["s3"], "notes": ["degraded"]}
 
 STATE = {
     "surface": "press-7",
     "contact": CLEAR,
     "problem": None,
+    "misfit_limit": 37.3,
     "age_ms": 12.3,
     "channels": [{"name": "s1", "position_mm": 100.0, "deflection_mm": 0.0, "quality": "good"}],
     "length_mm": 400.0,

@@ -13,6 +13,8 @@ from beamtouch_models.modelfile import State
 from beamtouch_service.access import Role
 from beamtouch_service.api import gate, openapi
 from beamtouch_service.api.context import Context, ContextParameter
+from beamtouch_service.problems import Kind
+from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.summary import SurfaceSummary
 from beamtouch_service.surfaces.surface import Surface
 
@@ -42,10 +44,16 @@ class SurfaceCollector(Collector):
         yield GaugeMetricFamily("beamtouch_event_writes_waiting", words, value=self._context.recorder.writer.waiting)
         words = "Times that the database of events went away."
         yield CounterMetricFamily("beamtouch_event_outages", words, value=self._context.recorder.writer.outages)
+        words = "1 while the address, broker or record of a section of the configuration is missing."
+        missing = GaugeMetricFamily("beamtouch_missing", words, labels=["section"])
+        for section, reason in self._context.reasons().items():
+            missing.add_metric([section], bool(reason))
+        yield missing
         now_s, registry = self._context.clock(), self._context.registry
         summaries = [(surface, surface.summary(now_s)) for surface in registry]
         yield from _of_samples(summaries)
         yield from _of_states(summaries, now_s)
+        yield from _of_channels(summaries, now_s)
         yield from _of_health(summaries)
 
 
@@ -75,6 +83,8 @@ def _of_samples(summaries: Summaries) -> Iterator[Metric]:
 def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:
     words = "1 for the state that GET /contact gives; none where it gives a problem."
     states = GaugeMetricFamily("beamtouch_state", words, labels=["surface", "state"])
+    words = "1 for the problem that GET /contact gives; none where it gives a state."
+    problems = GaugeMetricFamily("beamtouch_problem", words, labels=["surface", "kind"])
     notes = GaugeMetricFamily("beamtouch_note", "1 for each note that GET /contact gives.", labels=["surface", "note"])
     words = "1 while the state has been unexplained for longer than unexplained_after_s."
     overdue = GaugeMetricFamily("beamtouch_unexplained", words, labels=["surface"])
@@ -84,13 +94,30 @@ def _of_states(summaries: Summaries, now_s: float) -> Iterator[Metric]:
         label = [surface.name]
         for state in State:
             states.add_metric([surface.name, state.value], summary.state is state)
+        standing = surface.standing(now_s)
+        if isinstance(standing, Kind):
+            problems.add_metric([surface.name, standing.slug], 1)
         for note in summary.notes:
             notes.add_metric([surface.name, note], 1)
         # Without fresh samples, nothing is known of a surface.
         overdue.add_metric(label, surface.stretches.is_overdue and not surface.is_stale(now_s))
         stretches.add_metric(label, surface.stretches.count)
         seconds.add_metric(label, surface.stretches.total_s)
-    yield from (states, notes, overdue, stretches, seconds)
+    yield from (states, problems, notes, overdue, stretches, seconds)
+
+
+def _of_channels(summaries: Summaries, now_s: float) -> Iterator[Metric]:
+    words = "1 for the quality of a channel in the newest sample."
+    qualities = GaugeMetricFamily("beamtouch_channel_quality", words, labels=["surface", "channel", "quality"])
+    words = "1 for a channel that has not been good for longer than degraded_after_s."
+    out = GaugeMetricFamily("beamtouch_channel_out", words, labels=["surface", "channel"])
+    for surface, summary in summaries:
+        # Without fresh samples, nothing is known of a channel; another replica may have them.
+        for name, found in () if surface.is_stale(now_s) else surface.qualities.items():
+            for quality in Quality:
+                qualities.add_metric([surface.name, name, quality.value], found is quality)
+            out.add_metric([surface.name, name], name in summary.channels_out)
+    yield from (qualities, out)
 
 
 def _of_health(summaries: Summaries) -> Iterator[Metric]:

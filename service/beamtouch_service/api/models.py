@@ -1,8 +1,5 @@
 """`/surfaces/NAME/model`: the model of a surface, and a second reading of its file on request."""
 
-from typing import Annotated
-
-from fastapi import Query
 from pydantic import BaseModel
 
 from beamtouch_models.modelfile import Accuracy, Calibration, ModelFile, Noise, Ranges
@@ -20,6 +17,8 @@ class ModelDescription(BaseModel):
 
     identity: str
     """Name and the first digits of the file's SHA-256."""
+    beam: str
+    """Identity of the beam with its layout, which a batch may state."""
     estimator: str
     length_mm: float
     channels: list[str]
@@ -50,6 +49,7 @@ def describe(model: ModelFile) -> ModelDescription:
     said = model.metadata
     return ModelDescription(
         identity=model.identity,
+        beam=said.beam,
         estimator=said.estimator,
         length_mm=said.length_mm,
         channels=model.channels,
@@ -80,19 +80,15 @@ async def get_model(context: ContextParameter, name: SurfaceInPath) -> ModelDesc
 async def post_reload(
     context: ContextParameter,
     name: SurfaceInPath,
-    *,
-    other_beam: Annotated[
-        bool, Query(description="Also accept a model of another beam: another length, or sensors in other places.")
-    ] = False,
 ) -> Reloaded:
     """Read the model file of this surface again. A file that cannot be used changes nothing. Needs the admin token."""
-    context.require_all("Each reads a new model file by itself; for a model of another beam, restart them all.")
+    context.require_all("Each reads a new model file by itself.")
     surface = context.registry.named(name)
     keeper = context.keepers.get(name)
     if keeper is None:
         detail = "The surface has no model file. Give one with --model or in the config, and restart the service."
         raise ProblemError(Problem(Kind.MODEL_REFUSED, detail, name))
-    changed = await keeper.reload(other_beam=other_beam)
+    changed = await keeper.reload()
     if surface.model is None or surface.model_error is not None:
         raise ProblemError(Problem(Kind.MODEL_REFUSED, surface.model_error or "There is no model.", name))
     return Reloaded(surface=name, model=surface.model.identity, changed=changed)

@@ -30,13 +30,17 @@ async def get_live() -> Health:
 
 @ready_router.get(
     "/health/ready",
-    responses=openapi.problems(Kind.NOT_READY, Kind.CHANGED_CHANNELS, Kind.NO_SURFACE, Kind.ONE_OF_SEVERAL),
+    responses=openapi.problems(
+        Kind.NOT_READY, Kind.CHANNELS_OUT, Kind.CHANGED_CHANNELS, Kind.NO_SURFACE, Kind.ONE_OF_SEVERAL
+    ),
 )
 async def get_ready(
     context: ContextParameter,
-    health: Annotated[bool, Query(description="Also require that no sensor has changed for certain.")] = False,
+    health: Annotated[
+        bool, Query(description="Also require that no sensor is out, or has changed for certain.")
+    ] = False,
 ) -> Health:
-    """Check that the service has a surface, and that every surface has a model and fresh samples."""
+    """Check that every surface has a model and fresh samples, and that every address, broker and record is there."""
     context.require_all(f"Ask for {LIVE_PATH} of each service, and for /surfaces/NAME/contact of each surface.")
-    context.registry.require_ready(context.clock(), healthy=health)
+    context.registry.require_ready(context.clock(), context.reasons(), healthy=health)
     return Health(status="ready")

@@ -23,6 +23,8 @@ ARRIVED_S = "beamtouch_arrived_s"
 """Key in the state of a request: the earliest time at which it may have arrived [s]. Without it: now."""
 LINGER_S = 5.0
 """Drain an oversized body for this long, so that the client can read the 413."""
+_MAX_PEER = 64
+"""Length of the longest address that the log repeats."""
 _CLOSE = {"Connection": "close"}
 """The rest of the body may still come, and nobody reads it."""
 
@@ -35,6 +37,7 @@ _PROBLEMS = openapi.problems(
     Kind.TOO_MANY_REQUESTS,
     Kind.INVALID_REQUEST,
     Kind.MISSING_CHANNELS,
+    Kind.OTHER_BEAM,
     Kind.NO_SURFACE,
     Kind.BUSY,
     Kind.STOPPING,
@@ -55,16 +58,28 @@ async def post_samples(name: SurfaceInPath, request: Request) -> Receipt:
         batch = parse_batch(await read_body(request))
         arrival_s = min(arrival_s, begin_s - surface.transit.waited_s(batch, begin_s))
         changes = surface.sender_changes
-        receipt = surface.receive(batch, arrival_s)
+        receipt = surface.receive(batch, arrival_s, _peer(request))
     except ProblemError as error:
         known = name if name in context.registry.names else ""
         context.counts.rejected.labels(known, error.problem.kind.slug).inc()
+        if error.problem.kind is Kind.OTHER_BEAM:
+            context.counts.other_beam(name, error.problem.detail)
         raise
     context.counts.batch_s.labels(name).observe(context.clock() - begin_s)
     if surface.sender_changes != changes:
         context.counts.sender_changed(name, batch.boot_id)
     context.counts.unexplained(surface)
+    context.counts.wiring(surface)
+    context.counts.channels_out(surface)
+    context.counts.rivals(surface, begin_s)
     return receipt
+
+
+def _peer(request: Request) -> str:
+    """Return the address and port that a batch came from, for the log, and before it the client of a proxy."""
+    peer = f"{request.client.host}:{request.client.port}" if request.client else "unknown"
+    behind = request.headers.get("x-forwarded-for", "").rpartition(",")[2].strip()[:_MAX_PEER]
+    return f"{behind} (through {peer})" if behind else peer
 
 
 class SamplesFirst:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from beamtouch_models.modelfile import ModelFile, State
-from beamtouch_service.surfaces.contact import Decision, Doubt
+from beamtouch_service.samples import Note
+from beamtouch_service.surfaces.contact import Decision
 from beamtouch_service.surfaces.estimates import Estimated
 from beamtouch_service.surfaces.follower import Seen
 
@@ -147,7 +148,7 @@ class BestSamples:
 def _is_steady(seen: Seen) -> bool:
     """Return whether all channels are good and the beam is still."""
     outcome = seen.outcome
-    return not seen.estimated.bad and isinstance(outcome, Decision) and Doubt.UNSTEADY not in outcome.notes
+    return not seen.estimated.bad and isinstance(outcome, Decision) and Note.UNSTEADY not in outcome.notes
 
 
 def _variances(sample: Estimated) -> np.ndarray:

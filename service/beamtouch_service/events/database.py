@@ -10,7 +10,7 @@ from sqlalchemy import Connection, Engine, create_engine, event, func, insert, i
 from sqlalchemy.engine.interfaces import DBAPIConnection
 from sqlalchemy.exc import ArgumentError, DBAPIError, InterfaceError, OperationalError
 
-from beamtouch_service.events.file import EventStoreError, compact_json
+from beamtouch_service.events.file import EventsAwayError, EventStoreError, compact_json
 from beamtouch_service.events.schema import CAPTURES, EVENTS, FORMAT, FORMATS, upgrade
 
 _CONNECT: dict[str, object] = {
@@ -37,10 +37,6 @@ _READ_ONLY = "25006"
 """The error code of a standby, which takes writes once it is the primary."""
 _OTHER_TABLES = {"42P01", "42703"}
 """The error codes of a missing table and of a missing column: a backup was restored while the connection was open."""
-
-
-class EventsAwayError(Exception):
-    """The database takes nothing now; the message gives its reason, in one line. What failed can be tried again."""
 
 
 class EventDatabase:

@@ -3,19 +3,17 @@
 import fcntl
 import json
 import os
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 
 from sqlalchemy import URL, Connection, StaticPool, create_engine, update
-from sqlalchemy.exc import DBAPIError
+from sqlalchemy.exc import DBAPIError, OperationalError
 
 from beamtouch_service.events.schema import EVENTS, FORMAT, IS_OPEN, number_changes, upgrade
 from beamtouch_service.events.segments import End
 
-_RETRY_S = 0.05
 _BUSY_S = 2.0
 """Wait this long while another program, such as a backup, has the file locked."""
 _PRAGMAS = ("journal_mode=WAL", "synchronous=NORMAL", "journal_size_limit=4194304")
@@ -29,8 +27,12 @@ class EventStoreError(Exception):
     """The record cannot be used; the message gives the reason and the remedy, in one line."""
 
 
+class EventsAwayError(Exception):
+    """The database takes nothing now; the message gives its reason, in one line. What failed can be tried again."""
+
+
 class EventFile:
-    """An open file, or a database in memory.
+    """A file, or a database in memory. A file that cannot be opened yet is opened by the call that can.
 
     The lock is on the file itself, whatever path leads to it, and ends with the process, even a killed one. It is an
     flock; SQLite's own locks are fcntl locks, so other programs can still read the file.
@@ -38,10 +40,11 @@ class EventFile:
 
     is_shared = False
 
-    def __init__(self, path: Path | None, wait_s: float) -> None:
-        """Open the file, waiting up to `wait_s` [s] for another service to release it; raises EventStoreError."""
+    def __init__(self, path: Path | None) -> None:
+        """Open the file, unless it is away; raises EventStoreError if it can never be used."""
         self._path = path
         self._lock: int | None = None
+        self._is_open = False
         self._engine = create_engine(
             URL.create("sqlite", database=str(path) if path else None),
             poolclass=StaticPool,
@@ -50,30 +53,44 @@ class EventFile:
             # The first write begins a transaction and takes SQLite's write lock at once; reads take none.
             connect_args={"check_same_thread": False, "isolation_level": "IMMEDIATE", "timeout": _BUSY_S},
         )
+        with suppress(EventsAwayError):
+            self._open()
+
+    def _open(self) -> None:
+        """Open the file if it is not open; raises EventsAwayError, and EventStoreError if it can never be used."""
+        if self._is_open:
+            return
+        path = self._path
         try:
             # Connecting creates the file and reads nothing yet.
             with self._engine.connect() as connection:
-                self._lock = _locked(path, time.monotonic() + wait_s) if path else None
+                self._lock = _locked(path) if path else None
                 _prepare(connection)
         except BlockingIOError:
             self._release()
             remedy = "stop that service, or give each a file of its own"
             message = f"events file {path}: another running service writes to it; {remedy}"
-            raise EventStoreError(message) from None
+            raise EventsAwayError(message) from None
         except (DBAPIError, OSError, ValueError) as error:
             self._release()
             reason = str(error.orig if isinstance(error, DBAPIError) else getattr(error, "strerror", None) or error)
             message = f"events file {path}: {reason}; set events.file to one that the service can write"
-            raise EventStoreError(message) from None
+            is_passing = isinstance(error, OperationalError | OSError)
+            raise (EventsAwayError if is_passing else EventStoreError)(message) from None
+        self._is_open = True
 
     @contextmanager
     def begin(self, _surface: str | None = None) -> Iterator[Connection]:
-        """Give a transaction; the file has one lock for all surfaces."""
-        with self._engine.begin() as connection:
+        """Give a transaction; the file has one lock for all surfaces. Raises EventsAwayError."""
+        with self.connect() as connection, connection.begin():
             yield connection
 
     def connect(self) -> Connection:
-        """Return a connection for reading."""
+        """Return a connection for reading; raises EventsAwayError."""
+        try:
+            self._open()
+        except EventStoreError as error:
+            raise EventsAwayError(str(error)) from None
         return self._engine.connect()
 
     def used_bytes(self) -> int:
@@ -92,6 +109,8 @@ class EventFile:
 
     def close(self) -> None:
         """Mark open events as unfinished and close the file. If marking fails, the next service marks them."""
+        if not self._is_open:
+            return
         try:
             with self._engine.begin() as connection:
                 connection.exec_driver_sql("PRAGMA busy_timeout=200")
@@ -110,6 +129,7 @@ class EventFile:
         self._engine.dispose()
         if self._lock is not None:
             os.close(self._lock)
+            self._lock = None
 
 
 def _kept_json(text: str) -> object:
@@ -148,19 +168,12 @@ def _finish(connection: Connection) -> None:
     connection.execute(update(EVENTS).where(IS_OPEN).values(end=End.UNFINISHED))
 
 
-def _locked(path: Path, end_s: float) -> int:
-    """Return a descriptor that holds the lock; raises BlockingIOError if another service still has it at `end_s`."""
+def _locked(path: Path) -> int:
+    """Return a descriptor that holds the lock; raises BlockingIOError if another service has it."""
     descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
-        while True:
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                if time.monotonic() >= end_s:
-                    raise
-                time.sleep(_RETRY_S)
-            else:
-                return descriptor
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BaseException:
         os.close(descriptor)
         raise
+    return descriptor

@@ -6,7 +6,7 @@ from functools import partial
 
 from sqlalchemy.exc import DBAPIError
 
-from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.file import EventsAwayError
 from beamtouch_service.events.health import HealthKeeper
 from beamtouch_service.events.losses import Losses
 from beamtouch_service.events.worker import Worker

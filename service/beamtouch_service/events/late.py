@@ -6,7 +6,7 @@ from contextlib import suppress
 from itertools import pairwise
 
 from beamtouch_models.modelfile import ModelFile, State, memories_after
-from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.file import EventsAwayError
 from beamtouch_service.events.findings import Command, Doubtful, Edge, Found, TouchSeen
 from beamtouch_service.events.segmenter import Segmenter, segment_late_run
 from beamtouch_service.events.segments import End

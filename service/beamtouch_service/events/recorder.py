@@ -17,7 +17,7 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_models.modelfile import ModelFile
-from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.file import EventsAwayError
 from beamtouch_service.events.findings import Finish, Found, Loss
 from beamtouch_service.events.health import HealthKeeper
 from beamtouch_service.events.health_updates import HealthUpdates
@@ -38,8 +38,6 @@ from beamtouch_service.surfaces.surface import Surface
 
 STOP_S = 1.0
 """At the stop, waiting writes get this much time."""
-_FILE_WAIT_S = 3.0
-"""A stopping service releases its file within this time: 2 s for pending answers, 1 s for writes."""
 
 _log = logging.getLogger("beamtouch.service.events")
 
@@ -60,8 +58,7 @@ class Recorder:
         """Open a file, the database of a URL, or memory; raises EventStoreError if it cannot be used."""
         self.is_replica = replica
         """Whether other services have the samples of some surfaces."""
-        # After a restart, the service before this one may still be stopping.
-        self._store = EventStore(place, keep_days * 86_400, int(max_mb * 1e6), _FILE_WAIT_S)
+        self._store = EventStore(place, keep_days * 86_400, int(max_mb * 1e6))
         self._late = LateSamples(self._store)
         self._health = HealthKeeper(self._store)
         self._worker, self._losses = Worker("events"), Losses()

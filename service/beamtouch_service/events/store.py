@@ -27,16 +27,13 @@ _c = EVENTS.c
 class EventStore:
     """The events of all surfaces: in a file or in memory, or in a database of several services.
 
-    While such a database is away, every call raises EventsAwayError.
+    While the file or the database is away, every call raises EventsAwayError.
     """
 
-    def __init__(self, place: Path | str | None, keep_s: float, max_bytes: int, wait_s: float = 0.0) -> None:
-        """Open a file, the database of a URL, or memory; raises EventStoreError.
-
-        A file that another service has locked is waited for up to `wait_s` [s].
-        """
+    def __init__(self, place: Path | str | None, keep_s: float, max_bytes: int) -> None:
+        """Open a file, the database of a URL, or memory; raises EventStoreError."""
         self._keep_s, self._max_bytes = keep_s, max_bytes
-        self._place = EventDatabase(place) if isinstance(place, str) else EventFile(place, wait_s)
+        self._place = EventDatabase(place) if isinstance(place, str) else EventFile(place)
 
     @property
     def is_shared(self) -> bool:

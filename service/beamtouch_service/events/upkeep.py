@@ -7,7 +7,7 @@ from functools import partial
 
 from sqlalchemy.exc import DBAPIError
 
-from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.file import EventsAwayError
 from beamtouch_service.events.late import LateSamples
 from beamtouch_service.events.losses import Losses
 from beamtouch_service.events.store import EventStore

@@ -1,4 +1,4 @@
-"""Writes of the recorder's thread: carried out in order, and kept while a database of several services is away."""
+"""Writes of the recorder's thread: carried out in order, and kept while the database or the file is away."""
 
 import logging
 import time
@@ -8,7 +8,7 @@ from typing import TypeVar
 from sqlalchemy.exc import DBAPIError
 
 from beamtouch_service.events.backlog import Backlog
-from beamtouch_service.events.database import EventsAwayError
+from beamtouch_service.events.file import EventsAwayError
 from beamtouch_service.events.findings import Command, Loss
 from beamtouch_service.events.losses import Losses
 from beamtouch_service.events.store import EventStore
@@ -52,6 +52,11 @@ class Writer:
     def is_away(self) -> bool:
         """Whether the database takes nothing."""
         return self._away_since_s is not None
+
+    @property
+    def away_because(self) -> str:
+        """Why the database takes nothing; empty if it takes writes."""
+        return self._reason if self.is_away else ""
 
     @property
     def waiting(self) -> int:
@@ -122,10 +127,15 @@ class Writer:
     def _write(self, name: str, commands: Sequence[Command]) -> None:
         if not commands:
             return
-        if not self._store.is_shared:
-            self._store.write(name, commands, time.time())
-            self._written(name)
-        elif self._backlog.add(name, commands):
+        if not (self._store.is_shared or self.is_away):
+            try:
+                self._store.write(name, commands, time.time())
+            except EventsAwayError as error:
+                self._away(str(error))
+            else:
+                self._written(name)
+                return
+        if self._backlog.add(name, commands):
             self.drain()
         else:
             self.incomplete.add(name)

@@ -3,14 +3,12 @@
 import asyncio
 import logging
 import socket
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from functools import partial
 from typing import cast
 
 from beamtouch_service.api.context import Context
 from beamtouch_service.config import ConfigError
-from beamtouch_service.host.listener import bind, resolve
+from beamtouch_service.host.listener import Address
 from beamtouch_service.host.places import Places, State
 from beamtouch_service.limits import Seldom
 from beamtouch_service.outputs.modbus.blocks import Blocks
@@ -25,34 +23,32 @@ _log = logging.getLogger("beamtouch.service")
 
 
 class ModbusServer:
-    """Answers Modbus requests while the application runs. It listens from the beginning."""
+    """Answers Modbus requests while the application runs, as soon as its address is there."""
 
     def __init__(self, settings: ModbusSettings, surfaces: int) -> None:
-        """Listen; raises ConfigError if that is not possible, or if there are too many surfaces for the map."""
+        """Raise ConfigError if it may never listen there, or if there are too many surfaces for the map."""
         if surfaces > MAX_SURFACES:
             message = f"[modbus_server]: the addresses of Modbus hold {MAX_SURFACES} surfaces, but there are {surfaces}"
             raise ConfigError(message)
         self._settings = settings
-        family, self.address = resolve(settings.host)
-        self.listener = bind(family, self.address, settings.port, option="modbus_server.port")
+        self.address = Address("modbus_server", settings.host, settings.port, option="modbus_server.port")
 
-    @asynccontextmanager
-    async def lifespan(self, context: Context) -> AsyncIterator[None]:
-        """Answer requests for the surfaces of an application until the end of the block."""
+    async def run(self, context: Context) -> None:
+        """Answer requests for the surfaces of an application until cancelled."""
+        listener = await self.address.listener(partial(context.missing.__setitem__, self.address.section))
         connections = _Connections(context, self._settings)
         make = partial(_Connection, connections)
-        loop = asyncio.get_running_loop()
-        server = await loop.create_server(make, sock=self.listener, backlog=_ACCEPTED_AT_ONCE)
-        self._log_address()
+        server = await asyncio.get_running_loop().create_server(make, sock=listener, backlog=_ACCEPTED_AT_ONCE)
+        self._log_address(listener)
         try:
-            yield
+            await asyncio.Event().wait()
         finally:
             server.close()
             connections.abort()
 
-    def _log_address(self) -> None:
-        address, port = self.listener.getsockname()[:2]
-        shown = f"[{address}]" if self.listener.family is socket.AF_INET6 else address
+    def _log_address(self, listener: socket.socket) -> None:
+        address, port = listener.getsockname()[:2]
+        shown = f"[{address}]" if listener.family is socket.AF_INET6 else address
         _log.info("Modbus TCP server: listening on %s:%d, word order %s", shown, port, self._settings.word_order)
 
 

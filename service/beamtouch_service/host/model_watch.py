@@ -12,7 +12,6 @@ import numpy as np
 
 from beamtouch_models import modelfile
 from beamtouch_models.modelfile import GraphError, ModelFile, ModelFileError, graph_errors
-from beamtouch_service.surfaces.same_beam import difference
 from beamtouch_service.surfaces.served_model import Inference
 from beamtouch_service.surfaces.surface import Surface
 
@@ -88,16 +87,14 @@ class ModelKeeper:
         self._candidate = self._tried
         self._digest = digest
         """Digest of the file whose model is in use."""
-        self._waits_for: list[str] = []
-        """Channels of a model that was refused because some do not arrive yet."""
-        self._allowed = ""
-        """Digest of a file of another beam that was requested, until it is in use or another file replaces it."""
+        self._waiting: ModelFile | None = None
+        """A model that was refused because the samples of its beam, or of its channels, do not arrive yet."""
         self._lock = asyncio.Lock()
 
     async def poll(self) -> None:
         """Load the file if it has changed and was stable since the last poll, a second ago.
 
-        A file that was refused because its channels did not arrive is loaded again once they do.
+        A file that was refused because its samples did not arrive is loaded again once they do.
         """
         stamp = _stamp(self.path)
         if stamp is not None and stamp == self._candidate and (stamp != self._tried or self._is_due()):
@@ -105,42 +102,46 @@ class ModelKeeper:
         self._candidate = stamp
 
     def _is_due(self) -> bool:
-        return bool(self._waits_for) and set(self._waits_for) <= set(self.surface.offered or [])
+        return self._waiting is not None and not self._mismatch(self._waiting)
 
-    async def reload(self, *, other_beam: bool = False) -> bool:
+    async def reload(self) -> bool:
         """Load the file. Return whether the surface has another model now.
 
-        A model of another beam is refused unless `other_beam` is true. This permission stays while the model waits for
-        its channels.
+        A model of another beam than the samples state is refused, and so is one whose channels they lack.
 
         Raises nothing: the log and `surface.model_error` say why a file was refused.
         """
         async with self._lock:
             try:
-                changed = await self._reload(other_beam=other_beam)
+                changed = await self._reload()
             except ModelFileError as error:
-                self.surface.model_error = f"the old model stays in use: {error}"
-                _log.error(
-                    "surface %s: the new model cannot be used, the old one stays in use: %s", self.surface.name, error
-                )
+                self._refuse(error)
                 return False
             self.surface.model_error = None
             return changed
 
-    async def _reload(self, *, other_beam: bool) -> bool:
-        self._waits_for = []
+    def _refuse(self, error: ModelFileError) -> None:
+        if self.surface.model is None:
+            self.surface.model_error = str(error)
+            _log.error("surface %s: no contact until its model file can be used: %s", self.surface.name, error)
+            return
+        self.surface.model_error = f"the old model stays in use: {error}"
+        _log.error("surface %s: the new model cannot be used, the old one stays in use: %s", self.surface.name, error)
+
+    async def _reload(self) -> bool:
+        self._waiting = None
         content = await self._settled_content()
         digest, old = await asyncio.to_thread(_digest, content), self.surface.model
-        if other_beam or digest != self._allowed:
-            self._allowed = digest if other_beam else ""
         if digest == self._digest:
             return False
         # In a thread, because requests go on meanwhile.
         model = await asyncio.to_thread(parse, content, str(self.path))
-        self._require_same_beam(model, digest)
-        self._require_channels(model)
+        if mismatch := self._mismatch(model):
+            self._waiting = model
+            message = f"{self.path}: {mismatch}"
+            raise ModelFileError(message)
         self.surface.adopt(model)
-        self._digest, self._allowed = digest, ""
+        self._digest = digest
         _log.info(
             "surface %s: model %s instead of %s", self.surface.name, model.identity, old.identity if old else "none"
         )
@@ -162,23 +163,22 @@ class ModelKeeper:
         message = f"{self.path}: it is still being written; try again when it is complete"
         raise ModelFileError(message)
 
-    def _require_same_beam(self, model: ModelFile, digest: str) -> None:
-        old = self.surface.model
-        found = difference(old.metadata, model.metadata) if old else None
-        if found and digest != self._allowed:
-            message = (
-                f"{self.path}: {found}; to switch to a model of another beam, send "
-                f"POST /surfaces/{self.surface.name}/model/reload?other_beam=true, or restart the service"
-            )
-            raise ModelFileError(message)
+    def _mismatch(self, model: ModelFile) -> str:
+        """Return what keeps a model from the samples that arrive; empty if nothing does.
 
-    def _require_channels(self, model: ModelFile) -> None:
+        Where they state no beam, the model must be of the same beam as the one in use.
+        """
+        old, new_beam = self.surface.model, model.metadata.beam
+        beam = self.surface.sender_beam or (old.metadata.beam if old else None)
+        if beam not in {None, new_beam}:
+            whose = "the samples are" if self.surface.sender_beam else "the model in use is"
+            return (
+                f"it is of beam {new_beam}, {whose} of beam {beam}; to switch to another beam, give the daemon the "
+                "configuration that was built with this model, and restart it"
+            )
         offered = self.surface.offered
         missing = [name for name in model.channels if offered is not None and name not in offered]
-        if missing:
-            self._waits_for = model.channels
-            message = f"{self.path}: it needs {', '.join(missing)}, but the samples of this surface lack them"
-            raise ModelFileError(message)
+        return f"it needs {', '.join(missing)}, but the samples of this surface lack them" if missing else ""
 
 
 def _stamp(path: Path) -> _Stamp | None:

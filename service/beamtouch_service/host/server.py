@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from ipaddress import ip_address
 from typing import TYPE_CHECKING
 
@@ -17,8 +18,8 @@ from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.host import model_watch, tls
 from beamtouch_service.host.arrivals import Arrivals
 from beamtouch_service.host.background import Background, in_background
-from beamtouch_service.host.handshakes import Handshakes, TlsListener
-from beamtouch_service.host.listener import bind, resolve
+from beamtouch_service.host.handshakes import Handshakes
+from beamtouch_service.host.listener import Address
 from beamtouch_service.host.model_watch import ModelKeeper
 from beamtouch_service.host.systemd import activated
 from beamtouch_service.host.uvicorn_host import Host, configure, serve
@@ -26,7 +27,7 @@ from beamtouch_service.settings import MqttSettings, Settings, SurfaceSettings
 from beamtouch_service.surfaces.surface import Surface
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from beamtouch_service.host.modbus import ModbusServer
     from beamtouch_service.outputs.mqtt.publisher import Publisher
@@ -39,20 +40,20 @@ def run(settings: Settings) -> None:
     passed = activated()
     # Connections to a socket that the system keeps open may wait since its start.
     arrivals = Arrivals(boot_clock, 0.0 if passed else None)
-    family, address = resolve(settings.host) if passed is None else (passed.family, str(passed.getsockname()[0]))
-    _require_tokens(settings, address)
     if settings.tls is not None:
         tls.require(settings.tls)
     outputs = [in_background(_publisher(settings.mqtt).run)] if settings.mqtt else []
     kept = [_surface(entry) for entry in settings.surfaces]
     with ExitStack() as stack:
-        listener = stack.enter_context(passed or bind(family, address, settings.port))
+        require = partial(_require_tokens, settings)
+        address = Address("server", settings.host, settings.port, require=require, listener=passed)
+        stack.callback(address.close)
         modbus = _modbus_server(settings)
         logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
-        _log_limits(settings, address)
+        _log_limits(settings, address.shown, [surface for surface, _ in kept])
         if modbus is not None:
-            stack.callback(modbus.listener.close)
-            outputs.append(modbus.lifespan)
+            stack.callback(modbus.address.close)
+            outputs.append(in_background(modbus.run))
             _log_readers(settings, modbus)
         manager = ServiceManager()
         keepers = {surface.name: keeper for surface, keeper in kept if keeper is not None}
@@ -79,8 +80,7 @@ def run(settings: Settings) -> None:
         config.load()
         background.ssl = config.ssl
         try:
-            host = Host(config, manager, streams)
-            serve(host, TlsListener(listener, handshakes) if settings.tls else listener)
+            serve(Host(config, manager, streams, address, handshakes))
         finally:
             recorder.close()
 
@@ -94,7 +94,7 @@ def _modbus_server(settings: Settings) -> ModbusServer | None:
 
 
 def _log_readers(settings: Settings, modbus: ModbusServer) -> None:
-    if settings.access.read is not None or not _is_loopback(modbus.address):
+    if settings.access.read is not None or not _is_loopback(modbus.address.shown):
         _log.warning("no token protects the Modbus TCP server: everyone who reaches it can read the contacts")
 
 
@@ -138,26 +138,38 @@ def _require_tokens(settings: Settings, address: str) -> None:
 
 
 def _is_loopback(address: str) -> bool:
-    # Without the scope that follows a link-local address.
-    return ip_address(address.partition("%")[0]).is_loopback
+    try:
+        # Without the scope that follows a link-local address.
+        return ip_address(address.partition("%")[0]).is_loopback
+    except ValueError:  # a name that does not resolve yet
+        return False
 
 
 def _surface(entry: SurfaceSettings) -> tuple[Surface, ModelKeeper | None]:
+    limits = entry.stale_ms, entry.unexplained_after_s, entry.degraded_after_s
     if entry.model is None:
-        return Surface(entry.name, None, entry.stale_ms, entry.unexplained_after_s), None
+        return Surface(entry.name, None, *limits), None
     try:
         model, digest = model_watch.load(entry.model)
     except ModelFileError as error:
-        message = f"model {error}"
-        raise ConfigError(message) from None
+        if not entry.name:  # only the model knows it
+            message = f"model {error}"
+            raise ConfigError(message) from None
+        surface = Surface(entry.name, None, *limits)
+        surface.model_error = str(error)
+        return surface, ModelKeeper(surface, entry.model, "")
     name = entry.name or model.metadata.name
-    surface = Surface(name, model, entry.stale_ms, entry.unexplained_after_s)
+    surface = Surface(name, model, *limits)
     return surface, ModelKeeper(surface, entry.model, digest)
 
 
-def _log_limits(settings: Settings, address: str) -> None:
+def _log_limits(settings: Settings, address: str, surfaces: Iterable[Surface]) -> None:
     if settings.access.write is None:
         _log.warning("no write token: every write is refused; start with --write-token-file FILE to allow writes")
+    for surface in surfaces:
+        if surface.model_error is not None:
+            words = "surface %s: no contact until its model file can be used: %s"
+            _log.error(words, surface.name, surface.model_error)
     if not settings.surfaces:
         _log.warning("no surface: the service has no contact to give; start with --model MODEL or --config FILE")
     if settings.tls is None and not _is_loopback(address):

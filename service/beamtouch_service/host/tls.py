@@ -2,18 +2,19 @@
 
 import ssl
 
+from beamtouch_common.errors import FailedError
 from beamtouch_service.config import ConfigError
 from beamtouch_service.settings import TlsFiles
 
 
 def require(files: TlsFiles) -> None:
-    """Raise ConfigError unless the files are there, readable, and belong together."""
+    """Raise FailedError unless the files can be read, and ConfigError unless they belong together."""
     for path in (files.certificate, files.key):
         try:
             path.open("rb").close()
         except OSError as error:
             message = f"{path}: {error.strerror}"
-            raise ConfigError(message) from None
+            raise FailedError(message) from None
     try:
         load(ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER), files)
     except (ssl.SSLError, OSError):

@@ -8,6 +8,7 @@ import signal
 import socket
 import sys
 import time
+from collections.abc import Callable
 from functools import partial
 from types import FrameType
 from typing import Any, cast
@@ -23,7 +24,8 @@ from beamtouch_service.api.context import Streams, boot_clock
 from beamtouch_service.host.admission import Clients, is_busy
 from beamtouch_service.host.arrivals import Arrivals, Selector
 from beamtouch_service.host.connection import BoundedProtocol
-from beamtouch_service.host.handshakes import HANDSHAKE_S, Handshakes
+from beamtouch_service.host.handshakes import HANDSHAKE_S, Handshakes, TlsListener
+from beamtouch_service.host.listener import Address
 from beamtouch_service.host.places import Places
 from beamtouch_service.limits import MAX_CLIENTS, Seldom, SeldomFilter
 from beamtouch_service.settings import TlsFiles
@@ -112,29 +114,68 @@ class Loop(asyncio.SelectorEventLoop):
 
 
 class Host(uvicorn.Server):
-    """Reports start and stop to the service manager, and ends streams and unread answers, which would delay a stop."""
+    """Listens once its address is there, and ends streams and unread answers, which would delay a stop.
 
-    def __init__(self, config: uvicorn.Config, manager: ServiceManager, streams: Streams) -> None:
+    It reports start and stop to the service manager. The start is complete without the address: the outputs run.
+    """
+
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        manager: ServiceManager,
+        streams: Streams,
+        address: Address,
+        handshakes: Handshakes | None = None,
+    ) -> None:
         super().__init__(config)
         self._manager = manager
         self._streams = streams
+        self._address = address
+        self._handshakes = handshakes
+        self._listening: asyncio.Task[None] | None = None
         streams.drop = self._drop
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start the application, and listen as soon as the address is there."""
+        # Without sockets of its own, uvicorn listens nowhere.
+        await super().startup(sockets or [])
+        self._listening = asyncio.create_task(self._listen())
+
+    async def _listen(self) -> None:
         """Listen, and log the address."""
-        await super().startup(sockets)
-        scheme = "https" if self.config.is_ssl else "http"
-        for listener in sockets or []:
-            # asyncio made the queue as short as the number of connections it accepts at once.
-            listener.listen(_QUEUE)
-            host, port = listener.getsockname()[:2]
-            shown = f"[{host}]" if listener.family is socket.AF_INET6 else host
-            announce(f"listening on {scheme}://{shown}:{port}")
-            self._manager.ready(f"listening on {scheme}://{shown}:{port}")
+        app, scheme = self.config.app, "https" if self.config.is_ssl else "http"
+
+        def note(reason: str) -> None:
+            if isinstance(app, Application):
+                app.context.missing[self._address.section] = reason
+            if reason:
+                self._manager.ready(f"waiting: {reason}")
+
+        listener = await self._address.listener(note)
+        if self._handshakes is not None and self.config.is_ssl:
+            listener = TlsListener(listener, self._handshakes)
+        server = await asyncio.get_running_loop().create_server(
+            self._protocol, sock=listener, ssl=self.config.ssl, backlog=self.config.backlog
+        )
+        self.servers.append(server)
+        # asyncio made the queue as short as the number of connections it accepts at once.
+        listener.listen(_QUEUE)
+        host, port = listener.getsockname()[:2]
+        shown = f"[{host}]" if listener.family is socket.AF_INET6 else host
+        announce(f"listening on {scheme}://{shown}:{port}")
+        self._manager.ready(f"listening on {scheme}://{shown}:{port}")
+
+    def _protocol(self) -> asyncio.Protocol:
+        """Return the protocol of a new connection, as uvicorn makes it."""
+        make = cast("Callable[..., asyncio.Protocol]", self.config.http_protocol_class)
+        return make(config=self.config, server_state=self.server_state, app_state=self.lifespan.state)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop."""
         self._manager.stopping()
+        if self._listening is not None:
+            self._listening.cancel()
+            await asyncio.wait([self._listening])
         # Before the server waits for running answers: a stream does not end by itself.
         self._streams.stop.set()
         # Neither does an answer that nobody reads. Running answers get half of the time.
@@ -154,8 +195,8 @@ class Host(uvicorn.Server):
                 connection.transport.abort()
 
 
-def serve(host: Host, listener: socket.socket) -> None:
-    """Serve on a listening socket until SIGTERM (then SystemExit 0) or Ctrl-C (then KeyboardInterrupt)."""
+def serve(host: Host) -> None:
+    """Serve until SIGTERM (then SystemExit 0) or Ctrl-C (then KeyboardInterrupt)."""
     # uvicorn shuts down on a signal and then raises it again.
     signal.signal(signal.SIGTERM, _exit_quietly)
     # Until the loop handles it, SIGHUP must not end the process.
@@ -169,7 +210,7 @@ def serve(host: Host, listener: socket.socket) -> None:
     # Objects that exist now stay for good. Searching them for garbage again and again would delay answers.
     gc.collect()
     gc.freeze()
-    host.run(sockets=[listener])
+    host.run()
 
 
 def _exit_quietly(_signal: int, _frame: FrameType | None) -> None:

@@ -3,6 +3,8 @@
 import { roundTicks, svg } from "./dom.js";
 
 const LABEL_PX = 74;
+const BOX_PX = 12; // height of a sensor, and its width if the model does not state one
+const LEAST_PX = 3;
 
 /** The pattern of the interval. */
 export function hatch() {
@@ -41,8 +43,10 @@ function roller(x, y) {
   return `M${x} ${y}l9 11h-18z${wheel(x - 5)}${wheel(x + 5)}`;
 }
 
-/** Sensors that work are full squares; others are empty ones with a cross, and say why. */
-export function sensors(shown, scale) {
+/** Sensors that work are full boxes, as wide as their housings to scale; others are empty with a cross, and say why. */
+export function sensors(shown, drawn, scale) {
+  const width = Math.max(LEAST_PX, (drawn?.sensor_mm ?? 0) * scale.perMm || BOX_PX);
+  const left = width / 2;
   const taken = [-Infinity, -Infinity];
   return shown.channels.flatMap((channel) => {
     const x = scale.x(channel.position_mm);
@@ -52,8 +56,8 @@ export function sensors(shown, scale) {
     const works = channel.quality === "good" || channel.quality === "unknown";
     const suspect = works && channel.name === shown.suspect;
     const kind = channel.quality === "good" ? "sensor" : `sensor ${works ? "unknown" : "bad"}`;
-    const box = svg("rect", { class: suspect ? "sensor suspect" : kind, x: x - 6, y, width: 12, height: 12 });
-    const cross = svg("path", { class: "sensor bad", d: `M${x - 6} ${y}l12 12m0-12l-12 12` });
+    const box = svg("rect", { class: suspect ? "sensor suspect" : kind, x: x - left, y, width, height: BOX_PX });
+    const cross = svg("path", { class: "sensor bad", d: `M${x - left} ${y}l${width} ${BOX_PX}m0-${BOX_PX}l-${width} ${BOX_PX}` });
     const stands = suspect ? "suspect" : works ? "" : "bad";
     const label = svg("text", { x, y: y + 27 + row * 14, "text-anchor": "middle", class: stands });
     label.append(suspect ? `check ${channel.name}` : works ? channel.name : `${channel.name} ${channel.quality}`);

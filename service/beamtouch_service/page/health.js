@@ -19,9 +19,9 @@ export class Health {
     if (!surface) return;
     try {
       const answer = await this.token.ask(`/surfaces/${encodeURIComponent(surface)}`);
-      const found = answer.ok ? (await answer.json()).health : null;
+      const { health, wiring } = answer.ok ? await answer.json() : {};
       if (surface !== this.surface) return;
-      this.show(sentences(found ?? {}));
+      this.show([...(wiring ? [`Wiring: ${wiring}.`] : []), ...sentences(health ?? {})]);
     } catch {
       // The feed says that the connection is lost; what has changed is still changed.
     }

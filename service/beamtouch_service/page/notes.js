@@ -7,6 +7,8 @@ const LASTING = {
   rate: "The device does not keep its rate",
   noise: "The sender states another noise than the model was made for",
   unchecked: "Too few sensors to tell a single contact from anything else",
+  degraded: "A sensor has been out for too long: it needs repair",
+  senders: "Two daemons send samples of this surface: stop one of them",
 };
 const PASSING = {
   overload: "The force is beyond the range of the scene",

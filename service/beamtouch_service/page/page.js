@@ -124,6 +124,7 @@ function drawNow(shown) {
   setText(byId("force"), texts.force);
   setText(byId("force-interval"), texts.forceInterval);
   setText(byId("age"), texts.age);
+  setText(byId("misfit"), texts.misfit);
 }
 
 /** What is said once per state: the sign, the title of the window, and the words for those who listen. */

@@ -47,10 +47,10 @@ function problem(message) {
 
 const TITLES = { contact: "Contact", clear: "Clear", unexplained: "Unexplained" };
 
-function answer({ contact }) {
+function answer({ contact, misfit_limit: misfitLimit }) {
   // A page that was opened before an update of the service.
   if (!TITLES[contact.state]) return { kind: "problem", title: "This page is older than the service", detail: RELOAD };
-  return { kind: contact.state, title: TITLES[contact.state], ...noted(contact), contact };
+  return { kind: contact.state, title: TITLES[contact.state], ...noted(contact), contact, misfitLimit };
 }
 
 /** The channels without what they measured, for times at which that is old. */
@@ -72,8 +72,16 @@ export function figures(shown) {
     positionInterval: interval(found?.position_low_mm, found?.position_high_mm),
     force: known(found?.force_n, 1),
     forceInterval: unestimated ? "not estimated" : interval(found?.force_low_n, found?.force_high_n),
+    misfit: misfit(found, shown.misfitLimit),
     age: shown.age === null ? "—" : shown.age < 100_000 ? shown.age.toFixed(0) : "> 99999",
   };
+}
+
+/** The misfit beside its scale: a figure alone says nothing. */
+function misfit(found, limit) {
+  if (!found || typeof limit !== "number") return "";
+  const compared = found.misfit > limit ? "over the limit of" : "the limit is";
+  return `Misfit ${found.misfit.toFixed(1)}, ${compared} ${limit.toFixed(1)}`;
 }
 
 function interval(low, high) {

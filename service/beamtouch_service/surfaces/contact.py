@@ -6,13 +6,21 @@ from enum import StrEnum
 from math import isfinite
 from typing import NamedTuple
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from beamtouch_models.modelfile import LOG_ODDS, MISFIT, Evidence, State
+from beamtouch_service.samples import Note
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DECIMALS = 4
 """0.1 um and 0.1 mN: finer than any sensor, coarse enough to hide the tail of a float32."""
+_NOTES = " ".join(
+    [
+        "Limits of the answer.",
+        *(f"`{note}`: {note.meaning}." for note in Note),
+        "`check-NAME`, only with `unexplained`: channel NAME contradicts the others.",
+    ]
+)
 
 
 class ContactQuality(StrEnum):
@@ -67,30 +75,15 @@ class Contact(BaseModel):
     readings: int | None
     """Number of readings in the sample; null if its sender does not say. It grows while a contact rests."""
     misfit: float
-    """Misfit of rest or of the best single contact, whichever is smaller."""
+    """Misfit of rest or of the best single contact, whichever is smaller. `misfit_limit` of `GET /surfaces/NAME` is its
+    scale: where it is larger than that, neither explains the sample."""
     quality: ContactQuality
     """`good`: all channels took part. `degraded`: some did not."""
     degraded_channels: list[str]
     """Channels that took no part; empty if the quality is good."""
-    notes: list[str]
-    """Limits of the answer.
-
-    `overload`: the force is beyond the range of the scene. `unsteady`: the readings move, or do not show the state by
-    themselves. `unchecked`: too few channels to tell a single contact from anything else. `rate`: the device does not
-    keep its rate. `noise`: the sender states another noise than the model was made for. `check-NAME`, only with
-    `unexplained`: channel NAME contradicts the others.
-    """
+    notes: list[str] = Field(description=_NOTES)
     model: str
     """Name and fingerprint of the model that gave the answer."""
-
-
-class Doubt(StrEnum):
-    """Notes of the service on an answer."""
-
-    OVERLOAD = "overload"
-    UNSTEADY = "unsteady"
-    UNCHECKED = "unchecked"
-    NOISE = "noise"
 
 
 class Decision(NamedTuple):
@@ -99,8 +92,10 @@ class Decision(NamedTuple):
     state: State
     figures: Figures = NO_FIGURES
     misfit: float = 0.0
+    misfit_limit: float = 0.0
+    """A larger misfit is explained by neither rest nor a single contact."""
     notes: Sequence[str] = ()
-    """Values of `Doubt`, or `check-NAME`."""
+    """Values of `Note`, or `check-NAME`."""
     suspect: str | None = None
     """The channel NAME of `check-NAME`."""
 

@@ -20,10 +20,10 @@ from beamtouch_models.modelfile import (
     memories_after,
 )
 from beamtouch_service.problems import Kind, Problem
+from beamtouch_service.samples import Note
 from beamtouch_service.surfaces.contact import (
     NO_FIGURES,
     Decision,
-    Doubt,
     Figures,
     UnusableEstimateError,
     figures_of,
@@ -77,7 +77,7 @@ class Seen(NamedTuple):
     @property
     def is_unsteady(self) -> bool:
         """Whether position and force are less certain than those of a sample at rest."""
-        return isinstance(self.outcome, Decision) and Doubt.UNSTEADY in self.outcome.notes
+        return isinstance(self.outcome, Decision) and Note.UNSTEADY in self.outcome.notes
 
 
 class _Judged(NamedTuple):
@@ -173,7 +173,7 @@ class Follower:
 
     def _seen(self, judged: _Judged, without: dict[str, LeftOut] | None) -> Seen:
         estimated, evidence, state = judged.estimated, judged.evidence, judged.verdict.state
-        notes: list[str] = [Doubt.UNSTEADY] if judged.verdict.unsteady else []
+        notes: list[str] = [Note.UNSTEADY] if judged.verdict.unsteady else []
         suspect, why = None, None
         if judged.number == 0:
             self._suspects.clear()
@@ -186,12 +186,13 @@ class Follower:
             notes += [f"check-{suspect}"] if suspect else []
         if without is not None and is_kept(judged.number):
             why = contradiction(self._metadata, estimated, evidence, without, notes)
-        misfit = min(evidence.rest_misfit, evidence.misfit)
-        decision = Decision(state, judged.figures, misfit, notes, suspect)
+        limits, place = self._metadata.thresholds, evidence.channels - 1
+        misfit, limit = min((evidence.rest_misfit, limits.rest[place]), (evidence.misfit, limits.misfit[place]))
+        decision = Decision(state, judged.figures, misfit, limit, notes, suspect)
         odd = is_odd(self._metadata.thresholds, evidence)
         return Seen(estimated, decision, state, judged.verdict.shown, judged.past, odd, why)
 
     def _doubts(self, evidence: Evidence) -> list[str]:
         """Return the notes on a contact."""
-        found: list[str] = [Doubt.OVERLOAD] if is_overload(self._metadata, evidence) else []
-        return [*found, Doubt.UNCHECKED] if is_unchecked(evidence) else found
+        found: list[str] = [Note.OVERLOAD] if is_overload(self._metadata, evidence) else []
+        return [*found, Note.UNCHECKED] if is_unchecked(evidence) else found

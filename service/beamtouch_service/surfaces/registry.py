@@ -1,6 +1,6 @@
 """The surfaces of one service, by name."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from beamtouch_service.problems import Kind, Problem, ProblemError
 from beamtouch_service.surfaces.surface import Surface
@@ -41,17 +41,20 @@ class Registry:
             raise ProblemError(Problem(Kind.SURFACE_REQUIRED, detail, members={"surfaces": self.names}))
         return next(iter(self))
 
-    def require_ready(self, now_s: float, *, healthy: bool = False) -> None:
-        """Raise ProblemError with a reason per surface unless each has a model and fresh samples at `now_s` [s].
+    def require_ready(self, now_s: float, parts: Mapping[str, str], *, healthy: bool = False) -> None:
+        """Raise ProblemError with the reasons unless each surface has a model and fresh samples at `now_s` [s].
 
-        If `healthy`, no channel may have changed for certain, either.
+        `parts` are the other parts of the service, each with why it is missing. If `healthy`, no channel may be out, or
+        have changed for certain, either.
         """
         self._require_any()
         reasons = {surface.name: problem for surface in self if (problem := surface.unready(now_s, healthy=healthy))}
-        if reasons:
-            detail = "; ".join(f"{name}: {problem.kind.title}" for name, problem in reasons.items())
+        missing = {part: reason for part, reason in parts.items() if reason}
+        if reasons or missing:
+            said = [f"{name}: {problem.kind.title}" for name, problem in reasons.items()]
+            detail = "; ".join([*said, *(f"[{part}]: {reason}" for part, reason in missing.items())])
             bodies = {name: problem.body() for name, problem in reasons.items()}
-            raise ProblemError(Problem(Kind.NOT_READY, detail, members={"surfaces": bodies}))
+            raise ProblemError(Problem(Kind.NOT_READY, detail, members={"surfaces": bodies, "missing": missing}))
 
     def _require_any(self) -> None:
         if not self._surfaces:

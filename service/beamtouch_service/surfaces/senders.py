@@ -5,6 +5,12 @@ from dataclasses import dataclass
 
 from beamtouch_service.surfaces.sequence_log import MAX_SENDERS
 
+RETURNS = 4
+"""Times that a sender must come back after another one before there are two. A batch that was held up on its way when
+the sender was started anew comes back once."""
+QUIET_S = 10.0
+"""Without such a return for this long, or for several times the limit of age, there is one sender again."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Newest:
@@ -60,3 +66,42 @@ class Senders:
             if len(self._former) > self._max_former:
                 self._former.popitem(last=False)
         self._newest = _Newest(boot_id, sequence, acquired_s)
+
+
+class Rivals:
+    """Notices that two daemons send samples of one surface at the same time.
+
+    A daemon that is started anew has a new boot id, and all samples of the old one are older than its first. So two
+    send if, in turn, each sends a sample that is newer than the first one of the other.
+    """
+
+    def __init__(self, stale_ms: float, max_senders: int = MAX_SENDERS) -> None:
+        self._quiet_s = max(QUIET_S, 4 * stale_ms / 1e3)
+        self._max_senders = max_senders
+        self._begun_s: OrderedDict[str, float] = OrderedDict()
+        """Time of the first sample of each sender [s, monotonic], oldest first."""
+        self._last = ("", "")
+        """Boot id and address of the newest batch."""
+        self._returns = 0
+        self._returned_s = 0.0
+        self._pair = ("", "")
+
+    def hear(self, boot_id: str, address: str, acquired_s: float) -> None:
+        """Take a batch of this sender and address whose last sample was taken at `acquired_s` [s, monotonic]."""
+        if any(begun_s > acquired_s for begun_s in self._begun_s.values()):
+            return
+        before, self._last = self._last, (boot_id, address)
+        if boot_id == before[0]:
+            return
+        if boot_id not in self._begun_s:
+            self._begun_s[boot_id] = acquired_s
+            if len(self._begun_s) > self._max_senders:
+                self._begun_s.popitem(last=False)
+            return
+        self._returns = self._returns + 1 if acquired_s - self._returned_s < self._quiet_s else 1
+        self._returned_s, self._pair = acquired_s, (before[1], address)
+
+    def at(self, now_s: float) -> tuple[str, str] | None:
+        """Return the addresses of two daemons that both send at `now_s` [s, monotonic]; None if one sends."""
+        is_now = self._returns >= RETURNS and now_s - self._returned_s < self._quiet_s
+        return self._pair if is_now else None

@@ -5,9 +5,9 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from beamtouch_models.modelfile import INPUTS, Answers, ModelFile
+from beamtouch_models.modelfile import INPUTS, Answers, Evidence, ModelFile, State, Wirings
 from beamtouch_service.samples import Batch, Sample
-from beamtouch_service.surfaces.estimates import estimate
+from beamtouch_service.surfaces.estimates import Estimated, estimate
 from beamtouch_service.surfaces.follower import Follower, Seen
 from beamtouch_service.surfaces.timings import Timings
 from beamtouch_service.surfaces.weighing import Arrangement
@@ -65,6 +65,14 @@ class ServedModel:
         self._arrangement: Arrangement | None = None
         self._follower: tuple[str, Follower] | None = None
         """Follows the sender with this boot id."""
+        self._wirings = Wirings(file.metadata, self._inference.ask)
+        self._settled: Estimated | None = None
+        """The last settled sample of what acts on the beam."""
+
+    @property
+    def wiring(self) -> str | None:
+        """Cables that seem to be swapped, or a sensor that seems to be inverted, in words; None if there is none."""
+        return self._wirings.finding
 
     def arrangement(self, batch: Batch) -> Arrangement:
         """Return the channels of the model in a batch: those of the last one, if both name the same channels."""
@@ -83,4 +91,19 @@ class ServedModel:
 
         if self._follower is None or self._follower[0] != batch.boot_id:
             self._follower = batch.boot_id, Follower(self.file, self._inference.ask, surface, stale_ms)
-        return self._follower[1].follow(estimate(self.file, surface, batch, fresh, ask, self.arrangement(batch)))
+        seen = self._follower[1].follow(estimate(self.file, surface, batch, fresh, ask, self.arrangement(batch)))
+        for one in seen:
+            self._seek_wiring(one)
+        return seen
+
+    def _seek_wiring(self, seen: Seen) -> None:
+        """Look at one sample of each contact, and of each unexplained stretch, once it has been lifted."""
+        estimated, said = seen.estimated, seen.estimated.evidence
+        if seen.state is State.CLEAR:
+            if self._settled is not None:
+                self._wirings.add(self._settled.weighed.part(np.array([self._settled.row])))
+            self._settled = None
+        elif isinstance(said, Evidence) and said.is_settled and not said.moves and not estimated.bad:
+            # The state follows a lift only after some samples: those at rest say nothing of the contact.
+            at_rest = said.rest_misfit <= self.file.metadata.thresholds.rest[-1]
+            self._settled = self._settled if at_rest else estimated

@@ -9,7 +9,7 @@ from beamtouch_service.samples import Quality
 from beamtouch_service.surfaces.contact import Contact
 from beamtouch_service.surfaces.surface import Surface
 
-_OF_NO_SAMPLE = {Kind.NO_SAMPLES, Kind.STALE}
+_OF_NO_SAMPLE = {Kind.NO_SAMPLES, Kind.STALE, Kind.OTHER_BEAM}
 
 
 class ChannelState(BaseModel):
@@ -29,6 +29,8 @@ class SurfaceState(BaseModel):
     surface: str
     contact: Contact | None
     problem: ProblemBody | None
+    misfit_limit: float | None
+    """The scale of the contact's misfit: neither rest nor a single contact explains a sample with a larger one."""
     age_ms: float | None
     """Age of the newest sample; null before the first."""
     channels: list[ChannelState]
@@ -52,6 +54,7 @@ def state_of(surface: Surface, now_s: float) -> SurfaceState:
         surface=surface.name,
         contact=contact,
         problem=problem,
+        misfit_limit=surface.misfit_limit(now_s),
         age_ms=newest.age_ms(now_s) if newest else None,
         # A deflection that is too old for a contact must not be shown as current either.
         channels=_channels(surface, fresh=kind not in _OF_NO_SAMPLE),

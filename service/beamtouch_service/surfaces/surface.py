@@ -3,23 +3,29 @@
 No I/O and no clock: the caller gives the time, in seconds of the service's monotonic clock.
 """
 
+import math
 from collections.abc import Callable
 
 from beamtouch_models.modelfile import ModelFile, State
-from beamtouch_service.limits import STALE_MS, UNEXPLAINED_AFTER_S
-from beamtouch_service.problems import Kind, Problem, ProblemError
-from beamtouch_service.samples import Batch, Receipt, Sample
+from beamtouch_service.limits import DEGRADED_AFTER_S, STALE_MS, UNEXPLAINED_AFTER_S
+from beamtouch_service.problems import Kind, Problem, ProblemBody, ProblemError
+from beamtouch_service.samples import Batch, Note, Quality, Receipt, Sample
 from beamtouch_service.surfaces import refusals
-from beamtouch_service.surfaces.contact import Contact, Decision, Doubt
+from beamtouch_service.surfaces.channels_out import ChannelsOut
+from beamtouch_service.surfaces.contact import Contact, Decision
 from beamtouch_service.surfaces.health import ChannelHealth, SurfaceHealth
 from beamtouch_service.surfaces.intake import Intake
 from beamtouch_service.surfaces.newest import Decided, Newest
+from beamtouch_service.surfaces.senders import Rivals
 from beamtouch_service.surfaces.served_model import ServedModel
 from beamtouch_service.surfaces.stretches import Stretches
 from beamtouch_service.surfaces.summary import SampleCounts, SurfaceSummary
 from beamtouch_service.surfaces.timings import Timings
 from beamtouch_service.surfaces.transit import Transit
 from beamtouch_service.surfaces.witness import Witness
+
+SENDER_GONE_S = 10.0
+"""A daemon whose samples are refused tries again sooner than this; after it, samples are what is missing."""
 
 
 class Surface:
@@ -31,15 +37,24 @@ class Surface:
         model: ModelFile | None = None,
         stale_ms: float = STALE_MS,
         unexplained_after_s: float = UNEXPLAINED_AFTER_S,
+        degraded_after_s: float = DEGRADED_AFTER_S,
     ) -> None:
         self.name = name
         self.model_error: str | None = None
         """Reason not to use the newest model file."""
         self.offered: list[str] | None = None
         """Channels of the newest batch, accepted or not."""
+        self.sender_beam: str | None = None
+        """Identity of the beam that the newest samples state, accepted or not; None if they state none."""
+        self._sender_s = -math.inf
+        """When they came."""
         self.stale_ms = stale_ms
         self.stretches = Stretches(unexplained_after_s)
         """The unexplained stretches in the samples that moved the answer."""
+        self.channels_out = ChannelsOut(degraded_after_s, stale_ms / 1e3)
+        """The channels that were not good for too long in these samples."""
+        self.rivals = Rivals(stale_ms)
+        """Notices that two daemons send samples."""
         self.witness: Witness[Surface] | None = None
         self.newest: Newest | None = None
         """The newest sample; None before the first."""
@@ -60,6 +75,11 @@ class Surface:
         return self._served.file if self._served else None
 
     @property
+    def wiring(self) -> str | None:
+        """Cables that seem to be swapped, or a sensor that seems to be inverted, in words; None if there is none."""
+        return self._served.wiring if self._served else None
+
+    @property
     def counts(self) -> SampleCounts:
         """Counts of samples since the start."""
         return self._intake.counts
@@ -67,21 +87,28 @@ class Surface:
     def adopt(self, model: ModelFile) -> None:
         """Use this model from the next sample on. The contact so far stays with the model that gave it."""
         self._served = ServedModel(model)
+        self.channels_out.forget()
 
-    def receive(self, batch: Batch, arrival_s: float) -> Receipt:
-        """Take a batch that arrived at `arrival_s` [s, monotonic].
+    def receive(self, batch: Batch, arrival_s: float, address: str = "unknown") -> Receipt:
+        """Take a batch that arrived at `arrival_s` [s, monotonic] from this address.
 
         Every sample after the newest one moves the contact, in order. Late samples never do.
 
         Raises
         ------
         ProblemError
-            Channels of the model are missing, or the whole batch is late and there is no room. It changed nothing.
+            The model is of another beam, channels of it are missing, or the whole batch is late and there is no room.
+            It changed nothing.
         """
         self.offered = batch.channels
+        # Late samples of a former beam say nothing about the beam that is there.
+        if self._intake.moves_answer(batch, arrival_s):
+            self.sender_beam, self._sender_s = batch.beam, arrival_s
+        self._require_beam(batch.beam)
         self._require_channels(batch.channels)
         self._require_room(batch, arrival_s)
         taken = self._intake.take(batch, arrival_s)
+        self.rivals.hear(batch.boot_id, address, taken.acquired_s)
         if taken.late and self._served and self.witness:
             self.witness.late(self, self._served.file, batch, taken.late)
         if taken.fresh:
@@ -124,11 +151,13 @@ class Surface:
     def unready(self, now_s: float, *, healthy: bool = False) -> Problem | None:
         """Return why this surface has no contact at `now_s` [s, monotonic], or None if it has one.
 
-        If `healthy`, a channel that has changed for certain is a reason, too.
+        If `healthy`, a channel that is out, or has changed for certain, is a reason, too.
         """
         found = self._decided(now_s)
         if isinstance(found, Problem):
             return found
+        if healthy and self.channels_out.any:
+            return refusals.channels_out(self.name, self.channels_out.now)
         changed = [name for name, one in (self._channel_health() or {}).items() if one.changed] if healthy else []
         return refusals.changed_channels(self.name, changed) if changed else None
 
@@ -137,26 +166,60 @@ class Surface:
         found = self._decided(now_s)
         return found.kind if isinstance(found, Problem) else found.decision.state
 
+    def misfit_limit(self, now_s: float) -> float | None:
+        """Return the scale of the misfit of the contact at `now_s` [s, monotonic]; None without a contact."""
+        found = self._decided(now_s)
+        return None if isinstance(found, Problem) else round(found.decision.misfit_limit, 2)
+
     def summary(self, now_s: float) -> SurfaceSummary:
         """Return the summary of this surface at `now_s` [s, monotonic]."""
         newest, found = self.newest, self._decided(now_s)
+        problem = found if isinstance(found, Problem) else None
         decided = None if isinstance(found, Problem) else found
         return SurfaceSummary(
             name=self.name,
             model=self.model.identity if self.model else None,
+            beam=self.model.metadata.beam if self.model else None,
             channels=self.model.channels if self.model else [],
             stale_ms=self.stale_ms,
             age_ms=newest.age_ms(now_s) if newest else None,
             state=decided.decision.state if decided else None,
+            problem=problem and ProblemBody.model_validate(problem.body()),
             notes=decided.all_notes if decided else [],
+            misfit=round(decided.decision.misfit, 2) if decided else None,
+            misfit_limit=self.misfit_limit(now_s),
+            channels_out=self.channels_out.now,
             model_error=self.model_error,
+            wiring=self.wiring,
             samples=self.counts.model_copy(),
             health=self._channel_health(),
         )
 
+    @property
+    def qualities(self) -> dict[str, Quality]:
+        """The channels of the model, or without one of the sender, with their quality in the newest sample."""
+        newest = self.newest
+        if newest is None:
+            return {}
+        sent = dict(zip(newest.channels, newest.sample.quality, strict=True))
+        names = self.model.channels if self.model else newest.channels
+        bad = newest.seen.estimated.bad if newest.seen else {}
+        return {name: bad.get(name) or sent.get(name, Quality.MISSING) for name in names}
+
     def _channel_health(self) -> dict[str, ChannelHealth] | None:
         found = self.health
         return found.channels if found and self.model and found.model == self.model.identity else None
+
+    def _require_beam(self, stated: str | None) -> None:
+        problem = self._other_beam(stated)
+        if problem:
+            raise ProblemError(problem)
+
+    def _other_beam(self, stated: str | None) -> Problem | None:
+        """Return the problem of samples that state a beam, if it is another one than that of the model."""
+        if self.model is None or stated in {None, self.model.metadata.beam}:
+            return None
+        return refusals.other_beam(self.name, self.model.metadata, stated)
 
     def _require_channels(self, offered: list[str]) -> None:
         missing = [name for name in self.model.channels if name not in offered] if self.model else []
@@ -173,8 +236,11 @@ class Surface:
     def _decided(self, now_s: float) -> Decided | Problem:
         """Return the newest sample with its decision at `now_s` [s, monotonic], or why there is none."""
         if self.model is None:
-            return refusals.no_model(self.name)
+            return refusals.no_model(self.name, self.model_error)
         newest = self.newest
+        other_beam = self._other_beam(self.sender_beam) if now_s - self._sender_s <= SENDER_GONE_S else None
+        if other_beam and (newest is None or self.is_stale(now_s)):
+            return other_beam
         if newest is None:
             return refusals.no_samples(self.name)
         if self.is_stale(now_s):
@@ -188,12 +254,26 @@ class Surface:
     def _advance(self, batch: Batch, fresh: list[Sample], acquired_s: float) -> None:
         served = self._served
         if served is None:
+            self.channels_out.add([(one.acquired_unix_us, _bad(batch.channels, one)) for one in fresh], acquired_s)
             self.newest = Newest(batch.boot_id, batch.channels, fresh[-1], acquired_s, list(batch.notes))
             return
         model, boot_id, arrangement = served.file, batch.boot_id, served.arrangement(batch)
         seen = served.follow(self.name, self.stale_ms, batch, fresh, self.timings)
         self.stretches.add(seen, acquired_s)
-        notes: list[str] = [*batch.notes, *([Doubt.NOISE] if arrangement.contradicts else [])]
+        self.channels_out.add([(one.estimated.acquired_unix_us, one.estimated.bad) for one in seen], acquired_s)
+        notes: list[str] = [*batch.notes]
+        for note, applies in (
+            (Note.NOISE, arrangement.contradicts),
+            (Note.DEGRADED, self.channels_out.any),
+            (Note.SENDERS, self.rivals.at(acquired_s) is not None),
+        ):
+            notes += [note] if applies else []
         self.newest = Newest(boot_id, batch.channels, fresh[-1], acquired_s, notes, seen[-1], model.identity)
         if self.witness:
             self.witness.fresh(self, model, boot_id, seen)
+
+
+def _bad(channels: list[str], sample: Sample) -> dict[str, Quality]:
+    """Return the channels of a sample that are not good."""
+    each = zip(channels, sample.quality, strict=True)
+    return {name: quality for name, quality in each if quality is not Quality.GOOD}

@@ -10,8 +10,6 @@ from beamtouch_service.samples import Batch, Quality, Sample
 
 CONTRADICTION = 1.25
 """The noise of a sender contradicts that of the model if one is more than this many times the other."""
-MAX_RATIO = 100.0
-"""A deflection is out of range beyond this many times the largest one that the scene allows."""
 _OUT_OF_RANGE = {Quality.GOOD: Quality.OUT_OF_RANGE}
 """Quality of a channel that the sender calls good, and that takes no part all the same."""
 
@@ -41,7 +39,7 @@ class Arrangement:
         # The place of each entry of a matrix in the lower triangle of a batch.
         rows, columns = np.maximum.outer(self._places, self._places), np.minimum.outer(self._places, self._places)
         self._entries = (rows * (rows + 1) // 2 + columns).ravel()
-        self._largest_mm = MAX_RATIO * model.metadata.max_deflection_mm
+        self._largest_mm = model.largest_mm
         said = model.metadata.noise
         self._settled_mm2 = np.full(count, said.sample_mm**2)
         stated = [batch.noise_mm[place] for place in self._places] if batch.noise_mm else None

@@ -225,8 +225,8 @@ def test_a_deleted_or_replaced_file_is_an_error_in_the_log(
 
 
 @pytest.mark.parametrize("other_path", ["events.db", "link.db", "folder/../events.db", "hard.db"])
-def test_a_second_service_on_the_same_file_is_refused(
-    start_service: StartService, command: Command, make_batch: MakeBatch, config: Path, other_path: str
+def test_a_second_service_on_the_same_file_waits_for_it(
+    start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait, other_path: str
 ) -> None:
     service = start_service("--config", config)
     service.post(make_batch(RESTING, TOUCHING, TOUCHING))
@@ -237,26 +237,28 @@ def test_a_second_service_on_the_same_file_is_refused(
     second = config.with_name("second.toml")
     second.write_text(config.read_text().replace("events.db", other_path))
 
-    process = command("run", "--port", "0", "--config", second)
-    output, errors = process.communicate(timeout=60)
-    assert (process.returncode, output) == (2, "")
-    (line,) = errors.splitlines()
-    assert f"{other_path}: another running service writes to it" in line
+    other = start_service("--config", second)
+    wait_for(lambda: other.get("/events").status_code == 503)
+    assert f"{other_path}: another running service writes to it" in other.get("/events").json()["detail"]
     # The second service changed nothing, and readers are not affected.
     assert on_record(config) == [("open", 2)]
     service.post(make_batch(RESTING, sequence=4))
     assert [event["end"] for event in events(service)] == ["lift"]
 
+    other.stop(signal.SIGKILL)
     service.stop(signal.SIGKILL)
     assert [event["end"] for event in events(start_service("--config", config))] == ["lift"]
 
 
-def test_a_new_service_waits_until_the_one_before_has_stopped(
-    start_service: StartService, command: Command, config: Path
+def test_a_new_service_takes_the_file_when_the_one_before_has_stopped(
+    start_service: StartService, make_batch: MakeBatch, config: Path, wait_for: Wait
 ) -> None:
-    service = start_service("--config", config)
-    other = command("run", "--port", "0", "--config", config)
+    service, other = (start_service("--config", config) for _ in range(2))
+    service.post(make_batch(RESTING, TOUCHING, RESTING))
+    other.post(make_batch(RESTING, TOUCHING, RESTING, boot_id="boot-0002"))
+    wait_for(lambda: other.get("/events").status_code == 503)
     code, _ = service.stop(signal.SIGTERM)
     assert code == 0
-    assert other.stdout is not None
-    assert other.stdout.readline().startswith("listening on ")
+    wait_for(lambda: other.get("/events").status_code == 200)
+    # What it saw meanwhile was kept.
+    assert [event["end"] for event in events(other)] == ["lift", "lift"]

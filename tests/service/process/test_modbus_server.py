@@ -172,17 +172,6 @@ def test_there_is_no_server_unless_it_is_configured(
     assert "Modbus" not in service.stop(signal.SIGTERM)[1]
 
 
-def test_a_port_in_use_is_one_line_and_exit_code_2(server: ModbusService, command: Command, tmp_path: Path) -> None:
-    (tmp_path / "other.toml").write_text(f"[modbus_server]\nport = {server.port}\n")
-    process = command("run", "--port", "0", "--config", "other.toml")
-    _, errors = process.communicate(timeout=60)
-
-    assert process.wait() == 2
-    assert f"port {server.port} on 127.0.0.1: in use" in errors
-    assert "modbus_server.port" in errors
-    assert server.registers(2, 1) == [2]
-
-
 def test_without_pymodbus_one_line_names_the_extra(command: Command, tmp_path: Path) -> None:
     (tmp_path / "service.toml").write_text("[modbus_server]\nport = 0\n")
     process = command("run", "--port", "0", "--config", "service.toml", program=("-c", WITHOUT_PYMODBUS))

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import httpx2
-import onnx
 
 from beamtouch_models import cli as design_sensors
 from beamtouch_models.metadata import POSITION_OUTPUTS
@@ -21,7 +20,7 @@ from service.conftest import ADMIN_TOKEN
 if TYPE_CHECKING:
     import pytest
 
-    from service.conftest import BuildModel
+    from service.conftest import BuildModel, MakeBatch
     from service.process.conftest import Service, StartService, Wait
 
 
@@ -77,44 +76,33 @@ def test_it_is_read_again_at_sighup_and_when_the_administrator_asks(
     assert service.get("/surfaces/press-7/model").json()["identity"] == first
 
 
-def other_beam(path: Path, length_mm: float) -> bytes:
-    model = onnx.load(path)
-    (entry,) = (entry for entry in model.metadata_props if entry.key == "beamtouch.length_mm")
-    entry.value = str(length_mm)
-    content: bytes = model.SerializeToString()
-    return content
-
-
-def test_a_model_of_another_beam_takes_a_word_or_a_restart(
-    start_service: StartService, build_model: BuildModel, tmp_path: Path, admin_token_file: Path, wait_for: Wait
+def test_a_model_of_another_beam_is_noticed_at_a_start_and_refused_while_running(
+    start_service: StartService,
+    build_model: BuildModel,
+    tmp_path: Path,
+    token_file: Path,
+    make_batch: MakeBatch,
+    wait_for: Wait,
 ) -> None:
-    path = build_model()
-    service = start(start_service, tmp_path, path, "--admin-token-file", admin_token_file)
-    first, other = model(service), other_beam(path, 603.0)
-    path.write_bytes(other)
+    path, writing = build_model(), ("--write-token-file", token_file)
+    good, batch = path.read_bytes(), make_batch() | {"beam": "beam-1"}
+    service = start(start_service, tmp_path, path, *writing)
+    assert service.post(batch).status_code == 200
+    build_model(beam="beam-2")
     wait_for(lambda: service.get("/surfaces/press-7").json()["model_error"] is not None)
-    said = service.get("/surfaces/press-7").json()["model_error"]
-    assert "its beam is 603 mm long, the one in use 400 mm" in said
-    assert "POST /surfaces/press-7/model/reload?other_beam=true" in said
-
-    def reload(query: str = "") -> httpx2.Response:
-        url, headers = f"{service.url}/surfaces/press-7/model/reload{query}", {"Authorization": f"Bearer {ADMIN_TOKEN}"}
-        return httpx2.post(url, headers=headers, trust_env=False, verify=NO_TLS, timeout=60)
-
-    assert (reload().status_code, reload().json()["type"]) == (409, "urn:beamtouch:problem:model-refused")
-    service.process.send_signal(signal.SIGHUP)
-    assert reload("?other_beam=maybe").status_code == 422
-    assert (reload().status_code, model(service)) == (409, first)
-    answer = reload("?other_beam=true")
-    assert (answer.status_code, answer.json()["changed"]) == (200, True)
-    assert service.get("/surfaces/press-7").json()["model_error"] is None
-    assert service.get("/surfaces/press-7/model").json()["length_mm"] == 603.0
-
-    path.write_bytes(other_beam(path, 500.0))
-    wait_for(lambda: service.get("/surfaces/press-7").json()["model_error"] is not None)
+    assert (
+        "it is of beam beam-2, the samples are of beam beam-1" in service.get("/surfaces/press-7").json()["model_error"]
+    )
     service.stop(signal.SIGTERM)
-    service = start(start_service, tmp_path, path)
-    assert service.get("/surfaces/press-7/model").json()["length_mm"] == 500.0
+
+    service = start(start_service, tmp_path, path, *writing)
+    assert service.get("/surfaces/press-7").json()["beam"] == "beam-2"
+    assert service.post(batch).json()["type"] == "urn:beamtouch:problem:other-beam"
+    assert service.get("/contact").json()["type"] == "urn:beamtouch:problem:other-beam"
+    path.write_bytes(good)
+    wait_for(lambda: service.get("/surfaces/press-7").json()["beam"] == "beam-1")
+    assert service.post(batch).status_code == 200
+    assert service.get("/contact").json()["state"] == "contact"
 
 
 def test_a_file_that_is_too_large_is_refused_unread(

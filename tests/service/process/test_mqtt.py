@@ -114,13 +114,14 @@ def test_the_broker_says_when_the_service_is_gone(line: Line, how: signal.Signal
     assert "ERROR" not in errors
     wait_for(lambda: subscriber.texts(STATUS) == ["online", "offline"])
 
-    # The broker keeps the status, and nothing that was a contact.
+    # The broker keeps the statuses, and nothing that was a contact.
     later = line.broker.subscribe("-t", "beamtouch/#")
     wait_for(lambda: bool(later.messages))
     service = line.start()
     wait_for(lambda: later.texts(STATUS) == ["offline", "online"])
-    kept = [(one.topic, one.text) for one in later.messages if one.is_retained]
-    assert kept == [(STATUS, "offline")]
+    kept = {one.topic: one.text for one in later.messages if one.is_retained}
+    assert kept.keys() == {STATUS, "beamtouch/press-7/status"}
+    assert kept[STATUS] == "offline"
 
 
 def test_events_from_before_are_sent_only_where_that_is_asked_for(line: Line) -> None:
@@ -159,4 +160,7 @@ def test_home_assistant_learns_of_each_surface(line: Line) -> None:
     assert (position["platform"], position["state_topic"], position["unit_of_measurement"]) == ("sensor", CONTACT, "mm")
     assert position["value_template"] == "{{ value_json.position_mm | default(none) }}"
     assert position["expire_after"] == 3
-    assert len({one["unique_id"] for one in said["components"].values()}) == 3
+    problem = said["components"]["problem"]
+    assert (problem["platform"], problem["state_topic"]) == ("binary_sensor", "beamtouch/press-7/status")
+    assert problem["value_template"] == "{{ 'OFF' if value_json.status == 'ready' else 'ON' }}"
+    assert len({one["unique_id"] for one in said["components"].values()}) == 4

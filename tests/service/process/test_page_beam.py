@@ -67,6 +67,9 @@ def test_a_contact_bends_the_beam_as_physics_does(start_bench: StartBench, open_
     assert seen.page.evaluate(f"{boxes}.map(({{x, width}}) => x + width / 2)") == pytest.approx(
         [left, right], abs=PIXEL
     )
+    # Sensors are as wide as their housings, which take 12 mm of this beam.
+    boxes = '[...document.querySelectorAll("#beam rect.sensor")].map(one => one.getBBox().width)'
+    assert seen.page.evaluate(boxes) == pytest.approx([12 * px_per_mm] * len(channels), abs=PIXEL)
 
 
 def test_a_misfit_is_to_be_seen(start_bench: StartBench, open_page: OpenPage) -> None:

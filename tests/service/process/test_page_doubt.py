@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,9 +37,11 @@ def test_two_contacts_are_unexplained_and_say_what_to_look_at(start_bench: Start
     bench.load((150, 9))
     seen = open_page(bench.service.url)
     seen.wait_for_state("contact")
+    assert re.fullmatch(r"Misfit [\d.]+, the limit is [\d.]+", seen.text("misfit"))
     seen.watch()
     bench.load(*TWO)
     seen.wait_for_state("unexplained")
+    seen.wait_for_text("misfit", "over the limit of")
     assert (seen.text("headline"), seen.page.title()) == ("Unexplained", "Unexplained · press-7 · Beamtouch")
     for part in ("not a single contact, or a sensor is wrong", "more than one thing touches", "wedged under it"):
         assert part in seen.text("detail")

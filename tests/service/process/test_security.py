@@ -147,16 +147,16 @@ def _contents(files: tuple[Path, Path]) -> tuple[bytes, bytes]:
 
 
 def test_a_certificate_that_will_not_do(command: Command, certificate: tuple[Path, Path], tmp_path: Path) -> None:
-    def refused(certificate_file: Path, key_file: Path) -> str:
+    def refused(certificate_file: Path, key_file: Path, code: int = 2) -> str:
         options = ("--certificate-file", certificate_file, "--key-file", key_file)
         process = command("run", "--port", "0", *options)
         _, errors = process.communicate(timeout=60)
         (line,) = errors.splitlines()
-        assert process.returncode == 2
+        assert process.returncode == code
         return str(line)
 
     assert "not a PEM certificate and its key" in refused(certificate[1], certificate[0])
-    assert "nowhere.pem: No such file" in refused(tmp_path / "nowhere.pem", certificate[1])
+    assert "nowhere.pem: No such file" in refused(tmp_path / "nowhere.pem", certificate[1], code=1)
     process = command("run", "--port", "0", "--key-file", certificate[1])
     assert "certificate_file is missing" in process.communicate(timeout=60)[1]
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from service.conftest import BuildModel, MakeBatch
     from service.process.conftest import Service, StartService
 
-STATE = {"surface", "contact", "problem", "age_ms", "channels", "length_mm", "sequence"}
+STATE = {"surface", "contact", "problem", "age_ms", "channels", "length_mm", "sequence", "misfit_limit"}
 
 
 @pytest.fixture

@@ -150,9 +150,10 @@ def test_the_unit_file_is_hardened() -> None:
     assert exposure is not None
     assert float(exposure[1]) <= 1.2
     lines = set(UNIT.read_text().splitlines())
-    assert {"Type=notify", "WatchdogSec=10"} <= lines
+    assert {"Type=notify", "WatchdogSec=10", "Restart=always", "RestartPreventExitStatus=2"} <= lines
+    assert "StartLimitIntervalSec=0" in lines
     assert "ProcSubset=pid" not in lines  # it hides /proc/cpuinfo: onnxruntime warns that it could be slow
-    assert "ListenStream=127.0.0.1:8420" in SOCKET.read_text()
+    assert {"ListenStream=127.0.0.1:8420", "FreeBind=yes"} <= set(SOCKET.read_text().splitlines())
 
 
 def test_the_service_runs_where_no_memory_may_become_code(build_model: BuildModel) -> None:

@@ -1,7 +1,7 @@
 """The beam with its supports and sensors, drawn to scale as SVG.
 
 Lengths, thickness and gaps share one scale, but a thin beam is drawn thicker, and bent further, by a factor that the
-legend states. Supports and sensors are symbols.
+legend states. Sensors are as wide as their housings. Supports, and the height of sensors, are symbols.
 """
 
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ import numpy as np
 
 from beamtouch_common.digits import digits
 from beamtouch_models.building.report.beam_legend import BENT, ROW, SPRING, Entry, bent_key, keys, legend
-from beamtouch_models.building.report.beam_scale import BEAM_Y, HEIGHT, MARGIN, WIDTH, Scale, rect, text_at
+from beamtouch_models.building.report.beam_scale import BEAM_Y, HEIGHT, MARGIN, THINNEST_PX, WIDTH, Scale, rect, text_at
 from beamtouch_models.building.report.beam_symbols import support_in_words, support_symbol
 from beamtouch_models.charts import round_ticks
 from beamtouch_models.metadata import Channel, Metadata
@@ -18,7 +18,7 @@ from beamtouch_models.scene import Scene
 from beamtouch_models.scene.beam import Beam
 from beamtouch_models.svg import fill, opening, stroke
 
-SENSOR_WIDTH, SENSOR_HEIGHT = 12.0, 24.0
+SENSOR_HEIGHT = 24.0
 LABEL_WIDTH = 48.0
 """Labels closer than this stand in two rows."""
 KEEP_OUT_LABEL_WIDTH = 52.0
@@ -102,14 +102,14 @@ def _foundation(beam: Beam, px: Scale) -> Iterable[str]:
 
 def _sensors(scene: Scene, metadata: Metadata, px: Scale) -> Iterable[str]:
     gap = max(2.0, metadata.sensor.standoff_mm * px.factor)
-    fixed = set(scene.sensors.fixed_mm)
+    fixed, width = set(scene.sensors.fixed_mm), max(THINNEST_PX, scene.sensors.size_mm * px.factor)
     for channel, row in _rows(metadata.layout, px):
         x, top = px.x(channel.position_mm), BEAM_Y + gap
         held = channel.position_mm in fixed
         label_y = BEAM_Y + 56 + 30 * row
         yield f'<line {_LEAD} x1="{x:.1f}" x2="{x:.1f}" y1="{top + SENSOR_HEIGHT:.1f}" y2="{label_y - 11}"/>'
         paint = fill("s3", "sensor", "fixed") if held else fill("s0", "sensor")
-        yield rect(paint, x - SENSOR_WIDTH / 2, top, SENSOR_WIDTH, SENSOR_HEIGHT)
+        yield rect(paint, x - width / 2, top, width, SENSOR_HEIGHT)
         yield text_at(x, label_y, f"{channel.name}{' (fixed)' if held else ''}")
         yield text_at(x, label_y + 14, f"{channel.position_mm:g}")
 

@@ -32,7 +32,8 @@ def keys(scene: Scene, metadata: Metadata, px: Scale) -> Iterator[Entry]:
         yield _support_key(support), words
     fixed = set(scene.sensors.fixed_mm)
     kinds = {channel.position_mm in fixed for channel in metadata.layout}
-    for is_fixed, words in ((False, "sensor"), (True, "sensor, fixed by the scene")):
+    wide = f", {scene.sensors.size_mm:g} mm wide" if scene.sensors.size_mm else ""
+    for is_fixed, words in ((False, f"sensor{wide}"), (True, f"sensor{wide}, fixed by the scene")):
         if is_fixed in kinds:
             yield _sensor_key(is_fixed=is_fixed), words
     if scene.sensors.keep_out_mm:

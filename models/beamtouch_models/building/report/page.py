@@ -10,7 +10,7 @@ from beamtouch_models.building.report.beam_drawing import beam_drawing
 from beamtouch_models.building.report.facts import PROFILE_BINS, Facts
 from beamtouch_models.building.report.robustness import failed_rows, price_rows
 from beamtouch_models.charts import Chart, Series, draw
-from beamtouch_models.description import per_day, unseen
+from beamtouch_models.description import answers, nothing_seen, per_day, unseen
 from beamtouch_models.detection import detection_of
 from beamtouch_models.pricing.effect import NEGLIGIBLE
 from beamtouch_models.pricing.ringing import ringing_of, told
@@ -56,7 +56,7 @@ def page(facts: Facts) -> str:
         widths=None if width_mm is None else {"ends_mm": width_mm[[0, -1]].mean(), "middle_mm": width_mm[third].mean()},
         negligible=NEGLIGIBLE,
         detection=detection_of(facts.model.metadata),
-        ringing=ringing,
+        answers=answers(facts.model.metadata),
         rings=[] if ringing is None else told(ringing),
         missed=unseen(facts.model.metadata),
         weak=weak_spot(facts.model.metadata),
@@ -83,13 +83,14 @@ def _charts(facts: Facts) -> list[tuple[str, Chart, str]]:
         charts.append(("held", Chart(says, at, "held, %", curves), stretches))
     seen = facts.model.metadata.smallest_force
     says = "Smallest force that is seen over the position of the contact"
-    # Where the beam does not move, no force is enough.
     strongest = facts.model.metadata.ranges.force_n[1]
-    forces = [min(force, strongest) for force in seen.force_n]
-    remark = f"; even {strongest:g} N, the largest force of the scene, is not seen where the curve reaches it"
+    forces = [strongest if force is None else min(force, strongest) for force in seen.force_n]
+    remarks = [f"even {strongest:g} N, the largest force of the scene, is not seen where the curve reaches it"]
+    remarks += [nothing_seen(facts.model.metadata, list(zip(seen.position_mm, seen.force_n, strict=True)))]
+    remark = "".join(f"; {one}" for one in remarks if one) if strongest in forces else ""
     curve = Series("", seen.position_mm, forces)
     chart = Chart(says, at, "force, N", [curve], y_from_zero=True)
-    charts.append(("seen", chart, remark if max(seen.force_n) > strongest else ""))
+    charts.append(("seen", chart, remark))
     along = detection_of(facts.model.metadata)
     if along is not None and max(along.missed) >= MIN_MISSED:
         says = f"Contacts of {along.force_n:g} N, the smallest force of the scene, that are missed along the beam"
@@ -189,7 +190,7 @@ def _noise(facts: Facts) -> Rows:
             f"{digits(noise.sample_mm, 3)} mm",
             f"{noise.sample_mm * percent:.2f} % of the largest deflection",
         ),
-        ("filter", chosen.kind, f"{chosen.window} readings, settled after {chosen.settling_ms:g} ms"),
+        ("filter", chosen.kind, f"{chosen.window} to {chosen.max_readings} readings"),
         ("spike filter", spike, ""),
         ("rate", f"{sensor.rate_hz:g} Hz", "readings of every channel"),
         ("ADC", f"{sensor.adc_bits} bits", f"{digits(sensor.gain_mm_per_count * 1e3, 3)} µm per count"),

@@ -1,11 +1,12 @@
 """The register map as text and JSON, as `beamtouch-service registers` prints it; a page of the site repeats it."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from beamtouch_service.outputs.modbus.registers import BLOCK, NOTES, REGISTERS, STATES, identity
+from beamtouch_service.outputs.modbus.registers import BLOCK, REGISTERS, STATES, identity
 from beamtouch_service.problems import Kind
+from beamtouch_service.samples import Note
 
 
 def as_json(surfaces: Sequence[str], word_order: str) -> str:
@@ -26,7 +27,7 @@ def described(surfaces: Sequence[str], word_order: str) -> dict[str, Any]:
         "word_order": word_order,
         "registers": registers,
         "states": {_state_name(state): code for state, (code, _) in STATES.items()},
-        "notes": {str(note): bit for note, (bit, _) in NOTES.items()},
+        "notes": {note.value: note.bit for note in Note},
         "surfaces": [
             {"surface": name, "address": place * BLOCK, "identity": identity(name)}
             for place, name in enumerate(surfaces)
@@ -42,7 +43,7 @@ def as_text(surfaces: Sequence[str], word_order: str) -> str:
         f"Input registers (function 4). Each surface has a block of {BLOCK}; offsets count from its first register.",
         _table(("offset", "register", "type", "value"), registers),
         _table(("state", "name", "meaning"), states),
-        _table(("bit of `notes`", "note", "meaning"), _of_notes(NOTES)),
+        _table(("bit of `notes`", "note", "meaning"), [(str(one.bit), f"`{one}`", one.meaning) for one in Note]),
     ]
     if surfaces:
         blocks = [
@@ -50,10 +51,6 @@ def as_text(surfaces: Sequence[str], word_order: str) -> str:
         ]
         parts += [_table(("surface", "addresses", "identity"), blocks), f"Word order: {word_order}."]
     return "\n\n".join(parts)
-
-
-def _of_notes(notes: Mapping[str, tuple[int, str]]) -> list[tuple[str, ...]]:
-    return [(str(bit), f"`{note}`", words) for note, (bit, words) in notes.items()]
 
 
 def _state_name(state: object) -> str:

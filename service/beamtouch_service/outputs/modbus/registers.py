@@ -14,7 +14,7 @@ from beamtouch_models.modelfile import State
 from beamtouch_service.outputs.modbus.snapshot import Snapshot
 from beamtouch_service.problems import Kind
 from beamtouch_service.samples import Note, Quality
-from beamtouch_service.surfaces.contact import Contact, Doubt
+from beamtouch_service.surfaces.contact import Contact
 
 BLOCK = 50
 """Registers of one surface. Those without a meaning yet read as 0."""
@@ -34,17 +34,9 @@ STATES: dict[State | Kind, tuple[int, str]] = {
     Kind.STALE: (18, "the newest sample is older than the limit of the surface (`stale_ms`)"),
     Kind.TOO_FEW_CHANNELS: (19, "too few channels work"),
     Kind.UNUSABLE_ESTIMATE: (20, "the model gave no usable answer"),
+    Kind.OTHER_BEAM: (21, "the model is of another beam than the samples that arrive"),
 }
 """Codes of the register `state`. 0 is no code, because memory that was never written holds it."""
-
-NOTES: dict[str, tuple[int, str]] = {
-    Doubt.OVERLOAD: (0, "the force is beyond the range of the scene"),
-    Doubt.UNSTEADY: (1, "the readings move, or do not show the state by themselves"),
-    Doubt.UNCHECKED: (2, "too few channels work to tell a single contact from anything else"),
-    Note.RATE: (3, "the device does not keep its rate"),
-    Doubt.NOISE: (4, "the daemon states another noise than the model was made for"),
-}
-"""Bits of the register `notes`."""
 
 
 class Type(Enum):
@@ -97,7 +89,7 @@ def _state(one: Snapshot) -> int:
 
 
 def _notes(one: Snapshot) -> int:
-    return sum(1 << NOTES[note][0] for note in one.notes if note in NOTES)
+    return sum(1 << note.bit for note in Note if note in one.notes)
 
 
 def _age_ms(one: Snapshot) -> int:

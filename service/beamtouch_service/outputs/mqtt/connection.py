@@ -68,6 +68,8 @@ class Connection(aiomqtt.Client):
         )
         self._client._create_socket_connection = lambda: line  # type: ignore[method-assign]  # paho would block
         self._status = status
+        self.telling = asyncio.Lock()
+        """For senders of a `tell`: `refusal` and `has_listeners` are of its messages alone."""
         self.refusal: str | None = None
         """The reason why the broker refused a message of the last `tell`. Some brokers then end the connection."""
         self.has_listeners = True

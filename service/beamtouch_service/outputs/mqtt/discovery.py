@@ -5,7 +5,7 @@ import re
 
 from beamtouch_common.commands import version
 from beamtouch_models.modelfile import State
-from beamtouch_service.outputs.mqtt.topics import OFFLINE, ONLINE, Topics
+from beamtouch_service.outputs.mqtt.topics import OFFLINE, ONLINE, READY, Topics
 
 EXPIRE_S = 3
 """Without a contact for this long, Home Assistant shows the figures as unavailable. One arrives each second."""
@@ -17,20 +17,17 @@ def topic(topics: Topics, surface: str) -> str:
 
 
 def description(topics: Topics, surface: str) -> bytes:
-    """Return the description of a surface: its state, position and force."""
+    """Return the description of a surface: its state, position and force, and whether someone must look at it."""
     contact, identifier = topics.contact(surface), _identifier(topics, surface)
 
+    def entity(name: str, template: str, **more: object) -> dict[str, object]:
+        named = {"name": name.capitalize(), "unique_id": f"{identifier}_{name}"}
+        return named | {"value_template": f"{{{{ {template} }}}}"} | more
+
     def sensor(name: str, template: str, **more: object) -> dict[str, object]:
-        return {
-            "platform": "sensor",
-            "name": name.capitalize(),
-            "unique_id": f"{identifier}_{name}",
-            "state_topic": contact,
-            # Home Assistant shows `None` as unknown, and so does a problem, which has no such member.
-            "value_template": f"{{{{ value_json.{template} }}}}",
-            "expire_after": EXPIRE_S,
-            **more,
-        }
+        # Home Assistant shows `None` as unknown, and so does a problem, which has no such member.
+        where = {"platform": "sensor", "state_topic": contact, "expire_after": EXPIRE_S}
+        return entity(name, f"value_json.{template}", **where, **more)
 
     options = [*(state.value for state in State), "problem"]
     figure = {"state_class": "measurement"}
@@ -38,6 +35,13 @@ def description(topics: Topics, surface: str) -> bytes:
         "state": sensor("state", "state | default('problem')", device_class="enum", options=options),
         "position": sensor("position", "position_mm | default(none)", unit_of_measurement="mm", **figure),
         "force": sensor("force", "force_n | default(none)", unit_of_measurement="N", **figure),
+        "problem": entity(
+            "problem",
+            f"'OFF' if value_json.status == '{READY}' else 'ON'",
+            platform="binary_sensor",
+            device_class="problem",
+            state_topic=topics.surface_status(surface),
+        ),
     }
     whole = {
         "device": {"identifiers": [identifier], "name": surface, "manufacturer": "Beamtouch"},

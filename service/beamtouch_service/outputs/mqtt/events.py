@@ -8,6 +8,7 @@ from sqlalchemy.exc import DBAPIError
 
 from beamtouch_service.api import event_answers
 from beamtouch_service.events.deliveries import Due
+from beamtouch_service.events.file import EventsAwayError
 from beamtouch_service.events.recorder import Recorder
 from beamtouch_service.outputs.mqtt.connection import WINDOW, Connection, RefusedError
 from beamtouch_service.outputs.mqtt.counts import MqttCounts
@@ -34,6 +35,8 @@ class EventSender:
         self._topics = topics
         self._counts = counts
         self._written = asyncio.Event()
+        self._begun = asyncio.Event()
+        """The record knows the destination."""
         self._resume_s = float("-inf")
         """When to try again after a refusal [s, of the loop]."""
 
@@ -49,15 +52,20 @@ class EventSender:
             except DBAPIError as error:
                 _log.warning("the record of events cannot be read, so none is sent: %s", error.orig)
                 await asyncio.sleep(REFUSED_RETRY_S)
+            except EventsAwayError:  # the log has it
+                await asyncio.sleep(RETRY_S)
             else:
+                self._begun.set()
                 return
 
     async def count(self) -> None:
         """Count the events that have yet to be acknowledged."""
-        await self._due(limit=0)
+        if self._begun.is_set():
+            await self._due(limit=0)
 
     async def run(self, connection: Connection) -> None:
         """Send events over a connection; raises MqttError when it is lost."""
+        await self._begun.wait()
         loop = asyncio.get_running_loop()
         settled_s = loop.time() + RETURN_S
         while True:
@@ -67,7 +75,8 @@ class EventSender:
             if not due:
                 await self._written.wait()
                 continue
-            await self._send(connection, due)
+            async with connection.telling:
+                await self._send(connection, due)
             if connection.refusal is not None:
                 continue
             if connection.has_listeners or loop.time() > settled_s:

@@ -19,6 +19,7 @@ from beamtouch_service.outputs.mqtt.contacts import ContactSender
 from beamtouch_service.outputs.mqtt.counts import MqttCounts
 from beamtouch_service.outputs.mqtt.events import EventSender
 from beamtouch_service.outputs.mqtt.messages import JSON, TEXT, properties
+from beamtouch_service.outputs.mqtt.statuses import StatusSender
 from beamtouch_service.outputs.mqtt.topics import ONLINE, Topics
 from beamtouch_service.settings import MqttSettings
 
@@ -59,19 +60,37 @@ class Publisher:
         """Serve one application until it ends."""
         settings, counts = self._settings, MqttCounts(context.counts.registry)
         contacts = ContactSender(context, self._topics, settings.max_rate_hz, counts)
+        statuses = StatusSender(context, self._topics)
         events = EventSender(context.recorder, f"mqtt://{self._where}/{settings.prefix}", self._topics, counts)
-        await events.begin(from_start=settings.send_recorded_events)
-        pause_s = RETRY_S
+        beginning = asyncio.create_task(events.begin(from_start=settings.send_recorded_events))
+        try:
+            await self._serve(context, counts, events, (contacts, statuses))
+        finally:
+            beginning.cancel()
+
+    async def _serve(
+        self,
+        context: Context,
+        counts: MqttCounts,
+        events: EventSender,
+        others: tuple[ContactSender, StatusSender],
+    ) -> None:
+        """Connect, and connect again after each failure, until cancelled."""
+        settings, pause_s = self._settings, RETRY_S
         while True:
             begin_s = monotonic()
             try:
                 async with connected(settings) as connection, asyncio.TaskGroup() as tasks:
                     await self._introduce(connection, context)
                     counts.connected.set(1)
-                    for work in (connection.watch(), contacts.run(connection), events.run(connection)):
-                        tasks.create_task(work)
+                    context.missing["mqtt"] = ""
+                    for sender in (events, *others):
+                        tasks.create_task(sender.run(connection))
+                    tasks.create_task(connection.watch())
             except* (aiomqtt.MqttError, OSError, ConfigError) as failures:
-                self._log_problem(next(_leaves(failures)))
+                failure = next(_leaves(failures))
+                context.missing["mqtt"] = f"broker {self._where}: {_reason(failure)}"
+                self._log_problem(failure)
             counts.connected.set(0)
             if monotonic() - begin_s > STEADY_S:
                 pause_s = RETRY_S

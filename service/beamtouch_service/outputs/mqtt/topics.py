@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 ONLINE, OFFLINE = "online", "offline"
 """What the status says: the service is connected to the broker, or not."""
+READY = "ready"
+"""What the status of a surface says when it has a contact to give."""
 
 
 @dataclass(frozen=True)
@@ -16,6 +18,10 @@ class Topics:
     def status(self) -> str:
         """Of the service; the broker keeps its last message."""
         return f"{self.prefix}/status"
+
+    def surface_status(self, surface: str) -> str:
+        """Of the status of a surface; the broker keeps its last message."""
+        return f"{self.prefix}/{surface}/status"
 
     def contact(self, surface: str) -> str:
         """Of the contacts on a surface."""

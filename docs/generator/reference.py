@@ -1,0 +1,108 @@
+"""The parts of the reference that come from the code: `make reference` writes them into the committed pages.
+
+A part stands in its page between the lines `<!-- generate: NAME -->` and `<!-- generated -->`.
+"""
+
+import json
+import os
+import re
+import sys
+from collections.abc import Callable, Mapping
+from functools import cache, partial
+from pathlib import Path
+
+from pydantic import BaseModel
+
+import facts
+from beamtouch_daemon.config.settings import Config
+from beamtouch_models.rig.imperfections import Imperfections
+from beamtouch_models.rig.script import Script
+from beamtouch_models.scene import Scene
+from beamtouch_service.config_sections import ConfigFile
+from beamtouch_service.problems import ProblemBody
+from beamtouch_service.samples import Batch
+from beamtouch_service.surfaces.contact import Contact
+from helps import helps_as_markdown, registers
+from project import ROOT
+from schemas import editor_schema, keys_as_markdown
+from stubs import python_interface
+
+FILES: dict[str, tuple[type[BaseModel], str]] = {
+    "scene": (Scene, "Scene of Beamtouch"),
+    "daemon": (Config, "Configuration of beamtouch-daemon"),
+    "service": (ConfigFile, "Configuration of beamtouch-service"),
+    "rig-script": (Script, "Script of beamtouch-rig"),
+    "rig-imperfections": (Imperfections, "Imperfections of beamtouch-rig"),
+}
+"""Files that people write, by the name of their schema."""
+ANSWERS: dict[str, type[BaseModel]] = {"contact": Contact, "problem": ProblemBody, "batch": Batch}
+"""What programs send and receive as JSON."""
+DOCS = ROOT / "docs"
+SCHEMAS = DOCS / "schemas"
+_PART = re.compile(r"(<!-- generate: (\S+) -->\n).*?(<!-- generated -->)", re.DOTALL)
+
+
+def reference() -> dict[Path, str]:
+    """Return the text of each page with parts from the code, and of each schema, by its path."""
+    pages = {path: path.read_text() for path in sorted(DOCS.rglob("*.md"))}
+    schemas = {name: editor_schema(*FILES[name]) for name in FILES} | {"openapi": facts.openapi()}
+    return {path: _filled(text) for path, text in pages.items() if _PART.search(text)} | {
+        SCHEMAS / f"{name}.json": json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+        for name, schema in schemas.items()
+    }
+
+
+def _filled(page: str) -> str:
+    return _PART.sub(lambda match: f"{match[1]}\n{_generated(match[2])}\n\n{match[3]}", page)
+
+
+@cache
+def _generated(name: str) -> str:
+    return _script(name) if name.endswith(".py") else _PARTS[name]()
+
+
+def _keys_of_file(name: str) -> str:
+    return keys_as_markdown(editor_schema(*FILES[name]), 3 if name.startswith("rig") else 2)
+
+
+def _keys_of_answer(name: str) -> str:
+    return keys_as_markdown(ANSWERS[name].model_json_schema() | {"title": name}, 3)
+
+
+def _script(name: str) -> str:
+    return f"```python\n{(DOCS / name).read_text().strip()}\n```"
+
+
+_PARTS: Mapping[str, Callable[[], str]] = (
+    {f"keys-{name}": partial(_keys_of_file, name) for name in FILES}
+    | {f"members-{name}": partial(_keys_of_answer, name) for name in ANSWERS}
+    | {
+        "commands": helps_as_markdown,
+        "metrics": facts.metrics,
+        "problems": facts.problems,
+        "python": python_interface,
+        "registers": registers,
+    }
+)
+
+
+def main() -> int:
+    """Write each file whose text has changed, or with `--check` only name it; return the exit code."""
+    os.environ.update(COLUMNS="96", NO_COLOR="1")  # helps as wide as the line of a page, and without colours
+    files = {path: (text, path.read_text() if path.exists() else "") for path, text in reference().items()}
+    # Each Python version breaks the lines of a help in its own way, so only words count.
+    changed = {path: text for path, (text, old) in files.items() if text.split() != old.split()}
+    names = [str(path.relative_to(ROOT)) for path in changed]
+    if "--check" in sys.argv:
+        if names:
+            print(f"{', '.join(names)}: not as the code has it; type `make reference` and commit", file=sys.stderr)
+        return 1 if names else 0
+    for path, text in changed.items():
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    print(*(f"wrote {name}" for name in names), sep="\n", end="\n" if names else "")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

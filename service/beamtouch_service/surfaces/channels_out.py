@@ -1,0 +1,107 @@
+"""The channels of one surface that are out: not good for longer than a stated time. Pure."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pydantic import BaseModel
+
+from beamtouch_service.samples import Quality
+from beamtouch_service.surfaces.contact import rfc3339
+
+
+class ChannelOut(BaseModel):
+    """A channel that is out."""
+
+    quality: Quality
+    """Its quality when it was last not good."""
+    since: str
+    """Time of the first sample in which it was not good, by the sender's clock (RFC 3339)."""
+
+
+class Turn(NamedTuple):
+    """A channel that went out, or is back."""
+
+    channel: str
+    out: ChannelOut
+    is_back: bool
+
+
+@dataclass(slots=True)
+class _Spell:
+    """A channel that has not been good of late."""
+
+    since_us: int
+    quality: Quality
+    bad_s: float = 0.0
+    """Time in which it was not good, less the time in which it was."""
+    is_out: bool = False
+
+    def described(self) -> ChannelOut:
+        return ChannelOut(quality=self.quality, since=rfc3339(self.since_us))
+
+
+class ChannelsOut:
+    """Follows the samples that move the answer.
+
+    A channel is out once the time in which it was not good exceeds that in which it was by `after_s`, and back once it
+    has made up for that. So a loose cable is noticed if it is off for more than half of the time, and a channel that
+    comes and goes is not told each time.
+    """
+
+    def __init__(self, after_s: float, max_pause_s: float) -> None:
+        """Count at most `max_pause_s` between two samples: nothing is known of the channels in a longer pause."""
+        self.after_s = after_s
+        self._max_pause_s = max_pause_s
+        self._last_s = 0.0
+        self._spells: dict[str, _Spell] = {}
+        self._turns: list[Turn] = []
+
+    @property
+    def now(self) -> dict[str, ChannelOut]:
+        """The channels that are out, by name."""
+        return {name: spell.described() for name, spell in self._spells.items() if spell.is_out}
+
+    @property
+    def any(self) -> bool:
+        """Whether a channel is out."""
+        return any(spell.is_out for spell in self._spells.values())
+
+    def add(self, samples: Sequence[tuple[int, Mapping[str, Quality]]], acquired_s: float) -> None:
+        """Add the next samples, each with its time [us since 1970] and the channels that are not good.
+
+        The last one was taken at `acquired_s` [s, monotonic].
+        """
+        newest_us = samples[-1][0]
+        for unix_us, bad in samples:
+            taken_s = max(self._last_s, acquired_s - max(0, newest_us - unix_us) / 1e6)
+            passed_s, self._last_s = min(taken_s - self._last_s, self._max_pause_s), taken_s
+            for name in {*bad, *self._spells} if bad or self._spells else ():
+                self._step(name, bad.get(name), unix_us, passed_s)
+
+    def take_turns(self) -> list[Turn]:
+        """Return the channels that went out or came back since the last call."""
+        turns, self._turns = self._turns, []
+        return turns
+
+    def forget(self) -> None:
+        """Begin anew, as with another model, which may have other channels."""
+        self._spells.clear()
+
+    def _step(self, name: str, quality: Quality | None, unix_us: int, passed_s: float) -> None:
+        spell = self._spells.get(name)
+        if quality is None:
+            assert spell is not None  # noqa: S101  # only a channel with a spell is asked for while it is good
+            spell.bad_s -= passed_s
+            if spell.bad_s <= 0.0:
+                del self._spells[name]
+                if spell.is_out:
+                    self._turns.append(Turn(name, spell.described(), is_back=True))
+            return
+        if spell is None:
+            self._spells[name] = _Spell(unix_us, quality)
+            return
+        spell.quality, spell.bad_s = quality, min(self.after_s, spell.bad_s + passed_s)
+        if spell.bad_s >= self.after_s and not spell.is_out:
+            spell.is_out = True
+            self._turns.append(Turn(name, spell.described(), is_back=False))

@@ -1,0 +1,90 @@
+"""Configurations written for real modules read the rig, as long as the rig plays their registers."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from example_scenes import SCENES
+
+from .configs import write
+from .process import command
+
+pytestmark = pytest.mark.anyio
+
+FLOATS = ("--unit", "5", "--function", "3", "--register", "100", "--type", "f32", "--byte-order", "CDAB")
+TCP = 'kind = "modbus-tcp"\nhost = "127.0.0.1"\nport = {port}\ntimeout_ms = 30000\n'
+RTU = 'kind = "modbus-rtu"\nport = "{path}"\ntimeout_ms = {timeout_ms}\n'
+
+
+@contextmanager
+def rig(bench_model: Path, *options: str | Path) -> Iterator[str]:
+    """Run the rig until the end of the block; gives the port or path that it listens on."""
+    words = [sys.executable, "-m", "beamtouch_models.rig.cli", SCENES / "bench.toml", "--model", bench_model, *options]
+    with subprocess.Popen(list(map(str, words)), stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            yield process.stdout.readline().strip().rpartition(" ")[2].rpartition(":")[2]
+        finally:
+            process.terminate()
+
+
+def configuration(folder: Path, source: str, channel: str) -> Path:
+    channels = "".join(
+        f"""[[surfaces.bench.channels]]
+name = "s{index + 1}"
+{channel.format(index=index, two=100 + 2 * index)}
+gain_mm_per_count = 5.722133211261158e-05
+offset_mm = 0.625
+rest_gap_mm = 3.63
+range_mm = [1.0, 4.0]
+"""
+        for index in range(4)
+    )
+    return write(folder, f"[surfaces.bench]\nrate_hz = 10.0\n[surfaces.bench.source]\n{source}\n{channels}")
+
+
+@pytest.mark.parametrize(
+    ("played", "source", "channel"),
+    [
+        (("--function", "3"), 'module = "adam-6017"', "input = {index}"),
+        (("--unit", "255"), 'module = "iologik-e1240"\nunit = 255', "input = {index}"),
+        (FLOATS, 'function = 3\nunit = 5\nbyte_order = "CDAB"', 'register = {two}\ntype = "f32"'),
+    ],
+)
+async def test_a_configuration_for_a_tcp_module_reads_the_rig(
+    bench_model: Path, tmp_path: Path, played: tuple[str, ...], source: str, channel: str
+) -> None:
+    with rig(bench_model, "--modbus-tcp", "127.0.0.1:0", "--by-hand", *played) as port:
+        done = await command("check", configuration(tmp_path, TCP.format(port=port) + source, channel))
+    assert done.code == 0, done.err
+    assert done.out.count("good") == 4
+
+
+async def test_a_configuration_for_an_rtu_module_reads_the_rig_and_another_unit_is_silent(
+    bench_model: Path, tmp_path: Path
+) -> None:
+    with rig(bench_model, "--modbus-rtu", tmp_path / "line", "--by-hand", "--unit", "17") as path:
+        module = RTU.format(path=path, timeout_ms=30_000) + 'module = "waveshare-8ch"\nunit = '
+        done = await command("check", configuration(tmp_path, module + "17", "input = {index}"))
+        other = module.replace("30000", "100") + "18"
+        silent = await command("check", configuration(tmp_path, other, "input = {index}"))
+    assert done.code == 0, done.err
+    assert done.out.count("good") == 4
+    assert silent.code == 1
+    assert "unit 18" in silent.err
+    assert "does not answer" in silent.err
+
+
+async def test_a_wrong_function_unit_or_register_is_refused_as_a_module_does(bench_model: Path, tmp_path: Path) -> None:
+    with rig(bench_model, "--modbus-tcp", "127.0.0.1:0", "--by-hand") as port:
+        said = []
+        for keys, channel in (("function = 3", "index"), ("unit = 2", "index"), ("", "two")):
+            config = configuration(tmp_path, TCP.format(port=port) + keys, f"register = {{{channel}}}")
+            said.append((await command("check", config)).err)
+    assert "exception 1: it does not know this function" in said[0]
+    assert "exception 11: gateway: the device does not answer" in said[1]
+    assert "exception 2: it has no such register: asked for 106; addresses count from 0" in said[2]

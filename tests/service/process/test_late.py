@@ -1,0 +1,107 @@
+"""What may come later, when the service starts: it starts, says what is missing, and uses it when it comes."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+from own_names import own_names_in
+from service.process.broker import Broker
+from service.process.conftest import CLI, service_of
+from service.process.modbus_service import ask
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from service.conftest import BuildModel, MakeBatch
+    from service.process.conftest import Command, Process, Service, StartService, Wait
+
+TOUCHING, RESTING = [0.5, 0.25, 0.125], [0.0, 0.0, 0.0]
+
+
+def complaint(process: Process) -> str:
+    """Return the line that says what the service tries again."""
+    assert process.stderr is not None
+    return next(line for line in process.stderr if "trying again" in line)
+
+
+def missing(service: Service) -> set[str]:
+    """Return what the metrics call missing."""
+    lines = service.get("/metrics").text.splitlines()
+    return {line.split('"')[1] for line in lines if line.startswith("beamtouch_missing{") and line.endswith(" 1.0")}
+
+
+def test_a_port_that_is_taken_is_waited_for(command: Command, token_file: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        process = command("run", "--port", str(taken.getsockname()[1]), "--write-token-file", token_file)
+        line = complaint(process)
+    assert "[server]: port" in line
+    assert "in use; stop the program that listens there, or choose another port with --port" in line
+    assert service_of(process, "").get("/health/live").status_code == 200
+
+
+def test_a_name_that_does_not_resolve_is_waited_for(tmp_path: Path, token_file: Path, read_token_file: Path) -> None:
+    names, pipe = own_names_in(tmp_path), subprocess.PIPE
+    tokens = ("--write-token-file", str(token_file), "--read-token-file", str(read_token_file))
+    run = (sys.executable, *CLI, "run", "--host", "gateway.plant", "--port", "0", *tokens)
+    with subprocess.Popen((*names.prefix, *run), stdout=pipe, stderr=pipe, text=True) as process:
+        try:
+            assert "host 'gateway.plant' does not resolve" in complaint(process)
+            names.add("gateway.plant", "127.0.0.1")
+            assert service_of(process, "").get("/health/live").status_code == 200
+        finally:
+            process.kill()
+
+
+def test_what_is_missing_is_named_and_used_when_it_comes(
+    start_service: StartService,
+    build_model: BuildModel,
+    make_batch: MakeBatch,
+    token_file: Path,
+    tmp_path: Path,
+    wait_for: Wait,
+) -> None:
+    broker, record = Broker(tmp_path), tmp_path / "mount" / "events.db"
+    model = build_model()
+    absent = model.with_name("later.onnx")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        (tmp_path / "service.toml").write_text(
+            f'[server]\nwrite_token_file = "{token_file}"\n[events]\nfile = "{record}"\n'
+            f'[modbus_server]\nport = {port}\n[mqtt]\nhost = "127.0.0.1"\nport = {broker.port}\n'
+            f'[surfaces.press-7]\nmodel = "{model}"\nstale_ms = 60000\n'
+            f'[surfaces.press-8]\nmodel = "{absent}"\nstale_ms = 60000\n'
+        )
+        service = start_service("--config", "service.toml")
+        service.post(make_batch(RESTING, TOUCHING, RESTING))
+        # The other surface goes on, and its contacts are kept for the record.
+        assert service.get("/surfaces/press-7/contact").json()["state"] == "clear"
+        assert service.get("/events").status_code == 503
+        wait_for(lambda: missing(service) == {"events", "modbus_server", "mqtt"})
+        problem = service.get("/health/ready")
+        assert problem.status_code == 503
+        assert set(problem.json()["missing"]) == {"events", "modbus_server", "mqtt"}
+        assert f"port {port} on 127.0.0.1: in use" in problem.json()["missing"]["modbus_server"]
+        assert "unable to open database file" in problem.json()["missing"]["events"]
+        assert "refused" in problem.json()["missing"]["mqtt"]
+        no_model = service.get("/surfaces/press-8/contact").json()
+        assert no_model["type"].endswith("no-model")
+        assert f"{absent}: No such file or directory" in no_model["detail"]
+
+    record.parent.mkdir()
+    absent.write_bytes(model.read_bytes())
+    broker.start()
+    try:
+        wait_for(lambda: missing(service) == set())
+        wait_for(lambda: service.get("/surfaces/press-8/contact").json()["type"].endswith("no-samples"))
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            assert len(ask(connection, 0, 40)) == 40
+        wait_for(lambda: service.get("/events").status_code == 200)
+        assert [event["end"] for event in service.get("/events").json()["events"]] == ["lift"]
+        assert set(service.get("/health/ready").json()["surfaces"]) == {"press-8"}
+        assert service.get("/health/ready").json()["missing"] == {}
+    finally:
+        broker.close()
+    assert record.stat().st_size > 0
