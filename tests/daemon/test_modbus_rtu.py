@@ -132,7 +132,8 @@ async def test_a_refusal_is_an_error_that_says_so() -> None:
     _, errors = await run_with(
         lambda number, frame: [(0.0, with_crc(bytes([1, 0x84, 2])) if 5 < number < 12 else frame)], 20
     )
-    (error,) = set(errors)
+    # On a busy machine, an answer may also be late.
+    (error,) = {error for error in errors if "exception" in error}
     assert error.startswith("unit 1 answers with exception 2: it has no such register: asked for 0 to 2; addresses")
 
 

@@ -95,7 +95,7 @@ class EventFile:
 
     def used_bytes(self) -> int:
         """Return the size of the used part of the file; later events fill the unused part first."""
-        with self._engine.connect() as connection:
+        with self.connect() as connection:
             pages, free, size = (_pragma(connection, name) for name in ("page_count", "freelist_count", "page_size"))
         return (pages - free) * size
 
