@@ -5,9 +5,9 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PEERS := $(VENV)/.peers
 PACKAGES := common/beamtouch_common firmware_protocol/beamtouch_protocol models/beamtouch_models service/beamtouch_service daemon/beamtouch_daemon
-# Three times the cores: many tests wait for devices, timeouts and outages. What is compiled is kept, as they start hundreds
+# Twice the cores: many tests wait for devices, timeouts and outages. What is compiled is kept, as they start hundreds
 # of processes.
-WORKERS ?= $(shell expr 3 \* $$(nproc))
+WORKERS ?= $(shell expr 2 \* $$(nproc))
 
 .PHONY: help install demo test coverage bench check docs reference release format deb clean
 

@@ -102,7 +102,8 @@ class Watched:
     def figures(self) -> dict[str, Any]:
         """State and figures as they stand at one instant, with that instant [s since 1970]."""
         script = """() => Object.fromEntries([["state", document.body.dataset.state], ["unix_s", Date.now() / 1000],
-          ...["position", "position-interval", "force"].map(id => [id, document.getElementById(id).innerText])])"""
+          ...["position", "position-interval", "force", "detail"]
+            .map(id => [id, document.getElementById(id).innerText])])"""
         found: dict[str, Any] = self.page.evaluate(script)
         return found
 
