@@ -25,6 +25,10 @@ MAX_NOISE_MM = 1e4
 """Largest standard deviation of a channel. Beyond it, figures overflow."""
 _STRICT = ConfigDict(extra="forbid", strict=True, frozen=True, use_attribute_docstrings=True)
 
+MAX_EARLIER = 64
+"""Limit of past boots that a batch names."""
+
+BootId = Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{8,64}$")]
 ChannelName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$")]
 Noise = Annotated[FiniteFloat, Field(gt=0, le=MAX_NOISE_MM)]
 Covariance = Annotated[FiniteFloat, Field(ge=-(MAX_NOISE_MM**2), le=MAX_NOISE_MM**2)]
@@ -76,8 +80,8 @@ class Sample(BaseModel):
 
     model_config = _STRICT
 
-    sequence: int = Field(ge=0, lt=2**53)
-    """Counts the samples since the sender started. A gap is a loss."""
+    sequence: int = Field(ge=1, lt=2**53)
+    """Counts the samples since the sender started, from 1 on. A gap is a loss."""
     acquired_unix_us: int = Field(ge=0, lt=2**53)
     """Time of its newest reading by the sender's clock; for the record, never for freshness."""
     deflection_mm: list[FiniteFloat | None] = Field(min_length=1, max_length=MAX_CHANNELS)
@@ -159,17 +163,25 @@ class Batch(BaseModel):
 
     model_config = _STRICT
 
-    boot_id: str = Field(pattern=r"^[A-Za-z0-9-]{8,64}$")
+    boot_id: BootId
     """New at every start of the sender. With the sequence number, it identifies a sample for good."""
     channels: list[ChannelName] = Field(min_length=1, max_length=MAX_CHANNELS)
     """The channel names, in the order of the values in each sample."""
-    newest_age_ms: FiniteFloat = Field(ge=0, le=MAX_AGE_MS)
-    """Age of the last sample at sending, by the sender's monotonic clock. Freshness depends on nothing else."""
+    newest_age_ms: FiniteFloat | None = Field(default=None, ge=0, le=MAX_AGE_MS)
+    """Age of the last sample at sending, by the sender's monotonic clock. Freshness depends on nothing else. Null in a
+    backlog, which never moves the answer."""
     sent_us: int | None = Field(default=None, ge=0, lt=2**53)
     """When `newest_age_ms` was true, by a clock of the sender that never jumps, with any origin. From two batches the
     service sees which one waited on the way, and counts that to the age. Older senders state none."""
-    samples: list[Sample] = Field(min_length=1, max_length=MAX_SAMPLES)
-    """The samples, in the order in which they were taken."""
+    samples: list[Sample] = Field(max_length=MAX_SAMPLES)
+    """The samples, in the order in which they were taken. None: the sender only asks how far the record is."""
+    backlog: bool = False
+    """Whether these are read from the sender's log for the record only: they never touch the answer."""
+    oldest: int | None = Field(default=None, ge=1, lt=2**53)
+    """Number of the oldest sample of this boot that the sender's log still holds; the number of its next sample if it
+    holds none. What is before it and not in the record is lost. Null: the sender keeps nothing."""
+    earlier: list[BootId] = Field(default=[], max_length=MAX_EARLIER)
+    """The past boots that the sender's log still holds samples of."""
     notes: list[Literal["rate"]] = Field(default=[], max_length=1)
     """Notes of the sender while it took these samples. Older senders state none."""
     noise_mm: list[Noise] | None = Field(default=None, max_length=MAX_CHANNELS)
@@ -185,7 +197,13 @@ class Batch(BaseModel):
         if len(set(self.channels)) != len(self.channels):
             message = "a channel name occurs twice"
             raise ValueError(message)
-        if {len(sample.deflection_mm) for sample in self.samples} != {len(self.channels)}:
+        if self.newest_age_ms is None and self.samples and not self.backlog:
+            message = "newest_age_ms is missing; only a backlog has no age"
+            raise ValueError(message)
+        if self.backlog and self.newest_age_ms is not None:
+            message = "a backlog has no newest_age_ms"
+            raise ValueError(message)
+        if not {len(sample.deflection_mm) for sample in self.samples} <= {len(self.channels)}:
             message = f"every sample must hold {len(self.channels)} values, one per channel"
             raise ValueError(message)
         if self.noise_mm is not None and len(self.noise_mm) != len(self.channels):
@@ -205,3 +223,10 @@ class Receipt(BaseModel):
     """Samples that were new."""
     repeated: int = Field(ge=0)
     """Samples that had been received before; they changed nothing."""
+    durable: int | None = None
+    """Number of the last sample of this boot that is durable in the record, 0 for none: the sender can forget all up to
+    it. Null while the record cannot be read."""
+    expected: int | None = None
+    """Number of the sample that the record takes next. Null while the record cannot be read."""
+    stale_ms: float
+    """From this age on, samples are too old for an answer [ms]."""
