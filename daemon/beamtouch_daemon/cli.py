@@ -62,8 +62,8 @@ def _parser() -> Parser:
 def _add_run(command: argparse.ArgumentParser) -> None:
     words = "file with the service's token; overrides the configuration"
     command.add_argument("--token-file", metavar="FILE", type=Path, help=words)
-    words = "file that keeps undelivered samples on disk; overrides the configuration"
-    command.add_argument("--spool-file", metavar="FILE", type=Path, help=words)
+    words = "file that keeps the samples on disk that the record does not have yet; overrides the configuration"
+    command.add_argument("--sample-log-file", metavar="FILE", type=Path, help=words)
     command.add_argument("--summary", metavar="FILE", type=Path, help="write the final counts to FILE (JSON)")
     command.add_argument(
         "--log-format",

@@ -61,7 +61,7 @@ async def main():
 
 asyncio.run(main())
 """
-"""The least that reads over Modbus TCP and sends batches of 20 ms as JSON: no filter, no tare, no spool."""
+"""The least that reads over Modbus TCP and sends batches of 20 ms as JSON: no filter, no tare, no log."""
 
 
 def run() -> list[dict[str, object]]:

@@ -180,14 +180,14 @@ def status(seen: Seen) -> str:
 
 def report(seen: Seen, summary: dict[str, int], minutes: float, rate_hz: int) -> str:
     """Return the table."""
-    settling = summary["readings"] - sum(summary[f"samples_{end}"] for end in ("published", "dropped", "spooled"))
+    settling = summary["readings"] - sum(summary[f"samples_{end}"] for end in ("published", "dropped", "in_log"))
     rows = [
         ("readings", f"{summary['readings']:,}"),
         ("readings missed by the daemon", f"{summary['readings_lost']:,}"),
         ("readings to settle the filter, at the start and after gaps", f"{settling:,}"),
         ("samples acknowledged by the service", f"{summary['samples_published']:,}"),
         ("samples dropped", f"{summary['samples_dropped']:,}"),
-        ("samples left on disk", f"{summary['samples_spooled']:,}"),
+        ("samples left on disk", f"{summary['samples_in_log']:,}"),
         ("samples that the service took", f"{seen.at_service['accepted']:,}"),
         ("samples that the service missed", f"{seen.at_service['lost']:,}"),
         ("contacts on its record", f"{seen.at_service['events']:,}"),

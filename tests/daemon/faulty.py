@@ -2,11 +2,11 @@
 
 import asyncio
 import random
+import sqlite3
 from collections.abc import AsyncIterator, Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, closing, contextmanager
 from pathlib import Path
 
-from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_service.samples import Batch, Sample
 
 from . import configs
@@ -14,6 +14,7 @@ from .lines import Terminal
 from .process import Daemon, started
 from .service import Service
 
+LOG_FILE = "beamtouch-daemon.samples"
 RATE_HZ = 200.0
 BACK_S = 2.0
 SLACK_S = 5.0
@@ -68,10 +69,11 @@ def counts_of(samples: list[Sample]) -> list[tuple[float, float]]:
 
 
 async def everything(service: Service) -> None:
-    """Wait until a service has every sample up to the newest that it has."""
+    """Wait until the record of a service has every sample up to the newest that was sent."""
+    newest = {(name, batch.boot_id): batch.samples[-1].sequence for name, batch, _ in service.batches if batch.samples}
     async with asyncio.timeout(60):
-        while len(service.samples()) <= max(sample.sequence for sample in service.samples()):
-            await service.until(len(service.samples()) + 1)
+        while any(service.record.durable.get(boot, 0) < number for boot, number in newest.items()):  # noqa: ASYNC110
+            await asyncio.sleep(0.05)
 
 
 @asynccontextmanager
@@ -118,8 +120,15 @@ def names(batches: list[Batch]) -> list[tuple[str, int]]:
     return [(batch.boot_id, sample.sequence) for batch in batches for sample in batch.samples]
 
 
-def batches_in(spool: Spool) -> list[Batch]:
-    """Return all batches without taking them out."""
-    with spool._file.access("read") as database:
-        rows = database.execute("SELECT content FROM batch ORDER BY id").fetchall()
+def batches_in(path: Path) -> list[Batch]:
+    """Return all batches in a log file."""
+    if not path.exists():
+        return []
+    with closing(sqlite3.connect(path)) as database:
+        rows = database.execute("SELECT content FROM chunk ORDER BY id").fetchall()
     return [Batch.model_validate_json(content) for (content,) in rows]
+
+
+def samples_in(path: Path) -> list[Sample]:
+    """Return all samples in a log file."""
+    return [sample for batch in batches_in(path) for sample in batch.samples]

@@ -1,85 +1,104 @@
-"""A publisher with its outbox, and samples for it."""
+"""A log with its two readers, and samples for it."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
 
+from beamtouch_daemon.delivery.backlog import Backlog
 from beamtouch_daemon.delivery.client import ServiceClient
-from beamtouch_daemon.delivery.outbox import Outbox
-from beamtouch_daemon.delivery.publisher import Publisher, Sender
-from beamtouch_daemon.delivery.spool import Spool
-from beamtouch_daemon.delivery.spooler import Disk
+from beamtouch_daemon.delivery.live import Live
+from beamtouch_daemon.delivery.log import Sender
+from beamtouch_daemon.delivery.log_store import LogStore
 from beamtouch_daemon.processing.pipeline import Taken
 from beamtouch_daemon.sources.reading import Reading
+from beamtouch_daemon.tasks import cancel
 from beamtouch_daemon.uptime import uptime_s
-from beamtouch_service.samples import Batch, Quality, Sample
+from beamtouch_service.samples import Note, Quality, Sample
 
 from .service import TOKEN, Service
 
-SENDER = Sender("bench", ["s1", "s2"], "boot-0001")
+SENDER = Sender("boot-0001", ["s1", "s2"])
+ROOM = 10_000_000
 
 
-def taken(first: int, number: int, age_s: float = 0.0) -> list[Taken]:
+def taken(first: int, number: int, age_s: float = 0.0, notes: tuple[Note, ...] = ()) -> list[Taken]:
     """Return samples with these numbers, all of the same age."""
     good = [Quality.GOOD, Quality.MISSING]
     return [
         Taken(
             Reading(uptime_s() - age_s, (None, None)),
             Sample(sequence=sequence, acquired_unix_us=sequence, deflection_mm=[0.1, None], quality=good),
+            notes,
         )
         for sequence in range(first, first + number)
     ]
 
 
 class Bench:
-    """A publisher at work on an outbox."""
+    """A log of the surface `bench`, and what delivers it."""
 
     def __init__(
         self,
         service: Service,
+        store: LogStore | None = None,
+        *,
         max_samples: int = 10_000,
-        batch_s: float = 0.02,
         token: str = TOKEN,
-        spool: Spool | None = None,
         sender: Sender = SENDER,
     ) -> None:
-        self.outbox = Outbox(max_samples, "bench")
+        self.store = store or LogStore(None, 0)
         self._client = ServiceClient(service.url, token)
-        self.disk = Disk(spool) if spool else None
-        self.publisher = Publisher(self._client, sender, self.outbox, batch_s, self.disk)
+        self.logs = self.store.surface("bench")
+        self.log = self.logs.begin(sender, max_samples)
+        self.live = Live(self._client, "bench", self.logs, self.log)
+        self.backlog = Backlog(self._client, "bench", self.store, self.live)
 
     async def __aenter__(self) -> "Bench":
-        self._task = asyncio.create_task(self.publisher.run())
-        self._helpers = [asyncio.ensure_future(helper()) for helper in self.publisher.helpers]
+        self._tasks = [asyncio.ensure_future(run()) for run in (self.live.run, self.backlog.run, self.store.run)]
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        for task in (self._task, *self._helpers):
-            task.cancel()
-        ends = await asyncio.gather(self._task, *self._helpers, return_exceptions=True)
+        ends = [task.exception() for task in self._tasks if task.done()]
+        await cancel(self._tasks)
         await self._client.close()
-        if self.disk:
-            self.disk.close()
-        for end in ends:
-            if isinstance(end, Exception):
-                raise end
+        assert ends == []
 
-    async def finish(self) -> None:
-        """Close the outbox and wait for the delivery of what is in it."""
-        self.outbox.close()
-        await asyncio.wait_for(self._task, 60)
+    def put(self, samples: list[Taken]) -> None:
+        """Add samples, and wake the live reader."""
+        self.log.put(samples)
+        self.log.fresh.set()
+
+    def count(self, number: int, age_s: float = 0.0) -> None:
+        """Add as many samples with the next numbers."""
+        self.put(taken(self.log.next, number, age_s))
+
+
+@asynccontextmanager
+async def stored(path: Path, max_bytes: int = ROOM) -> AsyncIterator[LogStore]:
+    """Open a log file, as a start of the daemon does; close it as a stop does, with all that is left."""
+    store = LogStore(path, max_bytes)
+    await store.open()
+    try:
+        yield store
+    finally:
+        await store.write(None)
+        await store.close()
+
+
+async def keep(path: Path, *numbers: int, boot_id: str = "boot-0000", channels: list[str] = SENDER.channels) -> None:
+    """Leave samples of an earlier boot in the file: as many in each chunk."""
+    async with stored(path) as store:
+        log = store.surface("bench").begin(Sender(boot_id, channels), sum(numbers))
+        for number in numbers:
+            log.put(taken(log.next, number))
+            await store.write(None)
 
 
 async def until(holds: Callable[[], bool]) -> None:
     async with asyncio.timeout(60):
         while not holds():  # noqa: ASYNC110 - what it asks for is elsewhere
             await asyncio.sleep(0.01)
-
-
-def put(spool: Spool, first: int, number: int, channels: list[str] = SENDER.channels) -> None:
-    """Put samples of an earlier sender on the disk, a minute old."""
-    samples = [one.sample for one in taken(first, number)]
-    batch = Batch(boot_id="boot-0000", channels=channels, newest_age_ms=0, samples=samples)
-    spool.put("bench", batch, uptime_s() - 60)
 
 
 def sequences(service: Service) -> list[int]:

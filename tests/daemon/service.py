@@ -16,21 +16,28 @@ from starlette.routing import Route
 
 from beamtouch_service.samples import Batch, Receipt, Sample
 
+from .record import Record, Recorder
+
 TOKEN = "swordfish-of-the-tests-and-longer"  # noqa: S105
 
 
 class Service:
     """The batches that arrived, and the answers to them."""
 
-    def __init__(self, address: tuple[str, int] = ("127.0.0.1", 0)) -> None:
+    def __init__(self, address: tuple[str, int] = ("127.0.0.1", 0), record: Record | None = None) -> None:
         self.batches: list[tuple[str, Batch, float]] = []
         """Surface, batch and arrival of everything that was accepted."""
+        self.record = record or Record()
+        self.commit_s = 0.05
+        """Time between two transactions of the record."""
         self.attempts = 0
+        self.loses_receipts = False
+        """Whether batches are taken, and the answers to them lost."""
+        self.recorder = Recorder(self.record)
+        self._committed_s = monotonic()
         self._arrived = asyncio.Event()
         self.statuses: list[int] = []
         """Answers to come, one per request; 200 when there are no more."""
-        self.is_busy_for: Callable[[Batch], bool] = lambda _: False
-        """Which batches are refused for now."""
         self.problem_of: Callable[[Batch, int], tuple[int, str] | None] = lambda _batch, _length: None
         """The status and the type of the problem that a batch of this length in bytes is answered with, if any."""
         # With the protocol named, asyncio turns off the delay of small writes.
@@ -44,6 +51,10 @@ class Service:
         """Every accepted sample of a surface, as often as it came, in order of arrival."""
         return [sample for name, batch, _ in self.batches if name == surface for sample in batch.samples]
 
+    def restart(self) -> None:
+        """Forget what is not durable, as a service does that is killed."""
+        self.recorder = Recorder(self.record)
+
     async def until(self, number: int, surface: str = "bench", within_s: float = 60.0) -> None:
         """Wait for the samples of a surface to be at least so many."""
         async with asyncio.timeout(within_s):
@@ -52,24 +63,40 @@ class Service:
                 await self._arrived.wait()
 
     async def take(self, request: Request) -> Response:
+        """Answer a batch."""
         self.attempts += 1
         if request.headers.get("authorization") != f"Bearer {TOKEN}":
             return Response(status_code=401)
         body = await request.body()
+        if body == b"{}":  # it asks whether samples would be taken
+            return _problem(422, "invalid-request")
         batch = Batch.model_validate_json(body)
+        if refusal := self._refusal(batch, len(body)):
+            return refusal
+        receipt = self._receive(request.path_params["name"], batch)
+        return Response(status_code=502) if self.loses_receipts else JSONResponse(receipt.model_dump())
+
+    def _refusal(self, batch: Batch, length: int) -> Response | None:
         status = self.statuses.pop(0) if self.statuses else 200
         if status != 200:
             return Response(status_code=status)
-        if problem := self.problem_of(batch, len(body)):
-            status, kind = problem
-            if not kind:  # a proxy's
-                return Response("<html>no</html>", status, media_type="text/html")
-            return JSONResponse({"type": f"urn:beamtouch:problem:{kind}", "detail": "No."}, status)
-        if self.is_busy_for(batch):
-            return JSONResponse({"detail": "Busy; send the batch again."}, 503, {"Retry-After": "1"})
-        self.batches.append((request.path_params["name"], batch, monotonic()))
+        problem = self.problem_of(batch, length)
+        return problem and _problem(*problem)
+
+    def _receive(self, surface: str, batch: Batch) -> Receipt:
+        self.batches.append((surface, batch, monotonic()))
         self._arrived.set()
-        return JSONResponse(Receipt(accepted=len(batch.samples), repeated=0).model_dump())
+        if monotonic() - self._committed_s > self.commit_s:
+            self.recorder.commit()
+            self._committed_s = monotonic()
+        durable, expected = self.recorder.receive(surface, batch)
+        return Receipt(accepted=len(batch.samples), repeated=0, durable=durable, expected=expected, stale_ms=500.0)
+
+
+def _problem(status: int, kind: str) -> Response:
+    if not kind:  # a proxy's
+        return Response("<html>no</html>", status, media_type="text/html")
+    return JSONResponse({"type": f"urn:beamtouch:problem:{kind}", "detail": "No."}, status)
 
 
 @asynccontextmanager

@@ -280,8 +280,8 @@ NUMBERS = """
 url = "http://127.0.0.1:8420"
 token_file = "beamtouch.token"
 batch_ms = 4
-queue_samples = 1000
-spool_mb = 10
+log_samples = 1000
+log_mb = 10
 [surfaces.a]
 rate_hz = 200
 noise_mm = 0.005
@@ -367,7 +367,7 @@ def test_only_a_number_is_a_number() -> None:
     assert not taken
 
 
-@pytest.mark.parametrize("key", ["token_file", "certificate_file", "spool_file"])
+@pytest.mark.parametrize("key", ["token_file", "certificate_file", "log_file"])
 def test_a_path_that_no_file_can_have_is_refused(tmp_path: Path, key: str) -> None:
     path = configs.write(tmp_path, configs.surface())
     lines = [line for line in path.read_text().splitlines() if not line.startswith(key)]

@@ -10,15 +10,14 @@ from time import monotonic
 
 import pytest
 
-from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_service.samples import Quality, Sample
 
 from . import configs
 from .devices import SerialDevice, StampingUnit, pymodbus_server, tcp_unit
-from .faulty import BACK_S, SLACK_S, batches_in, cable, counts_of, everything, names, running
+from .faulty import BACK_S, LOG_FILE, SLACK_S, batches_in, cable, counts_of, everything, names, running, samples_in
 from .process import free_port, summary_of
+from .publishing import SENDER, keep, stored, taken
 from .service import Service, serving
-from .spools import batch_of
 
 pytestmark = [pytest.mark.anyio, pytest.mark.long]
 
@@ -60,18 +59,18 @@ async def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_t
             async with serving(late):
                 await late.until(1, within_s=60)
                 assert monotonic() - back_s < 4 * BACK_S + SLACK_S  # it refused three times
-                first = late.batches[0][1]
+                first = next(batch for _, batch, _ in late.batches if not batch.backlog)
                 await everything(late)
                 assert (await daemon.stop()).code == 0
     counts = summary_of(tmp_path)["bench"]
-    # A stop on a busy machine leaves what it has no time to send in the spool.
-    with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
-        kept = [sample for batch in batches_in(spool) for sample in batch.samples]
-    whole = late.samples() + kept
-    assert (counts["samples_dropped"], counts["samples_spooled"]) == (0, len(kept))
-    assert counts["samples_published"] == len(late.samples()) > 1000
-    assert sorted(sample.sequence for sample in whole) == list(range(counts["readings"]))
-    # The present came first: what was read after the device came back.
+    # A stop on a busy machine leaves what it has no time to deliver in the file.
+    kept = samples_in(tmp_path / LOG_FILE)
+    whole = late.record.whole() + kept
+    assert (counts["samples_dropped"], counts["samples_in_log"]) == (0, len(kept))
+    assert counts["samples_published"] == len(late.record.whole()) > 1000
+    assert [sample.sequence for sample in whole] == list(range(1, counts["readings"] + 1))
+    # New samples came first: what was read after the device came back.
+    assert first.newest_age_ms is not None
     assert first.newest_age_ms < 5000
     assert counts_of(first.samples)[0][0] > came_back
     read = read_of(whole)
@@ -79,72 +78,68 @@ async def test_a_device_away_for_30_s_and_a_service_away_for_60_s_lose_nothing_t
     assert sorted(counts_of(whole)) == [(float(n), float(n + 1000)) for n in read]
 
 
-async def test_killed_twenty_times_all_that_was_spooled_arrives(tmp_path: Path) -> None:
+async def test_killed_twenty_times_all_that_was_written_arrives(tmp_path: Path) -> None:
     with cable(tmp_path) as usb:
         device = SerialDevice(usb.plug())
-        port, spooled = free_port(), set[tuple[str, int]]()
+        port, written = free_port(), set[tuple[str, int]]()
         url, source = f"http://127.0.0.1:{port}", configs.serial(str(usb.path))
+        soon = (
+            "import sys; from beamtouch_daemon.delivery import log_store; log_store.MEMORY_S = log_store.WRITE_S = 0.1"
+        )
         for turn in range(20):
             begun = device.sequence
-            async with running(tmp_path, source, url) as daemon:
+            async with running(tmp_path, source, url, code=soon) as daemon:
                 async with asyncio.timeout(60):
-                    while device.sequence < begun + 60 + 4 * turn:  # noqa: ASYNC110 - the device is outside
+                    while device.sequence < begun + 100 + 4 * turn:  # noqa: ASYNC110 - the device is outside
                         await asyncio.sleep(0.01)
                 daemon.tell(signal.SIGKILL)
                 with suppress(ProcessLookupError):
                     await daemon.end()
             device.stop()
-            with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
-                now = set(names(batches_in(spool)))
-            assert now > spooled  # nothing that was there is gone
-            spooled = now
+            now = set(names(batches_in(tmp_path / LOG_FILE)))
+            assert now > written  # nothing that was there is gone
+            written = now
         async with serving(Service(("127.0.0.1", port))) as service, running(tmp_path, source, url) as daemon:
             async with asyncio.timeout(60):
-                while not spooled <= set(names([batch for _, batch, _ in service.batches])):
-                    await service.until(len(service.samples()) + 1)
+                while not written <= _recorded(service):  # noqa: ASYNC110 - the daemon is outside
+                    await asyncio.sleep(0.05)
             assert (await daemon.stop()).code == 0
-        arrived = names([batch for _, batch, _ in service.batches])
-        assert len(set(arrived)) == len(arrived)
+        assert all(numbers == list(range(1, len(numbers) + 1)) for numbers in service.record.numbers().values())
+        assert not any(service.record.lost.values())
         assert all(second == first + 1000 for first, second in counts_of(service.samples()))
 
 
-async def test_one_bad_row_costs_its_own_samples_and_live_delivery_nothing(tmp_path: Path) -> None:
-    bad = 17
+def _recorded(service: Service) -> set[tuple[str, int]]:
+    return {(boot, number) for boot, numbers in service.record.numbers().items() for number in numbers}
 
-    def late(service: Service) -> list[int]:
-        batches = [batch for _, batch, _ in service.batches if batch.boot_id == "boot-0001"]
-        # On a busy machine an answer may take so long that the daemon sends a batch again.
-        return list(dict.fromkeys(number for _, number in names(batches)))
 
-    path = tmp_path / "beamtouch-daemon.spool"
-    with Spool(path, 10**9) as spool:
-        for first in range(0, 252, 7):
-            spool.put("bench", batch_of(first, 7), monotonic())
+async def test_a_damaged_file_costs_its_own_samples_and_live_delivery_nothing(tmp_path: Path) -> None:
+    path = tmp_path / LOG_FILE
+    await keep(path, *[7] * 36)
     with closing(sqlite3.connect(path)) as database, database:
-        database.execute("UPDATE batch SET content = replace(content, '[0.25', '[8.25') WHERE id = ?", (bad,))
+        database.execute("UPDATE chunk SET content = replace(content, '[0.1', '[8.1') WHERE id = 17")
     with cable(tmp_path) as usb:
         SerialDevice(usb.plug())
         async with (
             serving(Service()) as service,
             running(tmp_path, configs.serial(str(usb.path)), service.url) as daemon,
         ):
-            async with asyncio.timeout(60):
-                while len(late(service)) < 245:
-                    await service.until(len(service.samples()) + 1)
-            await service.until(len(service.samples()) + 200)
+            await service.until(300)
             outcome = await daemon.stop()
-        assert outcome.err.count("set aside: the checksum does not match") == 1
-        counts = summary_of(tmp_path)["bench"]
-        assert counts["samples_set_aside"] == 7
-        assert counts["samples_spooled"] == counts["samples_dropped"] == 0
-        assert counts["samples_published"] == counts["readings"] + 245
-        missing = range((bad - 1) * 7, bad * 7)
-        assert late(service) == [n for n in range(252) if n not in missing]
+    assert outcome.err.count(".recover` shows what is left in it") == 1
+    counts = summary_of(tmp_path)["bench"]
+    numbers = service.record.numbers()
+    assert numbers.pop("boot-0000") == list(range(1, 16 * 7 + 1))
+    # Those that the daemon does not know to be durable count as dropped.
+    assert 20 * 7 <= counts["samples_dropped"] <= 36 * 7
+    assert counts["samples_published"] + counts["samples_dropped"] == counts["readings"] + 36 * 7
+    assert counts["samples_in_log"] == 0
+    assert list(numbers.values()) == [list(range(1, counts["readings"] + 1))]
 
 
-async def test_spooled_samples_of_a_removed_surface_are_delivered(tmp_path: Path) -> None:
-    with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
-        spool.put("press", batch_of(0, 7), monotonic())
+async def test_the_log_of_a_removed_surface_is_delivered(tmp_path: Path) -> None:
+    async with stored(tmp_path / LOG_FILE) as store:
+        store.surface("press").begin(SENDER, 100).put(taken(1, 7))
     with cable(tmp_path) as usb:
         SerialDevice(usb.plug())
         async with (
@@ -152,10 +147,10 @@ async def test_spooled_samples_of_a_removed_surface_are_delivered(tmp_path: Path
             running(tmp_path, configs.serial(str(usb.path)), service.url) as daemon,
         ):
             await service.until(7, "press", within_s=60)
-            await service.until(20)
+            await everything(service)
             assert (await daemon.stop()).code == 0
-    with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
-        assert not any(spool.waiting.values())
+    assert service.record.numbers("press") == {"boot-0001": list(range(1, 8))}
+    assert samples_in(tmp_path / LOG_FILE) == []
 
 
 def stepped_clock(sign: Path) -> str:
@@ -183,9 +178,9 @@ async def test_a_clock_stepped_by_an_hour_changes_dates_and_nothing_else(tmp_pat
             await service.until(len(service.samples()) + 200)
             assert (await daemon.stop()).code == 0
         samples = service.samples()
-        assert [sample.sequence for sample in samples] == list(range(len(samples)))
+        assert [sample.sequence for sample in samples] == list(range(1, len(samples) + 1))
         assert {quality for sample in samples for quality in sample.quality} == {Quality.GOOD}
-        assert all(batch.newest_age_ms < 60_000 for _, batch, _ in service.batches)
+        assert all((batch.newest_age_ms or 0.0) < 60_000 for _, batch, _ in service.batches)
         dates = [sample.acquired_unix_us for sample in samples]
         assert sum(later - earlier > 3.5e9 for earlier, later in pairwise(dates)) == 1
 
@@ -203,10 +198,9 @@ async def test_the_summary_counts_what_is_delivered_after_its_surface_was_rename
             service.problem_of = lambda *_: None
             await service.until(1, "press", within_s=60)
             await service.until(1, within_s=60)
-            came = 0
-            while came < len(service.samples()):
-                came = len(service.samples())
-                await asyncio.sleep(1.0)
+            await everything(service)
             assert (await daemon.stop()).code == 0
         bench = summary_of(tmp_path)["bench"]
-    assert (bench["samples_published"], bench["samples_spooled"]) == (came, 0)
+    came = len(service.record.whole("bench"))
+    assert (bench["samples_published"], bench["samples_in_log"]) == (came, 0)
+    assert bench["readings"] == came > 0

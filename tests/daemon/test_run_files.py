@@ -1,4 +1,4 @@
-"""The token and the spool from elsewhere than the configuration says, as the unit file does it."""
+"""The token and the log file from elsewhere than the configuration says, as the unit file does it."""
 
 import signal
 from pathlib import Path
@@ -16,12 +16,12 @@ pytestmark = pytest.mark.anyio
 async def test_files_of_the_command_line_override_the_configuration_also_after_a_reload(tmp_path: Path) -> None:
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    token, spool = elsewhere / "token", elsewhere / "spool"
+    token, log = elsewhere / "token", elsewhere / "samples"
     token.write_text(f"{TOKEN}\n")
     async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as port:
         config = configs.write(tmp_path, configs.surface(source=configs.tcp(port)), url=service.url)
         (tmp_path / "beamtouch.token").unlink()
-        async with started("run", config, "--token-file", token, "--spool-file", spool) as daemon:
+        async with started("run", config, "--token-file", token, "--sample-log-file", log) as daemon:
             await service.until(20)
             config.write_text(config.read_text().replace("batch_ms = 20", "batch_ms = 10"))
             daemon.tell(signal.SIGHUP)
@@ -29,8 +29,8 @@ async def test_files_of_the_command_line_override_the_configuration_also_after_a
             outcome = await daemon.stop()
     assert outcome.code == 0
     assert "configuration read again; restarted: bench" in outcome.err
-    assert spool.exists()
-    assert not (tmp_path / "beamtouch-daemon.spool").exists()
+    assert log.exists()
+    assert not (tmp_path / "beamtouch-daemon.samples").exists()
 
 
 async def test_a_token_file_of_the_command_line_that_is_missing_is_named(tmp_path: Path) -> None:

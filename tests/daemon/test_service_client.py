@@ -10,8 +10,7 @@ import pytest
 
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_daemon.config.file import load_config
-from beamtouch_daemon.delivery.client import Answer, ServiceClient, Verdict
-from beamtouch_daemon.delivery.unreachable import UnreachableError
+from beamtouch_daemon.delivery.client import Answer, ServiceClient, UnreachableError, Verdict
 from certificates import make_certificate
 
 from . import configs
@@ -46,7 +45,7 @@ async def test_a_certificate_is_trusted_where_it_is_named_and_nowhere_else(tmp_p
 
     async def post(url: str, certificates: str | None) -> Answer:
         async with ServiceClient(url, "token", certificates) as client:
-            return await client.post_samples("bench", b"{}")
+            return await client.post_samples("bench", None)
 
     async with serving(certificate, key) as url:
         assert (await post(url, certificate.read_text())).status == 200
@@ -72,7 +71,7 @@ async def unencrypted() -> AsyncIterator[int]:
 async def refused(url: str, certificates: str | None = None) -> UnreachableError:
     async with ServiceClient(url, "token", certificates) as client:
         with pytest.raises(UnreachableError) as caught:
-            await client.post_samples("bench", b"{}")
+            await client.post_samples("bench", None)
     return caught.value
 
 
@@ -124,8 +123,8 @@ async def test_an_error_of_another_program_is_an_answer_however_deep_its_json_is
     body = b"[" * 100_000
     head = b"HTTP/1.1 500 Internal Server Error\r\nContent-Length: %d\r\n\r\n" % len(body)
     async with other_program(head + body) as url, ServiceClient(url, "token") as client:
-        answer = await client.post_samples("bench", b"{}")
-    assert (answer.verdict, answer.explanation) == (Verdict.ODD, "status 500")
+        answer = await client.post_samples("bench", None)
+    assert (answer.verdict, answer.explanation) == (Verdict.LATER, "status 500")
 
 
 @pytest.mark.parametrize(

@@ -16,15 +16,15 @@ import httpx2
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.running.surface_worker import PATIENCE_S, SurfaceWorker
 from parts import require
 
 from . import configs
 from .devices import pymodbus_server
+from .faulty import LOG_FILE
 from .process import free_port, started
+from .publishing import keep
 from .service import Service, serving
-from .spools import batch_of
 
 pytestmark = pytest.mark.anyio
 
@@ -80,9 +80,8 @@ def test_a_line_without_progress_hangs_and_one_without_a_device_does_not() -> No
     def worker(acquired_s: float, published_s: float, waiting: int, rate_hz: float = 100.0) -> SurfaceWorker:
         found = SimpleNamespace(
             surface=SimpleNamespace(rate_hz=rate_hz),
-            outbox=[None] * waiting,
             acquisition=SimpleNamespace(turned_s=acquired_s),
-            publisher=SimpleNamespace(turned_s=published_s),
+            live=SimpleNamespace(turned_s=published_s, waiting=waiting),
         )
         return cast("SurfaceWorker", found)
 
@@ -100,14 +99,13 @@ async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_pat
     async with serving(Service()) as service, pymodbus_server([21_000, 65_535]) as device:
         config = configs.write(tmp_path, configs.surface(source=configs.tcp(device)), url=service.url)
         config.write_text(config.read_text() + f"\n[metrics]\nport = {port}\n")
-        with Spool(tmp_path / "beamtouch-daemon.spool", 10**6) as spool:
-            spool.put("bench", batch_of(0, 7), 0.0)
-        service.problem_of = lambda batch, _: (422, "invalid-request") if batch.boot_id == "boot-0001" else None
+        await keep(tmp_path / LOG_FILE, 7)
+        service.problem_of = lambda batch, _: (422, "missing-channels") if batch.boot_id == "boot-0000" else None
         async with started("run", config) as daemon, httpx2.AsyncClient(trust_env=False) as client:
             await service.until(400)
             async with asyncio.timeout(60):
                 answer = await client.get(f"http://127.0.0.1:{port}/metrics")
-                while 'set_aside_total{surface="bench"} 7.0' not in answer.text:
+                while 'boots_refused{surface="bench"} 1.0' not in answer.text:
                     await asyncio.sleep(0.05)
                     answer = await client.get(f"http://127.0.0.1:{port}/metrics")
             with pytest.raises(httpx2.ConnectError):
@@ -120,10 +118,10 @@ async def test_metrics_are_those_of_the_summary_and_only_on_this_machine(tmp_pat
     }
     assert found["beamtouch_readings_total", "bench"] >= 100
     assert 0 < found["beamtouch_samples_published_total", "bench"] <= found["beamtouch_readings_total", "bench"]
-    assert found["beamtouch_samples_dropped_total", "bench"] == found["beamtouch_samples_waiting", "disk"] == 0
-    assert found["beamtouch_samples_set_aside_total", "bench"] == 7
+    assert found["beamtouch_samples_dropped_total", "bench"] == 0
+    assert found["beamtouch_samples_in_log", "disk"] == 7
     assert 0 <= found["beamtouch_reading_age_seconds", "bench"] < 5
-    assert ("beamtouch_samples_waiting", "memory") in found
+    assert ("beamtouch_samples_in_log", "memory") in found
     assert 0 < found["beamtouch_readings_per_second", "bench"] < 210
     assert found["beamtouch_rate_wrong", "bench"] in {0, 1}
 

@@ -1,26 +1,18 @@
-"""What a sample says of its uncertainty, from counts to what the service and the spool receive."""
+"""What a sample says of its uncertainty, from counts to what the service receives."""
 
-import json
 import math
-import sqlite3
-import time
-from contextlib import closing
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.delivery.spool import Spool
 from beamtouch_daemon.processing.characteristic import Characteristic
 from beamtouch_daemon.processing.filters import steps_mm
 from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.reading import Reading
 from beamtouch_models.filters import FloatArray
-from beamtouch_service.samples import Batch, Sample, triangle_rows
-
-from .spools import ROOM, batch_of, drained
+from beamtouch_service.samples import Sample, triangle_rows
 
 NOISE_MM = 0.003
 RATE_HZ = 200.0
@@ -153,28 +145,6 @@ def test_another_rest_gap_or_gain_is_another_identity() -> None:
     other = replace(same, slopes=2 * same.slopes)
     assert same.identity == Characteristic.of(surface_of().channels).identity
     assert len({same.identity, tared.identity, other.identity}) == 3
-
-
-def test_a_spooled_batch_keeps_its_covariance_and_rows_of_the_older_format_are_delivered(tmp_path: Path) -> None:
-    older = batch_of(0)
-    stated = [one.model_copy(update={"readings": 4, "covariance_mm2": [0.01, 0.0, 0.0]}) for one in older.samples]
-    newer = older.model_copy(update={"samples": stated, "noise_mm": [0.2, 0.2], "characteristic": "4f2c91d0aa17"})
-    with Spool(tmp_path / "spool", ROOM) as spool:
-        for batch in (older, newer):
-            spool.put("bench", batch, time.monotonic())
-    content = json.loads(older.model_dump_json())
-    del content["noise_mm"], content["characteristic"]  # as a daemon wrote it that did not know them
-    for one in content["samples"]:
-        del one["readings"], one["covariance_mm2"]
-    with closing(sqlite3.connect(tmp_path / "spool")) as database, database:
-        (first,) = database.execute("SELECT min(id) FROM batch").fetchone()
-        changed = (json.dumps(content), first)
-        database.execute("UPDATE batch SET content = ?, checksum = NULL WHERE id = ?", changed)
-    with Spool(tmp_path / "spool", ROOM) as spool:
-        oldest, second = drained(spool)
-    assert oldest.samples == older.samples
-    assert (second.samples, second.noise_mm, second.characteristic) == (stated, [0.2, 0.2], "4f2c91d0aa17")
-    assert Batch.model_validate_json(second.model_dump_json()) == second
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.1, 0.2])

@@ -56,7 +56,7 @@ def followed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def strip(followed: Path, tmp_path: Path) -> Path:
     """A copy of the folder that the tutorial has left."""
-    return Path(shutil.copytree(followed / "strip", tmp_path / "strip", ignore=shutil.ignore_patterns("*.spool*")))
+    return Path(shutil.copytree(followed / "strip", tmp_path / "strip", ignore=shutil.ignore_patterns("*.samples*")))
 
 
 def _follow_tutorial(folder: Path) -> None:

@@ -14,14 +14,14 @@ from beamtouch_common.files import write_atomically
 from beamtouch_common.outputs import require_writable
 from beamtouch_daemon.config.file import load_config
 from beamtouch_daemon.running import runtime
-from beamtouch_daemon.running.surface_worker import Summary
+from beamtouch_daemon.running.supervisor import Summary
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the command; InputError if the configuration, or a file that it names, cannot be used."""
     path: Path | None = arguments.summary
     require_writable([path], [arguments.config])
-    files = {"token_file": arguments.token_file, "spool_file": arguments.spool_file}
+    files = {"token_file": arguments.token_file, "log_file": arguments.sample_log_file}
     ended = asyncio.run(runtime.run(partial(load_config, arguments.config, files)))
     for name, summary in ended.summaries.items():
         _print(name, summary)
@@ -39,7 +39,6 @@ def _print(name: str, summary: Summary) -> None:
     print(
         f"{name}: {summary.readings} readings taken, {summary.readings_lost} lost; "
         f"{summary.samples_published} samples published, {summary.samples_dropped} dropped"
-        + (f", {summary.samples_set_aside} set aside in the spool" if summary.samples_set_aside else "")
-        + (f", {summary.samples_spooled} in the spool for the next start" if summary.samples_spooled else ""),
+        + (f", {summary.samples_in_log} in the log file for the next start" if summary.samples_in_log else ""),
         file=sys.stderr,
     )

@@ -50,12 +50,13 @@ class Publish(Strict):
     """Certificates to trust with https (PEM); default: those of the system."""
     batch_ms: Annotated[FiniteFloat, Field(ge=1, le=10_000)] = 4.0
     """Longest time to collect samples for one request."""
-    queue_samples: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
-    """Limit of undelivered samples per surface in memory; beyond it the oldest are dropped and counted."""
-    spool_file: RelativePath = Path("beamtouch-daemon.spool")
-    """Keeps undelivered samples on disk."""
-    spool_mb: Annotated[FiniteFloat, Field(ge=0, le=100_000)] = 200.0
-    """Limit of the spool's size; beyond it the oldest samples are dropped and counted. 0: no spool."""
+    log_samples: Annotated[int, Field(ge=100, le=10_000_000)] = 20_000
+    """Limit of the samples per surface in memory that the record of the service does not have yet; beyond it the oldest
+    are dropped and counted."""
+    log_file: RelativePath = Path("beamtouch-daemon.samples")
+    """Keeps such samples on disk after 5 s, and over a restart."""
+    log_mb: Annotated[FiniteFloat, Field(ge=0, le=100_000)] = 200.0
+    """Limit of the size of that file; beyond it the oldest samples are dropped and counted. 0: no file."""
 
 
 def read_certificates(path: Path) -> str:

@@ -186,9 +186,9 @@ class Config(Strict):
         return self._files[name]
 
     @property
-    def spool_file(self) -> Path:
-        """Path of the spool."""
-        return self._directory / self.publish.spool_file
+    def log_file(self) -> Path:
+        """Path of the file of the logs."""
+        return self._directory / self.publish.log_file
 
     def tare_file(self, name: str) -> Path:
         """Return the path of the tare file of surface `name`."""

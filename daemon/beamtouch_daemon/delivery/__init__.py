@@ -1,1 +1,1 @@
-"""Samples to the service: outbox, spool, client."""
+"""Samples to the service: the log, its two readers, the client."""

@@ -1,6 +1,7 @@
-"""HTTP client of the service: one persistent connection, and a verdict on each batch."""
+"""HTTP client of the service: a verdict on each batch, and words for everything that keeps an answer away."""
 
 import json
+import os
 import ssl
 from dataclasses import dataclass
 from enum import Enum
@@ -8,9 +9,10 @@ from http import HTTPStatus
 from typing import Self
 
 import aiohttp
+from pydantic import ValidationError
 from yarl import URL
 
-from beamtouch_daemon.delivery.unreachable import unreachable
+from beamtouch_service.samples import Batch, Receipt
 
 REQUEST_TIMEOUT_S = 2.0
 MAX_DETAIL = 400
@@ -18,11 +20,40 @@ MAX_DETAIL = 400
 
 PROBLEM = "urn:beamtouch:problem:"
 TOO_LARGE = PROBLEM + "too-large"
-MISSING_CHANNELS = PROBLEM + "missing-channels"
 OTHER_BEAM = PROBLEM + "other-beam"
 INVALID_REQUEST = PROBLEM + "invalid-request"
-NEVER_ACCEPTED = {PROBLEM + "malformed-json", INVALID_REQUEST}
-"""Problem types that decide the fate of a batch. Only the service sends them, never a proxy in front of it."""
+NEVER_ACCEPTED = {TOO_LARGE, PROBLEM + "malformed-json", INVALID_REQUEST}
+"""Types of problems with a batch. Only the service sends them, never a proxy in front of it."""
+
+
+class UnreachableError(Exception):
+    """There was no answer; the service may or may not have seen the request.
+
+    Parameters
+    ----------
+    reason
+        What happened, in a few words.
+    advice
+        What to change; empty if the service may just be away.
+    """
+
+    def __init__(self, reason: str, advice: str = "") -> None:
+        super().__init__(reason)
+        self.advice = advice
+
+
+_NAME = "publish.url must have a name or address that the certificate states"
+_TRUST = "publish.certificate_file must be the service's certificate, or that of its authority"
+_CERTIFICATE_ADVICE = {
+    9: "check the clock of this machine",  # X509_V_ERR_CERT_NOT_YET_VALID of OpenSSL
+    10: "renew it, or check the clock of this machine",  # CERT_HAS_EXPIRED
+    18: _TRUST,  # DEPTH_ZERO_SELF_SIGNED_CERT
+    19: _TRUST,  # SELF_SIGNED_CERT_IN_CHAIN
+    20: _TRUST,  # UNABLE_TO_GET_ISSUER_CERT_LOCALLY
+    21: _TRUST,  # UNABLE_TO_VERIFY_LEAF_SIGNATURE
+    62: _NAME,  # HOSTNAME_MISMATCH
+    64: _NAME,  # IP_ADDRESS_MISMATCH
+}
 
 
 class Verdict(Enum):
@@ -30,29 +61,11 @@ class Verdict(Enum):
 
     TAKEN = "taken"
     LATER = "later"
-    """The service, or a proxy in front of it, takes nothing now: send the same batch again later."""
-    UNFIT = "unfit"
-    """The batch does not fit the surface's current model; other batches may."""
-    ODD = "odd"
-    """Unexpected answer, which may concern this batch or all batches."""
-    TOO_LARGE = "too large"
-    """Smaller parts of the batch may be taken."""
-    NEVER = "never"
-    """The service will never take this batch."""
-
-
-_TAKES_NOTHING = {
-    HTTPStatus.UNAUTHORIZED,
-    HTTPStatus.FORBIDDEN,
-    HTTPStatus.NOT_FOUND,
-    HTTPStatus.METHOD_NOT_ALLOWED,
-    HTTPStatus.PROXY_AUTHENTICATION_REQUIRED,
-    HTTPStatus.REQUEST_TIMEOUT,
-    HTTPStatus.TOO_MANY_REQUESTS,
-    HTTPStatus.BAD_GATEWAY,
-    HTTPStatus.SERVICE_UNAVAILABLE,
-    HTTPStatus.GATEWAY_TIMEOUT,
-}
+    """The service, or a proxy in front of it, takes nothing now: try again."""
+    REFUSED = "refused"
+    """It takes none of these samples until something else changes: a token, a model, a configuration."""
+    SMALLER = "smaller"
+    """Some of the samples may be taken alone."""
 
 
 @dataclass(frozen=True)
@@ -73,22 +86,36 @@ class Answer:
         return str(self._problem.get("type", ""))
 
     @property
+    def receipt(self) -> Receipt | None:
+        """The receipt of a batch that was taken; None if it was not."""
+        try:
+            return Receipt.model_validate_json(self.content) if self.is_success else None
+        except ValidationError:
+            return None
+
+    @property
+    def is_of_service(self) -> bool:
+        """Whether the service itself, and no proxy in front of it, says that these samples are wrong."""
+        return self.type in NEVER_ACCEPTED
+
+    @property
     def verdict(self) -> Verdict:
         """The verdict, by the type of the problem, because a bare status may come from a proxy."""
-        if self.is_success:
+        if self.receipt is not None:
             return Verdict.TAKEN
-        if self.status == HTTPStatus.REQUEST_ENTITY_TOO_LARGE:
-            return Verdict.TOO_LARGE
-        if self.type in {MISSING_CHANNELS, OTHER_BEAM}:
-            return Verdict.UNFIT
-        if self.type in NEVER_ACCEPTED:
-            return Verdict.NEVER
-        takes_nothing = self.status in _TAKES_NOTHING or self.status < HTTPStatus.BAD_REQUEST
-        return Verdict.LATER if takes_nothing else Verdict.ODD
+        if self.status == HTTPStatus.REQUEST_ENTITY_TOO_LARGE or self.type in NEVER_ACCEPTED:
+            return Verdict.SMALLER
+        if self.type == OTHER_BEAM:
+            return Verdict.REFUSED
+        is_for_now = self.status in {HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.TOO_MANY_REQUESTS}
+        is_refusal = HTTPStatus.BAD_REQUEST <= self.status < HTTPStatus.INTERNAL_SERVER_ERROR and not is_for_now
+        return Verdict.REFUSED if is_refusal else Verdict.LATER
 
     @property
     def explanation(self) -> str:
         """Status and explanation, in one line."""
+        if self.is_success:
+            return "the answer is no receipt; is publish.url the address of another program?"
         if self.status == HTTPStatus.UNAUTHORIZED:
             return "status 401: wrong token; correct publish.token_file and restart"
         detail = str(self._problem.get("detail", ""))[:MAX_DETAIL]
@@ -128,11 +155,12 @@ class ServiceClient:
     async def __aexit__(self, *_: object) -> None:
         await self.close()
 
-    async def post_samples(self, surface: str, batch: bytes) -> Answer:
-        """Send a batch as JSON; raises UnreachableError."""
+    async def post_samples(self, surface: str, batch: Batch | None) -> Answer:
+        """Send a batch, or nothing to see whether the service would take one; raises UnreachableError."""
         if surface not in self._urls:
             self._urls[surface] = self._url(f"/surfaces/{surface}/samples")
-        return await self._request("POST", self._urls[surface], batch)
+        content = b"{}" if batch is None else batch.model_dump_json(exclude_defaults=True).encode()
+        return await self._request("POST", self._urls[surface], content)
 
     async def get(self, path: str) -> Answer:
         """Ask for a path; raises UnreachableError."""
@@ -146,8 +174,36 @@ class ServiceClient:
             async with self._session.request(method, url, data=content, allow_redirects=False) as response:
                 return Answer(response.status, await response.read())
         except (aiohttp.ClientError, TimeoutError) as error:
-            raise unreachable(error) from error
+            raise _unreachable(error) from error
 
     async def close(self) -> None:
         """Close the connection."""
         await self._session.close()
+
+
+def _unreachable(error: aiohttp.ClientError | TimeoutError) -> UnreachableError:
+    """Return the error that stands for one of aiohttp."""
+    advice = ""
+    match error:
+        case TimeoutError():
+            reason = "timeout"
+        case aiohttp.ClientConnectorCertificateError(certificate_error=ssl.SSLCertVerificationError() as refused):
+            reason = f"certificate refused: {refused.verify_message.rstrip('.')}"
+            advice = _CERTIFICATE_ADVICE.get(refused.verify_code, "")
+        case aiohttp.ClientConnectorSSLError():
+            reason = "TLS failed"
+            advice = "if the service has no certificate, publish.url must begin with http://"
+        case aiohttp.ClientConnectorDNSError():
+            reason = "no such host is known"
+        case aiohttp.ClientConnectorError():
+            reason = os.strerror(error.errno) if error.errno else "no connection"
+        case aiohttp.ServerDisconnectedError() | aiohttp.ClientOSError() | aiohttp.ClientConnectionResetError():
+            reason = "connection closed"
+        case aiohttp.ClientPayloadError():
+            reason = "the answer broke off"
+        case aiohttp.ClientResponseError():
+            reason = "the answer is not HTTP"
+            advice = "is publish.url the address of another program?"
+        case _:
+            reason = type(error).__name__
+    return UnreachableError(reason, advice)

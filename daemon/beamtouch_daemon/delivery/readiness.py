@@ -5,8 +5,7 @@ from typing import Literal
 from pydantic import BaseModel, ValidationError
 
 from beamtouch_daemon.config.settings import Surface
-from beamtouch_daemon.delivery.client import INVALID_REQUEST, ServiceClient
-from beamtouch_daemon.delivery.unreachable import UnreachableError
+from beamtouch_daemon.delivery.client import INVALID_REQUEST, ServiceClient, UnreachableError
 
 
 class _Summary(BaseModel):
@@ -62,7 +61,7 @@ async def refusal_of(client: ServiceClient, name: str, surface: Surface) -> str 
     The service refuses an empty batch as incomplete only after the token and the surface are found right.
     """
     try:
-        answer = await client.post_samples(name, b"{}")
+        answer = await client.post_samples(name, None)
         if answer.type != INVALID_REQUEST:
             return f"the service at {client.url} takes no samples: {answer.explanation}"
         summary = await client.get(f"/surfaces/{name}")

@@ -66,7 +66,7 @@ class Pipeline:
         tracking = surface.zero_tracking
         self._zero_rules = None if tracking is None else zero_tracking.Rules.of(tracking, surface.rate_hz)
         self._zero = zero_tracking.fresh(channels)
-        self._sequence = 0
+        self._sequence = 1
 
     def process(
         self, readings: Sequence[Reading], unix_minus_monotonic_s: float, notes: tuple[Note, ...] = ()

@@ -1,4 +1,4 @@
-"""Reads one surface and puts its samples into the outbox, across any number of sessions with its device."""
+"""Reads one surface and puts its samples into the log, across any number of sessions with its device."""
 
 import asyncio
 import logging
@@ -7,10 +7,10 @@ from contextlib import aclosing
 
 from beamtouch_daemon.config.settings import Surface
 from beamtouch_daemon.config.sources import SerialLine
-from beamtouch_daemon.delivery.outbox import Outbox, Promise
+from beamtouch_daemon.delivery.log import Log
 from beamtouch_daemon.faults import Backoff, Fault, Tally
 from beamtouch_daemon.processing import rate
-from beamtouch_daemon.processing.pipeline import Pipeline, Taken
+from beamtouch_daemon.processing.pipeline import Pipeline
 from beamtouch_daemon.sources.configured import Buses, source_of
 from beamtouch_daemon.sources.reading import Reading, Source, SourceError
 from beamtouch_daemon.uptime import uptime_s
@@ -19,7 +19,7 @@ from beamtouch_service.samples import Note, Quality
 REOPEN_S = 0.5
 """Longest wait before a source is opened again; opening costs other users nothing."""
 MAX_UNPROCESSED = 64
-"""At most this many readings wait for the next batch. More at once would not take less time for each."""
+"""At most this many readings wait to become samples. More at once would not take less time for each."""
 _log = logging.getLogger(__name__)
 
 
@@ -27,7 +27,13 @@ class Acquisition:
     """Reads one surface until cancelled."""
 
     def __init__(
-        self, name: str, surface: Surface, rest_gap_mm: dict[str, float], outbox: Outbox, buses: Buses
+        self,
+        name: str,
+        surface: Surface,
+        rest_gap_mm: dict[str, float],
+        log: Log,
+        buses: Buses,
+        batch_s: float,
     ) -> None:
         self.readings = 0
         """Taken."""
@@ -47,15 +53,17 @@ class Acquisition:
         self.meter = rate.RateMeter(surface.rate_hz, counts_lost=not self._polled)
         """Measures the rate of the readings."""
         self._source: Source = source_of(surface, name, buses)
-        self._outbox = outbox
+        self._log = log
+        self._batch_s = batch_s
         self._pipeline = Pipeline(surface, rest_gap_mm)
         self._unprocessed: list[Reading] = []
-        """The newest readings. They become samples when a batch is sent: a few together take about as long as one."""
+        """The newest readings. They become samples once per batch: a few together take about as long as one."""
+        self._arrived = asyncio.Event()
         self._backoff = Backoff(max_s=REOPEN_S)
         self._fault = Fault(_log, name)
         self._tally = Tally(_log, f"{name}: readings lost: %d")
 
-    async def run(self) -> None:
+    async def read(self) -> None:
         """Read until cancelled; a session that fails is followed by another one."""
         while True:
             try:
@@ -66,8 +74,26 @@ class Acquisition:
             self.turned_s = time.monotonic()
             await asyncio.sleep(self._backoff.next())
 
+    async def process(self) -> None:
+        """Make samples of the readings, once for each live batch, until cancelled."""
+        while True:
+            await self._arrived.wait()
+            self.process_all()
+            self._log.fresh.set()
+            await asyncio.sleep(self._batch_s)
+
+    def process_all(self) -> None:
+        """Put the samples of all readings so far into the log."""
+        self._arrived.clear()
+        readings, self._unprocessed = self._unprocessed, []
+        if not readings:
+            return
+        notes = () if self.meter.fits else (Note.RATE,)
+        if samples := self._pipeline.process(readings, time.time() - uptime_s(), notes):
+            self.quality = samples[-1].sample.quality
+            self._log.put(samples)
+
     async def _session(self) -> None:
-        self._outbox.settle()
         self.meter.restart()
         is_first = True
         async with aclosing(self._source.readings()) as stream:
@@ -96,17 +122,9 @@ class Acquisition:
         self.turned_s = time.monotonic()
         self._watch_rate(readings)
         self._unprocessed += readings
-        self._outbox.promise(Promise(self._process, len(self._unprocessed)))
         if len(self._unprocessed) >= MAX_UNPROCESSED:
-            self._outbox.settle()
-
-    def _process(self) -> list[Taken]:
-        """Return the samples of the readings that wait for it."""
-        readings, self._unprocessed = self._unprocessed, []
-        notes = () if self.meter.fits else (Note.RATE,)
-        taken = self._pipeline.process(readings, time.time() - uptime_s(), notes)
-        self.quality = taken[-1].sample.quality if taken else self.quality
-        return taken
+            self.process_all()
+        self._arrived.set()
 
     def _watch_rate(self, readings: list[Reading]) -> None:
         verdict = self.meter.add(readings)

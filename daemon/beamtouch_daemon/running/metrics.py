@@ -1,6 +1,6 @@
 """Counts and ages of all surfaces for Prometheus, on a loopback port.
 
-The final summary needs the same counts, so the workers keep them, and a collector of prometheus_client reads them.
+The final summary needs the same counts, so workers and logs keep them, and a collector of prometheus_client reads them.
 """
 
 import asyncio
@@ -13,6 +13,7 @@ from prometheus_client.metrics_core import Metric
 from prometheus_client.registry import Collector
 
 from beamtouch_common.listening import remedy
+from beamtouch_daemon.delivery.log_store import SurfaceLogs
 from beamtouch_daemon.faults import Backoff, Fault
 from beamtouch_daemon.running.surface_worker import SurfaceWorker
 from beamtouch_service.samples import Quality
@@ -23,29 +24,21 @@ _log = logging.getLogger(__name__)
 
 Workers = Callable[[], Iterable[SurfaceWorker]]
 """Returns the workers that run now."""
-Spooled = Callable[[], Mapping[str, int]]
-"""Returns the samples in the spool of surfaces without a worker, by surface."""
+Logs = Callable[[], Mapping[str, SurfaceLogs]]
+"""Returns the logs of all surfaces, also of those that are no longer configured."""
 
 
 class WorkerCollector(Collector):
     """Reads the workers' counts on request, in the thread of the metrics server."""
 
-    def __init__(self, workers: Workers, spooled_elsewhere: Spooled) -> None:
+    def __init__(self, workers: Workers, logs: Logs) -> None:
         self._workers = workers
-        self._spooled_elsewhere = spooled_elsewhere
+        self._logs = logs
 
     def collect(self) -> Iterator[Metric]:
         """Return all metrics of all surfaces."""
         readings = CounterMetricFamily("beamtouch_readings", "Readings taken.", labels=["surface"])
         lost = CounterMetricFamily("beamtouch_readings_lost", "Readings due but not taken.", labels=["surface"])
-        published = CounterMetricFamily("beamtouch_samples_published", "Samples acknowledged.", labels=["surface"])
-        dropped = CounterMetricFamily("beamtouch_samples_dropped", "Samples that never arrive.", labels=["surface"])
-        aside = CounterMetricFamily(
-            "beamtouch_samples_set_aside", "Samples kept on disk that cannot be delivered.", labels=["surface"]
-        )
-        waiting = GaugeMetricFamily(
-            "beamtouch_samples_waiting", "Samples not yet delivered.", labels=["surface", "where"]
-        )
         missing = GaugeMetricFamily(
             "beamtouch_source_missing", "1 while no reading comes from the device.", labels=["surface"]
         )
@@ -60,14 +53,9 @@ class WorkerCollector(Collector):
         labels = ["surface", "channel", "quality"]
         qualities = GaugeMetricFamily("beamtouch_channel_quality", words, labels=labels)
         for worker in list(self._workers()):
-            surface, counts = [worker.name], worker.summary()
-            readings.add_metric(surface, counts.readings)
-            lost.add_metric(surface, counts.readings_lost)
-            published.add_metric(surface, counts.samples_published)
-            dropped.add_metric(surface, counts.samples_dropped)
-            aside.add_metric(surface, counts.samples_set_aside)
-            waiting.add_metric([worker.name, "memory"], len(worker.outbox))
-            waiting.add_metric([worker.name, "disk"], counts.samples_spooled)
+            surface = [worker.name]
+            readings.add_metric(surface, worker.acquisition.readings)
+            lost.add_metric(surface, worker.acquisition.lost)
             missing.add_metric(surface, worker.acquisition.is_missing)
             if (age_s := worker.age_s()) is not None:
                 age.add_metric(surface, age_s)
@@ -81,15 +69,30 @@ class WorkerCollector(Collector):
             for name, quality in zip(worker.surface.channel_names, found, strict=True) if found else ():
                 for one in Quality:
                     qualities.add_metric([worker.name, name, one.value], quality is one)
-        for name, samples in self._spooled_elsewhere().items():
-            waiting.add_metric([name, "disk"], samples)
-        yield from (readings, lost, published, dropped, aside, waiting, missing, age, measured, wrong, qualities)
+        yield from (readings, lost, missing, age, measured, wrong, qualities)
+        yield from self._of_logs()
+
+    def _of_logs(self) -> Iterator[Metric]:
+        words = "Samples that are durable in the record of the service."
+        published = CounterMetricFamily("beamtouch_samples_published", words, labels=["surface"])
+        dropped = CounterMetricFamily("beamtouch_samples_dropped", "Samples that never arrive.", labels=["surface"])
+        words = "Samples that are not durable in the record yet."
+        in_log = GaugeMetricFamily("beamtouch_samples_in_log", words, labels=["surface", "where"])
+        words = "Starts of the daemon whose samples the service refuses."
+        refused = GaugeMetricFamily("beamtouch_boots_refused", words, labels=["surface"])
+        for name, logs in self._logs().items():
+            published.add_metric([name], logs.counts.published)
+            dropped.add_metric([name], logs.counts.dropped)
+            in_log.add_metric([name, "memory"], logs.in_memory)
+            in_log.add_metric([name, "disk"], logs.on_disk)
+            refused.add_metric([name], logs.refused)
+        yield from (published, dropped, in_log, refused)
 
 
-async def serve(port: int, workers: Workers, spooled_elsewhere: Spooled) -> None:
+async def serve(port: int, workers: Workers, logs: Logs) -> None:
     """Answer GET /metrics on a loopback port, as soon as it is free, until cancelled."""
     registry = CollectorRegistry()
-    registry.register(WorkerCollector(workers, spooled_elsewhere))
+    registry.register(WorkerCollector(workers, logs))
     fault, backoff = Fault(_log, "metrics"), Backoff()
     while True:
         try:

@@ -1,11 +1,10 @@
-"""The running daemon: signals, the spool, the metrics, and the supervisor of all surfaces."""
+"""The running daemon: signals, the logs, the metrics, and the supervisor of all surfaces."""
 
 import asyncio
-import contextlib
 import logging
 import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from time import monotonic
 from typing import Any
@@ -15,13 +14,11 @@ from pymodbus.exceptions import ModbusException
 from beamtouch_common.errors import FailedError, InputError
 from beamtouch_common.systemd import ServiceManager
 from beamtouch_daemon.config.settings import Config
-from beamtouch_daemon.delivery.spool import Spool
-from beamtouch_daemon.delivery.spool_connection import SpoolError
-from beamtouch_daemon.delivery.spooler import Disk
+from beamtouch_daemon.delivery.log_file import ForeignFileError
+from beamtouch_daemon.delivery.log_store import LogStore
 from beamtouch_daemon.running import metrics
-from beamtouch_daemon.running.supervisor import Supervisor
-from beamtouch_daemon.running.surface_worker import Summary
-from beamtouch_daemon.tasks import cancel
+from beamtouch_daemon.running.supervisor import Summary, Supervisor
+from beamtouch_daemon.tasks import cancel, keep_going
 
 WATCH_S = 1.0
 """Longest time between two checks for progress."""
@@ -62,15 +59,14 @@ async def run(load: Callable[[], Config]) -> Ended:
         loop.add_signal_handler(number, on_signal, number)
     loop.add_signal_handler(signal.SIGHUP, reload.set)
     failure: InputError | FailedError | None = None
-    with _disk(config) as disk:
-        async with asyncio.TaskGroup() as group:
-            supervisor = Supervisor(group, disk)
-            try:
-                await supervisor.apply(config)
-                summaries = await _serve(load, config, supervisor, group, (stop, reload))
-                return Ended(summaries, signals[0] is signal.SIGINT)
-            except (InputError, FailedError) as error:
-                failure = error  # raised here, it would be wrapped in an exception group
+    async with _store(config) as store, asyncio.TaskGroup() as group:
+        supervisor = Supervisor(group, store)
+        try:
+            await supervisor.apply(config)
+            summaries = await _serve(load, config, supervisor, group, (stop, reload), store)
+            return Ended(summaries, signals[0] is signal.SIGINT)
+        except (InputError, FailedError) as error:
+            failure = error  # raised here, it would be wrapped in an exception group
     raise failure
 
 
@@ -80,6 +76,7 @@ async def _serve(
     supervisor: Supervisor,
     group: asyncio.TaskGroup,
     events: tuple[asyncio.Event, asyncio.Event],
+    store: LogStore,
 ) -> dict[str, Summary]:
     """Keep the workers running until the stop event."""
     stop, reload = events
@@ -87,10 +84,11 @@ async def _serve(
     manager.ready(_status(supervisor))
     helpers = {
         group.create_task(_watch(supervisor, manager)),
+        group.create_task(keep_going("log file", store.run)),
         group.create_task(_reload_on_event(load, config, supervisor, manager, reload)),
     }
     if config.metrics.port is not None:
-        answer = metrics.serve(config.metrics.port, lambda: supervisor.workers, supervisor.spooled_elsewhere)
+        answer = metrics.serve(config.metrics.port, lambda: supervisor.workers, store.surfaces)
         helpers.add(group.create_task(answer))
     await stop.wait()
     manager.stopping()
@@ -139,8 +137,8 @@ async def _reload_on_event(
 def _needing_restart(old: Config, new: Config) -> list[str]:
     """Return the keys that have changed and are only read at the start."""
     changed = {
-        "publish.spool_file": old.spool_file != new.spool_file,
-        "publish.spool_mb": old.publish.spool_mb != new.publish.spool_mb,
+        "publish.log_file": old.log_file != new.log_file,
+        "publish.log_mb": old.publish.log_mb != new.publish.log_mb,
         "metrics.port": old.metrics != new.metrics,
     }
     return [name for name, differs in changed.items() if differs]
@@ -155,19 +153,18 @@ def _status(supervisor: Supervisor) -> str:
     return "; ".join(f"{word} {', '.join(found)}" for word, found in words.items() if found)
 
 
-@contextmanager
-def _disk(config: Config) -> Iterator[Disk | None]:
-    """Open the spool for a block; None without one. InputError if it can never be used."""
-    if not config.publish.spool_mb:
-        yield None
-        return
+@asynccontextmanager
+async def _store(config: Config) -> AsyncIterator[LogStore]:
+    """Open the logs for a block. InputError if their file can never be used."""
+    store = LogStore(config.log_file if config.publish.log_mb else None, round(config.publish.log_mb * 1e6))
     try:
-        spool = Spool(config.spool_file, round(config.publish.spool_mb * 1e6))
-    except SpoolError as error:
-        message = f"publish.spool_file: {error}"
+        await store.open()
+        yield store
+    except ForeignFileError as error:
+        message = f"publish.log_file: {error}"
         raise InputError(message) from error
-    with spool, contextlib.closing(Disk(spool)) as disk:
-        yield disk
+    finally:
+        await store.close()
 
 
 def _on_loop_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:

@@ -3,17 +3,37 @@
 import asyncio
 import logging
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
 
 from beamtouch_daemon.config import tare_file
 from beamtouch_daemon.config.settings import Config
 from beamtouch_daemon.config.sources import ModbusRtu
+from beamtouch_daemon.delivery.backlog import Backlog
 from beamtouch_daemon.delivery.client import ServiceClient
-from beamtouch_daemon.delivery.late_delivery import LateDelivery
-from beamtouch_daemon.delivery.spooler import Disk
-from beamtouch_daemon.running.surface_worker import Shared, Summary, SurfaceWorker
+from beamtouch_daemon.delivery.log_store import LogStore
+from beamtouch_daemon.running.surface_worker import Shared, SurfaceWorker
 from beamtouch_daemon.tasks import cancel, keep_going
 
+FINISH_S = 2.5
+"""Time limit for a stop to deliver the remaining samples; the service makes them durable once a second."""
 _log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class Summary:
+    """Final counts of one surface."""
+
+    readings: int = 0
+    """Taken."""
+    readings_lost: int = 0
+    """Due but not taken: poll slots, numbers of the device's sequence, and the time without a connection."""
+    samples_published: int = 0
+    """Durable in the record of the service."""
+    samples_dropped: int = 0
+    """Discarded for lack of room in memory and in the log file, lost with that file, or refused by the service."""
+    samples_in_log: int = 0
+    """In the log file, delivered after the next start."""
 
 
 class Supervisor:
@@ -23,21 +43,22 @@ class Supervisor:
     ----------
     group
         Runs the workers' tasks.
-    disk
-        The spool, if there is one.
+    store
+        The logs of all surfaces.
     """
 
-    def __init__(self, group: asyncio.TaskGroup, disk: Disk | None) -> None:
+    def __init__(self, group: asyncio.TaskGroup, store: LogStore) -> None:
         self._group = group
-        self._disk = disk
+        self._store = store
         self._workers: dict[str, SurfaceWorker] = {}
         self._ended: dict[str, Summary] = {}
+        """Readings of workers that ended."""
         self._shared: Shared | None = None
         self._secrets: tuple[str, str | None] = "", None
-        self._leftovers: set[asyncio.Task[None]] = set()
-        """Tasks that deliver the spooled samples of surfaces that are no longer configured."""
-        self._late: list[tuple[str, LateDelivery]] = []
-        """All such deliveries since the start, with the names of their surfaces."""
+        self._leftovers: list[Backlog] = []
+        """Those of surfaces that are no longer configured."""
+        self._deliveries: set[asyncio.Task[None]] = set()
+        """Their tasks."""
 
     @property
     def workers(self) -> Iterable[SurfaceWorker]:
@@ -60,7 +81,7 @@ class Supervisor:
         old = self._shared
         if old is None or old.publish != config.publish or self._secrets != secrets:
             client = ServiceClient(config.publish.url, *secrets)
-            shared = Shared(client, config.publish, old.buses if old else {}, self._disk)
+            shared = Shared(client, config.publish, old.buses if old else {}, self._store)
         else:
             shared = old
         kept = {
@@ -68,7 +89,7 @@ class Supervisor:
             for name, worker in self._workers.items()
             if shared is old and config.surfaces.get(name) == worker.surface and rest[name] == worker.rest_gap_mm
         }
-        await cancel(self._leftovers)
+        await cancel(self._deliveries)
         await asyncio.gather(*(self._end(name) for name in set(self._workers) - kept))
         if old is not None and shared is not old:
             await old.client.close()
@@ -78,49 +99,45 @@ class Supervisor:
         for name in started:
             self._workers[name] = SurfaceWorker(name, config.surfaces[name], rest[name], shared)
             self._workers[name].start(self._group)
-        self._leftovers = set(self._deliver_leftovers(shared))
+        self._leftovers = list(self._left_over(shared))
+        self._deliveries = {self._group.create_task(keep_going("backlog", one.run)) for one in self._leftovers}
         return started
 
     async def stop(self) -> dict[str, Summary]:
-        """Stop all workers; return the counts since the start, by surface."""
-        await cancel(self._leftovers)
-        await asyncio.gather(*(self._end(name) for name in list(self._workers)))
+        """Stop all workers, and deliver or write what is left; return the counts since the start, by surface."""
+        await cancel(self._deliveries)
+        workers = list(self._workers.values())
+        await asyncio.gather(*(self._end(worker.name) for worker in workers))
+        with suppress(TimeoutError):
+            async with asyncio.timeout(FINISH_S):
+                backlogs = [*(worker.backlog for worker in workers), *self._leftovers]
+                await asyncio.gather(*(backlog.finish() for backlog in backlogs))
         if self._shared is not None:
             await self._shared.client.close()
-        for name, late in self._late:
-            if late.delivered:
-                self._ended.setdefault(name, Summary()).samples_published += late.delivered
-        for name, summary in self._ended.items():
-            summary.samples_spooled = max(0, self._disk.spool.waiting[name]) if self._disk else 0
+        await self._store.write(None)
+        for name, logs in self._store.surfaces().items():
+            if lost := sum(log.give_up() for log in logs.by_boot.values()):
+                _log.warning("%s: %d samples dropped: neither the service nor the log file took them", name, lost)
+            if logs.counts.published or logs.counts.dropped or logs.on_disk:
+                summary = self._ended.setdefault(name, Summary())
+                summary.samples_published = logs.counts.published
+                summary.samples_dropped = logs.counts.dropped
+                summary.samples_in_log = logs.on_disk
         return self._ended
 
-    def spooled_elsewhere(self) -> dict[str, int]:
-        """Return the spooled samples of surfaces that are not configured, by surface."""
-        waiting = dict(self._disk.spool.waiting) if self._disk else {}
-        return {name: samples for name, samples in waiting.items() if samples > 0 and name not in self._workers}
-
-    def _deliver_leftovers(self, shared: Shared) -> Iterator[asyncio.Task[None]]:
-        if shared.disk is None:
-            return
-        for name, samples in self.spooled_elsewhere().items():
-            _log.info("%s: no longer configured; its %d spooled samples are delivered", name, samples)
-            late = LateDelivery(shared.client, name, shared.disk, shared.publish.batch_ms / 1e3, lambda: False)
-            self._late.append((name, late))
-            yield self._group.create_task(keep_going(name, late.run))
+    def _left_over(self, shared: Shared) -> Iterator[Backlog]:
+        for name, logs in self._store.surfaces().items():
+            if name not in self._workers:
+                logs.end()
+                _log.info("%s: not configured; the samples in its log are delivered", name)
+                yield Backlog(shared.client, name, shared.store)
 
     async def _end(self, name: str) -> None:
-        worker = self._workers[name]
+        worker = self._workers.pop(name)
         await worker.stop()
-        del self._workers[name]
-        counts, before = worker.summary(), self._ended.get(name, Summary())
-        self._ended[name] = Summary(
-            before.readings + counts.readings,
-            before.readings_lost + counts.readings_lost,
-            before.samples_published + counts.samples_published,
-            before.samples_dropped + counts.samples_dropped,
-            before.samples_set_aside + counts.samples_set_aside,
-            counts.samples_spooled,
-        )
+        ended = self._ended.setdefault(name, Summary())
+        ended.readings += worker.acquisition.readings
+        ended.readings_lost += worker.acquisition.lost
 
 
 def _forget_buses(shared: Shared, config: Config) -> None:

@@ -1,0 +1,273 @@
+"""The file of the logs: over restarts, bounded, damaged, of another program, in use by another daemon, or gone."""
+
+import asyncio
+import sqlite3
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import pytest
+
+from beamtouch_daemon.delivery import log_store
+from beamtouch_daemon.delivery.log import Sender
+from beamtouch_daemon.delivery.log_file import ForeignFileError
+from beamtouch_daemon.processing.pipeline import Taken
+from beamtouch_daemon.sources.reading import Reading
+from beamtouch_daemon.uptime import uptime_s
+from beamtouch_service.samples import Note, Sample
+
+from .publishing import ROOM, SENDER, Bench, keep, stored, taken, until
+from .service import Service, serving
+
+pytestmark = pytest.mark.anyio
+
+
+async def recorded(path: Path) -> Service:
+    """Deliver a file to a service; return that."""
+    sender = Sender("boot-last", SENDER.channels)
+    async with (
+        stored(path) as store,
+        serving(Service()) as service,
+        Bench(service, store, sender=sender) as bench,
+    ):
+        await until(lambda: not bench.logs.on_disk)
+    return service
+
+
+async def test_samples_of_earlier_boots_are_read_out_in_order_with_the_facts_they_were_taken_with(
+    tmp_path: Path,
+) -> None:
+    sender = Sender("boot-0000", ["a", "b"], [0.2, 0.1], "4f2c91d0aa17", "beam-1")
+    stated = [
+        Taken(
+            Reading(uptime_s(), (None, None)),
+            Sample.model_validate(
+                {"sequence": number, "acquired_unix_us": 5, "deflection_mm": [0.1 * number, None]}
+                | {"quality": ["good", "missing"], "readings": 4, "covariance_mm2": [0.01, 0.0, 0.0]}
+            ),
+            (Note.RATE,) if number > 4 else (),
+        )
+        for number in range(1, 8)
+    ]
+    async with stored(tmp_path / "samples") as store:
+        store.surface("bench").begin(sender, 100).put(stated)
+        store.surface("other").begin(SENDER, 100).put(taken(1, 3))
+    await keep(tmp_path / "samples", 5, 6, boot_id="boot-000b")
+    service = await recorded(tmp_path / "samples")
+    assert service.record.numbers() == {"boot-0000": list(range(1, 8)), "boot-000b": list(range(1, 12))}
+    assert service.record.numbers("other") == {}  # of this surface, nobody reads
+    batches = [batch for _, batch, _ in service.batches if batch.boot_id == "boot-0000" and batch.samples]
+    assert [(len(batch.samples), batch.notes) for batch in batches] == [(4, []), (3, ["rate"])]
+    for batch in batches:
+        assert (batch.channels, batch.noise_mm, batch.characteristic, batch.beam) == (
+            ["a", "b"],
+            [0.2, 0.1],
+            "4f2c91d0aa17",
+            "beam-1",
+        )
+    assert [sample for batch in batches for sample in batch.samples] == [one.sample for one in stated]
+    assert (await recorded(tmp_path / "samples")).record.numbers() == {}
+
+
+async def test_what_is_not_durable_after_a_while_is_on_disk_and_a_killed_daemon_leaves_it_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(log_store, "MEMORY_S", 0.1)
+    monkeypatch.setattr(log_store, "WRITE_S", 0.1)
+    store = log_store.LogStore(tmp_path / "samples", ROOM)
+    async with serving(Service()) as service:
+        service.problem_of = lambda *_: (503, "busy")
+        async with Bench(service, store) as bench:
+            bench.count(1500)
+            await until(lambda: bench.logs.on_disk == 1500)
+            bench.count(10)
+    await store.close()  # nothing is written at its end
+    service = await recorded(tmp_path / "samples")
+    assert service.record.numbers() == {"boot-0001": list(range(1, 1501))}
+
+
+async def test_beyond_its_size_the_oldest_are_dropped_and_counted_and_lost_to_the_record(tmp_path: Path) -> None:
+    async with stored(tmp_path / "samples", 20_000) as store:
+        await _chunks(store, "bench", 40)
+        counts = store.surface("bench").counts
+        assert 0 < store.surface("bench").on_disk == 400 - counts.dropped < 400
+    assert (tmp_path / "samples").stat().st_size < 70_000
+    service = await recorded(tmp_path / "samples")
+    first = counts.dropped + 1
+    assert service.record.numbers() == {"boot-0001": list(range(first, 401))}
+    assert service.record.lost["bench", "boot-0001"] == list(range(1, first))
+
+
+async def _chunks(store: log_store.LogStore, surface: str, number: int) -> None:
+    log = store.surface(surface).begin(SENDER, 100)
+    for _ in range(number):
+        log.put(taken(log.next, 10))
+        await store.write(None)
+
+
+async def test_samples_larger_than_the_file_are_dropped_and_counted(tmp_path: Path) -> None:
+    async with stored(tmp_path / "samples", 50) as store:
+        await _chunks(store, "bench", 2)
+        assert (store.surface("bench").counts.dropped, store.surface("bench").on_disk) == (20, 0)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[sqlite3.Connection]:
+    with closing(sqlite3.connect(path)) as database, database:
+        yield database
+
+
+def head(path: Path) -> None:
+    path.write_bytes(b"this is no database, however long it may be" * 100)
+
+
+def one_bit(path: Path) -> None:
+    with opened(path) as database:
+        ((row, content),) = database.execute("SELECT id, content FROM chunk ORDER BY id LIMIT 1 OFFSET 1").fetchall()
+        changed = content.replace(b"0.1,", b"0.5,", 1)
+        assert changed != content
+        database.execute("UPDATE chunk SET content = ? WHERE id = ?", (changed, row))
+
+
+def another_number(path: Path) -> None:
+    with opened(path) as database:
+        database.execute("UPDATE chunk SET first = first - 1, last = last - 1 WHERE id = 2")
+
+
+def a_number_that_is_text(path: Path) -> None:
+    with opened(path) as database:
+        database.execute("UPDATE chunk SET first = 'ten' WHERE id = 2")
+
+
+def pages(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[4096:12288] = b"\x55" * 8192
+    path.write_bytes(content)
+
+
+def damaged(path: Path) -> list[Path]:
+    """Return the files that were set aside."""
+    return list(path.parent.glob(f"{path.name}.damaged-*[0-9]"))
+
+
+@pytest.mark.parametrize("damage", [head, one_bit, another_number, a_number_that_is_text, pages])
+async def test_a_damaged_file_is_set_aside_whole_and_a_new_one_begins(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, damage: Callable[[Path], None]
+) -> None:
+    path = tmp_path / "samples"
+    await keep(path, *[100] * 5)
+    damage(path)
+    async with serving(Service()) as service:
+        async with stored(path) as store, Bench(service, store) as bench:
+            bench.count(10)
+            await until(lambda: not len(bench.log) and not bench.logs.on_disk)
+            service.problem_of = lambda *_: (503, "busy")
+            bench.count(10)
+        # What is damaged never arrives, and what comes after it is kept as before.
+        assert service.record.numbers()["boot-0001"] == list(range(1, 11))
+        found = service.record.numbers().get("boot-0000", [])
+        assert found == list(range(1, len(found) + 1))
+    assert (await recorded(path)).record.numbers() == {"boot-0001": list(range(11, 21))}
+    (aside,) = damaged(path)
+    (said,) = [text for text in caplog.messages if "damaged" in text and "recover" in text]
+    assert f"`sqlite3 {aside} .recover` shows what is left in it" in said
+
+
+async def test_damaged_files_do_not_pile_up(tmp_path: Path) -> None:
+    for turn in range(6):
+        (tmp_path / "samples").write_bytes(b"this is no database" * 100 + bytes([turn]))
+        async with stored(tmp_path / "samples"):
+            pass
+    kept = sorted(path.read_bytes()[-1] for path in damaged(tmp_path / "samples"))
+    assert kept == [3, 4, 5]
+
+
+def delete(path: Path) -> None:
+    for tail in ("", "-journal"):
+        path.with_name(path.name + tail).unlink()
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+async def test_a_file_that_is_deleted_or_replaced_in_use_is_begun_anew_and_the_loss_is_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, *, replaced: bool
+) -> None:
+    path = tmp_path / "samples"
+    await keep(path, 30)
+    async with stored(path) as store, serving(Service()) as service, Bench(service, store) as bench:
+        delete(path)
+        if replaced:
+            await keep(path, 7, boot_id="boot-000c")
+        bench.count(5)
+        await until(lambda: not len(bench.log))
+        await until(lambda: bench.logs.counts.dropped == 30)
+        if replaced:
+            await until(lambda: len(service.record.numbers().get("boot-000c", [])) == 7)
+        service.problem_of = lambda *_: (503, "busy")
+        bench.count(5)
+    assert sum("was deleted or replaced while in use" in text for text in caplog.messages) == 1
+    assert (await recorded(path)).record.numbers() == {"boot-0001": list(range(6, 11))}
+
+
+async def test_the_database_of_another_program_stays_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "orders.db"
+    with opened(path) as database:
+        database.execute("CREATE TABLE orders (surface)")
+    content = path.read_bytes()
+    store = log_store.LogStore(path, ROOM)
+    with pytest.raises(ForeignFileError, match=r"orders\.db is the database of another program or of another version"):
+        await store.open()
+    await store.close()
+    assert path.read_bytes() == content
+    assert not path.with_name("orders.db-journal").exists()
+
+
+HOLDS = """
+import asyncio, sys
+from pathlib import Path
+from beamtouch_daemon.delivery.log_store import LogStore
+async def hold():
+    store = LogStore(Path(sys.argv[1]), 10**6)
+    await store.open()
+    print("open", flush=True)
+    await asyncio.to_thread(sys.stdin.readline)
+asyncio.run(hold())
+"""
+
+
+async def test_a_file_that_another_daemon_uses_is_used_when_it_is_free(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "samples"
+    await keep(path, 30)
+    pipe = asyncio.subprocess.PIPE
+    other = await asyncio.create_subprocess_exec(sys.executable, "-c", HOLDS, path, stdin=pipe, stdout=pipe)
+    try:
+        assert other.stdout is not None
+        assert await other.stdout.readline() == b"open\n"
+        async with stored(path) as store, serving(Service()) as service, Bench(service, store) as bench:
+            service.problem_of = lambda batch, _: (503, "busy") if batch.boot_id == "boot-0001" else None
+            bench.count(20)
+            await until(lambda: "in use by another process" in caplog.text)
+            assert (bench.logs.in_memory, bench.logs.on_disk) == (20, 0)
+            other.kill()
+            await other.wait()
+            await until(lambda: len(service.record.numbers().get("boot-0000", [])) == 30)
+    finally:
+        if other.returncode is None:
+            other.kill()
+            await other.wait()
+    assert sum("in use by another process" in text for text in caplog.messages) == 1
+    assert (await recorded(path)).record.numbers() == {"boot-0001": list(range(1, 21))}
+
+
+async def test_a_folder_that_comes_later_is_used(tmp_path: Path) -> None:
+    path = tmp_path / "mount" / "samples"
+    async with stored(path) as store:
+        log = store.surface("bench").begin(SENDER, 100)
+        log.put(taken(1, 10))
+        await store.write(None)
+        assert (log.in_memory, log.on_disk) == (10, 0)
+        path.parent.mkdir()
+        await store.write(None)
+        assert (log.in_memory, log.on_disk) == (0, 10)
