@@ -64,12 +64,12 @@ async def test_a_disk_that_is_full_is_emptied_when_the_service_is_back_and_keeps
                 await everything(service)
                 assert len(service.record.whole()) > 1900
             disk.fill()
-            await more_readings(device, 900)
+            await more_readings(device, 500)
             outcome = await daemon.stop()
         assert outcome.code == 0
         before = summary_of(tmp_path)["bench"]
-        assert before["samples_dropped"] == 0
-        assert before["samples_in_log"] >= 700
+        assert before["samples_dropped"] == 0, outcome.err
+        assert before["samples_in_log"] >= 300
         assert before["samples_published"] + before["samples_in_log"] == before["readings"]
         # A start on a disk that is still full delivers them.
         async with (

@@ -95,8 +95,8 @@ class LogStore:
         return self._surfaces.setdefault(name, SurfaceLogs(name))
 
     def surfaces(self) -> dict[str, SurfaceLogs]:
-        """Return the logs of all surfaces that there are any of."""
-        return {name: logs for name, logs in list(self._surfaces.items()) if logs.by_boot}
+        """Return the logs of all surfaces, also of those that are no longer configured."""
+        return dict(self._surfaces)
 
     async def open(self) -> None:
         """Open the file, if that is possible now; ForeignFileError if it never will be."""

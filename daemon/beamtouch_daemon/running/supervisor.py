@@ -127,7 +127,7 @@ class Supervisor:
 
     def _left_over(self, shared: Shared) -> Iterator[Backlog]:
         for name, logs in self._store.surfaces().items():
-            if name not in self._workers:
+            if name not in self._workers and logs.by_boot:
                 logs.end()
                 _log.info("%s: not configured; the samples in its log are delivered", name)
                 yield Backlog(shared.client, name, shared.store)
